@@ -1,0 +1,50 @@
+# `make demo` and `make test` each work alone, from a fresh copy; `make help` lists what there is.
+
+PYTHON ?= python3
+# What the demo needs, and what the checks and the tests need, beyond the plain installation.
+DEMO_EXTRAS ?= video
+TEST_EXTRAS ?= dev,video
+DEMO_OUT ?= demo-result
+
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test clean
+
+help:  ## list these targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "make %-7s %s\n", $$1, $$2}' Makefile
+
+setup: $(VENV)/installed-test  ## make .venv with all that the checks and the tests need
+
+demo: $(VENV)/installed-demo  ## track a synthetic shot and write the whole result folder
+	$(BIN)/torchsphere demo --out $(DEMO_OUT) --overwrite
+	@echo "The result is in $(DEMO_OUT)/: open $(DEMO_OUT)/report.html, or read track.csv and summary.json."
+
+test: $(VENV)/installed-test  ## ruff, mypy and all tests
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/python -m pytest
+
+clean:  ## remove .venv, caches, builds and the demo's result
+	rm -rf $(VENV) $(DEMO_OUT) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find torchsphere render experiments tests -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
+
+# One pip call with the constraints, so that no other torch is ever fetched first.
+$(VENV)/installed-demo: pyproject.toml constraints.txt | $(BIN)/python
+	$(INSTALL) -e '.[$(DEMO_EXTRAS)]'
+	@touch $@
+
+$(VENV)/installed-test: pyproject.toml constraints.txt | $(BIN)/python
+	$(INSTALL) -e '.[$(TEST_EXTRAS)]'
+	@touch $@ $(VENV)/installed-demo
+
+$(BIN)/python:
+	@command -v $(PYTHON) >/dev/null || { \
+		echo "torchsphere needs Python 3.11 or newer, but there is no '$(PYTHON)'. Install it, or name one: make PYTHON=/path/to/python3.12 ..." >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+		echo "torchsphere needs Python 3.11 or newer, but '$(PYTHON)' is $$($(PYTHON) --version 2>&1). Name a newer one: make PYTHON=/path/to/python3.12 ..." >&2; exit 1; }
+	@$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); \
+		echo "'$(PYTHON) -m venv' failed: on Debian and Ubuntu, install the package python3-venv." >&2; exit 1; }

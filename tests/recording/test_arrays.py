@@ -1,0 +1,71 @@
+"""NPY and NPZ."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from torchsphere.recording import open_recording
+
+IMAGES = np.random.default_rng(3).integers(0, 4096, (7, 5, 6)).astype(np.uint16)
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_an_npy_gives_the_saved_levels(tmp_path: Path, order: str) -> None:
+    np.save(tmp_path / "a.npy", np.asarray(IMAGES, order=order))
+    recording = open_recording(tmp_path / "a.npy")
+    np.testing.assert_array_equal(recording.images(2, 6), IMAGES[2:6])
+    assert recording.images(0, 1).dtype == np.float32
+    assert recording.frame_rate is None
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_an_npz_is_read_forwards_and_backwards_with_its_scalars(tmp_path: Path, save: object) -> None:
+    save(tmp_path / "a.npz", images=IMAGES, frame_rate=500.0, exposure_s=1e-4)  # type: ignore[operator]
+    with open_recording(tmp_path / "a.npz") as recording:
+        for start, stop in ((0, 2), (5, 7), (1, 4), (0, 7)):
+            np.testing.assert_array_equal(recording.images(start, stop), IMAGES[start:stop])
+        assert (recording.frame_rate, recording.exposure_s) == (500.0, 1e-4)
+        assert recording.origins["frame_rate"] == "NPZ frame_rate"
+
+
+def test_an_npz_with_several_stacks_is_refused_by_their_names(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", left=IMAGES, right=IMAGES)
+    with pytest.raises(ValueError, match=r"left.*right"):
+        open_recording(tmp_path / "a.npz")
+
+
+def test_colour_becomes_grey(tmp_path: Path) -> None:
+    colour = np.random.default_rng(4).integers(0, 256, (2, 5, 6, 3)).astype(np.uint8)
+    np.save(tmp_path / "a.npy", colour)
+    recording = open_recording(tmp_path / "a.npy")
+    np.testing.assert_allclose(recording.images(0, 2), colour @ [0.299, 0.587, 0.114], rtol=1e-6)
+    assert "Rec. 601" in " ".join(recording.notes)
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        np.zeros((4, 4)),
+        np.zeros((0, 4, 4)),
+        np.zeros((2, 4, 4, 2)),
+        np.zeros((2, 4, 4), complex),
+        np.full((2, 4, 4), "a"),
+        np.full((2, 4, 4), np.nan),
+        np.full((2, 4, 4), None, object),
+    ],
+    ids=["one image", "no image", "two channels", "complex", "text", "nan", "objects"],
+)
+def test_arrays_that_are_no_images_are_refused(tmp_path: Path, array: np.ndarray) -> None:
+    np.save(tmp_path / "a.npy", array)
+    with pytest.raises(ValueError, match=r"a\.npy"):
+        open_recording(tmp_path / "a.npy")
+
+
+def test_a_value_that_is_not_finite_is_refused_by_its_image(tmp_path: Path) -> None:
+    array = np.zeros((4, 4, 4))
+    array[2, 1, 1] = np.inf
+    np.save(tmp_path / "a.npy", array)
+    recording = open_recording(tmp_path / "a.npy")
+    with pytest.raises(ValueError, match="image 2"):
+        recording.images(0, 4)

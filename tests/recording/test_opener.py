@@ -1,0 +1,182 @@
+"""What is refused, and how; the contract of Recording."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import imagecodecs
+import numpy as np
+import pytest
+import tifffile
+from writers import write_cine, write_mraw
+
+from torchsphere.recording import Recording, open_recording
+
+IMAGES = np.random.default_rng(10).integers(0, 256, (4, 12, 16)).astype(np.uint8)
+
+
+def _tiff(folder: Path) -> Path:
+    tifffile.imwrite(folder / "a.tif", IMAGES, photometric="minisblack", compression="zlib")
+    return folder / "a.tif"
+
+
+def _plain_tiff(folder: Path) -> Path:
+    tifffile.imwrite(folder / "a.tif", IMAGES, photometric="minisblack", imagej=True)
+    return folder / "a.tif"
+
+
+def _png(folder: Path) -> Path:
+    (folder / "p").mkdir(exist_ok=True)
+    (folder / "p" / "a.png").write_bytes(imagecodecs.png_encode(IMAGES[0]))
+    return folder / "p" / "a.png"
+
+
+def _npy(folder: Path) -> Path:
+    np.save(folder / "a.npy", IMAGES)
+    return folder / "a.npy"
+
+
+def _npz(folder: Path) -> Path:
+    np.savez_compressed(folder / "a.npz", images=IMAGES, frame_rate=10.0)
+    return folder / "a.npz"
+
+
+def _cine(folder: Path) -> Path:
+    return write_cine(folder / "a.cine", IMAGES.astype(int), bits=10)
+
+
+def _cihx(folder: Path) -> Path:
+    return write_mraw(folder / "a", IMAGES.astype(int), bits=12, depth=12)
+
+
+def _cih(folder: Path) -> Path:
+    return write_mraw(folder / "b", IMAGES.astype(int), bits=8, depth=8, text=True)
+
+
+def _avi(folder: Path) -> Path:
+    av = pytest.importorskip("av", reason="PyAV is not installed")
+    with av.open(str(folder / "a.avi"), "w") as container:
+        stream = container.add_stream("ffv1", rate=25)
+        stream.height, stream.width, stream.pix_fmt = 12, 16, "gray"
+        for image in IMAGES:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="gray")))
+        container.mux(stream.encode(None))
+    return folder / "a.avi"
+
+
+WRITERS = [_tiff, _plain_tiff, _png, _npy, _npz, _cine, _cihx, _cih, _avi]
+
+
+def _read(path: Path) -> None:
+    """Open and read all; anything but the two promised kinds of error fails the test."""
+    target = path.parent if path.suffix == ".png" else path
+    try:
+        with open_recording(target) as recording:
+            for start in range(min(len(recording), 20)):
+                recording.images(start, start + 1)
+    except (ValueError, OSError) as error:
+        text = str(error)
+        assert len(text) > 20
+        assert "\n" not in text
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_cut_files_raise_only_value_and_os_errors(tmp_path: Path, write: Callable[[Path], Path]) -> None:
+    path = write(tmp_path)
+    data = path.read_bytes()
+    for length in sorted({1, 3, 8, 20, 45, 90, 129, len(data) // 2, len(data) - 40, len(data) - 1}):
+        path.write_bytes(data[: max(1, length)])
+        _read(path)
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_flipped_bits_raise_only_value_and_os_errors(tmp_path: Path, write: Callable[[Path], Path]) -> None:
+    rng = np.random.default_rng(11)
+    path = write(tmp_path)
+    data = path.read_bytes()
+    for _ in range(60):
+        broken = bytearray(data)
+        for at in rng.integers(0, min(len(data), 400), rng.integers(1, 4)):
+            broken[at] ^= 1 << int(rng.integers(0, 8))
+        path.write_bytes(broken)
+        _read(path)
+
+
+def test_importing_loads_neither_the_video_library_nor_torch() -> None:
+    code = (
+        "import sys, torchsphere.recording.opener; print([m for m in ('av', 'cv2', 'matplotlib') if m in sys.modules])"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"
+
+
+def test_a_missing_path_and_an_empty_file_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="does not exist"):
+        open_recording(tmp_path / "a.tif")
+    (tmp_path / "a.tif").touch()
+    with pytest.raises(ValueError, match="is empty"):
+        open_recording(tmp_path / "a.tif")
+
+
+def test_an_unsupported_suffix_lists_what_is_supported(tmp_path: Path) -> None:
+    (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
+    with pytest.raises(ValueError, match=r"an HDF5 file.*\.cine"):
+        open_recording(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "look"),
+    [
+        ("a.tif", imagecodecs.png_encode(IMAGES[0]), "a PNG image"),
+        ("a.cine", b"II*\0" + bytes(40), "a TIFF image"),
+        ("a.mp4", b"just some words\n", "text"),
+        ("a.npy", b"PK\x03\x04" + bytes(40), "a ZIP archive"),
+        ("a.cih", b"nothing of the kind", "text"),
+        ("a.cihx", b"nothing of the kind", "text"),
+    ],
+)
+def test_a_misnamed_file_says_what_it_looks_like(tmp_path: Path, name: str, content: bytes, look: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ValueError, match=look):
+        open_recording(tmp_path / name)
+
+
+@pytest.mark.parametrize("span", [(-1, 2), (2, 2), (3, 2), (0, 5), (0.0, 2), ("a", "b")])
+def test_a_range_that_does_not_fit_is_refused(tmp_path: Path, span: tuple[int, int]) -> None:
+    recording = open_recording(_npy(tmp_path))
+    with pytest.raises(ValueError, match="the recording has 4"):
+        recording.images(*span)
+
+
+def test_a_recording_cannot_be_changed(tmp_path: Path) -> None:
+    recording = open_recording(_npy(tmp_path))
+    assert isinstance(recording, Recording)
+    assert len(recording) == 4
+    with pytest.raises(AttributeError):
+        recording.frame_rate = 1.0  # type: ignore[misc]
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="resident memory is read from Linux's /proc")
+@pytest.mark.parametrize("suffix", ["npy", "tif", "mraw"])
+def test_memory_does_not_grow_with_the_images_read(tmp_path: Path, suffix: str) -> None:
+    images = np.zeros((1500, 128, 128), np.uint16)
+    if suffix == "npy":
+        np.save(tmp_path / "a.npy", images)
+    elif suffix == "tif":
+        tifffile.imwrite(tmp_path / "a.tif", images, photometric="minisblack")
+    else:
+        write_mraw(tmp_path / "a", images, bits=16, depth=12)
+    recording = open_recording(tmp_path / f"a.{suffix}")
+    del images
+
+    def resident() -> int:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    recording.images(0, 10)
+    before = resident()
+    for start in range(0, 1500, 10):
+        recording.images(start, start + 10)
+    # The file has 49 MB; ten images as float32 have 0.7 MB.
+    assert resident() - before < 10e6

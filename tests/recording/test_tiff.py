@@ -1,0 +1,116 @@
+"""Multi-page TIFF."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+
+from torchsphere.recording import open_recording
+
+IMAGES = np.random.default_rng(5).integers(0, 4096, (6, 16, 24)).astype(np.uint16)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"imagej": True},
+        {"metadata": None},
+        {"bigtiff": True},
+        {"byteorder": ">"},
+        {"compression": "zlib", "predictor": True},
+        {"compression": "lzw"},
+        {"tile": (16, 16)},
+        {"rowsperstrip": 4, "contiguous": False},
+    ],
+    ids=str,
+)
+def test_every_layout_gives_the_written_levels(tmp_path: Path, options: dict[str, Any]) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", IMAGES, photometric="minisblack", **options)
+    with open_recording(tmp_path / "a.tif") as recording:
+        assert recording.shape == IMAGES.shape
+        np.testing.assert_array_equal(recording.images(1, 5), IMAGES[1:5])
+        np.testing.assert_array_equal(recording.images(0, 6), IMAGES)
+        assert recording.frame_rate is None
+
+
+def test_a_stack_with_a_single_page_for_all_images_is_read_whole(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", IMAGES, photometric="minisblack", metadata={"axes": "TYX"}, truncate=True)
+    assert len(tifffile.TiffFile(tmp_path / "a.tif").pages) == 1
+    recording = open_recording(tmp_path / "a.tif")
+    np.testing.assert_array_equal(recording.images(0, 6), IMAGES)
+
+
+def test_packed_twelve_bits_are_unpacked(tmp_path: Path) -> None:
+    write_packed_tiff(tmp_path / "a.tif", IMAGES[0])
+    recording = open_recording(tmp_path / "a.tif")
+    assert recording.bit_depth == 12
+    np.testing.assert_array_equal(recording.images(0, 1)[0], IMAGES[0])
+
+
+def write_packed_tiff(path: Path, image: np.ndarray) -> None:
+    """Write one page of 12 bits per sample without gaps; tifffile itself writes whole bytes only."""
+    import struct
+
+    from writers import pack
+
+    data = pack(image, 12)
+    height, width = image.shape
+    tags = [
+        (256, width),
+        (257, height),
+        (258, 12),
+        (259, 1),
+        (262, 1),
+        (273, 8),
+        (277, 1),
+        (278, height),
+        (279, len(data)),
+    ]
+    entries = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags)
+    at = 8 + len(data)
+    path.write_bytes(struct.pack("<2sHI", b"II", 42, at) + data + struct.pack("<H", len(tags)) + entries + bytes(4))
+
+
+@pytest.mark.parametrize("planar", ["contig", "separate"])
+def test_colour_becomes_grey(tmp_path: Path, planar: str) -> None:
+    colour = np.random.default_rng(6).integers(0, 256, (2, 8, 8, 3)).astype(np.uint8)
+    data = colour if planar == "contig" else np.moveaxis(colour, -1, 1)
+    tifffile.imwrite(tmp_path / "a.tif", data, photometric="rgb", planarconfig=planar)
+    recording = open_recording(tmp_path / "a.tif")
+    np.testing.assert_allclose(recording.images(0, 2), colour @ [0.299, 0.587, 0.114], rtol=1e-6)
+
+
+def test_imagej_states_a_rate_only_with_a_unit(tmp_path: Path) -> None:
+    def rate(**metadata: object) -> float | None:
+        tifffile.imwrite(tmp_path / "a.tif", IMAGES, imagej=True, metadata={"axes": "TYX", **metadata})
+        return open_recording(tmp_path / "a.tif").frame_rate
+
+    assert rate(finterval=0.5, tunit="ms") == pytest.approx(2000)
+    assert rate(finterval=0.5) is None
+    assert rate(fps=7.0) is None
+
+
+def test_pages_of_different_sizes_are_refused(tmp_path: Path) -> None:
+    with tifffile.TiffWriter(tmp_path / "a.tif") as tif:
+        tif.write(IMAGES[0])
+        tif.write(IMAGES[0, :8])
+    with pytest.raises(ValueError, match="page 1"):
+        open_recording(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize("keep", [4, 9, 300, 3000, 0.999])
+def test_a_cut_file_is_refused(tmp_path: Path, keep: float) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", IMAGES, photometric="minisblack", compression="zlib")
+    data = (tmp_path / "a.tif").read_bytes()
+    (tmp_path / "a.tif").write_bytes(data[: int(keep if keep >= 1 else keep * len(data))])
+    with pytest.raises((ValueError, OSError), match=r"a\.tif"):
+        open_recording(tmp_path / "a.tif").images(0, 6)
+
+
+def test_a_real_stack_opens(shared_data: Path) -> None:
+    path = shared_data / "tiff" / "pims_tiff_stack.tif"
+    recording = open_recording(path)
+    np.testing.assert_array_equal(recording.images(0, len(recording)), tifffile.imread(path))

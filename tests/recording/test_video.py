@@ -1,0 +1,70 @@
+"""Video through PyAV."""
+
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from torchsphere.recording import open_recording
+
+av = pytest.importorskip("av", reason="PyAV is not installed")
+RNG = np.random.default_rng(9)
+
+
+def write_video(path: Path, images: np.ndarray, pixels: str, codec: str = "ffv1") -> Path:
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=Fraction(25))
+        stream.height, stream.width = images.shape[1:3]
+        stream.pix_fmt = pixels
+        for image in images:
+            frame = av.VideoFrame.from_ndarray(image, format="gray" if pixels == "yuv420p" else pixels)
+            container.mux(stream.encode(frame.reformat(format=pixels)))
+        container.mux(stream.encode(None))
+    return path
+
+
+@pytest.mark.parametrize(("pixels", "depth"), [("gray", 8), ("gray10le", 10), ("gray12le", 12), ("gray16le", 16)])
+@pytest.mark.parametrize("suffix", [".mkv", ".avi"])
+def test_grey_video_is_bit_exact_forwards_and_backwards(tmp_path: Path, pixels: str, depth: int, suffix: str) -> None:
+    images = RNG.integers(0, 2**depth, (9, 32, 50)).astype(np.uint8 if depth == 8 else np.uint16)
+    with open_recording(write_video(tmp_path / f"a{suffix}", images, pixels)) as recording:
+        assert (recording.shape, recording.bit_depth, recording.frame_rate) == (images.shape, depth, None)
+        for start, stop in ((0, 3), (6, 9), (2, 5)):
+            np.testing.assert_array_equal(recording.images(start, stop), images[start:stop])
+        assert "25 frames/s" in " ".join(recording.notes)
+
+
+def test_rgb_becomes_grey(tmp_path: Path) -> None:
+    colour = RNG.integers(0, 256, (2, 32, 48, 3)).astype(np.uint8)
+    recording = open_recording(write_video(tmp_path / "a.avi", colour, "bgr24", "rawvideo"))
+    np.testing.assert_allclose(recording.images(0, 2), colour @ [0.114, 0.587, 0.299], rtol=1e-5)
+
+
+@pytest.mark.parametrize("keep", [500, 0.5, 0.95])
+@pytest.mark.parametrize("suffix", [".avi", ".mp4"])
+def test_a_cut_video_is_refused(tmp_path: Path, suffix: str, keep: float) -> None:
+    images = RNG.integers(0, 256, (9, 32, 48)).astype(np.uint8)
+    codec = {"codec": "mpeg4", "pixels": "yuv420p"} if suffix == ".mp4" else {"pixels": "gray"}
+    path = write_video(tmp_path / f"a{suffix}", images, **codec)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(keep if keep > 1 else keep * len(data))])
+    with pytest.raises((ValueError, OSError), match="a" + suffix):
+        open_recording(path)
+
+
+def test_a_missing_library_names_the_extra_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_video(tmp_path / "a.mkv", np.zeros((1, 32, 32), np.uint8), "gray")
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(OSError, match=r"torchsphere\[video\]"):
+        open_recording(path)
+
+
+@pytest.mark.parametrize(("name", "shape"), [("sample.mp4", (300, 288, 384)), ("3axis0.avi", (100, 640, 640))])
+def test_real_videos_give_their_facts(shared_data: Path, name: str, shape: tuple[int, int, int]) -> None:
+    with open_recording(shared_data / "fictrac" / name) as recording:
+        assert recording.shape == shape
+        assert recording.frame_rate is None
+        last = recording.images(shape[0] - 1, shape[0])
+        assert last.std() > 1

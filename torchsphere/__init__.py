@@ -1,0 +1,10 @@
+"""Motion of a speckled ball from high-speed footage: translation, rotation, velocity and force, with uncertainty."""
+
+from torchsphere.circle import Circle
+from torchsphere.correlate import Correlation, correlate
+from torchsphere.recording import Recording, open_recording
+from torchsphere.track import Track, track
+
+__version__ = "0.1.0"
+
+__all__ = ["Circle", "Correlation", "Recording", "Track", "correlate", "open_recording", "track"]

@@ -1,0 +1,75 @@
+"""Square crops around the ball, so that the solver never sees the whole image."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F  # noqa: N812  (torch's own custom)
+from torch import Tensor
+
+#: Pixels that the spline and the pre-blur carry a value across; so far an unusable pixel spoils its neighbours.
+REACH = 3
+
+
+@dataclass(frozen=True)
+class Crops:
+    """Crops of n images.
+
+    Attributes
+    ----------
+    images : Tensor
+        Grey levels (n, s, s); beyond the image's border the border's own values, repeated.
+    usable : Tensor or None
+        (n, s, s), False outside the image, in the ignored region and within `REACH` of either; None where all is.
+    origin : Tensor
+        Image coordinates (n, 2) of each crop's first pixel, whole px, float64, on the CPU.
+    """
+
+    images: Tensor
+    usable: Tensor | None
+    origin: Tensor
+
+    def rows(self, start: int, stop: int) -> Crops:
+        """Crops ``start`` to ``stop - 1``."""
+        usable = None if self.usable is None else self.usable[start:stop]
+        return Crops(self.images[start:stop], usable, self.origin[start:stop])
+
+
+def half_size(radius: float, margin: float) -> int:
+    """Half the side of a crop that holds the ball and ``margin`` px around it."""
+    return math.ceil(radius + margin) + REACH
+
+
+def cut(images: Tensor, centres: Tensor, half: int, ignore: Tensor | None = None) -> Crops:
+    """Cut crops of ``2 half + 1`` px around ``centres``.
+
+    Parameters
+    ----------
+    images : Tensor
+        Grey levels (n, h, w).
+    centres : Tensor
+        (n, 2) as (x, y), px; on the CPU, so that cutting never waits for the device.
+    half : int
+        Half the side, px.
+    ignore : Tensor, optional
+        (h, w), True where the image is not to be used.
+    """
+    height, width = images.shape[-2:]
+    middle = centres.to("cpu", torch.float64).round()
+    origin = middle - half
+    steps = torch.arange(2 * half + 1)
+    x = (origin[:, :1].long() + steps).to(images.device)
+    y = (origin[:, 1:].long() + steps).to(images.device)
+    rows = torch.arange(len(images), device=images.device)[:, None, None]
+    columns_in, rows_in = x.clamp(0, width - 1)[:, None, :], y.clamp(0, height - 1)[:, :, None]
+    crops = images[rows, rows_in, columns_in]
+    inside = bool(((origin >= 0) & (origin + 2 * half < torch.tensor([width, height]))).all())
+    if inside and ignore is None:
+        return Crops(crops, None, origin)
+    unusable = ((x < 0) | (x >= width))[:, None, :] | ((y < 0) | (y >= height))[:, :, None]
+    if ignore is not None:
+        unusable = unusable | ignore[rows_in, columns_in]
+    spread = F.max_pool2d(unusable[:, None].to(crops.dtype), 2 * REACH + 1, stride=1, padding=REACH)[:, 0]
+    return Crops(crops, spread == 0, origin)

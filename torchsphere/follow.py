@@ -1,0 +1,223 @@
+"""Follow the ball from frame to frame: predict, correlate in batches, rescue what a batch cannot confirm.
+
+The ball is expected to go on as it did, so a batch of pairs is correlated at once from the last increment, and what the
+batch confirms is kept. Where it fails, at an impact, at the start, in a blank image, the one pair that comes next is
+rescued: the ball is sought over the whole image, and the correlation tries several first guesses on small images.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+import torch.nn.functional as F  # noqa: N812  (torch's own custom)
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchsphere import crop, interpolate, locate, outline
+from torchsphere.circle import MIN_SUPPORT, Circle
+from torchsphere.correlate import STATUSES, Correlation, Options, correlate_pairs, margin, solve
+from torchsphere.source import Source
+
+#: Pairs correlated at once. A batch that leaves the processor's cache is slower, not faster.
+BATCH = 16
+
+#: Radius that the images of a rescue are reduced to, px.
+RESCUE_RADIUS_PX = 25.0
+
+#: The reference's centre may be off by this much before a pair is correlated again around the right one, px: an error
+#: of 1 px in the centre changes the increment by 0.001 to 0.002 px.
+CENTRE_TOLERANCE_PX = 0.5
+
+#: A prediction that is off by more than this share of the radius ends its batch.
+PREDICTION_TOLERANCE = 0.1
+
+#: Height of the outline's step, against that of the last frame, below which the ball is not believed to be there.
+MIN_CONTRAST = 0.4
+
+#: Share of the disc in the image below which a ball that was not measured counts as out of the frame.
+MIN_IN_FRAME = 0.5
+
+Progress = Callable[[int, int], None]
+
+
+class Follower:
+    """One pass over a recording: what has been measured, and the last frame in which the ball was seen.
+
+    Attributes
+    ----------
+    position, increment, covariance, zncc, iterations, status
+        As in `torchsphere.track.Track`.
+    rotation : ndarray
+        Rotation vector (n, 3) of each frame since the frame in which the ball was seen before, rad.
+    """
+
+    def __init__(
+        self, source: Source, first: Circle, ignore: Tensor | None, options: Options, progress: Progress | None
+    ) -> None:
+        self.source, self.ignore, self.options, self.progress = source, ignore, options, progress
+        self.radius = first.radius
+        n = source.count
+        self.position: NDArray[np.float64] = np.full((n, 2), np.nan)
+        self.increment: NDArray[np.float64] = np.full((n - 1, 5), np.nan)
+        self.covariance: NDArray[np.float64] = np.full((n - 1, 5, 5), np.nan)
+        self.rotation: NDArray[np.float64] = np.full((n, 3), np.nan)
+        self.zncc: NDArray[np.float64] = np.full(n, np.nan)
+        self.iterations: NDArray[np.int64] = np.zeros(n, dtype=np.int64)
+        self.status: NDArray[np.str_] = np.full(n, "lost", dtype=f"<U{max(map(len, STATUSES))}")
+        self.position[first.frame] = first.x, first.y
+        self.status[first.frame] = "ok"
+        self._last = first.frame
+        self._image = source.images(first.frame, first.frame + 1)
+        self._expected = torch.zeros(5, dtype=torch.float64)
+        outline_circle = torch.tensor([first.x, first.y, first.radius], dtype=torch.float64)
+        self._plain = outline.is_plain(self._image[0], outline_circle)
+
+    def run(self, stop: int) -> Follower:
+        """Measure frame after frame up to ``stop``, in batches that grow while they succeed."""
+        n = stop
+        at, size = self._last + 1, 1
+        while at < n:
+            asked = min(size, n - at)
+            confirmed = self._advance(asked) if size > 1 else 0
+            if confirmed:
+                size = min(2 * size, BATCH) if confirmed == asked else max(2, confirmed)
+            else:
+                self._rescue(at)
+                confirmed = 1
+                # After a frame that was not measured there is no pair of successive images to go on from.
+                size = 2 if self.status[at] == "ok" else 1
+            at += confirmed
+            if self.progress is not None:
+                self.progress(at, n)
+        return self
+
+    def _advance(self, count: int) -> int:
+        """Correlate the next ``count`` pairs from the expected increment -> how many of the first ones succeeded."""
+        start = self._last + 1
+        images = torch.cat((self._image, self.source.images(start, start + count)))
+        steps = torch.arange(count + 1, dtype=torch.float64)[:, None]
+        predicted = torch.from_numpy(self.position[self._last]) + steps * self._expected[:2]
+        found = self._correlate(images, predicted, self._expected.expand(count, 5))
+        actual = self._positions(found)
+        off = (actual[:-1] - predicted[:-1]).norm(dim=-1)
+        good = _leading((found.status == "ok") & (off < PREDICTION_TOLERANCE * self.radius).numpy())
+        if good and float(off[:good].max()) > CENTRE_TOLERANCE_PX:
+            found = self._correlate(images[: good + 1], actual[: good + 1], found.q[:good].double().cpu())
+            good = _leading(found.status == "ok")
+        if good:
+            self._keep(found, good, images[good : good + 1])
+        return good
+
+    def _correlate(self, images: Tensor, centres: Tensor, start: Tensor) -> Correlation:
+        """Correlate successive ``images`` (m + 1, h, w) of the ball at ``centres``, from increments ``start`` (m, 5).
+
+        Every image but the first and the last serves as deformed image and then as reference: it is filtered once.
+        """
+        crops = crop.cut(images, centres, crop.half_size(self.radius, margin(self.options)), self.ignore)
+        c = interpolate.coefficients(crops.images, self.options.pre_blur)
+        m = len(start)
+        f, g = crops.rows(0, m), crops.rows(1, m + 1)
+        return solve(f, c[:-1], g, c[1:], centres[:-1], self.radius, start.to(c), self.options)
+
+    def _positions(self, found: Correlation) -> Tensor:
+        """Positions (m + 1, 2) that the increments add up to, from the last known one."""
+        steps = torch.cat((torch.zeros(1, 2, dtype=torch.float64), found.q[:, :2].double().cpu()))
+        return torch.from_numpy(self.position[self._last]) + steps.cumsum(0)
+
+    def _keep(self, found: Correlation, count: int, image: Tensor) -> None:
+        """Write ``count`` confirmed pairs down and go on from the last of them."""
+        rows = slice(self._last, self._last + count)
+        after = slice(self._last + 1, self._last + 1 + count)
+        self.increment[rows] = found.q[:count].double().cpu().numpy()
+        self.covariance[rows] = found.covariance[:count].cpu().numpy()
+        self.position[after] = self._positions(found)[1 : count + 1].numpy()
+        self.rotation[after] = self.increment[rows, 2:]
+        self.zncc[after] = found.zncc[:count].cpu().numpy()
+        self.iterations[after] = found.iterations[:count].cpu().numpy()
+        self.status[after] = "ok"
+        self._go_on_from(self._last + count, image, self.increment[self._last + count - 1])
+
+    def _go_on_from(self, frame: int, image: Tensor, increment: NDArray[np.float64]) -> None:
+        self._last, self._image = frame, image
+        self._expected = torch.from_numpy(np.nan_to_num(increment))
+
+    def _rescue(self, at: int) -> None:
+        """Measure frame ``at`` against the last one in which the ball was seen, from scratch, and note its status."""
+        target = self.source.images(at, at + 1)
+        here = torch.from_numpy(self.position[self._last])
+        pair = torch.cat((self._image, target))
+        seen = locate.best_match(pair[0], pair[1], here, self.radius, self.ignore)
+        found = self._from_several_starts(pair, here, seen, at - self._last)
+        status = str(found.status[0])
+        self.status[at], self.zncc[at], self.iterations[at] = status, float(found.zncc[0]), int(found.iterations[0])
+        if status == "ok" and at == self._last + 1:
+            self._keep(found, 1, target)
+        elif status == "ok":
+            self._found_again(at, here + found.q[0, :2].double().cpu(), target, found)
+        elif status == "weak_texture":
+            self._by_outline(at, pair, here, seen)
+        if np.isnan(self.position[at, 0]) and self._in_frame(here + self._expected[:2] * (at - self._last)) < MIN_IN_FRAME:
+            self.status[at] = "out_of_frame"
+
+    def _from_several_starts(self, pair: Tensor, here: Tensor, seen: Tensor, gap: int) -> Correlation:
+        """Correlate one pair from the best of several first guesses, chosen on images reduced to a small ball."""
+        expected = self._expected * gap
+        unturned = torch.cat((seen - here, torch.zeros(3, dtype=torch.float64)))
+        turned = torch.cat((seen - here, expected[2:]))
+        starts = torch.stack((unturned, turned, expected, torch.zeros_like(expected)))
+        factor = max(1, round(self.radius / RESCUE_RADIUS_PX))
+        unit = torch.tensor([factor, factor, 1, 1, 1], dtype=torch.float64)
+        small = F.avg_pool2d(pair[:, None], factor)[:, 0]
+        ignore = None
+        if self.ignore is not None:
+            ignore = F.max_pool2d(self.ignore[None].to(pair.dtype), factor)[0] > 0
+        # Pixel i of the small image is the mean of the pixels from i factor on.
+        centres = ((here + 0.5) / factor - 0.5).expand(len(starts), 2)
+        f, g = (image.expand(len(starts), -1, -1) for image in small)
+        guess = correlate_pairs(f, g, centres, self.radius / factor, starts / unit, ignore, self.options)
+        tried = torch.where(guess.q.isfinite().all(-1), guess.zncc, -1.0)
+        best = int(tried.argmax())
+        start = guess.q[best].double().cpu() * unit if float(tried[best]) > 0 else unturned
+        return self._correlate(pair, torch.stack((here, here + start[:2])), start[None])
+
+    def _found_again(self, at: int, position: Tensor, image: Tensor, found: Correlation) -> None:
+        """Go on after a gap: position and orientation are known again, the increment that leads here is not."""
+        self.position[at] = position.numpy()
+        self.rotation[at] = found.q[0, 2:].double().cpu().numpy()
+        self.status[at] = "lost"
+        self._go_on_from(at, image, found.q[0].double().cpu().numpy() / (at - self._last))
+
+    def _by_outline(self, at: int, pair: Tensor, here: Tensor, seen: Tensor) -> None:
+        """Translation of a ball whose texture cannot carry the modes, from the outlines of both images."""
+        guesses = torch.cat((torch.stack((here, seen)), torch.full((2, 1), self.radius)), -1)
+        fit = outline.refine(pair, guesses, window=max(2.0, 0.06 * self.radius), fixed_radius=True, plain=self._plain)
+        there = (fit.support >= MIN_SUPPORT).all() and fit.contrast[1] > MIN_CONTRAST * fit.contrast[0]
+        if not bool(there):
+            self.status[at] = "lost"
+            return
+        step, covariance = outline.centre_step(fit)
+        consecutive = at == self._last + 1
+        increment = np.full(5, np.nan)
+        increment[:2] = step.numpy()
+        if consecutive:
+            self.increment[at - 1] = increment
+            self.covariance[at - 1, :2, :2] = covariance.numpy()
+        self.position[at] = (here + step).numpy()
+        self.status[at] = "weak_texture" if consecutive else "lost"
+        self._go_on_from(at, pair[1:], increment / (at - self._last))
+
+    def _in_frame(self, centre: Tensor) -> float:
+        """Share of the disc around ``centre`` that lies in the image."""
+        height, width = self._image.shape[-2:]
+        steps = torch.linspace(-1, 1, 41, dtype=torch.float64)
+        y, x = torch.meshgrid(steps, steps, indexing="ij")
+        disc = x**2 + y**2 <= 1
+        x, y = centre[0] + self.radius * x[disc], centre[1] + self.radius * y[disc]
+        return float(((x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)).double().mean())
+
+
+def _leading(good: NDArray[np.bool_]) -> int:
+    """How many of the first rows are all good."""
+    return int(good.cumprod().sum())

@@ -1,0 +1,68 @@
+"""Checks of arrays and numbers that come from outside, each with one sentence on what is wrong."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+
+def as_images(images: Any, name: str = "images") -> Tensor:
+    """Images as a tensor (n, h, w); float64 stays, everything else becomes float32.
+
+    Raises
+    ------
+    ValueError
+        If the array is not of numbers, or has not two or three axes.
+    """
+    try:
+        tensor = images if isinstance(images, Tensor) else torch.from_numpy(_native(np.asarray(images)))
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name}: expected an array (n, h, w) of grey levels, got {type(images).__name__}") from error
+    if tensor.is_complex() or tensor.ndim not in (2, 3) or 0 in tensor.shape:
+        raise ValueError(f"{name}: expected real grey levels (n, h, w) or (h, w), got shape {tuple(tensor.shape)}")
+    tensor = tensor if tensor.ndim == 3 else tensor[None]
+    return tensor if tensor.dtype == torch.float64 else tensor.float()
+
+
+def _native(array: np.ndarray) -> np.ndarray:
+    """The array in a type that torch knows: unsigned 16 and 32 bit and foreign byte orders are widened."""
+    if array.dtype.kind not in "buif":
+        raise ValueError(f"no numbers: {array.dtype}")
+    return array if array.dtype in (np.float64, np.float32, np.uint8) else array.astype(np.float32)
+
+
+def as_mask(mask: Any, images: Tensor) -> Tensor:
+    """Boolean mask (h, w) on the images' device.
+
+    Raises
+    ------
+    ValueError
+        If its shape is not that of one image.
+    """
+    tensor = torch.as_tensor(np.asarray(mask) if not isinstance(mask, Tensor) else mask)
+    if tuple(tensor.shape) != tuple(images.shape[-2:]):
+        expected = tuple(images.shape[-2:])
+        raise ValueError(f"ignore: expected a mask of the image's shape (h, w) = {expected}, got {tuple(tensor.shape)}")
+    return tensor.to(images.device) != 0
+
+
+def check_circle(circles: Tensor, shape: tuple[int, ...] | torch.Size) -> None:
+    """Raise ValueError unless every circle (n, 3) is finite, of one radius of 3 px or more, and centred in the image."""
+    height, width = shape
+    for x, y, radius in circles.tolist():
+        if not all(map(math.isfinite, (x, y, radius))):
+            raise ValueError(f"circle ({x:g}, {y:g}, {radius:g}): expected three finite numbers x, y, radius in px")
+        if radius < 3:
+            raise ValueError(f"circle of radius {radius:g} px: the ball must have a radius of 3 px or more")
+        if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
+            raise ValueError(
+                f"circle centred at ({x:g}, {y:g}) lies outside the image of {width} x {height} px (width x height)"
+            )
+        if 2 * radius > 2 * max(height, width):
+            raise ValueError(f"circle of radius {radius:g} px is larger than the image of {width} x {height} px")
+    if len(circles) and bool((circles[:, 2] != circles[0, 2]).any()):
+        raise ValueError("circle: all pairs of one call must have the same radius")

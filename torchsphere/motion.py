@@ -1,0 +1,115 @@
+"""Motion models: how far a pixel of the ball moves in the image when the ball moves.
+
+Frames and signs, stated once for the whole package
+---------------------------------------------------
+Image: ``x`` to the right, ``y`` down, px; the centre of the top-left pixel is (0, 0).
+Camera frame: right-handed, ``x`` right, ``y`` down, ``z`` away from the camera. Rotations are rotation vectors in this
+frame, in rad. The pixel at ``(x, y)`` from the ball's centre shows the surface point ``P = (x, y, -s)`` with
+``s = sqrt(R^2 - x^2 - y^2)``. What a person sees: ``+w_y`` moves the front of the ball to the left, ``+w_x`` moves it
+down, ``+w_z`` turns the image clockwise as displayed.
+
+A model is one pure function ``displacement(q, points, geometry)`` of the increment ``q`` (k,), the points (p, 2) in px
+from the ball's centre in the reference image, and the geometry. It returns the displacement (p, 2) in px, NaN where a
+point turns out of sight. Its modes are its derivative with respect to ``q``, by automatic differentiation, so that a
+new model is one new function and nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from kornia.geometry.liegroup import So3
+from torch import Tensor
+
+
+class Geometry(NamedTuple):
+    """What a model has to know of the ball and the view, besides the points.
+
+    Attributes
+    ----------
+    radius : Tensor
+        Radius of the ball's outline in px, a scalar.
+    """
+
+    radius: Tensor
+
+
+Displacement = Callable[[Tensor, Tensor, Geometry], Tensor]
+
+
+def depth(points: Tensor, radius: Tensor) -> Tensor:
+    """Height ``s`` (p,) of the surface above the plane of the outline, px; 0 beyond the outline."""
+    return (radius**2 - points.square().sum(-1)).clamp_min(0.0).sqrt()
+
+
+def translation(q: Tensor, points: Tensor, geometry: Geometry) -> Tensor:
+    """Two translations (dx, dy): the standard correlation that the paper compares with."""
+    return q[:2].expand_as(points)
+
+
+def published(q: Tensor, points: Tensor, geometry: Geometry) -> Tensor:
+    """The five modes as printed in the paper's section 2.2, with amplitudes turned into (dx, dy, wx, wy, wz).
+
+    The printed modes 3 and 4 lack the factor ``sqrt(R^2 - y^2) / R`` of a rigid rotation; the model is here to
+    reproduce the paper and to measure what that costs.
+    """
+    x, y = points.unbind(-1)
+    squared = geometry.radius**2
+    # At the poles of a meridian the printed quotient is 0/0; it only occurs on the outline, where the mode is 0.
+    phi3 = (1 - x**2 / (squared - y**2).clamp_min(1e-6)).clamp_min(0.0).sqrt()
+    phi4 = (1 - y**2 / (squared - x**2).clamp_min(1e-6)).clamp_min(0.0).sqrt()
+    dx, dy, wx, wy, wz = q
+    radius = geometry.radius
+    return torch.stack((dx - radius * phi3 * wy - y * wz, dy + radius * phi4 * wx + x * wz), -1)
+
+
+def rigid(q: Tensor, points: Tensor, geometry: Geometry) -> Tensor:
+    """Linearised rigid rotation under orthographic projection: ``(dx - s wy - y wz, dy + s wx + x wz)``."""
+    x, y = points.unbind(-1)
+    s = depth(points, geometry.radius)
+    dx, dy, wx, wy, wz = q
+    return torch.stack((dx - s * wy - y * wz, dy + s * wx + x * wz), -1)
+
+
+def finite(q: Tensor, points: Tensor, geometry: Geometry) -> Tensor:
+    """Exact rotation under orthographic projection; points that turn out of sight are NaN."""
+    surface = torch.cat((points, -depth(points, geometry.radius)[:, None]), -1)
+    turned = surface @ So3.exp(q[None, 2:]).matrix()[0].T
+    moved = q[:2] + (turned - surface)[:, :2]
+    return torch.where(turned[:, 2:] > 0, torch.nan, moved)
+
+
+MODELS: dict[str, Displacement] = {
+    "translation": translation,
+    "published": published,
+    "rigid": rigid,
+    "finite": finite,
+}
+
+
+def degrees_of_freedom(model: Displacement) -> int:
+    """Length of ``q`` of a model: 2 for `translation`, otherwise 5."""
+    return 2 if model is translation else 5
+
+
+def displacement(model: Displacement, q: Tensor, points: Tensor, geometry: Geometry) -> Tensor:
+    """Displacement (n, p, 2) in px of the points (n, p, 2) of n pairs under the increments ``q`` (n, k)."""
+    return torch.vmap(model, in_dims=(0, 0, None))(q, points, geometry)
+
+
+def modes(model: Displacement, q: Tensor, points: Tensor, geometry: Geometry) -> Tensor:
+    """Derivative (n, p, 2, k) of the displacement at ``q`` (n, k): px per px, and px per rad; 0 where out of sight."""
+    derivative = torch.vmap(torch.func.jacfwd(model), in_dims=(0, 0, None))(q, points, geometry)
+    return derivative.nan_to_num(0.0)
+
+
+def radius_mode(model: Displacement, q: Tensor, points: Tensor, geometry: Geometry) -> Tensor:
+    """Derivative (n, p, 2) of the displacement with respect to the radius, px per px; 0 where out of sight."""
+
+    def of_radius(row: Tensor, places: Tensor, radius: Tensor) -> Tensor:
+        return model(row, places, geometry._replace(radius=radius))
+
+    derivative = torch.vmap(torch.func.jacfwd(of_radius, argnums=2), in_dims=(0, 0, None))
+    return derivative(q, points, geometry.radius).nan_to_num(0.0)

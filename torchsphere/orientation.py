@@ -1,0 +1,51 @@
+"""Orientation of the ball: rotations of successive frames chained on SO(3)."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from kornia.geometry.liegroup import So3
+from numpy.typing import NDArray
+
+
+def chain(rotation: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Absolute orientations from rotations: ``A_i = exp([w_i]x) A_{i-1}``.
+
+    Parameters
+    ----------
+    rotation : ndarray
+        Rotation vectors (n, 3), rad, of each frame since the last known one before it; not read in the first known
+        frame; NaN where the ball was seen but its rotation was not measured.
+    known : ndarray
+        (n,), True where the ball was seen.
+
+    Returns
+    -------
+    ndarray
+        Rotation matrices (n, 3, 3) since the first known frame; NaN where the ball was not seen, and everywhere from
+        where a rotation is missing.
+    """
+    steps = np.where(known[:, None], rotation, 0.0)
+    if known.any():
+        steps[: known.argmax() + 1] = 0.0
+    product = So3.exp(torch.from_numpy(steps))
+    # Every element takes in the product of as many before it, twice as many each time: log2(n) batched products.
+    reach = 1
+    while reach < len(steps):
+        later = So3(product.q[reach:]) * So3(product.q[:-reach])
+        product = So3(type(product.q)(torch.cat((product.q.data[:reach], later.q.data))))
+        reach *= 2
+    matrices = product.matrix().numpy()
+    return np.where(known[:, None, None], matrices, np.nan)
+
+
+def quaternions(orientation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit quaternions (n, 4) as (w, x, y, z) of rotation matrices (n, 3, 3), without jumps of sign; NaN stays NaN."""
+    known = np.isfinite(orientation[:, 0, 0])
+    result = np.full((len(orientation), 4), np.nan)
+    if known.any():
+        q = So3.from_matrix(torch.from_numpy(orientation[known])).q.data.numpy()
+        q = q / np.linalg.norm(q, axis=1, keepdims=True)
+        turned = np.concatenate(([1.0], np.where((q[1:] * q[:-1]).sum(1) < 0, -1.0, 1.0))).cumprod()
+        result[known] = q * turned[:, None] * (1.0 if q[0, 0] >= 0 else -1.0)
+    return result

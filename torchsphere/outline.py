@@ -1,0 +1,262 @@
+"""The ball's outline: how far each ray from the centre meets the edge, and the circle through these places.
+
+Along a ray the image is modelled as the background, a step to the ball's grey level at its limb, blurred, and the
+step's shift: three linear unknowns. Each ray then counts by the square of its step, because a speckled ball has limbs
+brighter and darker than the background and some that vanish against it. The model reaches further outwards than
+inwards: outside is background, inside is pattern. Rays whose shift does not belong to a circle lose their weight
+(Tukey's biweight).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchsphere import crop, interpolate
+
+#: Pre-blur of the image, and standard deviation of the step's blur that results from it, the pixel and the optics, px.
+PRE_BLUR_PX = 0.0
+STEP_BLUR_PX = 0.4
+
+#: Reach of the model inwards and outwards, in units of the step's blur.
+INWARDS, OUTWARDS = 2.0, 8.0
+
+#: Reach of a plain ball's edge inwards, as a fraction of the radius, and outwards, px.
+PLAIN_INWARDS, PLAIN_OUTWARDS = 0.15, 6.0
+
+#: A ball whose limb differs by less from one ray to its neighbours, as a share of the edge's height, is plain.
+PLAIN_UNREST = 0.08
+
+#: Tukey's constant for 95 % efficiency under Gaussian errors.
+TUKEY = 4.685
+
+
+@dataclass(frozen=True)
+class OutlineFit:
+    """Circles fitted to the edges of n images.
+
+    Attributes
+    ----------
+    circle : Tensor
+        (n, 3) as (x, y, radius), px, float64.
+    covariance : Tensor
+        (n, 3, 3), px^2; rays whose edges go wrong together (a speckle is wider than a ray) are counted as one.
+    support : Tensor
+        Share (n,) of the rays in the image whose edge lies on the circle.
+    contrast : Tensor
+        Median height (n,) of the step from background to ball, grey levels.
+    rest, weights : Tensor
+        What the circle leaves of each ray's shift (n, a), px, and the ray's weight in the fit.
+    """
+
+    circle: Tensor
+    covariance: Tensor
+    support: Tensor
+    contrast: Tensor
+    rest: Tensor
+    weights: Tensor
+
+
+def ray_angles(radius: float) -> Tensor:
+    """Angles of the rays, about one per px of the outline."""
+    count = int(min(max(2 * math.pi * radius, 64), 720))
+    return torch.arange(count, dtype=torch.float64) * (2 * math.pi / count)
+
+
+def polar(images: Tensor, circles: Tensor, radii: Tensor, angles: Tensor) -> tuple[Tensor, Tensor]:
+    """Grey levels along rays from the centres.
+
+    Parameters
+    ----------
+    images : Tensor
+        Grey levels (n, h, w).
+    circles : Tensor
+        Circles (n, 3) whose centres the rays start from.
+    radii : Tensor
+        Distances (n, m) from the centre, px.
+    angles : Tensor
+        Angles (a,) of the rays, rad, from x towards y.
+
+    Returns
+    -------
+    levels : Tensor
+        (n, a, m), of the image blurred by `PRE_BLUR_PX`.
+    inside : Tensor
+        (n, a, m), True where the place lies in the image, away from its border.
+    """
+    height, width = images.shape[-2:]
+    direction = torch.stack((angles.cos(), angles.sin()), -1)
+    half = math.ceil(float(radii.max())) + 4
+    crops = crop.cut(images, circles[:, :2], half)
+    c = interpolate.coefficients(crops.images, PRE_BLUR_PX)
+    places = radii[:, None, :, None] * direction[:, None, :] + circles[:, None, None, :2]
+    limits = torch.tensor([width, height], dtype=torch.float64) - 1
+    inside = ((places >= 2) & (places <= limits - 2)).all(-1)
+    levels = interpolate.sample(c, (places - crops.origin[:, None, None]).flatten(1, 2).to(c))
+    return levels.unflatten(1, inside.shape[1:]), inside.to(images.device)
+
+
+def step_shifts(levels: Tensor, steps: Tensor, step_blur: float) -> tuple[Tensor, Tensor]:
+    """Shift (n, a) of each ray's step from where it is expected, px outwards, and the step's height in grey levels.
+
+    ``levels`` (n, a, m) at the distances ``steps`` (m,) from the expected edge, px outwards.
+    """
+    t = (steps / step_blur).to(levels)
+    ball = 0.5 * torch.erfc(t / math.sqrt(2))
+    shifted = torch.exp(-0.5 * t**2) / (math.sqrt(2 * math.pi) * step_blur)
+    solve = torch.linalg.pinv(torch.stack((torch.ones_like(t), ball, shifted), -1))
+    _, height, product = (levels @ solve.T).unbind(-1)
+    # A shift of more than the blur is beyond the linear model; the next round starts nearer.
+    shift = product / torch.where(height.abs() < 1e-6, 1e-6, height)
+    return shift.clamp(-1.5 * step_blur, 1.5 * step_blur), height
+
+
+def light_shifts(levels: Tensor, steps: Tensor) -> tuple[Tensor, Tensor]:
+    """`step_shifts` for a ball without pattern: the centroid of the grey level's slope along the ray.
+
+    Any symmetric blur, however wide its tails, leaves this place where it is, because it conserves light.
+    """
+    height = levels[..., :1] - levels[..., -1:]
+    height = torch.where(height.abs() < 1e-6, 1e-6, height)
+    ball = (levels - levels[..., -1:]) / height
+    spacing = steps[1] - steps[0]
+    shift = steps[0] + spacing * 0.5 * (ball[..., 1:] + ball[..., :-1]).sum(-1)
+    return shift.to(levels), height[..., 0]
+
+
+def refine(
+    images: Tensor,
+    circles: Tensor,
+    *,
+    window: float = 3.0,
+    rounds: int = 6,
+    fixed_radius: bool = False,
+    plain: bool = False,
+) -> OutlineFit:
+    """Fit circles to the outlines of n images, each from a circle that is right to within ``window``.
+
+    Parameters
+    ----------
+    images : Tensor
+        Grey levels (n, h, w).
+    circles : Tensor
+        First guesses (n, 3) as (x, y, radius), px.
+    window : float
+        How far the edge may lie from the guess, px: the blur of the step model in the first round.
+    rounds : int
+        How often the rays are taken again, around the circle fitted last and with a narrower step.
+    fixed_radius : bool
+        Fit the centre alone.
+    plain : bool
+        The ball has no pattern: the last rounds take `light_shifts` instead of the step model.
+
+    Returns
+    -------
+    OutlineFit
+        A fit that failed has a support of 0 and NaN for the rest.
+    """
+    fitted = circles.to("cpu", torch.float64).clone()
+    angles = ray_angles(float(fitted[0, 2]))
+    design = torch.stack((angles.cos(), angles.sin(), torch.ones_like(angles)), -1)
+    design = design[:, :2] if fixed_radius else design
+    k = design.shape[-1]
+    for turn in range(rounds):
+        # Geometric descent to the sharpest step, which the last two rounds use.
+        step_blur = STEP_BLUR_PX * max(window / STEP_BLUR_PX, 1.0) ** max(1 - turn / max(rounds - 2, 1), 0.0)
+        by_light = plain and turn >= rounds - 2
+        first, last = -INWARDS * step_blur, OUTWARDS * step_blur
+        if by_light:
+            first, last = -PLAIN_INWARDS * float(fitted[0, 2].nan_to_num(1.0)), PLAIN_OUTWARDS
+        steps = torch.arange(first, last + 0.125, 0.25, dtype=torch.float64)
+        radii = (fitted[:, 2:] + steps).clamp_min(0.5)
+        levels, inside = polar(images, fitted, radii, angles)
+        shift, height = light_shifts(levels, steps) if by_light else step_shifts(levels, steps, step_blur)
+        known = inside.all(-1).cpu()
+        shift, height = shift.double().cpu(), height.double().cpu()
+        correction, weights, spread = _robust(design, shift, height.square() * known)
+        fitted[:, :k] += correction
+    on_circle = (weights > 0) & known & ((shift - correction @ design.T).abs() < 1.0)
+    steepness = torch.where(known, height.abs(), torch.nan)
+    support = on_circle.sum(-1) / known.sum(-1).clamp_min(1)
+    failed = (known.double().mean(-1) < 0.3) | ~fitted.isfinite().all(-1) | (fitted[:, 2] < 2)
+    covariance = torch.full((len(fitted), 3, 3), torch.nan, dtype=torch.float64)
+    covariance[:, :k, :k] = spread
+    fitted[failed] = torch.nan
+    support = torch.where(failed, 0.0, support)
+    rest = shift - correction @ design.T
+    return OutlineFit(fitted, covariance, support, steepness.nanmedian(-1).values, rest, weights)
+
+
+def centre_step(fit: OutlineFit) -> tuple[Tensor, Tensor]:
+    """Step (2,) of the centre from the first to the second of two fits with one radius, px, and its covariance (2, 2).
+
+    The covariance comes from the difference of the two outlines ray by ray: what the ball's own shape and shading do
+    to both alike does not count.
+    """
+    angles = ray_angles(float(fit.circle[0, 2]))
+    design = torch.stack((angles.cos(), angles.sin()), -1)
+    weights = fit.weights.amin(0)
+    used = (weights > 0).double()
+    change = (fit.rest[1] - fit.rest[0]) * weights.sqrt() * used
+    normal = (design.T * weights) @ design + 1e-9 * torch.eye(2, dtype=torch.float64)
+    variance = change.square().sum() / (used.sum() - 2).clamp_min(1) * _run_length(change[None])[0]
+    return fit.circle[1, :2] - fit.circle[0, :2], variance * torch.linalg.inv(normal)
+
+
+def is_plain(image: Tensor, circle: Tensor) -> bool:
+    """Whether the ball in ``image`` (h, w) has no pattern: a calm limb, against the height of its edge.
+
+    ``circle`` (3,), px. The limb's grey level may change slowly along the outline (shading), not from ray to ray.
+    """
+    angles = ray_angles(float(circle[2]))
+    radii = circle[2] * torch.tensor([[0.80, 0.85, 0.90, 1.1]], dtype=torch.float64)
+    levels, inside = polar(image[None], circle[None], radii, angles)
+    known = inside.all(-1)[0].to(levels.device)
+    limb, outside = levels[0, known, :3], levels[0, known, 3]
+    if len(limb) < 16:
+        return False
+    unrest = (limb[4:] - limb[:-4]).abs().mean()
+    return bool(unrest < PLAIN_UNREST * (limb.mean(-1) - outside).abs().median())
+
+
+def _robust(design: Tensor, shift: Tensor, precision: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Reweighted least squares of ``design @ c = shift`` -> c (n, k), weights (n, a), covariance (n, k, k).
+
+    ``precision`` (n, a) are the weights of the rays before any is doubted.
+    """
+    precision = precision / precision.amax(-1, keepdim=True).clamp_min(1e-12)
+    weights = precision
+    for _ in range(12):
+        normal = (design.T * weights[:, None]) @ design
+        normal = normal + 1e-9 * torch.eye(design.shape[-1], dtype=normal.dtype)
+        solution = torch.linalg.solve(normal, (design.T @ (weights * shift)[..., None]))[..., 0]
+        # Deviations in units of their own expected size, which goes with one over the step's height.
+        rest = (shift - solution @ design.T) * precision.sqrt()
+        scale = _weighted_median(rest.abs(), precision) * 1.4826
+        weights = precision * (1 - (rest / (TUKEY * scale.clamp_min(1e-3))).square()).clamp_min(0.0).square()
+    used = (weights > 0).double()
+    variance = (used * rest.square()).sum(-1) / (used.sum(-1) - design.shape[-1]).clamp_min(1)
+    inverse = torch.linalg.inv(normal)
+    return solution, weights, (variance * _run_length(rest * used))[:, None, None] * inverse
+
+
+def _weighted_median(values: Tensor, weights: Tensor) -> Tensor:
+    """Median (n, 1) of each row of ``values`` (n, a), every value counted by its weight."""
+    order = values.argsort(-1)
+    share = weights.gather(-1, order).cumsum(-1)
+    at = (share < 0.5 * share[:, -1:]).sum(-1, keepdim=True).clamp_max(values.shape[-1] - 1)
+    return values.gather(-1, order.gather(-1, at))
+
+
+def _run_length(rest: Tensor) -> Tensor:
+    """Neighbouring rays (n,) that err together: the sum of the autocorrelation around the circle, at least 1."""
+    power = torch.fft.rfft(rest).abs().square()
+    correlation = torch.fft.irfft(power, n=rest.shape[-1])
+    correlation = correlation / correlation[:, :1].clamp_min(1e-12)
+    # Summed up to its first fall below zero; beyond that it is noise.
+    half = correlation[:, : rest.shape[-1] // 2]
+    before = (half <= 0).cumsum(-1) == 0
+    return (2 * (half * before).sum(-1) - 1).clamp_min(1.0)

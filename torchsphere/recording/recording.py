@@ -1,0 +1,138 @@
+"""A recording: what the file knows about itself, and its images, read when they are asked for."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Reader = Callable[[int, int], NDArray[Any]]
+
+# One image of 2**28 pixels is 1 GiB as float32; no camera makes one, a damaged header easily does.
+MAX_PIXELS = 2**28
+
+
+def _nothing() -> None:
+    return None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Recording:
+    """Images of one camera, in order, with what the file says about how they were taken.
+
+    Nothing is guessed: what the file does not state is ``None``.
+
+    Attributes
+    ----------
+    path : Path
+        The file or folder that was opened.
+    kind : str
+        The format in words, for example ``"Photron MRAW, 12 bit packed"``.
+    shape : tuple of int
+        Number of images, height and width in px, ``(n, h, w)``.
+    bit_depth : int or None
+        Bits of the grey levels that :meth:`images` returns: 12 means levels from 0 to 4095.
+    frame_rate : float or None
+        Images per second of the recording (not of a player).
+    exposure_s : float or None
+        Exposure time in s.
+    trigger_offset_frames : int or None
+        Number of the first image counted from the trigger; negative before it.
+    origins : Mapping of str to str
+        Where ``bit_depth``, ``frame_rate``, ``exposure_s`` and ``trigger_offset_frames`` come from, for those that are known.
+    notes : tuple of str
+        Sentences a user should read: conversions that were applied, doubts, what was ignored.
+    files : tuple of Path
+        Every file whose bytes make up the recording.
+    """
+
+    path: Path
+    kind: str
+    shape: tuple[int, int, int]
+    bit_depth: int | None = None
+    frame_rate: float | None = None
+    exposure_s: float | None = None
+    trigger_offset_frames: int | None = None
+    origins: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    files: tuple[Path, ...] = ()
+    _reader: Reader = field(repr=False, compare=False)
+    _closer: Callable[[], None] = field(default=_nothing, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        n, height, width = self.shape
+        if min(n, height, width) < 1 or height * width > MAX_PIXELS:
+            raise ValueError(
+                f"{self.path}: {n} images of {width} x {height} px are stated, which no recording has; "
+                "the header is damaged, export the file again"
+            )
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def images(self, start: int, stop: int) -> NDArray[np.float32]:
+        """Read images ``start`` to ``stop - 1``.
+
+        Parameters
+        ----------
+        start, stop : int
+            Half-open range of image numbers, ``0 <= start < stop <= len(self)``.
+
+        Returns
+        -------
+        ndarray of float32, shape (stop - start, h, w)
+            Grey levels in the file's own digital levels (12 bit: 0 to 4095), row 0 at the top.
+
+        Raises
+        ------
+        ValueError
+            Where the range does not fit, or a floating-point image holds values that are not finite.
+        OSError
+            Where the file is cut or damaged.
+        """
+        first, last = self._range(start, stop)
+        raw = self._reader(first, last)
+        if raw.shape != (last - first, *self.shape[1:]):
+            raise OSError(
+                f"{self.path}: images {first} to {last - 1} came as an array of shape {raw.shape}, "
+                f"expected {(last - first, *self.shape[1:])}; the file is damaged"
+            )
+        with np.errstate(over="ignore"):
+            grey = np.ascontiguousarray(raw, dtype=np.float32)
+        if raw.dtype.kind == "f" and not np.isfinite(grey).all():
+            bad = first + int(np.flatnonzero(~np.isfinite(grey).all(axis=(1, 2)))[0])
+            raise ValueError(
+                f"{self.path}: image {bad} holds values that are not finite; "
+                "expected plain grey levels, replace them before tracking (or mask the region)"
+            )
+        return grey
+
+    def _range(self, start: int, stop: int) -> tuple[int, int]:
+        try:
+            first, last = operator.index(start), operator.index(stop)
+        except TypeError:
+            first = last = -1
+        if not 0 <= first < last <= len(self):
+            raise ValueError(
+                f"images {start!r} to {stop!r} were asked for; the recording has {len(self)}, "
+                "so give whole numbers with 0 <= start < stop <= that"
+            )
+        return first, last
+
+    def close(self) -> None:
+        """Let go of the file; reading again may fail or reopen it, depending on the format."""
+        self._closer()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

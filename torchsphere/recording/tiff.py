@@ -1,0 +1,274 @@
+"""Multi-page TIFF, and the pages of single TIFF images for folders."""
+
+from __future__ import annotations
+
+import struct
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import isfinite, prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from torchsphere.recording.grey import ALPHA_NOTE, GREY_NOTE, to_grey
+from torchsphere.recording.recording import MAX_PIXELS, Reader, Recording
+from torchsphere.recording.refusal import TIFF_SIGNATURES, library_failures, looks_like
+
+_TIME_UNITS_S = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6, "ns": 1e-9}
+_GREY, _RGB, _YCBCR = (0, 1), 2, 6  # PhotometricInterpretation
+# Deflate cannot do better than 1032 to 1; a header that needs more than this claims images that are not there.
+_MAX_RATIO = 5000
+
+
+@dataclass(frozen=True)
+class Page:
+    """What must be the same for every image of a recording."""
+
+    height: int
+    width: int
+    samples: int
+    bits: int
+    dtype: str
+    photometric: int
+    planar: bool
+
+    def __str__(self) -> str:
+        return f"{self.width} x {self.height} px, {self.samples} x {self.bits} bit"
+
+
+def open_tiff(path: Path) -> Recording:
+    """Open a multi-page TIFF.
+
+    Parameters
+    ----------
+    path : Path
+        Pages of one size and kind. ImageJ's stacks over 4 GB, with one page for all images, are understood.
+
+    Returns
+    -------
+    Recording
+        Without a frame rate, unless ImageJ's ``finterval`` states one with its unit of time.
+
+    Raises
+    ------
+    ValueError
+        Where pages differ, or are of a kind that is not supported.
+    OSError
+        Where the file is cut or damaged.
+    """
+    size = path.stat().st_size
+    count = count_pages(path)
+    with library_failures(path, "a TIFF"):
+        # OME files may name other files; only this one is opened.
+        tif = tifffile.TiffFile(path, _multifile=False)
+    try:
+        page = describe(path, tif, 0)
+        imagej = _imagej(tif)
+        n, read = _stack(path, tif, page, count, size)
+        channels = _whole(imagej.get("channels"))
+        if channels > 1 and n > channels:
+            raise ValueError(
+                f"{path}: holds {channels} channels of {n // channels} images, expected one channel; "
+                "split the channels and save one of them"
+            )
+    except BaseException:
+        tif.close()
+        raise
+    rate, notes = _frame_rate(imagej)
+    if channels > 1:
+        notes += (f"ImageJ's header calls the {channels} images channels; they are taken as images in order.",)
+    origins = {"bit_depth": "TIFF BitsPerSample"} | ({"frame_rate": "ImageJ finterval"} if rate else {})
+    depth = page.bits if page.dtype[0] == "u" else None
+    if depth is None:
+        del origins["bit_depth"]
+    return Recording(
+        path=path,
+        kind=f"multi-page TIFF, {page.bits} bit{', colour' if page.samples >= 3 else ''}",
+        shape=(n, page.height, page.width),
+        bit_depth=depth,
+        frame_rate=rate,
+        origins=origins,
+        notes=notes + page_notes(page),
+        files=(path,),
+        _reader=read,
+        _closer=tif.close,
+    )
+
+
+def count_pages(path: Path) -> int:
+    """Follow the chain of pages to its end; the library would stop quietly where a cut file ends.
+
+    Raises
+    ------
+    ValueError
+        Where the file is no TIFF.
+    OSError
+        Where the chain leaves the file.
+    """
+    size = path.stat().st_size
+    seen: set[int] = set()
+    with path.open("rb") as file:
+        head = file.read(16)
+        if head[:4] not in TIFF_SIGNATURES:
+            raise ValueError(f"{path}: looks like {looks_like(head)}, expected a TIFF; check the name")
+        order, big = "<" if head[:2] == b"II" else ">", head[2:4] in (b"+\0", b"\0+")
+        tag_count, pointer, tag_bytes, at = ("Q", "Q", 20, 8) if big else ("H", "I", 12, 4)
+        try:
+            (offset,) = struct.unpack_from(order + pointer, head, at)
+            while offset:
+                if offset in seen or offset >= size:
+                    raise OSError(
+                        f"{path}: page {len(seen)} lies outside the file or repeats another; it is cut or damaged, copy it again"
+                    )
+                seen.add(offset)
+                file.seek(offset)
+                (tags,) = struct.unpack(order + tag_count, file.read(struct.calcsize(tag_count)))
+                file.seek(offset + struct.calcsize("=" + tag_count) + min(tags, size) * tag_bytes)
+                (offset,) = struct.unpack(order + pointer, file.read(struct.calcsize(pointer)))
+        except struct.error:
+            raise OSError(f"{path}: ends within page {max(0, len(seen) - 1)}; the TIFF is cut, copy it again") from None
+    if not seen:
+        raise OSError(f"{path}: is a TIFF without a page; it was not finished when it was saved, export it again")
+    return len(seen)
+
+
+def describe(path: Path, tif: tifffile.TiffFile, number: int) -> Page:
+    """Give the properties of one page, and refuse those that cannot be a grey or colour image of this file.
+
+    Raises
+    ------
+    ValueError
+        Where the page is a palette image or of another unsupported kind.
+    OSError
+        Where its size does not fit the file.
+    """
+    with library_failures(path, "a TIFF"):
+        page = tif.pages[number].aspage()
+        dtype, photometric = page.dtype, int(page.photometric)
+        height, width, samples = int(page.imagelength), int(page.imagewidth), int(page.samplesperpixel)
+        result = Page(height, width, samples, int(page.bitspersample), "" if dtype is None else dtype.str[1:], photometric,
+                      int(page.planarconfig) == 2 and samples > 1)  # fmt: skip
+        packed = page.compression != 1
+        stored = sum(page.databytecounts)
+        end = max((at + n for at, n in zip(page.dataoffsets, page.databytecounts, strict=True)), default=0)
+    colour = photometric in (_RGB, _YCBCR) and samples in (3, 4)
+    if not (colour or (photometric in _GREY and samples in (1, 2))) or result.dtype[:1] not in ("u", "i", "f"):
+        raise ValueError(
+            f"{path}: page {number} is {result} with photometric code {photometric}; "
+            "expected grey or RGB levels, save it as one of these"
+        )
+    needed = height * width * samples * result.bits // 8
+    if min(height, width) < 1 or height * width > MAX_PIXELS or needed > stored * (_MAX_RATIO if packed else 1):
+        raise OSError(
+            f"{path}: page {number} states {result}, but has {stored} bytes of data; it is damaged, copy it again"
+        )
+    if end > path.stat().st_size:
+        raise OSError(f"{path}: the data of page {number} end at byte {end}, after the file; it is cut, copy it again")
+    return result
+
+
+def page_notes(page: Page) -> tuple[str, ...]:
+    """Give the sentences that follow from the kind of a page."""
+    notes: tuple[str, ...] = ()
+    if page.samples >= 3:
+        notes += (GREY_NOTE,)
+    if page.samples in (2, 4):
+        notes += (ALPHA_NOTE,)
+    if page.photometric == 0:
+        notes += ("The file says that 0 is white; the levels are as stored.",)
+    if page.dtype[0] == "u" and page.bits == 16:
+        notes += ("The levels are stored in 16 bits; the camera's own depth may be lower.",)
+    return notes
+
+
+def page_image(page: Page, data: NDArray[Any]) -> NDArray[Any]:
+    """Bring a decoded page to one grey image of shape (h, w)."""
+    if page.planar:
+        data = np.moveaxis(data.reshape(page.samples, page.height, page.width), 0, -1)
+    data = data.reshape(page.height, page.width, page.samples)
+    return to_grey(data) if page.samples >= 3 else data[..., 0]
+
+
+def _stack(path: Path, tif: tifffile.TiffFile, first: Page, count: int, size: int) -> tuple[int, Reader]:
+    image_bytes = first.height * first.width * first.samples * np.dtype(first.dtype).itemsize
+    dtype = np.dtype(tif.byteorder + first.dtype)
+    with library_failures(path, "a TIFF"):
+        series = tif.series[0]
+        whole = prod(series.shape) * np.dtype(first.dtype).itemsize
+        single, at = count == 1 and whole > image_bytes, series.dataoffset
+    if single:
+        if at is None or at + whole > size:
+            raise OSError(
+                f"{path}: is cut: {max(0, size - (at or size)) // image_bytes} of {whole // image_bytes} images are present; "
+                "copy it again"
+            )
+        offsets = at + image_bytes * np.arange(whole // image_bytes, dtype=np.int64)
+        return len(offsets), _plain_reader(path, first, dtype, offsets)
+    places = []
+    for number in range(count):
+        page = first if number == 0 else describe(path, tif, number)
+        if page != first:
+            raise ValueError(
+                f"{path}: page {number} is {page}, page 0 is {first}; expected pages of one kind, "
+                "save the images of the recording alone"
+            )
+        with library_failures(path, "a TIFF"):
+            full = tif.pages[number].aspage()
+            places.append(full.dataoffsets[0] if full.is_memmappable else -1)
+    if min(places) > 0:
+        return count, _plain_reader(path, first, dtype, np.array(places, np.int64))
+    return count, _decoding_reader(path, tif, first)
+
+
+def _plain_reader(path: Path, page: Page, dtype: np.dtype[Any], offsets: NDArray[np.int64]) -> Reader:
+    values = page.height * page.width * page.samples
+
+    def load(number: int) -> NDArray[Any]:
+        # Mapped anew each time: pages of earlier images do not stay with the process.
+        return np.memmap(path, dtype, "r", int(offsets[number]), (values,))
+
+    return _reader(path, page, load)
+
+
+def _decoding_reader(path: Path, tif: tifffile.TiffFile, page: Page) -> Reader:
+    lock = threading.Lock()
+
+    def load(number: int) -> NDArray[Any]:
+        # The open file has one position.
+        with lock:
+            return np.asarray(tif.pages[number].aspage().asarray(maxworkers=1))
+
+    return _reader(path, page, load)
+
+
+def _reader(path: Path, page: Page, load: Callable[[int], NDArray[Any]]) -> Reader:
+    def read(start: int, stop: int) -> NDArray[Any]:
+        images = np.empty((stop - start, page.height, page.width), np.float32)
+        with library_failures(path, "a TIFF"):
+            for row in range(stop - start):
+                images[row] = page_image(page, load(start + row))
+        return images
+
+    return read
+
+
+def _imagej(tif: tifffile.TiffFile) -> dict[str, Any]:
+    with library_failures(Path(tif.filename), "a TIFF"):
+        return dict(tif.imagej_metadata or {})
+
+
+def _whole(value: object) -> int:
+    return value if isinstance(value, int) else 1
+
+
+def _frame_rate(imagej: dict[str, Any]) -> tuple[float | None, tuple[str, ...]]:
+    interval, unit = imagej.get("finterval"), _TIME_UNITS_S.get(str(imagej.get("tunit", "")).strip().lower())
+    if isinstance(interval, int | float) and isfinite(interval) and interval > 0:
+        if unit is not None:
+            return 1.0 / (interval * unit), ()
+        return None, (f"ImageJ states a frame interval of {interval:g} without a unit of time, so it was not used.",)
+    return None, ("A TIFF carries no frame rate.",)

@@ -1,0 +1,96 @@
+"""The reference image of each pair, looked at once: region of interest, values, gradients, noise."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchsphere import crop, interpolate, motion
+from torchsphere.motion import Displacement, Geometry
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What is known of n pairs before the deformed image is looked at.
+
+    Attributes
+    ----------
+    points : Tensor
+        Pixels of the region of interest (n, p, 2), px from the ball's centre.
+    weights : Tensor
+        (n, p), 1 where a point counts and 0 where it does not.
+    values, gradient : Tensor
+        The blurred reference image (n, p) and its gradient (n, p, 2) at the points.
+    blurred_gradient : Tensor
+        The gradient blurred once more (n, p, 2), which carries the pixels' noise into the covariance.
+    noise : Tensor
+        Standard deviation (n,) of the image noise as the raw reference shows it, grey levels; an upper bound where
+        the texture is fine.
+    geometry : Geometry
+    """
+
+    points: Tensor
+    weights: Tensor
+    values: Tensor
+    gradient: Tensor
+    blurred_gradient: Tensor
+    noise: Tensor
+    geometry: Geometry
+
+
+def build_reference(
+    crops: crop.Crops, c: Tensor, centres: Tensor, radius: float, roi: float, pre_blur: float
+) -> Reference:
+    """Points, values and gradients of the reference image over the region of interest."""
+    half = crops.images.shape[-1] // 2
+    middle = crops.origin + half
+    reach = min(math.ceil(roi * radius) + 1, half - 1)
+    steps = torch.arange(-reach, reach + 1)
+    grid = torch.stack(torch.meshgrid(steps, steps, indexing="xy"), -1).reshape(-1, 2)
+    # The same pixels for all rows: those that some sub-pixel position of the centre brings into the region.
+    grid = grid[grid.double().norm(dim=-1) < roi * radius + 0.71]
+    points = (grid[None] + (middle - centres)[:, None]).to(c)
+    weights = (points.square().sum(-1) < (roi * radius) ** 2).to(c)
+    columns, rows = ((grid + half).to(c.device)).unbind(-1)
+    if crops.usable is not None:
+        weights = weights * crops.usable[:, rows, columns]
+    # The nodes' arrays lack the crop's outermost pixel.
+    inner = (slice(None), rows - 1, columns - 1)
+    gradient = torch.stack([d[inner] for d in interpolate.node_gradient(c)], -1)
+    twice = interpolate.blur(c, pre_blur)
+    blurred_gradient = torch.stack([d[inner] for d in interpolate.node_gradient(twice)], -1)
+    return Reference(
+        points=points,
+        weights=weights,
+        values=interpolate.node_values(c)[inner],
+        gradient=gradient,
+        blurred_gradient=blurred_gradient,
+        noise=_image_noise(crops.images)[inner].mul(weights).sum(-1).div(weights.sum(-1).clamp_min(1)),
+        geometry=Geometry(torch.tensor(radius, dtype=c.dtype, device=c.device)),
+    )
+
+
+def _image_noise(images: Tensor) -> Tensor:
+    """Standard deviation of noise per pixel, (n, h, w) -> (n, h - 2, w - 2); its mean over a region is meant.
+
+    Mean absolute response of the difference of two Laplacians (J. Immerkaer, Computer Vision and Image Understanding
+    64 (1996) 300, doi:10.1006/cviu.1996.0060), which a smooth image does not excite.
+    """
+    rows = images[:, :-2] - 2 * images[:, 1:-1] + images[:, 2:]
+    both = rows[:, :, :-2] - 2 * rows[:, :, 1:-1] + rows[:, :, 2:]
+    return both.abs() * (math.sqrt(math.pi / 2) / 6)
+
+
+def scale(reference: Reference, k: int) -> Tensor:
+    """Factors (k,) that turn an increment into px: 1 for translations, the radius for rotations."""
+    radius = reference.geometry.radius
+    return torch.cat((torch.ones(2).to(radius), radius.expand(k - 2)))
+
+
+def slopes(gradient: Tensor, q: Tensor, model: Displacement, reference: Reference) -> Tensor:
+    """Change of grey level per px of each unknown: modes . gradient, (n, p, k)."""
+    modes = motion.modes(model, q, reference.points, reference.geometry)
+    return (modes * gradient[..., None]).sum(-2) / scale(reference, q.shape[-1])

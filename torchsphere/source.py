@@ -1,0 +1,53 @@
+"""Images as tensors on the device, whatever they come from: a recording, an array, a tensor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchsphere.inputs import as_images
+from torchsphere.recording import Recording
+
+
+@dataclass(frozen=True)
+class Source:
+    """Images that are read when they are asked for.
+
+    Attributes
+    ----------
+    read : callable
+        ``read(start, stop)`` -> grey levels (stop - start, h, w), NumPy or torch.
+    count : int
+        Number of images.
+    device, dtype
+        Where and in which precision they are handed out.
+    """
+
+    read: Callable[[int, int], Any]
+    count: int
+    device: torch.device
+    dtype: torch.dtype
+
+    @classmethod
+    def open(cls, recording: Any, device: str | torch.device | None, dtype: torch.dtype) -> Source:
+        """Wrap a `Recording`, which is read lazily, or an array (n, h, w); ValueError if no motion can come of it."""
+        if isinstance(recording, Recording):
+            chosen = torch.device(device or "cpu")
+            source = cls(recording.images, len(recording), chosen, dtype)
+        else:
+            images = as_images(recording, "recording")
+            chosen = torch.device(device) if device is not None else images.device
+            source = cls(lambda start, stop: images[start:stop], len(images), chosen, dtype)
+        if chosen.type == "cuda" and not torch.cuda.is_available():
+            raise ValueError("device 'cuda' was asked for, but torch finds no CUDA device here; use device 'cpu'")
+        if source.count < 2:
+            raise ValueError(f"the recording has {source.count} image(s); motion needs two or more")
+        return source
+
+    def images(self, start: int, stop: int) -> Tensor:
+        """Grey levels (stop - start, h, w)."""
+        return torch.as_tensor(self.read(start, stop)).to(self.device, self.dtype)

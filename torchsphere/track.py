@@ -1,0 +1,144 @@
+"""A whole recording, from its images to the ball's motion in px and rad: `track`."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchsphere import circle as circles
+from torchsphere import orientation
+from torchsphere.calibrate import calibrate
+from torchsphere.circle import Circle
+from torchsphere.correlate import Options
+from torchsphere.follow import Follower, Progress
+from torchsphere.inputs import as_mask, check_circle
+from torchsphere.source import Source
+
+
+@dataclass(frozen=True)
+class Track:
+    """Motion of the ball over n frames, px and rad, image and camera frame.
+
+    Attributes
+    ----------
+    position : ndarray
+        Centre in each image (n, 2) as (x, y), px; NaN where it is not known.
+    increment : ndarray
+        Motion (n - 1, 5) from each frame to the next as (dx, dy, wx, wy, wz), px and rad; NaN where not measured.
+    covariance : ndarray
+        Of the increments (n - 1, 5, 5). Successive increments share an image, so that their errors are of opposite
+        sign: the covariance of increment i with i + 1 is about minus half of this.
+    orientation : ndarray
+        Rotation matrices (n, 3, 3) since the first tracked frame; NaN from where a rotation is missing.
+    zncc : ndarray
+        Correlation coefficient (n,) of each frame with the one it was compared with; NaN for the first.
+    iterations : ndarray
+        Gauss-Newton steps (n,).
+    status : ndarray
+        Strings (n,), one of `torchsphere.correlate.STATUSES`; row i speaks of frame i and of the increment that leads
+        to it. A frame found again after a gap is "lost" with a position: no increment leads to it.
+    circle : Circle
+        The outline in the first tracked frame.
+    settings : dict
+        Every setting used.
+    """
+
+    position: NDArray[np.float64]
+    increment: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    orientation: NDArray[np.float64]
+    zncc: NDArray[np.float64]
+    iterations: NDArray[np.int64]
+    status: NDArray[np.str_]
+    circle: Circle
+    settings: dict[str, Any]
+
+
+def track(
+    recording: Any,
+    circle: Any = None,
+    *,
+    ignore: Any = None,
+    device: str | torch.device | None = None,
+    refine: bool = False,
+    progress: Progress | None = None,
+    dtype: torch.dtype = torch.float32,
+    **options: Any,
+) -> Track:
+    """Follow the ball through a recording.
+
+    Parameters
+    ----------
+    recording : Recording or array_like
+        Images (n, h, w), NumPy or torch, or a `Recording`, which is read as it is needed.
+    circle : tuple of float or Circle, optional
+        Outline (x, y, radius) of the ball in the first image, px, taken as it is; by default it is found, in the first
+        image that shows the whole ball, and the images before that one are "lost".
+    ignore : array_like, optional
+        (h, w), True where the images are not to be used.
+    device : str or torch.device, optional
+        Where to compute; by default where the images are, or the CPU.
+    refine : bool
+        Fit a given circle to the image's edges first.
+    progress : callable, optional
+        Called as ``progress(done, total)`` with numbers of frames.
+    dtype : torch.dtype
+        ``torch.float32`` or ``torch.float64``.
+    **options
+        Fields of `torchsphere.correlate.Options`: ``model``, ``roi``, ``pre_blur`` ...
+
+    Returns
+    -------
+    Track
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two images, no ball is found, the circle does not fit the image, or an option is out
+        of its range.
+    """
+    settings = Options(**options)
+    source = Source.open(recording, device, dtype)
+    mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
+    first = _first_circle(source, circle, mask, refine, settings)
+    measured = Follower(source, first, mask, settings, progress).run(source.count)
+    used = dataclasses.asdict(settings) | {
+        "circle_given": circle is not None,
+        "circle_refined": circle is None or refine,
+        "device": str(source.device),
+        "dtype": str(dtype).removeprefix("torch."),
+    }
+    return Track(
+        position=measured.position,
+        increment=measured.increment,
+        covariance=measured.covariance,
+        orientation=orientation.chain(measured.rotation, np.isfinite(measured.position[:, 0])),
+        zncc=measured.zncc,
+        iterations=measured.iterations,
+        status=measured.status,
+        circle=first,
+        settings=used,
+    )
+
+
+def _first_circle(source: Source, given: Any, mask: Tensor | None, refine: bool, options: Options) -> Circle:
+    if given is None:
+        return calibrate(source, circles.find(source.images, source.count, mask), mask, options)
+    circle = given if isinstance(given, Circle) else Circle(*_three_numbers(given))
+    first = source.images(circle.frame, circle.frame + 1)[0]
+    check_circle(torch.tensor([[circle.x, circle.y, circle.radius]]), first.shape)
+    return circles.refine_circle(first, circle) if refine else circle
+
+
+def _three_numbers(given: Any) -> tuple[float, float, float]:
+    try:
+        x, y, radius = (float(v) for v in given)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"circle: expected three numbers (x, y, radius) in px, got {given!r}") from error
+    return x, y, radius
