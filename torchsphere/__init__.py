@@ -2,9 +2,20 @@
 
 from torchsphere.circle import Circle
 from torchsphere.correlate import Correlation, correlate
+from torchsphere.kinematics import Kinematics, kinematics
 from torchsphere.recording import Recording, open_recording
 from torchsphere.track import Track, track
 
 __version__ = "0.1.0"
 
-__all__ = ["Circle", "Correlation", "Recording", "Track", "correlate", "open_recording", "track"]
+__all__ = [
+    "Circle",
+    "Correlation",
+    "Kinematics",
+    "Recording",
+    "Track",
+    "correlate",
+    "kinematics",
+    "open_recording",
+    "track",
+]

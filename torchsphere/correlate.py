@@ -325,7 +325,8 @@ def _conclude(
     good = status == OK
     full_q = torch.zeros(len(q), 5).to(q)
     full_q[:, : q.shape[-1]] = q
-    full = torch.zeros(len(q), 5, 5).to(spread)
+    # What a model does not measure it cannot state an uncertainty of.
+    full = torch.full((len(q), 5, 5), torch.nan).to(spread)
     full[:, : q.shape[-1], : q.shape[-1]] = spread
     return Correlation(
         q=torch.where(good[:, None], full_q, torch.nan),

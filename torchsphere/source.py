@@ -33,7 +33,9 @@ class Source:
     dtype: torch.dtype
 
     @classmethod
-    def open(cls, recording: Any, device: str | torch.device | None, dtype: torch.dtype) -> Source:
+    def open(
+        cls, recording: Any, device: str | torch.device | None = None, dtype: torch.dtype = torch.float32
+    ) -> Source:
         """Wrap a `Recording`, which is read lazily, or an array (n, h, w); ValueError if no motion can come of it."""
         if isinstance(recording, Recording):
             chosen = torch.device(device or "cpu")

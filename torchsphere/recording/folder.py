@@ -72,6 +72,15 @@ def open_folder(path: Path) -> Recording:
     )
 
 
+def read_image(file: Path) -> NDArray[np.float32]:
+    """One TIFF or PNG image (h, w), colour made grey; ValueError or OSError where it is none."""
+    if not file.is_file():
+        raise FileNotFoundError(f"{file}: there is no such file; check the name")
+    is_png = file.suffix.lower() in _PNG
+    page = _png_page(file) if is_png else _tiff_page(file)
+    return np.asarray(_reader((file,), page, is_png)(0, 1)[0], np.float32)
+
+
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
     """Sort digits as numbers: img2 comes before img10."""
     parts = re.findall(r"([0-9]+)|([^0-9]+)", name)

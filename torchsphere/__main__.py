@@ -1,0 +1,8 @@
+"""``python -m torchsphere``: the command line."""
+
+import sys
+
+from torchsphere.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,299 @@
+"""The command line: ``torchsphere demo``, ``info``, ``track``."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+import tempfile
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from tqdm import tqdm
+
+from torchsphere import __version__, demo, motion
+from torchsphere.follow import Progress
+from torchsphere.measure import Measurement, Request, circle_text, measure
+from torchsphere.recording import Recording, open_recording
+from torchsphere.report import figures
+from torchsphere.results import status_counts
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser that reports bad options as every other bad input: one sentence, exit code 2."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"torchsphere: {message}; see '{self.prog} --help'\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; the exit code is 0 only where the result was written."""
+    options = vars(_parser().parse_args(arguments))
+    command = options.pop("command")
+    try:
+        return int(command(options))
+    except (ValueError, OSError) as error:
+        print(f"torchsphere: {_sentence(error)}", file=sys.stderr)
+    except ModuleNotFoundError as error:
+        print(f"torchsphere: the package {error.name!r} is missing; install torchsphere again", file=sys.stderr)
+    except KeyboardInterrupt:
+        print("torchsphere: interrupted; nothing was written", file=sys.stderr)
+        return 130
+    return 1
+
+
+def _sentence(error: Exception) -> str:
+    """The error in one line; the system's own errors lack the words for what to do."""
+    if isinstance(error, OSError) and error.strerror is not None:
+        return f"{error.filename or 'file'}: {error.strerror.lower()}; check the name and the permissions"
+    return " ".join(str(error).split())
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog="torchsphere", description="Motion of a speckled ball from high-speed footage.")
+    parser.add_argument("--version", action="version", version=f"torchsphere {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
+    _add_demo(commands)
+    _add_info(commands)
+    _add_track(commands)
+    return parser
+
+
+def _command(commands: Any, name: str, run: Any, help_text: str, example: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name, help=help_text, description=help_text, epilog=f"example:  {example}", allow_abbrev=False
+    )
+    parser.set_defaults(command=run)
+    return parser
+
+
+def _add_demo(commands: Any) -> None:
+    parser = _command(
+        commands, "demo", _demo, "Track a synthetic shot and compare with its true motion.", "torchsphere demo --out demo"
+    )
+    parser.add_argument("--out", type=Path, default=Path("torchsphere-demo"), help="result folder (%(default)s)")
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier result")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def _add_info(commands: Any) -> None:
+    parser = _command(
+        commands, "info", _info, "Say what a recording is, and find the ball in it.", "torchsphere info shot.cine --preview p.png"
+    )
+    parser.add_argument("input", type=Path, metavar="INPUT", help="file or folder of images")
+    parser.add_argument("--preview", type=Path, metavar="FILE.png", help="draw the circle that is found")
+
+
+def _add_track(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "track",
+        _track,
+        "Measure the motion of the ball in one recording.",
+        "torchsphere track shot.cihx --out result --diameter-mm 30 --mass-g 110",
+    )
+    parser.add_argument("input", type=Path, metavar="INPUT", help="file or folder of images")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="result folder")
+    parser.add_argument("--circle", type=_circle, metavar="X,Y,R", help="outline in the first frame, px (found)")
+    parser.add_argument("--refine", action="store_true", default=None, help="fit the given circle to the image first")
+    parser.add_argument("--frames", type=_frames, metavar="A:B", help="frames A to B - 1 only")
+    parser.add_argument("--fps", type=float, metavar="F", help="frame rate, 1/s (the file's)")
+    scale = parser.add_mutually_exclusive_group()
+    scale.add_argument("--diameter-mm", type=float, metavar="D", help="diameter of the ball")
+    scale.add_argument("--mm-per-px", type=float, metavar="S", help="size of a pixel")
+    parser.add_argument("--mass-g", type=float, metavar="M", help="mass of the ball, for the force")
+    parser.add_argument("--model", metavar="NAME", help=f"motion model: {', '.join(motion.MODELS)} (rigid)")
+    parser.add_argument("--roi", type=float, metavar="FRACTION", help="region of interest, share of the radius (0.95)")
+    parser.add_argument(
+        "--ignore", action="append", metavar="FILE.png|POLYGON", help="region not to be used, as mask or 'x,y x,y x,y'"
+    )
+    parser.add_argument("--device", choices=("cpu", "cuda"), help="where to compute (cpu)")
+    parser.add_argument("--lab-frame", action="store_true", default=None, help="kinematics with y up, z to the camera")
+    parser.add_argument("--config", type=Path, metavar="FILE.toml", help="these options from a file; the line above wins")
+    parser.add_argument("--overwrite", action="store_true", default=None, help="replace an earlier result")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
+
+
+def _circle(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, radius = (float(v) for v in text.split(","))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is not X,Y,R, three numbers in px") from error
+    return x, y, radius
+
+
+def _frames(text: str) -> tuple[int | None, int | None]:
+    try:
+        first, last = (int(v) if v.strip() else None for v in text.split(":"))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is not A:B, two frame numbers") from error
+    return first, last
+
+
+def _configured(path: Path) -> dict[str, Any]:
+    """Options from a TOML file, by the names of the command line."""
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: is no TOML file ({error}); see the README for one") from error
+    known = {f.name for f in dataclasses.fields(Request)} - {"input", "out"}
+    options = {}
+    for key, value in table.items():
+        name = key.replace("-", "_")
+        if name not in known:
+            raise ValueError(f"{path}: unknown option {key!r}; expected one of {', '.join(sorted(known))}")
+        options[name] = _typed(path, name, value)
+    return options
+
+
+def _typed(path: Path, name: str, value: Any) -> Any:
+    """The value as `Request` takes it; ValueError where the file has another kind of value."""
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if name == "circle" and isinstance(value, list):
+        return _circle(",".join(map(str, value)))
+    if name == "frames" and isinstance(value, str):
+        return _frames(value)
+    if name == "ignore" and isinstance(value, (str, list)):
+        return [value] if isinstance(value, str) else [str(v) for v in value]
+    if name in ("fps", "diameter_mm", "mm_per_px", "mass_g", "roi") and number:
+        return float(value)
+    if name in ("model", "device") and isinstance(value, str):
+        return value
+    if name in ("refine", "lab_frame", "overwrite") and isinstance(value, bool):
+        return value
+    raise ValueError(f"{path}: {name} = {value!r} is not what this option takes; see 'torchsphere track --help'")
+
+
+def _progress(quiet: bool) -> tuple[Progress | None, tqdm[NoReturn] | None]:
+    if quiet:
+        return None, None
+    bar: tqdm[NoReturn] = tqdm(unit="frame", file=sys.stderr, leave=False, desc="tracking")
+
+    def report(done: int, total: int) -> None:
+        bar.total = total
+        bar.update(done - bar.n)
+
+    return report, bar
+
+
+def _measured(request: Request, quiet: bool, extra: dict[str, Path] | None = None) -> Measurement:
+    report, bar = _progress(quiet)
+    try:
+        return measure(request, report, extra)
+    finally:
+        if bar is not None:
+            bar.close()
+
+
+def _track(options: dict[str, Any]) -> int:
+    config, quiet = options.pop("config"), options.pop("quiet")
+    given = {name: value for name, value in options.items() if value is not None}
+    from_file = {} if config is None else _from_file(config, given)
+    done = _measured(Request(**(from_file | given)), quiet)
+    if not quiet:
+        _print_result(done, given["out"])
+    return 0
+
+
+def _from_file(config: Path, given: dict[str, Any]) -> dict[str, Any]:
+    try:
+        options = _configured(config)
+    except argparse.ArgumentTypeError as error:
+        raise ValueError(f"{config}: {error}") from error
+    # A scale on the command line takes the place of the other kind of scale in the file.
+    if {"diameter_mm", "mm_per_px"} & given.keys():
+        options = {k: v for k, v in options.items() if k not in ("diameter_mm", "mm_per_px")}
+    return options
+
+
+def _print_result(done: Measurement, out: Path) -> None:
+    tracked = done.track
+    counts = ", ".join(f"{count} {name}" for name, count in status_counts(tracked).items())
+    circle = tracked.circle
+    print(f"{len(tracked.status)} frames: {counts}")
+    print(f"circle  {circle_text(circle)} px in frame {done.first_frame + circle.frame}")
+    for sentence in done.warnings:
+        print(f"note    {sentence}")
+    print(f"result  {out}")
+
+
+def _info(options: dict[str, Any]) -> int:
+    with open_recording(options["input"]) as recording:
+        for name, text in _facts(recording):
+            print(f"{name:<11} {text}")
+        if options["preview"] is not None:
+            _preview(recording, options["preview"])
+    return 0
+
+
+def _facts(recording: Recording) -> list[tuple[str, str]]:
+    def known(value: Any, text: str, key: str) -> str:
+        return "unknown" if value is None else f"{text}  (from {recording.origins.get(key, 'the file')})"
+
+    count, height, width = recording.shape
+    rate, exposure, trigger = recording.frame_rate, recording.exposure_s, recording.trigger_offset_frames
+    facts = [
+        ("recording", str(recording.path)),
+        ("kind", recording.kind),
+        ("frames", str(count)),
+        ("size", f"{width} x {height} px (width x height)"),
+        ("bit depth", known(recording.bit_depth, f"{recording.bit_depth}", "bit_depth")),
+        ("frame rate", known(rate, f"{rate:g} frames/s" if rate else "", "frame_rate")),
+        ("exposure", known(exposure, f"{1e6 * exposure:g} us" if exposure else "", "exposure_s")),
+        ("trigger", known(trigger, f"first frame is number {trigger} from the trigger", "trigger_offset_frames")),
+    ]
+    return facts + [("note", note) for note in recording.notes]
+
+
+def _preview(recording: Recording, path: Path) -> None:
+    from torchsphere.calibrate import calibrate
+    from torchsphere.circle import find
+    from torchsphere.correlate import Options
+    from torchsphere.source import Source
+
+    if path.suffix.lower() != ".png":
+        raise ValueError(f"--preview {path}: expected a name that ends in .png")
+    source = Source.open(recording, "cpu")
+    circle = calibrate(source, find(source.images, source.count), None, Options())
+    text = circle_text(circle)
+    title = f"frame {circle.frame}: --circle {text}"
+    figures.preview_figure(path, recording.images(circle.frame, circle.frame + 1)[0], circle, title)
+    sd = f"sd {circle.sd_x:.2f}, {circle.sd_y:.2f}, {circle.sd_radius:.2f} px"
+    print(f"{'circle':<11} --circle {text}   ({sd}; frame {circle.frame})")
+    print(f"{'preview':<11} {path}")
+
+
+def _demo(options: dict[str, Any]) -> int:
+    shot = demo.make_shot()
+    with tempfile.TemporaryDirectory() as folder:
+        images, truth = demo.write_shot(Path(folder), shot)
+        request = Request(
+            input=images,
+            out=options["out"],
+            fps=demo.FRAME_RATE,
+            diameter_mm=demo.DIAMETER_MM,
+            mass_g=demo.MASS_G,
+            overwrite=options["overwrite"],
+        )
+        done = _measured(request, options["quiet"], {"shot.tif": images, "truth.csv": truth})
+    _print_demo(shot, done, options["out"])
+    return 0
+
+
+def _print_demo(shot: demo.Shot, done: Measurement, out: Path) -> None:
+    tracked = done.track
+    assert done.motion is not None  # the request has frame rate and scale
+    print(f"{len(tracked.status)} frames: {', '.join(f'{n} {name}' for name, n in status_counts(tracked).items())}")
+    print(f"\n{'per frame':<24} {'rms error':>10} {'stated sd':>10}  within 2 sd")
+    for name, unit, rms, sd, within in demo.frame_errors(shot, tracked):
+        print(f"{f'{name} ({unit})':<24} {rms:>10.4f} {sd:>10.4f}  {100 * within:.0f} %")
+    print(f"\n{'quantity':<32} {'true':>10} {'recovered':>10} {'sd':>8}  error / sd")
+    rows = demo.compare(shot, tracked, done.motion)
+    for row in rows:
+        label = f"{row.name} ({row.unit})"
+        print(f"{label:<32} {row.true:>10.3f} {row.measured:>10.3f} {row.sd:>8.3f}  {row.ratio:+.1f}")
+    agree = sum(abs(row.ratio) <= 2 for row in rows)
+    print(f"\n{agree} of {len(rows)} quantities agree with the truth within 2 standard deviations")
+    print(f"result: {out}")

@@ -1,0 +1,67 @@
+"""Regions of the image that are not to be used: from mask images and from polygons."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torchsphere.recording.folder import read_image
+
+
+def read_ignore(texts: Sequence[str], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Union of masks (h, w), True where the image is not to be used.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        Each the name of a PNG image that is not black where the recording is to be ignored, or a polygon as
+        ``x,y x,y x,y``; several polygons in one text are parted by semicolons.
+    shape : tuple of int
+        (h, w) of the recording's images.
+
+    Raises
+    ------
+    ValueError, OSError
+        If a text is neither, or the image has another size.
+    """
+    mask = np.zeros(shape, dtype=bool)
+    for text in texts:
+        if re.search(r"\.(png|tiff?)$", text, re.IGNORECASE):
+            image = read_image(Path(text))
+            if image.shape != tuple(shape):
+                raise ValueError(
+                    f"ignore {text}: has {image.shape[1]} x {image.shape[0]} px, the recording {shape[1]} x {shape[0]} px"
+                )
+            mask |= image > 0
+        else:
+            for part in filter(str.strip, text.split(";")):
+                mask |= inside_polygon(_corners(part), shape)
+    return mask
+
+
+def _corners(text: str) -> NDArray[np.float64]:
+    try:
+        numbers = [float(v) for v in re.split(r"[\s,]+", text.strip()) if v]
+    except ValueError as error:
+        raise ValueError(f"ignore {text!r}: expected a PNG image or a polygon as 'x,y x,y x,y ...' in px") from error
+    if len(numbers) < 6 or len(numbers) % 2 or not all(map(math.isfinite, numbers)):
+        raise ValueError(f"ignore {text!r}: a polygon needs three or more corners 'x,y', all finite numbers in px")
+    return np.array(numbers).reshape(-1, 2)
+
+
+def inside_polygon(corners: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Pixels (h, w) whose centres lie in the polygon of ``corners`` (m, 2) as (x, y): even-odd rule."""
+    height, width = shape
+    x, y = np.arange(width)[None, :], np.arange(height)[:, None]
+    inside = np.zeros(shape, dtype=bool)
+    for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        if y0 == y1:
+            continue
+        crossed = (y0 <= y) != (y1 <= y)
+        inside ^= crossed & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
+    return inside

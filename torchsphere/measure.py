@@ -1,0 +1,263 @@
+"""One recording from its file to its result folder: what ``torchsphere track`` and ``torchsphere demo`` do."""
+
+from __future__ import annotations
+
+import math
+import platform
+import shutil
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import kornia
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from torchsphere import results
+from torchsphere.circle import Circle
+from torchsphere.follow import Progress
+from torchsphere.kinematics import Kinematics, kinematics
+from torchsphere.masks import read_ignore
+from torchsphere.recording import Recording, open_recording
+from torchsphere.report import figures
+from torchsphere.track import Track, track
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """What to measure, and how; the fields are the options of ``torchsphere track``.
+
+    Attributes
+    ----------
+    input, out : Path
+        Recording, and folder for the result.
+    circle : tuple of float, optional
+        Outline (x, y, radius) in the first frame that is tracked, px.
+    refine : bool
+        Fit the given circle to the image first.
+    frames : tuple of int, optional
+        First frame and the one after the last, of the recording.
+    fps : float, optional
+        Frame rate, 1/s; takes the place of the file's.
+    diameter_mm, mm_per_px : float, optional
+        Scale, by the ball or by a pixel; at most one of both.
+    mass_g : float, optional
+        Mass of the ball.
+    model, roi, device
+        As in `torchsphere.track`.
+    ignore : sequence of str
+        Mask images or polygons that are not to be used.
+    lab_frame, overwrite : bool
+    """
+
+    input: Path
+    out: Path
+    circle: tuple[float, float, float] | None = None
+    refine: bool = False
+    frames: tuple[int | None, int | None] = (None, None)
+    fps: float | None = None
+    diameter_mm: float | None = None
+    mm_per_px: float | None = None
+    mass_g: float | None = None
+    model: str = "rigid"
+    roi: float | None = None
+    ignore: Sequence[str] = ()
+    device: str = "cpu"
+    lab_frame: bool = False
+    overwrite: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("fps", "diameter_mm", "mm_per_px", "mass_g"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise ValueError(f"{name} = {value:g}: expected a finite, positive number")
+        if self.diameter_mm is not None and self.mm_per_px is not None:
+            raise ValueError("diameter_mm and mm_per_px were both given; the scale needs one of them, leave one out")
+        if self.mass_g is not None and self.diameter_mm is None and self.mm_per_px is None:
+            raise ValueError("mass_g was given without a scale, so no force can follow; add diameter_mm or mm_per_px")
+        if self.refine and self.circle is None:
+            raise ValueError("refine was asked for without a circle to refine; a circle that is found is refined anyway")
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What was measured of one recording, and where it was written."""
+
+    recording: Recording
+    track: Track
+    motion: Kinematics | None
+    first_frame: int
+    warnings: tuple[str, ...]
+    seconds: float
+    extra_files: Mapping[str, Path] = field(default_factory=dict)
+
+
+def measure(request: Request, progress: Progress | None = None, extra: Mapping[str, Path] | None = None) -> Measurement:
+    """Track the recording and write the result folder; files of ``extra`` (name -> source) are copied into it.
+
+    Raises
+    ------
+    ValueError, OSError
+        With one sentence on what is wrong; then nothing has been written.
+    """
+    results.check_folder(request.out, request.overwrite)
+    if request.device.startswith("cuda") and not torch.cuda.is_available():
+        raise ValueError("--device cuda was asked for, but torch finds no CUDA device here; leave it out to use the CPU")
+    began = time.perf_counter()
+    with open_recording(request.input) as recording:
+        start, stop = _frames(request.frames, len(recording))
+        part = _part(recording, start, stop)
+        options: dict[str, Any] = {"model": request.model}
+        if request.roi is not None:
+            options["roi"] = request.roi
+        ignore = read_ignore(request.ignore, recording.shape[1:]) if request.ignore else None
+        tracked = track(
+            part, request.circle, ignore=ignore, device=request.device, refine=request.refine, progress=progress, **options
+        )
+        frame_rate = request.fps or recording.frame_rate
+        motion = _kinematics(request, tracked, frame_rate, start)
+        warnings = _warnings(request, recording, tracked, frame_rate)
+        done = Measurement(recording, tracked, motion, start, warnings, time.perf_counter() - began, extra or {})
+        _write(request, done, frame_rate)
+    return done
+
+
+def _frames(asked: tuple[int | None, int | None], count: int) -> tuple[int, int]:
+    start, stop = (0 if asked[0] is None else asked[0]), (count if asked[1] is None else asked[1])
+    if not 0 <= start < stop <= count:
+        raise ValueError(f"frames {start}:{stop}: the recording has the frames 0:{count}, and the first must come first")
+    if stop - start < 2:
+        raise ValueError(f"{stop - start} frame: motion needs two or more")
+    return start, stop
+
+
+def _part(recording: Recording, start: int, stop: int) -> Recording:
+    """The frames ``start`` to ``stop`` as a recording of their own."""
+    if (start, stop) == (0, len(recording)):
+        return recording
+    return Recording(
+        path=recording.path,
+        kind=recording.kind,
+        shape=(stop - start, *recording.shape[1:]),
+        bit_depth=recording.bit_depth,
+        _reader=lambda a, b: recording.images(start + a, start + b),
+    )
+
+
+def _kinematics(request: Request, tracked: Track, frame_rate: float | None, start: int) -> Kinematics | None:
+    if frame_rate is None or (request.diameter_mm is None and request.mm_per_px is None):
+        return None
+    return kinematics(
+        tracked,
+        frame_rate=frame_rate,
+        diameter_m=None if request.diameter_mm is None else 1e-3 * request.diameter_mm,
+        m_per_px=None if request.mm_per_px is None else 1e-3 * request.mm_per_px,
+        mass_kg=None if request.mass_g is None else 1e-3 * request.mass_g,
+        lab_frame=request.lab_frame,
+        first_frame=start,
+    )
+
+
+def _warnings(request: Request, recording: Recording, tracked: Track, frame_rate: float | None) -> tuple[str, ...]:
+    """Sentences that a reader of the result has to know."""
+    found = list(recording.notes)
+    n = len(tracked.status)
+    bad = n - int((tracked.status == "ok").sum())
+    if bad:
+        counts = ", ".join(f"{count} {name}" for name, count in results.status_counts(tracked).items())
+        found.append(f"{bad} of {n} frames were not fully measured: {counts}.")
+    if frame_rate is None:
+        found.append("The frame rate is not known, so there are no times and no kinematics; give --fps.")
+    elif recording.frame_rate is not None and request.fps is not None and request.fps != recording.frame_rate:
+        found.append(f"The file states {recording.frame_rate:g} frames/s; {request.fps:g} was given and used.")
+    if request.diameter_mm is None and request.mm_per_px is None:
+        found.append("No scale was given, so there are no kinematics; give --diameter-mm or --mm-per-px.")
+    if math.isnan(tracked.circle.sd_radius):
+        found.append("The circle was given without an uncertainty; what it adds to the results' is not included.")
+    if request.mm_per_px is not None:
+        found.append("The scale was given and taken as exact; its uncertainty is not included.")
+    if request.model == "published":
+        found.append("The published modes are no rigid rotation: they bias translation and rotation; see the README.")
+    if request.model == "translation":
+        found.append("The translation model takes any rotation of the ball for translation.")
+    return tuple(found)
+
+
+def _write(request: Request, done: Measurement, frame_rate: float | None) -> None:
+    with results.whole_folder(request.out, request.overwrite) as folder:
+        results.write_track(folder, done.track, frame_rate, done.first_frame)
+        if done.motion is not None:
+            results.write_kinematics(folder, done.motion)
+        (folder / "figures").mkdir()
+        figures.motion_figure(folder / "figures" / "motion.png", done.track, done.motion, done.first_frame)
+        for name, source in done.extra_files.items():
+            shutil.copyfile(source, folder / name)
+        results.write_summary(folder, _summary(request, done, frame_rate))
+
+
+def _summary(request: Request, done: Measurement, frame_rate: float | None) -> dict[str, Any]:
+    recording, tracked = done.recording, done.track
+    circle = tracked.circle
+    return {
+        "input": {
+            "path": str(request.input),
+            "sha256": results.hash_files(recording.files),
+            "kind": recording.kind,
+            "frames": len(recording),
+            "first_frame": done.first_frame,
+            "last_frame": done.first_frame + len(tracked.status) - 1,
+            "width_px": recording.shape[2],
+            "height_px": recording.shape[1],
+            "bit_depth": recording.bit_depth,
+            "exposure_s": recording.exposure_s,
+            "trigger_offset_frames": recording.trigger_offset_frames,
+            "origins": dict(recording.origins),
+        },
+        "frame_rate": frame_rate,
+        "frame_rate_origin": "given" if request.fps is not None else recording.origins.get("frame_rate"),
+        "circle": {**vars(circle), "frame": done.first_frame + circle.frame, "unit": "px"},
+        "scale": None if done.motion is None else vars(done.motion.scale),
+        "frames_per_status": results.status_counts(tracked),
+        "mean_motion": _means(tracked, done.motion),
+        "axes": "lab frame: x right, y up, z to the camera" if request.lab_frame else "camera frame: x right, y down",
+        "settings": tracked.settings | {k: v for k, v in vars(request).items() if k not in ("input", "out")},
+        "differentiation": "central differences",
+        "warnings": list(done.warnings),
+        "seconds": round(done.seconds, 3),
+        "versions": versions(),
+    }
+
+
+def _means(tracked: Track, motion: Kinematics | None) -> dict[str, Any]:
+    """Mean increment per frame, and mean velocity and spin where they are known."""
+
+    def mean(values: NDArray[np.float64]) -> list[float]:
+        known = np.isfinite(values)
+        count = known.sum(0)
+        return list(np.where(known, values, 0.0).sum(0) / np.where(count > 0, count, np.nan))
+
+    means: dict[str, Any] = {"increment_px_rad": mean(tracked.increment)}
+    if motion is not None:
+        means |= {"velocity_m_s": mean(motion.velocity_m_s), "spin_rad_s": mean(motion.spin_rad_s)}
+    return means
+
+
+def versions() -> dict[str, str]:
+    """Versions of what computed the result."""
+    from torchsphere import __version__
+
+    return {
+        "torchsphere": __version__,
+        "torch": torch.__version__,
+        "kornia": kornia.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
+
+
+def circle_text(circle: Circle) -> str:
+    """The circle as ``--circle`` takes it."""
+    return f"{circle.x:.2f},{circle.y:.2f},{circle.radius:.2f}"
