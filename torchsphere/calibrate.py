@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere import crop, outline
@@ -36,7 +37,7 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
     A plain ball, or one that cannot be followed, keeps its circle.
     """
     stop = min(found.frame + FRAMES, source.count)
-    followed = Follower(source, found, ignore, options, None).run(stop)
+    followed = Follower(source, found, ignore, options).run(stop)
     frames = np.flatnonzero(followed.status[:stop] == "ok")
     if len(frames) < 3:
         return found
@@ -46,13 +47,14 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
         # Two independent values of the radius: the outline's and the correlation's.
         share = sd**2 / (sd**2 + sd_correction**2)
         radius = found.radius + share * (radius + correction - found.radius)
-        followed = Follower(source, dataclasses.replace(found, radius=radius), ignore, options, None).run(stop)
+        followed = Follower(source, dataclasses.replace(found, radius=radius), ignore, options).run(stop)
         frames = np.flatnonzero(followed.status[:stop] == "ok")
-    return _recentred(source, found, followed, frames, radius, math.sqrt(share) * sd_correction)
+    sd_radius = math.sqrt(share) * sd_correction
+    return _recentred(source, dataclasses.replace(found, radius=radius, sd_radius=sd_radius), followed, frames, ignore)
 
 
 def _radius_correction(
-    source: Source, followed: Follower, frames: np.ndarray, radius: float, ignore: Tensor | None, options: Options
+    source: Source, followed: Follower, frames: NDArray[np.int64], radius: float, ignore: Tensor | None, options: Options
 ) -> tuple[float, float]:
     """Correction of the radius by the residuals of successive frames, and its standard deviation, px."""
     scores, informations = [], []
@@ -77,19 +79,20 @@ def _radius_correction(
 
 
 def _recentred(
-    source: Source, found: Circle, followed: Follower, frames: np.ndarray, radius: float, sd_radius: float
+    source: Source, found: Circle, followed: Follower, frames: NDArray[np.int64], ignore: Tensor | None
 ) -> Circle:
     """The circle with the centre that the outlines of several frames agree on, along the path that was followed."""
     chosen = frames[np.unique(np.linspace(0, len(frames) - 1, OUTLINES).round().astype(int))]
     images = torch.cat([source.images(int(i), int(i) + 1) for i in chosen])
     path = torch.from_numpy(followed.position[chosen])
-    guesses = torch.cat((path, torch.full((len(path), 1), radius, dtype=torch.float64)), -1)
-    fit = outline.refine(images, guesses, window=outline.STEP_BLUR_PX, fixed_radius=True)
+    guesses = torch.cat((path, torch.full((len(path), 1), found.radius, dtype=torch.float64)), -1)
+    fit = outline.refine(images, guesses, ignore=ignore, window=outline.STEP_BLUR_PX, fixed_radius=True)
     good = fit.support >= MIN_SUPPORT
     if int(good.sum()) < 3:
-        return dataclasses.replace(found, radius=radius, sd_radius=sd_radius)
+        return found
     offset = (fit.circle[:, :2] - path)[good]
     centre = torch.tensor([found.x, found.y], dtype=torch.float64) + offset.median(0).values
     # The same limb shows in neighbouring frames, so that their number does not count as a number of measurements.
     sd_x, sd_y = (offset.std(0).square() + (SYSTEMATIC_PX / 2) ** 2).sqrt().tolist()
-    return Circle(float(centre[0]), float(centre[1]), radius, sd_x, sd_y, sd_radius, found.frame)
+    x, y = centre.tolist()
+    return dataclasses.replace(found, x=x, y=y, sd_x=sd_x, sd_y=sd_y)

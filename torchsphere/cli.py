@@ -110,6 +110,7 @@ def _add_track(commands: Any) -> None:
         "--ignore", action="append", metavar="FILE.png|POLYGON", help="region not to be used, as mask or 'x,y x,y x,y'"
     )
     parser.add_argument("--device", choices=("cpu", "cuda"), help="where to compute (cpu)")
+    parser.add_argument("--in-place", action="store_true", default=None, help="the ball turns without leaving its place")
     parser.add_argument("--lab-frame", action="store_true", default=None, help="kinematics with y up, z to the camera")
     parser.add_argument("--config", type=Path, metavar="FILE.toml", help="these options from a file; the line above wins")
     parser.add_argument("--overwrite", action="store_true", default=None, help="replace an earlier result")
@@ -161,7 +162,7 @@ def _typed(path: Path, name: str, value: Any) -> Any:
         return float(value)
     if name in ("model", "device") and isinstance(value, str):
         return value
-    if name in ("refine", "lab_frame", "overwrite") and isinstance(value, bool):
+    if name in ("refine", "in_place", "lab_frame", "overwrite") and isinstance(value, bool):
         return value
     raise ValueError(f"{path}: {name} = {value!r} is not what this option takes; see 'torchsphere track --help'")
 

@@ -36,6 +36,11 @@ class Crops:
         usable = None if self.usable is None else self.usable[start:stop]
         return Crops(self.images[start:stop], usable, self.origin[start:stop])
 
+    def take(self, rows: Tensor) -> Crops:
+        """Crops of the given row numbers (m,)."""
+        usable = None if self.usable is None else self.usable[rows]
+        return Crops(self.images[rows], usable, self.origin[rows.cpu()])
+
 
 def half_size(radius: float, margin: float) -> int:
     """Half the side of a crop that holds the ball and ``margin`` px around it."""

@@ -19,6 +19,7 @@ from torchsphere import crop, interpolate, locate, outline
 from torchsphere.circle import MIN_SUPPORT, Circle
 from torchsphere.correlate import STATUSES, Correlation, Options, correlate_pairs, margin, solve
 from torchsphere.source import Source
+from torchsphere.symmetric import both_ways
 
 #: Pairs correlated at once. A batch that leaves the processor's cache is slower, not faster.
 BATCH = 16
@@ -49,13 +50,23 @@ class Follower:
     ----------
     position, increment, covariance, zncc, iterations, status
         As in `torchsphere.track.Track`.
+    in_place : bool
+        The ball turns where it is: its region stays on the circle, whatever the increments add up to.
     rotation : ndarray
         Rotation vector (n, 3) of each frame since the frame in which the ball was seen before, rad.
     """
 
     def __init__(
-        self, source: Source, first: Circle, ignore: Tensor | None, options: Options, progress: Progress | None
+        self,
+        source: Source,
+        first: Circle,
+        ignore: Tensor | None,
+        options: Options,
+        *,
+        progress: Progress | None = None,
+        in_place: bool = False,
     ) -> None:
+        self.in_place = in_place
         self.source, self.ignore, self.options, self.progress = source, ignore, options, progress
         self.radius = first.radius
         n = source.count
@@ -68,7 +79,7 @@ class Follower:
         self.status: NDArray[np.str_] = np.full(n, "lost", dtype=f"<U{max(map(len, STATUSES))}")
         self.position[first.frame] = first.x, first.y
         self.status[first.frame] = "ok"
-        self._last = first.frame
+        self._first = self._last = first.frame
         self._image = source.images(first.frame, first.frame + 1)
         self._expected = torch.zeros(5, dtype=torch.float64)
         outline_circle = torch.tensor([first.x, first.y, first.radius], dtype=torch.float64)
@@ -98,7 +109,8 @@ class Follower:
         start = self._last + 1
         images = torch.cat((self._image, self.source.images(start, start + count)))
         steps = torch.arange(count + 1, dtype=torch.float64)[:, None]
-        predicted = torch.from_numpy(self.position[self._last]) + steps * self._expected[:2]
+        moving = torch.zeros(2, dtype=torch.float64) if self.in_place else self._expected[:2]
+        predicted = torch.from_numpy(self.position[self._last]) + steps * moving
         found = self._correlate(images, predicted, self._expected.expand(count, 5))
         actual = self._positions(found)
         off = (actual[:-1] - predicted[:-1]).norm(dim=-1)
@@ -119,11 +131,14 @@ class Follower:
         c = interpolate.coefficients(crops.images, self.options.pre_blur)
         m = len(start)
         f, g = crops.rows(0, m), crops.rows(1, m + 1)
-        return solve(f, c[:-1], g, c[1:], centres[:-1], self.radius, start.to(c), self.options)
+        found = solve(f, c[:-1], g, c[1:], centres[:-1], self.radius, start.to(c), self.options)
+        return both_ways((f, g), (c[:-1], c[1:]), (centres[:-1], centres[1:]), self.radius, found, self.options)
 
     def _positions(self, found: Correlation) -> Tensor:
         """Positions (m + 1, 2) that the increments add up to, from the last known one."""
         steps = torch.cat((torch.zeros(1, 2, dtype=torch.float64), found.q[:, :2].double().cpu()))
+        if self.in_place:
+            steps = torch.where(steps.isfinite(), 0.0, steps)
         return torch.from_numpy(self.position[self._last]) + steps.cumsum(0)
 
     def _keep(self, found: Correlation, count: int, image: Tensor) -> None:
@@ -148,7 +163,7 @@ class Follower:
         target = self.source.images(at, at + 1)
         here = torch.from_numpy(self.position[self._last])
         pair = torch.cat((self._image, target))
-        seen = locate.best_match(pair[0], pair[1], here, self.radius, self.ignore)
+        seen = here if self.in_place else locate.best_match(pair[0], pair[1], here, self.radius, self.ignore)
         found = self._from_several_starts(pair, here, seen, at - self._last)
         status = str(found.status[0])
         self.status[at], self.zncc[at], self.iterations[at] = status, float(found.zncc[0]), int(found.iterations[0])
@@ -184,7 +199,7 @@ class Follower:
 
     def _found_again(self, at: int, position: Tensor, image: Tensor, found: Correlation) -> None:
         """Go on after a gap: position and orientation are known again, the increment that leads here is not."""
-        self.position[at] = position.numpy()
+        self.position[at] = self.position[self._last] if self.in_place else position.numpy()
         self.rotation[at] = found.q[0, 2:].double().cpu().numpy()
         self.status[at] = "lost"
         self._go_on_from(at, image, found.q[0].double().cpu().numpy() / (at - self._last))
@@ -192,7 +207,9 @@ class Follower:
     def _by_outline(self, at: int, pair: Tensor, here: Tensor, seen: Tensor) -> None:
         """Translation of a ball whose texture cannot carry the modes, from the outlines of both images."""
         guesses = torch.cat((torch.stack((here, seen)), torch.full((2, 1), self.radius)), -1)
-        fit = outline.refine(pair, guesses, window=max(2.0, 0.06 * self.radius), fixed_radius=True, plain=self._plain)
+        fit = outline.refine(
+            pair, guesses, ignore=self.ignore, window=max(2.0, 0.06 * self.radius), fixed_radius=True, plain=self._plain
+        )
         there = (fit.support >= MIN_SUPPORT).all() and fit.contrast[1] > MIN_CONTRAST * fit.contrast[0]
         if not bool(there):
             self.status[at] = "lost"
@@ -204,8 +221,10 @@ class Follower:
         if consecutive:
             self.increment[at - 1] = increment
             self.covariance[at - 1, :2, :2] = covariance.numpy()
-        self.position[at] = (here + step).numpy()
+        self.position[at] = (here if self.in_place else here + step).numpy()
         self.status[at] = "weak_texture" if consecutive else "lost"
+        if self._last == self._first:
+            self.status[self._first] = "weak_texture"
         self._go_on_from(at, pair[1:], increment / (at - self._last))
 
     def _in_frame(self, centre: Tensor) -> float:

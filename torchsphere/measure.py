@@ -50,7 +50,8 @@ class Request:
         As in `torchsphere.track`.
     ignore : sequence of str
         Mask images or polygons that are not to be used.
-    lab_frame, overwrite : bool
+    in_place, lab_frame, overwrite : bool
+        As the command line's options of these names.
     """
 
     input: Path
@@ -66,6 +67,7 @@ class Request:
     roi: float | None = None
     ignore: Sequence[str] = ()
     device: str = "cpu"
+    in_place: bool = False
     lab_frame: bool = False
     overwrite: bool = False
 
@@ -115,7 +117,14 @@ def measure(request: Request, progress: Progress | None = None, extra: Mapping[s
             options["roi"] = request.roi
         ignore = read_ignore(request.ignore, recording.shape[1:]) if request.ignore else None
         tracked = track(
-            part, request.circle, ignore=ignore, device=request.device, refine=request.refine, progress=progress, **options
+            part,
+            request.circle,
+            ignore=ignore,
+            device=request.device,
+            refine=request.refine,
+            in_place=request.in_place,
+            progress=progress,
+            **options,
         )
         frame_rate = request.fps or recording.frame_rate
         motion = _kinematics(request, tracked, frame_rate, start)

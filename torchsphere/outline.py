@@ -66,7 +66,9 @@ def ray_angles(radius: float) -> Tensor:
     return torch.arange(count, dtype=torch.float64) * (2 * math.pi / count)
 
 
-def polar(images: Tensor, circles: Tensor, radii: Tensor, angles: Tensor) -> tuple[Tensor, Tensor]:
+def polar(
+    images: Tensor, circles: Tensor, radii: Tensor, angles: Tensor, ignore: Tensor | None = None
+) -> tuple[Tensor, Tensor]:
     """Grey levels along rays from the centres.
 
     Parameters
@@ -79,24 +81,32 @@ def polar(images: Tensor, circles: Tensor, radii: Tensor, angles: Tensor) -> tup
         Distances (n, m) from the centre, px.
     angles : Tensor
         Angles (a,) of the rays, rad, from x towards y.
+    ignore : Tensor, optional
+        (h, w), True where the images are not to be used.
 
     Returns
     -------
     levels : Tensor
         (n, a, m), of the image blurred by `PRE_BLUR_PX`.
     inside : Tensor
-        (n, a, m), True where the place lies in the image, away from its border.
+        (n, a, m), True where the place lies in the image, away from its border and from the ignored region.
     """
     height, width = images.shape[-2:]
     direction = torch.stack((angles.cos(), angles.sin()), -1)
     half = math.ceil(float(radii.max())) + 4
-    crops = crop.cut(images, circles[:, :2], half)
+    crops = crop.cut(images, circles[:, :2], half, ignore)
     c = interpolate.coefficients(crops.images, PRE_BLUR_PX)
     places = radii[:, None, :, None] * direction[:, None, :] + circles[:, None, None, :2]
     limits = torch.tensor([width, height], dtype=torch.float64) - 1
     inside = ((places >= 2) & (places <= limits - 2)).all(-1)
-    levels = interpolate.sample(c, (places - crops.origin[:, None, None]).flatten(1, 2).to(c))
-    return levels.unflatten(1, inside.shape[1:]), inside.to(images.device)
+    points = (places - crops.origin[:, None, None]).flatten(1, 2)
+    levels = interpolate.sample(c, points.to(c)).unflatten(1, inside.shape[1:])
+    inside = inside.to(images.device)
+    if crops.usable is not None:
+        column, row = points.round().long().to(images.device).unbind(-1)
+        rows = torch.arange(len(images), device=images.device)[:, None]
+        inside = inside & crops.usable[rows, row, column].unflatten(1, inside.shape[1:])
+    return levels, inside
 
 
 def step_shifts(levels: Tensor, steps: Tensor, step_blur: float) -> tuple[Tensor, Tensor]:
@@ -131,6 +141,7 @@ def refine(
     images: Tensor,
     circles: Tensor,
     *,
+    ignore: Tensor | None = None,
     window: float = 3.0,
     rounds: int = 6,
     fixed_radius: bool = False,
@@ -144,6 +155,8 @@ def refine(
         Grey levels (n, h, w).
     circles : Tensor
         First guesses (n, 3) as (x, y, radius), px.
+    ignore : Tensor, optional
+        (h, w), True where the images are not to be used.
     window : float
         How far the edge may lie from the guess, px: the blur of the step model in the first round.
     rounds : int
@@ -172,7 +185,7 @@ def refine(
             first, last = -PLAIN_INWARDS * float(fitted[0, 2].nan_to_num(1.0)), PLAIN_OUTWARDS
         steps = torch.arange(first, last + 0.125, 0.25, dtype=torch.float64)
         radii = (fitted[:, 2:] + steps).clamp_min(0.5)
-        levels, inside = polar(images, fitted, radii, angles)
+        levels, inside = polar(images, fitted, radii, angles, ignore)
         shift, height = light_shifts(levels, steps) if by_light else step_shifts(levels, steps, step_blur)
         known = inside.all(-1).cpu()
         shift, height = shift.double().cpu(), height.double().cpu()

@@ -67,6 +67,7 @@ def track(
     ignore: Any = None,
     device: str | torch.device | None = None,
     refine: bool = False,
+    in_place: bool = False,
     progress: Progress | None = None,
     dtype: torch.dtype = torch.float32,
     **options: Any,
@@ -86,6 +87,10 @@ def track(
         Where to compute; by default where the images are, or the CPU.
     refine : bool
         Fit a given circle to the image's edges first.
+    in_place : bool
+        The ball turns without leaving its place (in a bearing, on an air cushion): the region stays on the circle, and
+        so do the positions; the increments are still measured. Without it, the errors of fast rotations add up to a
+        drift of the region.
     progress : callable, optional
         Called as ``progress(done, total)`` with numbers of frames.
     dtype : torch.dtype
@@ -107,10 +112,11 @@ def track(
     source = Source.open(recording, device, dtype)
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
     first = _first_circle(source, circle, mask, refine, settings)
-    measured = Follower(source, first, mask, settings, progress).run(source.count)
+    measured = Follower(source, first, mask, settings, progress=progress, in_place=in_place).run(source.count)
     used = dataclasses.asdict(settings) | {
         "circle_given": circle is not None,
         "circle_refined": circle is None or refine,
+        "in_place": in_place,
         "device": str(source.device),
         "dtype": str(dtype).removeprefix("torch."),
     }

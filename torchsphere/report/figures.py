@@ -45,7 +45,7 @@ def motion_figure(path: Path, track: Track, motion: Kinematics | None, first_fra
     for axis in axes:
         _mark_failures(axis, track, motion, first_frame)
         axis.grid(alpha=0.3)
-        axis.legend(loc="upper right", fontsize=8, ncols=3)
+        axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize=8, ncols=4, frameon=False, borderaxespad=0.1)
     figure.savefig(path)
 
 
@@ -59,7 +59,7 @@ def _in_si(axes: NDArray[Any], motion: Kinematics) -> None:
     for axis, label in zip(axes, ("position (mm)", "velocity (m/s)", "spin (rad/s)"), strict=True):
         axis.set_ylabel(label)
     axes[2].set_xlabel("time (ms)")
-    axes[0].set_title(f"Motion of the ball, {'lab' if motion.lab_frame else 'camera'} frame; bands: 2 sd", fontsize=10)
+    axes[0].set_title(f"Motion of the ball, {'lab' if motion.lab_frame else 'camera'} frame; bands: 2 sd", fontsize=10, loc="left")
 
 
 def _in_px(axes: NDArray[Any], track: Track, first_frame: int) -> None:
@@ -74,7 +74,7 @@ def _in_px(axes: NDArray[Any], track: Track, first_frame: int) -> None:
     for axis, label in zip(axes, ("position (px)", "step (px per frame)", "rotation (deg per frame)"), strict=True):
         axis.set_ylabel(label)
     axes[2].set_xlabel("frame")
-    axes[0].set_title("Motion of the ball, camera frame; bands: 2 sd", fontsize=10)
+    axes[0].set_title("Motion of the ball, camera frame; bands: 2 sd", fontsize=10, loc="left")
 
 
 def _bands(axis: Axes, x: NDArray[Any], values: NDArray[Any], sd: NDArray[Any], names: tuple[str, ...]) -> None:
