@@ -20,7 +20,7 @@ setup: $(VENV)/installed-test  ## make .venv with all that the checks and the te
 
 demo: $(VENV)/installed-demo  ## track a synthetic shot and write the whole result folder
 	$(BIN)/torchsphere demo --out $(DEMO_OUT) --overwrite
-	@echo "The result is in $(DEMO_OUT)/: open $(DEMO_OUT)/report.html, or read track.csv and summary.json."
+	@echo "The result is in $(DEMO_OUT)/: open $(DEMO_OUT)/figures/motion.png, or read track.csv, kinematics.csv and summary.json."
 
 test: $(VENV)/installed-test  ## ruff, mypy and all tests
 	$(BIN)/ruff check .

@@ -3,6 +3,11 @@
 from pathlib import Path
 
 import pytest
+import torch
+from shots import ExampleTrack, example_track
+
+# Two processes whose torch threads share two cores wait for each other and take forty times as long.
+torch.set_num_threads(1)
 
 
 @pytest.fixture
@@ -12,3 +17,9 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("the sample recordings (../shared/data) are not here")
     return folder
+
+
+@pytest.fixture(scope="session")
+def example() -> ExampleTrack:
+    """Give the example shot of 60 frames, tracked once without a circle."""
+    return example_track()

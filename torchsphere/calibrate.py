@@ -54,7 +54,12 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
 
 
 def _radius_correction(
-    source: Source, followed: Follower, frames: NDArray[np.int64], radius: float, ignore: Tensor | None, options: Options
+    source: Source,
+    followed: Follower,
+    frames: NDArray[np.int64],
+    radius: float,
+    ignore: Tensor | None,
+    options: Options,
 ) -> tuple[float, float]:
     """Correction of the radius by the residuals of successive frames, and its standard deviation, px."""
     scores, informations = [], []

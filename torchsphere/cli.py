@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import sys
 import tempfile
@@ -14,7 +15,6 @@ from typing import Any, NoReturn
 from tqdm import tqdm
 
 from torchsphere import __version__, demo, motion
-from torchsphere.follow import Progress
 from torchsphere.measure import Measurement, Request, circle_text, measure
 from torchsphere.recording import Recording, open_recording
 from torchsphere.report import figures
@@ -71,7 +71,11 @@ def _command(commands: Any, name: str, run: Any, help_text: str, example: str) -
 
 def _add_demo(commands: Any) -> None:
     parser = _command(
-        commands, "demo", _demo, "Track a synthetic shot and compare with its true motion.", "torchsphere demo --out demo"
+        commands,
+        "demo",
+        _demo,
+        "Track a synthetic shot and compare with its true motion.",
+        "torchsphere demo --out demo",
     )
     parser.add_argument("--out", type=Path, default=Path("torchsphere-demo"), help="result folder (%(default)s)")
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier result")
@@ -80,7 +84,11 @@ def _add_demo(commands: Any) -> None:
 
 def _add_info(commands: Any) -> None:
     parser = _command(
-        commands, "info", _info, "Say what a recording is, and find the ball in it.", "torchsphere info shot.cine --preview p.png"
+        commands,
+        "info",
+        _info,
+        "Say what a recording is, and find the ball in it.",
+        "torchsphere info shot.cine --preview p.png",
     )
     parser.add_argument("input", type=Path, metavar="INPUT", help="file or folder of images")
     parser.add_argument("--preview", type=Path, metavar="FILE.png", help="draw the circle that is found")
@@ -110,9 +118,13 @@ def _add_track(commands: Any) -> None:
         "--ignore", action="append", metavar="FILE.png|POLYGON", help="region not to be used, as mask or 'x,y x,y x,y'"
     )
     parser.add_argument("--device", choices=("cpu", "cuda"), help="where to compute (cpu)")
-    parser.add_argument("--in-place", action="store_true", default=None, help="the ball turns without leaving its place")
+    parser.add_argument(
+        "--in-place", action="store_true", default=None, help="the ball turns without leaving its place"
+    )
     parser.add_argument("--lab-frame", action="store_true", default=None, help="kinematics with y up, z to the camera")
-    parser.add_argument("--config", type=Path, metavar="FILE.toml", help="these options from a file; the line above wins")
+    parser.add_argument(
+        "--config", type=Path, metavar="FILE.toml", help="these options from a file; the line above wins"
+    )
     parser.add_argument("--overwrite", action="store_true", default=None, help="replace an earlier result")
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
 
@@ -167,25 +179,27 @@ def _typed(path: Path, name: str, value: Any) -> Any:
     raise ValueError(f"{path}: {name} = {value!r} is not what this option takes; see 'torchsphere track --help'")
 
 
-def _progress(quiet: bool) -> tuple[Progress | None, tqdm[NoReturn] | None]:
-    if quiet:
-        return None, None
-    bar: tqdm[NoReturn] = tqdm(unit="frame", file=sys.stderr, leave=False, desc="tracking")
+class _Bar:
+    """A progress bar on stderr that appears with the first progress, so that a refusal stands alone."""
 
-    def report(done: int, total: int) -> None:
-        bar.total = total
-        bar.update(done - bar.n)
+    def __init__(self) -> None:
+        self._bar: tqdm[NoReturn] | None = None
 
-    return report, bar
+    def __call__(self, done: int, total: int) -> None:
+        if self._bar is None:
+            self._bar = tqdm(total=total, unit="frame", file=sys.stderr, leave=False, desc="tracking")
+        self._bar.update(done - self._bar.n)
+
+    def close(self) -> None:
+        if self._bar is not None:
+            self._bar.close()
 
 
 def _measured(request: Request, quiet: bool, extra: dict[str, Path] | None = None) -> Measurement:
-    report, bar = _progress(quiet)
-    try:
-        return measure(request, report, extra)
-    finally:
-        if bar is not None:
-            bar.close()
+    if quiet:
+        return measure(request, None, extra)
+    with contextlib.closing(_Bar()) as bar:
+        return measure(request, bar, extra)
 
 
 def _track(options: dict[str, Any]) -> int:

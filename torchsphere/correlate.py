@@ -270,9 +270,7 @@ def _operator(
     return jacobian, criterion.cholesky(criterion.operator(jacobian, weights))
 
 
-def warp(
-    reference: Reference, c_g: Tensor, shift: Tensor, q: Tensor, model: Displacement
-) -> tuple[Tensor, Tensor]:
+def warp(reference: Reference, c_g: Tensor, shift: Tensor, q: Tensor, model: Displacement) -> tuple[Tensor, Tensor]:
     """The deformed image (n, p) at the displaced points, and the weights of the points that are still in sight."""
     points = reference.points + motion.displacement(model, q, reference.points, reference.geometry) + shift[:, None]
     last = c_g.shape[-1] - 1

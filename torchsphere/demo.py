@@ -120,7 +120,9 @@ def compare(shot: Shot, track: Track, motion: Kinematics) -> list[Comparison]:
             rows.append(Comparison(f"velocity {axis} {flight}", "m/s", true, value, sd))
         for k, axis in enumerate("xyz"):
             value, sd = _mean(motion.spin_rad_s[part, k], motion.sd_spin_rad_s[part, k])
-            rows.append(Comparison(f"spin {axis} {flight}", "rad/s", shot.increment[part.start, 2 + k] * FRAME_RATE, value, sd))
+            rows.append(
+                Comparison(f"spin {axis} {flight}", "rad/s", shot.increment[part.start, 2 + k] * FRAME_RATE, value, sd)
+            )
     if motion.force_N is not None and motion.sd_force_N is not None:
         acceleration = np.diff(shot.increment[:, 0]) * to_m * FRAME_RATE**2
         at = int(np.abs(acceleration).argmax()) + 1

@@ -173,7 +173,10 @@ class Follower:
             self._found_again(at, here + found.q[0, :2].double().cpu(), target, found)
         elif status == "weak_texture":
             self._by_outline(at, pair, here, seen)
-        if np.isnan(self.position[at, 0]) and self._in_frame(here + self._expected[:2] * (at - self._last)) < MIN_IN_FRAME:
+        if (
+            np.isnan(self.position[at, 0])
+            and self._in_frame(here + self._expected[:2] * (at - self._last)) < MIN_IN_FRAME
+        ):
             self.status[at] = "out_of_frame"
 
     def _from_several_starts(self, pair: Tensor, here: Tensor, seen: Tensor, gap: int) -> Correlation:

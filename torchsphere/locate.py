@@ -38,7 +38,10 @@ def best_match(f: Tensor, g: Tensor, centre: Tensor, radius: float, ignore: Tens
     # Pixel i of the small image is the mean of the pixels from i factor on.
     place = (centre.to("cpu", torch.float64) + 0.5) / factor - 0.5
     middle = place.round().long()
-    x, y = (min(max(int(v), 0), size - 1) for v, size in zip(middle, (f.shape[1] // factor, f.shape[0] // factor), strict=True))
+    x, y = (
+        min(max(int(v), 0), size - 1)
+        for v, size in zip(middle, (f.shape[1] // factor, f.shape[0] // factor), strict=True)
+    )
     template = small_f[y : y + 2 * reach + 1, x : x + 2 * reach + 1]
     steps = torch.arange(-reach, reach + 1).to(template)
     weights = ((steps[:, None] ** 2 + steps[None] ** 2) <= (TEMPLATE * small_radius) ** 2).to(template)

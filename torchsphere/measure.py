@@ -81,7 +81,9 @@ class Request:
         if self.mass_g is not None and self.diameter_mm is None and self.mm_per_px is None:
             raise ValueError("mass_g was given without a scale, so no force can follow; add diameter_mm or mm_per_px")
         if self.refine and self.circle is None:
-            raise ValueError("refine was asked for without a circle to refine; a circle that is found is refined anyway")
+            raise ValueError(
+                "refine was asked for without a circle to refine; a circle that is found is refined anyway"
+            )
 
 
 @dataclass(frozen=True)
@@ -107,7 +109,9 @@ def measure(request: Request, progress: Progress | None = None, extra: Mapping[s
     """
     results.check_folder(request.out, request.overwrite)
     if request.device.startswith("cuda") and not torch.cuda.is_available():
-        raise ValueError("--device cuda was asked for, but torch finds no CUDA device here; leave it out to use the CPU")
+        raise ValueError(
+            "--device cuda was asked for, but torch finds no CUDA device here; leave it out to use the CPU"
+        )
     began = time.perf_counter()
     with open_recording(request.input) as recording:
         start, stop = _frames(request.frames, len(recording))
@@ -137,7 +141,9 @@ def measure(request: Request, progress: Progress | None = None, extra: Mapping[s
 def _frames(asked: tuple[int | None, int | None], count: int) -> tuple[int, int]:
     start, stop = (0 if asked[0] is None else asked[0]), (count if asked[1] is None else asked[1])
     if not 0 <= start < stop <= count:
-        raise ValueError(f"frames {start}:{stop}: the recording has the frames 0:{count}, and the first must come first")
+        raise ValueError(
+            f"frames {start}:{stop}: the recording has the frames 0:{count}, and the first must come first"
+        )
     if stop - start < 2:
         raise ValueError(f"{stop - start} frame: motion needs two or more")
     return start, stop

@@ -102,7 +102,9 @@ def write_track(folder: Path, track: Track, frame_rate: float | None, first_fram
     texts = {name: list(_numbers(column)) for name, column in columns.items()} | {"time_s": times}
     _write_csv(folder / "track.csv", texts)
     covariance = np.concatenate((np.full((1, 25), np.nan), track.covariance.reshape(-1, 25)))
-    table = {name: pa.array(column.tolist() if column.dtype.kind == "U" else column) for name, column in columns.items()}
+    table = {
+        name: pa.array(column.tolist() if column.dtype.kind == "U" else column) for name, column in columns.items()
+    }
     table["covariance"] = pa.FixedSizeListArray.from_arrays(pa.array(covariance.ravel()), 25)
     pq.write_table(pa.table(table), folder / "track.parquet", compression="zstd")
 

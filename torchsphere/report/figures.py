@@ -59,7 +59,9 @@ def _in_si(axes: NDArray[Any], motion: Kinematics) -> None:
     for axis, label in zip(axes, ("position (mm)", "velocity (m/s)", "spin (rad/s)"), strict=True):
         axis.set_ylabel(label)
     axes[2].set_xlabel("time (ms)")
-    axes[0].set_title(f"Motion of the ball, {'lab' if motion.lab_frame else 'camera'} frame; bands: 2 sd", fontsize=10, loc="left")
+    axes[0].set_title(
+        f"Motion of the ball, {'lab' if motion.lab_frame else 'camera'} frame; bands: 2 sd", fontsize=10, loc="left"
+    )
 
 
 def _in_px(axes: NDArray[Any], track: Track, first_frame: int) -> None:

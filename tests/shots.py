@@ -1,0 +1,154 @@
+"""Synthetic shots whose truth is known: a ball with a pattern, poses, noise and the rounding of a camera."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchsphere import forward
+from torchsphere.forward import CUBE_HALF_WIDTH, Pattern
+from torchsphere.interpolate import blur
+from torchsphere.track import Track, track
+
+SHAPE = (256, 512)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """Images of a ball (n, h, w) and how it moved: px and rad, camera frame, float64."""
+
+    images: Tensor
+    centres: Tensor  # (n, 2)
+    orientations: Tensor  # (n, 3, 3)
+    increments: Tensor  # (n - 1, 5)
+    radius: float
+
+    @property
+    def circle(self) -> tuple[float, float, float]:
+        x, y = self.centres[0].tolist()
+        return x, y, self.radius
+
+
+def rotation_matrix(vector: Tensor) -> Tensor:
+    """Rodrigues' formula, (3,) in rad -> (3, 3): the tests' own, so that a sign shared with the package shows."""
+    angle = float(vector.norm())
+    x, y, z = vector.tolist()
+    cross = torch.tensor([[0, -z, y], [z, 0, -x], [-y, x, 0]], dtype=torch.float64)
+    if angle == 0:
+        return torch.eye(3, dtype=torch.float64)
+    sine, versine = math.sin(angle) / angle, (1 - math.cos(angle)) / angle**2
+    return torch.eye(3, dtype=torch.float64) + sine * cross + versine * cross @ cross
+
+
+@functools.lru_cache(maxsize=16)
+def speckle(seed: int, radius: float, low: float = 30.0, high: float = 220.0) -> Pattern:
+    return forward.speckle(seed, radius_px=radius, low=low, high=high)
+
+
+@functools.lru_cache(maxsize=1)
+def spot(x: float, y: float, level: float = 60.0, height: float = 150.0) -> Pattern:
+    """A grey ball with one bright spot, where the surface is seen at (x, y) radii from the centre before it turns."""
+    steps = torch.linspace(-CUBE_HALF_WIDTH, CUBE_HALF_WIDTH, 96)
+    z, v, u = torch.meshgrid(steps, steps, steps, indexing="ij")
+    squared = (u - x) ** 2 + (v - y) ** 2 + (z + math.sqrt(1 - x**2 - y**2)) ** 2
+    return Pattern(level + height * torch.exp(-squared / (2 * 0.1**2)))
+
+
+def textured(seed: int, blur_px: float, amplitude: float, mean: float = 120.0) -> Tensor:
+    """A still background (h, w) of random blotches."""
+    generator = torch.Generator().manual_seed(seed)
+    field = blur(torch.randn(1, *SHAPE, generator=generator), blur_px)[0]
+    return (mean + amplitude * field / field.std()).clamp(0, 255)
+
+
+def noisy(images: Tensor, noise: float, seed: int) -> Tensor:
+    """Add white noise and round to the 256 grey levels of an 8 bit camera."""
+    generator = torch.Generator().manual_seed(seed)
+    return (images + noise * torch.randn(images.shape, generator=generator)).round().clamp(0, 255)
+
+
+def shot(
+    seed: int = 0,
+    *,
+    n: int = 60,
+    step: tuple[float, float] = (1.4, 0.2),
+    jitter: float = 0.3,
+    rotation_deg: tuple[float, float, float] = (0.2, 0.5, 0.2),
+    radius: float = 50.0,
+    start: tuple[float, float] = (80.0, 120.0),
+    background: Tensor | float = 90.0,
+    low: float = 30.0,
+    high: float = 220.0,
+    noise: float = 2.0,
+) -> Shot:
+    """The example shot, unless told otherwise: a speckled ball over a uniform background, 8 bit."""
+    generator = torch.Generator().manual_seed(seed + 100)
+    phase = torch.rand(n, 2, generator=generator, dtype=torch.float64)
+    steps = torch.tensor(step, dtype=torch.float64) + jitter * (2 * phase[1:] - 1)
+    turn = torch.deg2rad(torch.tensor(rotation_deg, dtype=torch.float64))
+    centres = torch.tensor(start, dtype=torch.float64) + phase[0] + torch.cat((torch.zeros(1, 2), steps.cumsum(0)))
+    orientations = torch.stack([rotation_matrix(turn * i) for i in range(n)])
+    images = forward.render(
+        speckle(seed, radius, low, high), centres.float(), radius, orientations.float(), background, shape=SHAPE
+    )
+    increments = torch.cat((steps, turn.expand(n - 1, 3)), 1)
+    return Shot(noisy(images, noise, seed + 200), centres, orientations, increments, radius)
+
+
+def pair(
+    q: tuple[float, float, float, float, float],
+    *,
+    seed: int = 0,
+    pattern: Pattern | None = None,
+    radius: float = 50.0,
+    centre: tuple[float, float] = (63.2, 64.7),
+    shape: tuple[int, int] = (130, 130),
+    background: float = 90.0,
+) -> tuple[Tensor, Tensor, tuple[float, float, float]]:
+    """Images f and g (h, w), float64 and noise-free, of a ball that moves by q = (dx, dy, wx, wy, wz), and its circle.
+
+    Rotations in degrees.
+    """
+    motion = torch.tensor(q, dtype=torch.float64)
+    centres = torch.tensor(centre, dtype=torch.float64) + torch.stack((torch.zeros(2), motion[:2]))
+    turned = torch.stack((torch.eye(3, dtype=torch.float64), rotation_matrix(torch.deg2rad(motion[2:]))))
+    images = forward.render(pattern or speckle(seed, radius), centres, radius, turned, background, shape=shape)
+    return images[0], images[1], (*centre, radius)
+
+
+@dataclass(frozen=True)
+class ExampleTrack:
+    """A shot, its track, and the calls that reported progress."""
+
+    shot: Shot
+    track: Track
+    progress: list[tuple[int, int]]
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Measured minus true increments (n - 1, 5): px and degrees."""
+        return increment_errors(self.track, self.shot)
+
+
+def example_track() -> ExampleTrack:
+    made = shot(0)
+    calls: list[tuple[int, int]] = []
+    return ExampleTrack(made, track(made.images, progress=lambda done, total: calls.append((done, total))), calls)
+
+
+def increment_errors(measured: Track, made: Shot) -> np.ndarray:
+    """Measured minus true increments (n - 1, 5): px and degrees."""
+    errors = measured.increment - made.increments.numpy()
+    errors[:, 2:] = np.rad2deg(errors[:, 2:])
+    return errors
+
+
+def angles_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Angle (n,) in degrees of the rotation from one matrix to the other."""
+    trace = np.einsum("nij,nij->n", a, b)
+    return np.rad2deg(np.arccos(np.clip((trace - 1) / 2, -1, 1)))

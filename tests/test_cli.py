@@ -1,0 +1,282 @@
+"""The command line: what it writes, and one clear sentence for whatever it cannot use."""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import tifffile
+
+from torchsphere import demo, forward
+from torchsphere.cli import main
+from torchsphere.results import TRACK_COLUMNS
+
+
+@pytest.fixture(scope="module")
+def shot() -> demo.Shot:
+    return demo.make_shot()
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory, shot: demo.Shot) -> Path:
+    """The first frames of the demo's shot as a TIFF."""
+    path = tmp_path_factory.mktemp("short") / "short.tif"
+    tifffile.imwrite(path, shot.images[:8], photometric="minisblack")
+    return path
+
+
+CIRCLE = "64.3,92.6,40"
+
+
+def rows(path: Path) -> tuple[list[str], list[dict[str, str]]]:
+    with path.open(newline="") as stream:
+        reader = csv.DictReader(stream)
+        return list(reader.fieldnames or ()), list(reader)
+
+
+def test_the_demo_recovers_its_motion_within_the_stated_uncertainty(tmp_path: Path, capsys) -> None:
+    assert main(["demo", "--out", str(tmp_path / "demo"), "--quiet"]) == 0
+    printed = capsys.readouterr().out
+    # Two standard deviations hold 95 % of good values: of 13 quantities at most two may be outside, and none far.
+    table = [line for line in printed.splitlines() if line.startswith(("velocity", "spin", "force", "position"))]
+    ratios = [abs(float(line.split()[-1])) for line in table]
+    assert len(ratios) == 13
+    assert sum(ratio > 2 for ratio in ratios) <= 2
+    assert max(ratios) < 3
+    names = {path.name for path in (tmp_path / "demo").iterdir()}
+    assert {"track.csv", "track.parquet", "kinematics.csv", "summary.json", "figures", "shot.tif", "truth.csv"} <= names
+
+
+def test_track_writes_the_promised_columns_with_the_first_row_empty(tmp_path: Path, short: Path) -> None:
+    out = tmp_path / "result"
+    arguments = ["track", str(short), "--out", str(out), "--fps", "36000", "--diameter-mm", "30", "--mass-g", "110"]
+    assert main([*arguments, "--quiet"]) == 0
+    head, table = rows(out / "track.csv")
+    assert head == list(TRACK_COLUMNS)
+    assert [row["status"] for row in table] == ["ok"] * 8
+    assert table[0]["dx_px"] == "nan"
+    assert float(table[0]["qw"]) == 1.0
+    assert all(float(row["dx_px"]) == pytest.approx(5.3, abs=0.05) for row in table[1:])
+    head, _ = rows(out / "kinematics.csv")
+    assert head[:3] == ["time_s", "x_m", "y_m"]
+    assert "sd_fx_N" in head
+    parquet = pq.read_table(out / "track.parquet")
+    assert parquet.num_rows == 8
+    covariance = np.array(parquet["covariance"].to_pylist()[3]).reshape(5, 5)
+    np.testing.assert_allclose(np.sqrt(covariance[0, 0]), float(table[3]["sd_dx_px"]), rtol=1e-8)
+
+
+def test_the_summary_holds_input_settings_and_versions(tmp_path: Path, short: Path) -> None:
+    out = tmp_path / "result"
+    assert main(["track", str(short), "--out", str(out), "--circle", CIRCLE, "--frames", "2:6", "--quiet"]) == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["input"]["path"] == str(short)
+    assert len(summary["input"]["sha256"]) == 64
+    assert (summary["input"]["first_frame"], summary["input"]["last_frame"]) == (2, 5)
+    assert summary["settings"]["model"] == "rigid"
+    assert summary["frames_per_status"] == {"ok": 4}
+    assert "torch" in summary["versions"]
+    assert any("frame rate is not known" in sentence for sentence in summary["warnings"])
+    assert not (out / "kinematics.csv").exists()
+    _, table = rows(out / "track.csv")
+    assert [row["frame"] for row in table] == ["2", "3", "4", "5"]
+    assert [row["time_s"] for row in table] == [""] * 4
+
+
+def test_options_come_from_a_file_and_the_command_line_wins(tmp_path: Path, short: Path) -> None:
+    config = tmp_path / "shot.toml"
+    config.write_text('fps = 1000\nmm-per-px = 0.5\nmodel = "finite"\ncircle = [64.3, 92.6, 40]\nframes = "0:4"\n')
+    out = tmp_path / "result"
+    arguments = ["track", str(short), "--out", str(out), "--config", str(config), "--diameter-mm", "30", "--quiet"]
+    assert main(arguments) == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["settings"]["model"] == "finite"
+    assert summary["frame_rate"] == 1000
+    assert summary["scale"]["m_per_px"] == pytest.approx(0.03 / 80)
+    assert summary["input"]["last_frame"] == 3
+
+
+def test_an_existing_result_is_replaced_only_on_request_and_other_files_never(
+    tmp_path: Path, short: Path, capsys
+) -> None:
+    out = tmp_path / "result"
+    arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--frames", "0:3", "--quiet"]
+    assert main(arguments) == 0
+    before = (out / "summary.json").stat().st_mtime_ns
+    assert main(arguments) == 1
+    assert "--overwrite" in capsys.readouterr().err
+    assert (out / "summary.json").stat().st_mtime_ns == before
+    assert main([*arguments, "--overwrite"]) == 0
+    assert (out / "summary.json").stat().st_mtime_ns > before
+    strangers = tmp_path / "thesis"
+    strangers.mkdir()
+    (strangers / "chapter1.txt").write_text("years of work")
+    assert main(["track", str(short), "--out", str(strangers), "--circle", CIRCLE, "--overwrite", "--quiet"]) == 1
+    assert [path.name for path in strangers.iterdir()] == ["chapter1.txt"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["result", "thesis"]
+
+
+def test_info_says_what_the_file_knows_and_draws_the_circle(tmp_path: Path, short: Path, capsys) -> None:
+    preview = tmp_path / "preview.png"
+    assert main(["info", str(short), "--preview", str(preview)]) == 0
+    printed = capsys.readouterr().out
+    assert "384 x 192 px" in printed
+    assert "frame rate  unknown" in printed
+    circle = next(line.split()[2] for line in printed.splitlines() if line.startswith("circle"))
+    np.testing.assert_allclose([float(v) for v in circle.split(",")], [64.3, 92.6, 40.0], atol=0.5)
+    assert preview.stat().st_size > 10_000
+
+
+def _files(folder: Path) -> dict[str, str]:
+    """Files that are no recording, or none that can be tracked, by what is wrong with them."""
+    rng = np.random.default_rng(0)
+    files = {name: str(folder / name) for name in ("empty.tif", "text.mp4", "foreign.xyz", "cut.tif", "png.tif")}
+    Path(files["empty.tif"]).touch()
+    Path(files["text.mp4"]).write_text("this is no video, only words")
+    Path(files["foreign.xyz"]).write_bytes(b"\x00" * 100)
+    whole = folder / "whole.tif"
+    tifffile.imwrite(whole, rng.integers(0, 255, (6, 80, 90), dtype=np.uint8), photometric="minisblack")
+    Path(files["cut.tif"]).write_bytes(whole.read_bytes()[:20_000])
+    Path(files["png.tif"]).write_bytes(b"\x89PNG\r\n\x1a\n" + b"\x00" * 50)
+    arrays = {
+        "one.npy": rng.integers(0, 255, (1, 80, 90), dtype=np.uint8),
+        "flat.npy": np.full((6, 80, 90), 100, dtype=np.uint8),
+        "noise.npy": rng.normal(100, 5, (6, 80, 90)).astype(np.float32),
+    }
+    for name, array in arrays.items():
+        np.save(folder / name, array)
+        files[name] = str(folder / name)
+    header = folder / "lonely.cih"
+    header.write_text("#Camera Information Header\nRecord Rate(fps) : 1000\nTotal Frame : 3\n")
+    (folder / "void").mkdir()
+    return files | {"lonely.cih": str(header), "void": str(folder / "void"), "missing": str(folder / "missing.tif")}
+
+
+BAD_FILES = (
+    *("empty.tif", "text.mp4", "foreign.xyz", "cut.tif", "png.tif", "one.npy", "flat.npy", "noise.npy"),
+    *("lonely.cih", "void", "missing"),
+)
+
+BAD_OPTIONS = {
+    "circle outside": ["--circle", "900,92,40"],
+    "circle not finite": ["--circle", "nan,92,40"],
+    "circle of two numbers": ["--circle", "64,92"],
+    "circle without a radius": ["--circle", "64,92,0"],
+    "unknown model": ["--circle", CIRCLE, "--model", "wobbly"],
+    "frame rate not finite": ["--circle", CIRCLE, "--fps", "inf"],
+    "frame rate negative": ["--circle", CIRCLE, "--fps", "-5"],
+    "two scales": ["--circle", CIRCLE, "--diameter-mm", "30", "--mm-per-px", "0.5"],
+    "mass without a scale": ["--circle", CIRCLE, "--mass-g", "110"],
+    "diameter of zero": ["--circle", CIRCLE, "--diameter-mm", "0"],
+    "region too large": ["--circle", CIRCLE, "--roi", "1.5"],
+    "frames backwards": ["--circle", CIRCLE, "--frames", "5:2"],
+    "frames beyond the end": ["--circle", CIRCLE, "--frames", "0:99"],
+    "one frame": ["--circle", CIRCLE, "--frames", "3:4"],
+    "frames in words": ["--circle", CIRCLE, "--frames", "all"],
+    "refine nothing": ["--refine"],
+    "polygon of two corners": ["--circle", CIRCLE, "--ignore", "1,2 3,4"],
+    "unknown option": ["--colour", "red"],
+    "config missing": ["--config", "nowhere.toml"],
+}
+
+
+def refused(arguments: list[str], capsys) -> str:
+    """The sentence with which the command line refuses ``arguments``."""
+    try:
+        code = main(arguments)
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    printed = capsys.readouterr()
+    assert code != 0
+    assert printed.out == ""
+    sentence = printed.err.strip()
+    assert sentence.startswith("torchsphere: ")
+    assert "\n" not in sentence
+    assert "Traceback" not in sentence
+    assert len(sentence) > 30
+    return sentence
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_a_file_that_cannot_be_tracked_is_refused_in_one_sentence(name: str, tmp_path: Path, capsys) -> None:
+    if name == "text.mp4":
+        pytest.importorskip("av", reason="the extra 'video' is not installed")
+    folder = tmp_path / "in"
+    folder.mkdir()
+    path = _files(folder)[name]
+    refused(["track", path, "--out", str(tmp_path / "out"), "--quiet"], capsys)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["in"]
+
+
+@pytest.mark.parametrize("case", BAD_OPTIONS)
+def test_an_option_without_sense_is_refused_in_one_sentence(case: str, tmp_path: Path, short: Path, capsys) -> None:
+    refused(["track", str(short), "--out", str(tmp_path / "out"), "--quiet", *BAD_OPTIONS[case]], capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_cuda_without_a_device_is_refused(tmp_path: Path, short: Path, capsys, monkeypatch) -> None:
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    arguments = ["track", str(short), "--out", str(tmp_path / "out"), "--device", "cuda", "--quiet"]
+    assert "CUDA" in refused(arguments, capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("text", ["speed = 3", "fps = 'fast'", "fps = ", "frames = [1, 2]", "circle = [1, 2]"])
+def test_a_config_that_says_nothing_known_is_refused(text: str, tmp_path: Path, short: Path, capsys) -> None:
+    config = tmp_path / "shot.toml"
+    config.write_text(text)
+    arguments = ["track", str(short), "--out", str(tmp_path / "out"), "--config", str(config), "--quiet"]
+    assert "shot.toml" in refused(arguments, capsys)
+
+
+def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path, short: Path, capsys) -> None:
+    (tmp_path / "file").touch()
+    refused(["track", str(short), "--out", str(tmp_path / "file" / "out"), "--circle", CIRCLE, "--quiet"], capsys)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_result_that_fails_half_way_leaves_nothing(tmp_path: Path, short: Path, capsys, monkeypatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device", "track.csv")
+
+    monkeypatch.setattr("torchsphere.results.write_summary", full)
+    arguments = ["track", str(short), "--out", str(tmp_path / "out"), "--circle", CIRCLE, "--quiet"]
+    assert "no space left" in refused(arguments, capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_module_runs_as_a_program(tmp_path: Path) -> None:
+    program = [sys.executable, "-m", "torchsphere", "track", str(tmp_path / "none.tif"), "--out", str(tmp_path / "out")]
+    done = subprocess.run(program, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert done.stderr.startswith("torchsphere: ")
+    assert "Traceback" not in done.stderr
+
+
+def test_every_command_shows_an_example(capsys) -> None:
+    for command in ("demo", "info", "track"):
+        with pytest.raises(SystemExit) as stop:
+            main([command, "--help"])
+        assert stop.value.code == 0
+        assert "example:" in capsys.readouterr().out
+
+
+def test_a_rotation_without_texture_stays_empty_in_the_table(tmp_path: Path) -> None:
+    import torch
+
+    plain = forward.Pattern(torch.full((8, 8, 8), 200.0))
+    centres = torch.tensor([[40.0, 50.0], [43.0, 50.5], [46.0, 51.0], [49.0, 51.5]])
+    images = forward.render(plain, centres, 25.0, torch.eye(3).expand(4, 3, 3), 20.0, shape=(100, 120))
+    noise = torch.randn(images.shape, generator=torch.Generator().manual_seed(0))
+    np.save(tmp_path / "plain.npy", (images + noise).numpy())
+    assert main(["track", str(tmp_path / "plain.npy"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    _, table = rows(tmp_path / "out" / "track.csv")
+    assert {row["status"] for row in table} == {"weak_texture"}
+    assert all(row["wx_rad"] == "nan" and row["sd_wy_rad"] == "nan" for row in table)
+    # Edges of a plain ball of this size and contrast are good to a hundredth of a px.
+    assert all(float(row["dx_px"]) == pytest.approx(3.0, abs=0.03) for row in table[1:])

@@ -1,0 +1,106 @@
+"""The ray caster that makes the synthetic shots."""
+
+import math
+
+import pytest
+import torch
+from shots import rotation_matrix
+
+from torchsphere import forward
+from torchsphere.forward import CUBE_HALF_WIDTH, Pattern
+
+EYE = torch.eye(3, dtype=torch.float64)
+
+
+def plain(level: float) -> Pattern:
+    return Pattern(torch.full((8, 8, 8), level))
+
+
+def ramp(axis: int) -> Pattern:
+    """100 grey levels times one body coordinate: trilinear sampling reproduces it exactly."""
+    steps = 100 * torch.linspace(-CUBE_HALF_WIDTH, CUBE_HALF_WIDTH, 9, dtype=torch.float64)
+    z, y, x = torch.meshgrid(steps, steps, steps, indexing="ij")
+    return Pattern((x, y, z)[axis])
+
+
+def centre(x: float, y: float) -> torch.Tensor:
+    return torch.tensor([[x, y]], dtype=torch.float64)
+
+
+def test_a_plain_ball_has_the_area_and_the_centroid_of_its_disc() -> None:
+    image = forward.render(plain(1.0), centre(30.3, 25.8), 20.0, EYE[None], 0.0, shape=(60, 70))[0]
+    y, x = torch.meshgrid(torch.arange(60), torch.arange(70), indexing="ij")
+    # 3 x 3 rays per pixel over an outline of 126 px: area to 0.1 % and centroid to 0.01 px.
+    assert float(image.sum()) == pytest.approx(math.pi * 400, rel=1e-3)
+    assert float((image * x).sum() / image.sum()) == pytest.approx(30.3, abs=0.01)
+    assert float((image * y).sum() / image.sum()) == pytest.approx(25.8, abs=0.01)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_pixel_shows_the_surface_point_in_front_turned_back_into_the_body(axis: int) -> None:
+    matrix = rotation_matrix(torch.tensor([0.2, -0.3, 0.4], dtype=torch.float64))
+    image = forward.render(ramp(axis), centre(30, 25), 20.0, matrix[None], 0.0, shape=(60, 70), subsamples=1)[0]
+    for x, y in ((0, 0), (7, -3), (-10, 12)):
+        seen = torch.tensor([x, y, -math.sqrt(400 - x * x - y * y)], dtype=torch.float64)
+        expected = 100 * (matrix.T @ seen)[axis] / 20.0
+        # A linear field under trilinear interpolation, one ray through the pixel's centre: rounding only.
+        assert float(image[25 + y, 30 + x]) == pytest.approx(float(expected), abs=1e-6)
+
+
+def test_the_background_stays_where_no_ball_is() -> None:
+    still = torch.rand(40, 50, dtype=torch.float64)
+    image = forward.render(plain(9.0), centre(20, 20), 10.0, EYE[None], still)[0]
+    y, x = torch.meshgrid(torch.arange(40) - 20, torch.arange(50) - 20, indexing="ij")
+    away = x**2 + y**2 > 12**2
+    torch.testing.assert_close(image[away], still[away], atol=1e-12, rtol=0)  # a mean of nine equal numbers
+
+
+@pytest.mark.parametrize("at", [(-30.0, 20.0), (20.0, 90.0)])
+def test_a_ball_out_of_the_frame_leaves_the_background(at: tuple[float, float]) -> None:
+    image = forward.render(plain(9.0), centre(*at), 10.0, EYE[None], 3.0, shape=(40, 50))[0]
+    assert (image == 3.0).all()
+
+
+def test_a_ball_half_in_the_frame_is_cut_by_it() -> None:
+    whole = forward.render(plain(9.0), centre(25, 20), 10.0, EYE[None], 3.0, shape=(40, 50))[0]
+    cut = forward.render(plain(9.0), centre(0, 20), 10.0, EYE[None], 3.0, shape=(40, 25))[0]
+    torch.testing.assert_close(cut, whole[:, 25:], atol=1e-9, rtol=0)
+
+
+def test_a_number_for_the_background_needs_a_shape() -> None:
+    with pytest.raises(ValueError, match="shape"):
+        forward.render(plain(9.0), centre(0, 20), 10.0, EYE[None], 3.0)
+
+
+def test_an_image_can_be_differentiated_by_the_position() -> None:
+    pattern = forward.speckle(0, radius_px=12.0)
+    at = centre(20.3, 20.6).requires_grad_()
+
+    def middle(c: torch.Tensor) -> torch.Tensor:
+        return forward.render(pattern, c, 12.0, EYE[None], 90.0, shape=(42, 42))[0, 18:24, 18:24].sum()
+
+    (slope,) = torch.autograd.grad(middle(at), at)
+    h = 1e-6
+    with torch.no_grad():
+        for axis in range(2):
+            step = h * torch.eye(2, dtype=torch.float64)[axis]
+            expected = (middle(at + step) - middle(at - step)) / (2 * h)
+            # 36 pixels of 100 levels: rounding 1e-13 * 3600 / h = 4e-4.
+            assert float(slope[0, axis]) == pytest.approx(float(expected), abs=0.01, rel=1e-3)
+
+
+def test_speckle_has_its_range_its_size_and_its_seed() -> None:
+    pattern = forward.speckle(4, radius_px=40.0, speckle_px=4.0, low=30.0, high=220.0)
+    volume = pattern.volume
+    assert 30 <= float(volume.min()) < 40
+    assert 210 < float(volume.max()) <= 220
+    assert torch.equal(volume, forward.speckle(4, radius_px=40.0).volume)
+    assert not torch.equal(volume, forward.speckle(5, radius_px=40.0).volume)
+    # Half of the autocorrelation's height at half of the full width; the error function that bounds the levels
+    # changes it by some per cent.
+    cells_per_px = volume.shape[0] / (2 * CUBE_HALF_WIDTH * 40.0)
+    line = volume - volume.mean()
+    correlation = [float((line[..., k:] * line[..., : len(line) - k]).mean() / line.var()) for k in range(12)]
+    half = next(k for k, value in enumerate(correlation) if value < 0.5)
+    width = 2 * (half - (0.5 - correlation[half]) / (correlation[half - 1] - correlation[half])) / cells_per_px
+    assert width == pytest.approx(4.0, rel=0.1)

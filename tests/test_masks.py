@@ -1,0 +1,44 @@
+"""Regions that are not to be used."""
+
+import imagecodecs
+import numpy as np
+import pytest
+
+from torchsphere.masks import inside_polygon, read_ignore
+
+
+def test_a_rectangle_covers_the_pixels_whose_centres_it_holds() -> None:
+    mask = inside_polygon(np.array([[1.5, 0.5], [4.5, 0.5], [4.5, 2.5], [1.5, 2.5]]), (5, 8))
+    expected = np.zeros((5, 8), dtype=bool)
+    expected[1:3, 2:5] = True
+    np.testing.assert_array_equal(mask, expected)
+
+
+def test_a_concave_polygon_leaves_its_bay_open() -> None:
+    mask = inside_polygon(np.array([[0, 0], [10, 0], [10, 10], [5, 5], [0, 10]]) - 0.1, (12, 12))
+    assert mask[2, 5]
+    assert not mask[8, 5]
+    assert mask[8, 1]
+
+
+def test_polygons_and_mask_images_add_up(tmp_path) -> None:
+    image = np.zeros((20, 30), dtype=np.uint8)
+    image[0, 0] = 255
+    (tmp_path / "mask.png").write_bytes(imagecodecs.png_encode(image))
+    mask = read_ignore(["4.5,4.5 8.5,4.5 8.5,8.5 4.5,8.5; 20,10,25,10,25,15", str(tmp_path / "mask.png")], (20, 30))
+    assert mask[0, 0]
+    assert mask[6, 6]
+    assert mask[11, 24]
+    assert mask.sum() < 60
+
+
+@pytest.mark.parametrize("text", ["1,2 3,4", "a,b c,d e,f", "1,2 3,4 5", "1,2 3,4 nan,5", "missing.png"])
+def test_what_is_no_region_is_refused(text: str) -> None:
+    with pytest.raises((ValueError, OSError), match=text.split(" ", maxsplit=1)[0]):
+        read_ignore([text], (20, 30))
+
+
+def test_a_mask_of_another_size_is_refused(tmp_path) -> None:
+    (tmp_path / "mask.png").write_bytes(imagecodecs.png_encode(np.zeros((4, 4), dtype=np.uint8)))
+    with pytest.raises(ValueError, match="4 x 4 px"):
+        read_ignore([str(tmp_path / "mask.png")], (20, 30))
