@@ -282,7 +282,7 @@ def warp(reference: Reference, c_g: Tensor, shift: Tensor, q: Tensor, model: Dis
 def _warp_with_gradient(
     reference: Reference, c_g: Tensor, shift: Tensor, q: Tensor, model: Displacement
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """`warp`, and the gradient (n, p, 2) of the deformed image at the displaced points, by automatic differentiation."""
+    """`warp`, and the gradient (n, p, 2) of the deformed image at the displaced points, by reverse differentiation."""
     with torch.enable_grad():
         nudge = torch.zeros_like(reference.points, requires_grad=True)
         displaced = motion.displacement(model, q, reference.points, reference.geometry)

@@ -51,7 +51,7 @@ def as_mask(mask: Any, images: Tensor) -> Tensor:
 
 
 def check_circle(circles: Tensor, shape: tuple[int, ...] | torch.Size) -> None:
-    """Raise ValueError unless every circle (n, 3) is finite, of one radius of 3 px or more, and centred in the image."""
+    """Raise ValueError unless all circles (n, 3) are finite, of one radius of 3 px or more, centred in the image."""
     height, width = shape
     for x, y, radius in circles.tolist():
         if not all(map(math.isfinite, (x, y, radius))):

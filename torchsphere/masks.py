@@ -35,7 +35,8 @@ def read_ignore(texts: Sequence[str], shape: tuple[int, ...]) -> NDArray[np.bool
             image = read_image(Path(text))
             if image.shape != tuple(shape):
                 raise ValueError(
-                    f"ignore {text}: has {image.shape[1]} x {image.shape[0]} px, the recording {shape[1]} x {shape[0]} px"
+                    f"ignore {text}: has {image.shape[1]} x {image.shape[0]} px, "
+                    f"the recording {shape[1]} x {shape[0]} px; save the mask at the size of the recording"
                 )
             mask |= image > 0
         else:

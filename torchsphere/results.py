@@ -7,7 +7,6 @@ import csv
 import hashlib
 import json
 import math
-import os
 import shutil
 import tempfile
 from collections import Counter
@@ -64,15 +63,15 @@ def whole_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
         if folder.exists():
             old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
             # Renamed aside and back again if need be, so that there is no moment without either result.
-            os.replace(folder, old)
+            folder.replace(old)
             try:
-                os.replace(new, folder)
+                new.replace(folder)
             except OSError:
-                os.replace(old, folder)
+                old.replace(folder)
                 raise
             shutil.rmtree(old)
         else:
-            os.replace(new, folder)
+            new.replace(folder)
     finally:
         if new.exists():
             shutil.rmtree(new)

@@ -35,8 +35,8 @@ def both_ways(
 ) -> Correlation:
     """``found`` (f to g), with the mean of both directions in the rows that turn by `SYMMETRIC_FROM` or more.
 
-    Arguments as in `torchsphere.correlate.solve`, with the ball's centres in both images. A row whose way back fails takes its status from there; one whose
-    ways disagree has not converged.
+    Arguments as in `torchsphere.correlate.solve`, with the ball's centres in both images. A row whose way back fails
+    takes its status from there; one whose ways disagree has not converged.
     """
     turn = found.q[:, 2:].norm(dim=-1)
     chosen = torch.nonzero(turn >= SYMMETRIC_FROM)[:, 0]

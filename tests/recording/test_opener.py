@@ -158,7 +158,7 @@ def test_a_recording_cannot_be_changed(tmp_path: Path) -> None:
         recording.frame_rate = 1.0  # type: ignore[misc]
 
 
-@pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="resident memory is read from Linux's /proc")
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="resident memory is read from Linux's /proc")
 @pytest.mark.parametrize("suffix", ["npy", "tif", "mraw"])
 def test_memory_does_not_grow_with_the_images_read(tmp_path: Path, suffix: str) -> None:
     images = np.zeros((1500, 128, 128), np.uint16)

@@ -38,7 +38,8 @@ def test_every_layout_gives_the_written_levels(tmp_path: Path, options: dict[str
 
 def test_a_stack_with_a_single_page_for_all_images_is_read_whole(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a.tif", IMAGES, photometric="minisblack", metadata={"axes": "TYX"}, truncate=True)
-    assert len(tifffile.TiffFile(tmp_path / "a.tif").pages) == 1
+    with tifffile.TiffFile(tmp_path / "a.tif") as tif:
+        assert len(tif.pages) == 1
     recording = open_recording(tmp_path / "a.tif")
     np.testing.assert_array_equal(recording.images(0, 6), IMAGES)
 

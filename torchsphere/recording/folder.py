@@ -59,14 +59,15 @@ def open_folder(path: Path) -> Recording:
                 f"{file}: is {page}, but {files[0].name} is {first}; expected images of one size and kind, "
                 "move those of the recording to a folder of their own"
             )
+    kind = "PNG" if is_png else "TIFF"
     depth = first.bits if first.dtype[0] == "u" else None
     return Recording(
         path=path,
-        kind=f"folder of {'PNG' if is_png else 'TIFF'} images, {first.bits} bit{', colour' if first.samples >= 3 else ''}",
+        kind=f"folder of {kind} images, {first.bits} bit{', colour' if first.samples >= 3 else ''}",
         shape=(len(files), first.height, first.width),
         bit_depth=depth,
         origins={"bit_depth": "PNG header" if is_png else "TIFF BitsPerSample"} if depth else {},
-        notes=(f"{'PNG' if is_png else 'TIFF'} images carry no frame rate.", *page_notes(first), *notes),
+        notes=(f"{kind} images carry no frame rate.", *page_notes(first), *notes),
         files=files,
         _reader=_reader(files, first, is_png),
     )
@@ -128,7 +129,7 @@ def _png_page(file: Path) -> Page:
     width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
     if colour not in _PNG_SAMPLES or bits not in (8, 16):
         raise ValueError(
-            f"{file}: has {bits} bits and colour type {colour}; expected 8 or 16 bits grey or RGB, save it as one of these"
+            f"{file}: has {bits} bits and colour type {colour}; expected 8 or 16 bits, grey or RGB; save it so"
         )
     samples = _PNG_SAMPLES[colour]
     stated = width * height * samples * bits // 8

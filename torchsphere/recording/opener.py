@@ -71,7 +71,8 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
             look = looks_like(file.read(64))
         single = "; put single images into a folder and open that" if look in ("a PNG image", "a JPEG image") else ""
         raise ValueError(
-            f"{place}: looks like {look}; expected a folder of TIFF or PNG images, or one of {', '.join(_FORMATS)}{single}"
+            f"{place}: looks like {look}; expected a folder of TIFF or PNG images, "
+            f"or one of {', '.join(_FORMATS)}{single}"
         )
     opener, expected = _FORMATS[place.suffix.lower()]
     with place.open("rb") as file:

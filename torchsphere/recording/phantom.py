@@ -226,7 +226,7 @@ def _notes(images: _Images, setup: _Setup) -> tuple[str, ...]:
         )
     if 1 <= setup(_RATE_STEPS, 0) <= 16:
         notes.append(
-            "The frame rate changed during the recording (SETUP FRPSteps); frame_rate is the camera's main setting only."
+            "The frame rate changed during the recording (SETUP FRPSteps); frame_rate is its main setting only."
         )
     return tuple(notes)
 

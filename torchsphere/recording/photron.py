@@ -234,7 +234,7 @@ def _require_size(raw: Path, header: Path, shape: tuple[int, int, int], bits: in
     n, height, width = shape
     if height * width * bits % 8:
         raise ValueError(
-            f"{header}: {width} x {height} px of {bits} bits do not fill whole bytes; the header is damaged, export again"
+            f"{header}: {width} x {height} px of {bits} bits do not fill whole bytes; it is damaged, export again"
         )
     image_bytes = height * width * bits // 8
     size = raw.stat().st_size

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,7 +23,7 @@ def _nothing() -> None:
     return None
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, kw_only=True, slots=True, weakref_slot=True)
 class Recording:
     """Images of one camera, in order, with what the file says about how they were taken.
 
@@ -45,7 +46,8 @@ class Recording:
     trigger_offset_frames : int or None
         Number of the first image counted from the trigger; negative before it.
     origins : Mapping of str to str
-        Where ``bit_depth``, ``frame_rate``, ``exposure_s`` and ``trigger_offset_frames`` come from, for those that are known.
+        Where ``bit_depth``, ``frame_rate``, ``exposure_s`` and ``trigger_offset_frames`` come from, for those that are
+        known.
     notes : tuple of str
         Sentences a user should read: conversions that were applied, doubts, what was ignored.
     files : tuple of Path
@@ -72,6 +74,9 @@ class Recording:
                 f"{self.path}: {n} images of {width} x {height} px are stated, which no recording has; "
                 "the header is damaged, export the file again"
             )
+
+        # A recording that is dropped without being closed lets go of its file, too.
+        weakref.finalize(self, self._closer)
 
     def __len__(self) -> int:
         return self.shape[0]

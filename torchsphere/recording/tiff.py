@@ -122,7 +122,8 @@ def count_pages(path: Path) -> int:
             while offset:
                 if offset in seen or offset >= size:
                     raise OSError(
-                        f"{path}: page {len(seen)} lies outside the file or repeats another; it is cut or damaged, copy it again"
+                        f"{path}: page {len(seen)} lies outside the file or repeats another; "
+                        "it is cut or damaged, copy it again"
                     )
                 seen.add(offset)
                 file.seek(offset)
@@ -150,8 +151,9 @@ def describe(path: Path, tif: tifffile.TiffFile, number: int) -> Page:
         page = tif.pages[number].aspage()
         dtype, photometric = page.dtype, int(page.photometric)
         height, width, samples = int(page.imagelength), int(page.imagewidth), int(page.samplesperpixel)
-        result = Page(height, width, samples, int(page.bitspersample), "" if dtype is None else dtype.str[1:], photometric,
-                      int(page.planarconfig) == 2 and samples > 1)  # fmt: skip
+        code = "" if dtype is None else dtype.str[1:]
+        planar = int(page.planarconfig) == 2 and samples > 1
+        result = Page(height, width, samples, int(page.bitspersample), code, photometric, planar)
         packed = page.compression != 1
         stored = sum(page.databytecounts)
         end = max((at + n for at, n in zip(page.dataoffsets, page.databytecounts, strict=True)), default=0)
@@ -202,10 +204,8 @@ def _stack(path: Path, tif: tifffile.TiffFile, first: Page, count: int, size: in
         single, at = count == 1 and whole > image_bytes, series.dataoffset
     if single:
         if at is None or at + whole > size:
-            raise OSError(
-                f"{path}: is cut: {max(0, size - (at or size)) // image_bytes} of {whole // image_bytes} images are present; "
-                "copy it again"
-            )
+            there = max(0, size - (at or size)) // image_bytes
+            raise OSError(f"{path}: is cut: {there} of {whole // image_bytes} images are present; copy it again")
         offsets = at + image_bytes * np.arange(whole // image_bytes, dtype=np.int64)
         return len(offsets), _plain_reader(path, first, dtype, offsets)
     places = []
