@@ -24,8 +24,18 @@ from torchsphere.source import Source
 #: Frames used: to follow the ball, and to look at its outline.
 FRAMES, OUTLINES = 65, 16
 
-#: What stays of the outline's error however many images are averaged, px: texture at the limb, and the edge's own blur.
-SYSTEMATIC_PX = 0.2
+#: What stays of the outline's error however many images are averaged, px, where the step from the background to the limb
+#: is twice the pattern's standard deviation; it goes with the inverse square of that ratio. Measured: 0.05 px low at a
+#: ratio of 1.8 (dark and bright backgrounds), 0.3 to 0.5 px low at 0.9, where faint limbs are missed.
+SYSTEMATIC_PX, FULL_CONTRAST = 0.15, 2.0
+
+#: Bias of the interpolation, px, that the residuals cannot tell from a radius: measured as 0.1 px of radius at 0.01 rad
+#: per frame, and inversely as the rotation.
+SYSTEMATIC_RESIDUAL_PX = 0.001
+
+#: Pre-blur with which the radius is estimated, px. Blur in the image is no blur on the sphere and makes the ball look
+#: larger: by 0.06 px of 50 at 0.9 px; at 0.7 px nothing is seen.
+PRE_BLUR_PX = 0.7
 
 #: Pairs taken at once.
 BATCH = 16
@@ -36,21 +46,56 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
 
     A plain ball, or one that cannot be followed, keeps its circle.
     """
+    options = dataclasses.replace(options, pre_blur=min(options.pre_blur, PRE_BLUR_PX))
     stop = min(found.frame + FRAMES, source.count)
     followed = Follower(source, found, ignore, options).run(stop)
     frames = np.flatnonzero(followed.status[:stop] == "ok")
     if len(frames) < 3:
         return found
-    radius, sd = found.radius, math.hypot(found.sd_radius, SYSTEMATIC_PX)
+    fit = _outlines(source, followed, frames, found.radius, ignore, fixed_radius=False)
+    by_outline = float(fit.circle[:, 2].nanmedian())
+    known = by_outline if math.isfinite(by_outline) else found.radius
+    contrast = float(fit.contrast.median()) / _pattern_sd(source, found)
+    systematic = SYSTEMATIC_PX * max(FULL_CONTRAST / max(contrast, 1e-3), 0.5) ** 2
+    radius, sd = known, math.hypot(found.sd_radius, systematic)
     for _ in range(2):
         correction, sd_correction = _radius_correction(source, followed, frames, radius, ignore, options)
         # Two independent values of the radius: the outline's and the correlation's.
         share = sd**2 / (sd**2 + sd_correction**2)
-        radius = found.radius + share * (radius + correction - found.radius)
+        radius = known + share * (radius + correction - known)
         followed = Follower(source, dataclasses.replace(found, radius=radius), ignore, options).run(stop)
         frames = np.flatnonzero(followed.status[:stop] == "ok")
-    sd_radius = math.sqrt(share) * sd_correction
-    return _recentred(source, dataclasses.replace(found, radius=radius, sd_radius=sd_radius), followed, frames, ignore)
+    better = dataclasses.replace(found, radius=radius, sd_radius=math.sqrt(share) * sd_correction)
+    return _recentred(source, better, followed, frames, ignore)
+
+
+def _pattern_sd(source: Source, circle: Circle) -> float:
+    """Standard deviation of the grey levels within the circle, at least 1e-3."""
+    image = source.images(circle.frame, circle.frame + 1)[0]
+    rows, columns = (torch.arange(size, device=image.device) for size in image.shape)
+    inside = (rows[:, None] - circle.y) ** 2 + (columns - circle.x) ** 2 < (0.9 * circle.radius) ** 2
+    return max(float(image[inside].std()), 1e-3)
+
+
+def _outlines(
+    source: Source,
+    followed: Follower,
+    frames: NDArray[np.int64],
+    radius: float,
+    ignore: Tensor | None,
+    *,
+    fixed_radius: bool,
+) -> outline.OutlineFit:
+    """Outlines of frames spread over those that were followed."""
+    chosen = _spread(frames)
+    images = torch.cat([source.images(int(i), int(i) + 1) for i in chosen])
+    path = torch.from_numpy(followed.position[chosen])
+    guesses = torch.cat((path, torch.full((len(path), 1), radius, dtype=torch.float64)), -1)
+    return outline.refine(images, guesses, ignore=ignore, window=outline.STEP_BLUR_PX, fixed_radius=fixed_radius)
+
+
+def _spread(frames: NDArray[np.int64]) -> NDArray[np.int64]:
+    return frames[np.unique(np.linspace(0, len(frames) - 1, OUTLINES).round().astype(int))]
 
 
 def _radius_correction(
@@ -78,20 +123,18 @@ def _radius_correction(
     if len(score) < 3 or total <= 0:
         return 0.0, math.inf
     correction = float(score.sum()) / total
-    # The pairs' own scatter, so that what the model of noise leaves out is in it.
-    sd = float((score - information * correction).square().sum().sqrt()) / total
-    return correction, sd
+    # The pairs' own scatter, so that what the model of noise leaves out is in it; and what all pairs have in common.
+    scatter = float((score - information * correction).square().sum().sqrt()) / total
+    turn = np.sqrt(np.mean(np.sum(followed.increment[second - 1, 2:4] ** 2, axis=1)))
+    return correction, math.hypot(scatter, SYSTEMATIC_RESIDUAL_PX / max(float(turn), 1e-6))
 
 
 def _recentred(
     source: Source, found: Circle, followed: Follower, frames: NDArray[np.int64], ignore: Tensor | None
 ) -> Circle:
     """The circle with the centre that the outlines of several frames agree on, along the path that was followed."""
-    chosen = frames[np.unique(np.linspace(0, len(frames) - 1, OUTLINES).round().astype(int))]
-    images = torch.cat([source.images(int(i), int(i) + 1) for i in chosen])
-    path = torch.from_numpy(followed.position[chosen])
-    guesses = torch.cat((path, torch.full((len(path), 1), found.radius, dtype=torch.float64)), -1)
-    fit = outline.refine(images, guesses, ignore=ignore, window=outline.STEP_BLUR_PX, fixed_radius=True)
+    fit = _outlines(source, followed, frames, found.radius, ignore, fixed_radius=True)
+    path = torch.from_numpy(followed.position[_spread(frames)])
     good = fit.support >= MIN_SUPPORT
     if int(good.sum()) < 3:
         return found

@@ -1,0 +1,63 @@
+"""The stated uncertainty against the scatter of repeated measurements."""
+
+import numpy as np
+import pytest
+import torch
+from shots import noisy, pair
+
+from torchsphere import correlate
+
+N = 40
+MOTION = (1.37, -0.22, 0.2, 0.5, 0.2)
+
+
+@pytest.mark.parametrize(("model", "pre_blur", "noise"), [("rigid", 0.7, 2.0), ("finite", 0.7, 4.0)])
+def test_the_scatter_of_noisy_pairs_is_the_stated_uncertainty(model: str, pre_blur: float, noise: float) -> None:
+    f, g, circle = pair(MOTION)
+    many_f, many_g = noisy(f.expand(N, -1, -1), noise, 3), noisy(g.expand(N, -1, -1), noise, 4)
+    found = correlate(many_f, many_g, circle, model=model, pre_blur=pre_blur)
+    assert (found.status == "ok").all()
+    scatter = found.q.double().std(0).numpy()
+    stated = found.covariance.diagonal(dim1=1, dim2=2).mean(0).sqrt().numpy()
+    # The standard deviation of 40 samples is itself known to 1 / sqrt(2 * 39) = 11 %: 0.75 to 1.3 is two and a half
+    # of that on either side, and 40 pairs cannot tell honest from wrong more sharply.
+    assert np.all((scatter / stated > 0.75) & (scatter / stated < 1.3)), scatter / stated
+
+
+def test_the_whole_matrix_is_honest_not_only_its_diagonal() -> None:
+    f, g, circle = pair(MOTION)
+    found = correlate(noisy(f.expand(N, -1, -1), 2.0, 5), noisy(g.expand(N, -1, -1), 2.0, 6), circle)
+    stated = found.covariance.mean(0)
+    sd = stated.diagonal().sqrt()
+    measured = torch.corrcoef(found.q.double().T)
+    expected = stated / (sd[:, None] * sd)
+    # x with wy and y with wx: 0.96 at 0.95 R in PHYSICS section 2; a correlation of 0.96 from 40 samples has a sd of
+    # (1 - 0.96^2) / sqrt(40) = 0.012.
+    for i, j in ((0, 3), (1, 2)):
+        assert abs(float(expected[i, j])) == pytest.approx(0.96, abs=0.02)
+        assert float(measured[i, j]) == pytest.approx(float(expected[i, j]), abs=0.04)
+    # The others are uncorrelated to 1 / sqrt(40) = 0.16: three of it.
+    assert abs(float(measured[0, 1] - expected[0, 1])) < 0.5
+
+
+def test_the_covariance_is_symmetric_positive_and_grows_with_the_noise() -> None:
+    f, g, circle = pair(MOTION)
+    sds = []
+    for noise in (1.0, 4.0):
+        covariance = correlate(noisy(f, noise, 7), noisy(g, noise, 8), circle).covariance[0]
+        torch.testing.assert_close(covariance, covariance.T, atol=0, rtol=1e-9)  # rounding of float64
+        assert (torch.linalg.eigvalsh(covariance) > 0).all()
+        sds.append(covariance.diagonal().sqrt())
+    # Four times the noise; rounding to grey levels (0.29) and interpolation add a little to the smaller one.
+    ratio = sds[1] / sds[0]
+    assert ((ratio > 3.0) & (ratio < 4.2)).all()
+
+
+def test_a_smaller_region_is_known_less_well() -> None:
+    f, g, circle = pair(MOTION)
+    f, g = noisy(f, 2.0, 9), noisy(g, 2.0, 10)
+    sd = [correlate(f, g, circle, roi=roi).covariance[0].diagonal().sqrt() for roi in (0.5, 0.7, 0.9)]
+    # PHYSICS section 2: the std of x falls from 0.043 to 0.014 to 0.008 px, by 3.1 and by 1.75 (of which the last holds
+    # more than noise); on any pattern at least by 1.5.
+    assert (sd[0][[0, 1, 2, 3]] > 1.5 * sd[1][[0, 1, 2, 3]]).all()
+    assert (sd[1][[0, 1, 2, 3]] > 1.5 * sd[2][[0, 1, 2, 3]]).all()

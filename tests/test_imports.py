@@ -1,0 +1,114 @@
+"""What imports what: one way down the pipeline, nothing heavy, no side effects."""
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "torchsphere"
+
+#: The data's way. A module imports from lines above its own, never from its own or from one below.
+LAYERS = (
+    ("recording", "inputs"),
+    ("source", "masks"),
+    ("motion", "interpolate", "crop"),
+    ("forward", "reference", "criterion"),
+    ("covariance", "outline", "locate"),
+    ("correlate", "circle"),
+    ("symmetric",),
+    ("follow",),
+    ("calibrate", "orientation", "camera"),
+    ("track",),
+    ("kinematics",),
+    ("results", "report", "demo"),
+    ("measure",),
+    ("cli",),
+    ("__main__",),
+)
+LEVEL = {module: level for level, layer in enumerate(LAYERS) for module in layer}
+
+#: The same within recording, which is one module to all others.
+RECORDING_LAYERS = (
+    ("recording", "refusal", "packed", "grey", "linearisation"),
+    ("arrays", "tiff", "phantom", "photron", "video"),
+    ("folder",),
+    ("opener",),
+    ("__init__",),
+)
+RECORDING_LEVEL = {module: level for level, layer in enumerate(RECORDING_LAYERS) for module in layer}
+
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+
+def imported(path: Path) -> Iterator[str]:
+    """Full names of all that a file imports, at its top or inside a function."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: a relative import hides where it leads"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def parts_of(path: Path) -> tuple[str, ...]:
+    return path.relative_to(PACKAGE).with_suffix("").parts
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: "/".join(parts_of(path)))
+def test_imports_run_one_way_down_the_pipeline(path: Path) -> None:
+    own = parts_of(path)
+    if own == ("__init__",):
+        return
+    assert own[0] in LEVEL, f"{own[0]}: a new module needs its place in LAYERS"
+    for name in imported(path):
+        package, _, rest = name.partition(".")
+        if package != "torchsphere" or rest.startswith("__"):
+            continue
+        target = rest.split(".")
+        if target[0] != own[0]:
+            assert target[0] in LEVEL, f"{'/'.join(own)} imports {name}: import from the module that defines it"
+            assert LEVEL[target[0]] < LEVEL[own[0]], f"{'/'.join(own)} imports {name}, which comes after it"
+        elif own[0] == "recording":
+            assert RECORDING_LEVEL[target[1]] < RECORDING_LEVEL[own[1]], f"{'/'.join(own)} imports {name}"
+
+
+def test_every_place_in_the_pipeline_is_a_module() -> None:
+    there = {parts_of(path)[0] for path in FILES} - {"__init__"}
+    assert set(LEVEL) == there
+
+
+# A sign error that both shared would cancel out in every test.
+@pytest.mark.parametrize(("folder", "other"), [("torchsphere", "render"), ("render", "torchsphere")])
+def test_torchsphere_and_render_never_import_each_other(folder: str, other: str) -> None:
+    for path in (ROOT / folder).rglob("*.py"):
+        packages = {name.partition(".")[0] for name in imported(path)}
+        assert not packages & {other, "experiments", "tests"}, path
+
+
+def test_importing_loads_nothing_heavy_and_changes_nothing() -> None:
+    script = """
+import logging, os, random, sys
+import numpy, torch
+before = (torch.get_num_threads(), torch.get_default_dtype(), torch.is_grad_enabled(), torch.initial_seed(),
+          torch.get_rng_state().tolist(), numpy.random.get_state()[1].tolist(), random.getstate(),
+          list(logging.getLogger().handlers), dict(os.environ))
+import torchsphere
+after = (torch.get_num_threads(), torch.get_default_dtype(), torch.is_grad_enabled(), torch.initial_seed(),
+         torch.get_rng_state().tolist(), numpy.random.get_state()[1].tolist(), random.getstate(),
+         list(logging.getLogger().handlers), dict(os.environ))
+heavy = {"mitsuba", "drjit", "matplotlib", "av", "dask", "distributed", "cv2", "skimage"} & set(sys.modules)
+sys.exit(f"loaded {sorted(heavy)}" if heavy else "changed" if before != after else 0)
+"""
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_torchsphere_imports_where_optional_libraries_are_missing() -> None:
+    missing = ["matplotlib", "av", "mitsuba", "drjit", "dask", "distributed", "scipy", "cv2", "skimage"]
+    script = f"import sys; sys.modules.update(dict.fromkeys({missing!r})); import torchsphere"
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
