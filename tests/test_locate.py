@@ -8,8 +8,10 @@ from shots import noisy, shot
 from torchsphere import locate
 
 
-@pytest.mark.parametrize(("step", "radius"), [((0.0, 0.0), 50.0), ((22.0, 3.0), 50.0), ((-60.0, 40.0), 50.0),
-                                              ((35.0, -5.0), 20.0), ((150.0, 30.0), 40.0)])
+@pytest.mark.parametrize(
+    ("step", "radius"),
+    [((0.0, 0.0), 50.0), ((22.0, 3.0), 50.0), ((-60.0, 40.0), 50.0), ((35.0, -5.0), 20.0), ((150.0, 30.0), 40.0)],
+)
 def test_the_ball_is_found_to_a_tenth_of_its_radius(step: tuple[float, float], radius: float) -> None:
     made = shot(1, n=2, step=step, jitter=0.4, radius=radius, start=(180.0, 110.0), rotation_deg=(1, 2, 1))
     found = locate.best_match(made.images[0], made.images[1], made.centres[0], radius)

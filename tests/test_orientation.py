@@ -37,7 +37,9 @@ def test_a_quarter_turn_about_y_takes_the_front_to_the_left() -> None:
 def test_the_order_of_two_rotations_matters_and_is_kept() -> None:
     x, y = [np.pi / 2, 0, 0], [0, np.pi / 2, 0]
     there = chain(np.array([[0, 0, 0], x, y]), np.ones(3, bool))[2]
-    expected = rotation_matrix(torch.tensor(y, dtype=torch.float64)) @ rotation_matrix(torch.tensor(x, dtype=torch.float64))
+    expected = rotation_matrix(torch.tensor(y, dtype=torch.float64)) @ rotation_matrix(
+        torch.tensor(x, dtype=torch.float64)
+    )
     np.testing.assert_allclose(there, expected.numpy(), atol=1e-12)  # rounding
 
 
