@@ -34,9 +34,8 @@ def shot(seed: int, background: float) -> tuple[torch.Tensor, np.ndarray, np.nda
 
 def main() -> None:
     """Print one line per background and pattern."""
-    print(
-        "| background | pattern | radius (px) | bias x, y (px) | std x, y (px) | bias w (deg) | std w (deg) | position (px) |"
-    )
+    print("| background | pattern | radius (px) | bias x, y (px) | std x, y (px) ", end="")
+    print("| bias w (deg) | std w (deg) | position (px) |")
     print("|---|---|---|---|---|---|---|---|")
     for background in BACKGROUNDS:
         for seed in PATTERNS:

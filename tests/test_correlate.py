@@ -30,7 +30,8 @@ def test_no_motion_gives_exactly_nothing(model: str, jacobian: str, dtype: torch
     image = noisy(f, 2.0, 1).to(dtype)
     found = correlate(image, image, circle, model=model, jacobian=jacobian)
     assert found.status.tolist() == ["ok"]
-    assert found.q.abs().max() < 1e-6  # px and rad: rounding of float32 at 200 grey levels, averaged over 7000 pixels
+    # Sampling scales places to the crop's width, which rounds them by 1e-7 of 130 px: 1e-5 px in single precision.
+    assert found.q.abs().max() < (1e-5 if dtype == torch.float32 else 1e-12)
     assert float(found.zncc[0]) == pytest.approx(1.0, abs=1e-6)
 
 
@@ -226,7 +227,7 @@ def test_a_flat_image_has_no_texture() -> None:
 
 
 def test_a_plain_ball_has_no_texture() -> None:
-    f, _, circle = pair(STILL)
+    circle = (63.2, 64.7, 50.0)
     y, x = torch.meshgrid(torch.arange(130), torch.arange(130), indexing="ij")
     ball = torch.where((x - circle[0]) ** 2 + (y - circle[1]) ** 2 < circle[2] ** 2, 200.0, 90.0)
     found = correlate(noisy(ball, 2.0, 1), noisy(ball, 2.0, 2), circle)

@@ -106,7 +106,7 @@ def test_finite_moves_points_as_the_matrix_does(wx: float, wy: float, wz: float)
 
 
 def test_points_that_turn_out_of_sight_are_nan_and_have_no_modes() -> None:
-    # 0.98 R lies 11.5 deg inside the limb. +wy moves the front to the left: by 20 deg the left one is gone, the right one not.
+    # 0.98 R lies 11.5 deg inside the limb. +wy moves the front to the left: by 20 deg the left point is gone.
     points = torch.tensor([[-0.98 * R, 0.0], [0.98 * R, 0.0], [0.0, 0.0]], dtype=torch.float64)
     q = row(0, 0, 0, math.radians(20), 0)
     assert motion.finite(q, points, GEOMETRY).isnan().all(-1).tolist() == [True, False, False]

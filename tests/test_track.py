@@ -101,6 +101,18 @@ def test_a_sudden_change_of_motion_is_followed() -> None:
     assert off.max() < 0.2  # the jump between the halves turns the ball by 4 deg: linearising it costs 0.02 px
 
 
+@pytest.mark.parametrize("given", [True, False], ids=["circle given", "no circle"])
+def test_five_degrees_per_frame_are_measured_with_the_exact_model(given: bool) -> None:
+    made = shot(2, n=12, step=(8.0, 0.2), rotation_deg=(2.0, 5.0, 1.0))
+    measured = track(made.images, made.circle if given else None, model="finite")
+    assert set(measured.status) == {"ok"}
+    errors = increment_errors(measured, made)
+    # PHYSICS section 3: 0.002 px per degree of bias along the front's motion, over noise of 0.005 px.
+    assert np.abs(errors[:, :2].mean(0)).max() < 0.015
+    # The position that every user sees first: the bound of issue 2.
+    assert np.linalg.norm(measured.position - made.centres.numpy(), axis=1).max() < 0.3
+
+
 def test_blank_frames_are_flagged_and_the_ball_is_found_again() -> None:
     made = shot(2, n=24)
     images = made.images.clone()

@@ -24,8 +24,8 @@ from torchsphere.source import Source
 #: Frames used: to follow the ball, and to look at its outline.
 FRAMES, OUTLINES = 65, 16
 
-#: What stays of the outline's error however many images are averaged, px, where the step from the background to the limb
-#: is twice the pattern's standard deviation; it goes with the inverse square of that ratio. Measured: 0.05 px low at a
+#: What stays of the outline's error however many images are averaged, px, where the step from background to limb is
+#: twice the pattern's standard deviation; it goes with the ratio's inverse square. Measured: 0.05 px low at a
 #: ratio of 1.8 (dark and bright backgrounds), 0.3 to 0.5 px low at 0.9, where faint limbs are missed.
 SYSTEMATIC_PX, FULL_CONTRAST = 0.15, 2.0
 

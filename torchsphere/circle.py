@@ -99,8 +99,11 @@ def refine_circle(image: Tensor, circle: Circle, window: float | None = None) ->
     """
     guess = torch.tensor([[circle.x, circle.y, circle.radius]], dtype=torch.float64)
     reach = max(2.0, 0.06 * circle.radius) if window is None else window
-    fit = outline.refine(image[None], guess, window=reach)
-    if float(fit.support[0]) < MIN_SUPPORT:
+    plain = outline.is_plain(image, guess[0])
+    fit = outline.refine(image[None], guess, window=reach, plain=plain, patterned=not plain)
+    level = image.median() if float(fit.support[0]) == 0 else _level_around(image, fit.circle[0])
+    difference = (image - level).abs()
+    if float(fit.support[0]) < MIN_SUPPORT or _explained_by(_saturated(difference), fit.circle[0]) < MIN_EXPLAINED:
         raise ValueError(
             f"no outline was found near the circle ({circle.x:g}, {circle.y:g}, {circle.radius:g}): give one that is "
             f"right to {reach:.1f} px, or track with the circle as given"
@@ -180,11 +183,24 @@ def _silhouettes(
     for difference, contrast in maps:
         if ignore is not None:
             difference = torch.where(ignore, 0.0, difference)
-        # Most of the image is background: its spread is the noise. Strong differences all count as one.
-        noise = 1.4826 * float(difference.median())
-        strong = float(torch.quantile(difference.flatten()[:: max(1, difference.numel() // 100_000)], 0.97))
-        if strong > 0:
-            yield (difference / max(5 * noise, 0.25 * strong, 1e-6)).clamp(max=1.0), contrast
+        if float(difference.max()) > 0:
+            yield _saturated(difference), contrast
+
+
+def _saturated(difference: Tensor) -> Tensor:
+    """From 0 to 1: most of the image is background, whose spread is the noise; strong differences all count as one."""
+    noise = 1.4826 * float(difference.median())
+    strong = float(torch.quantile(difference.flatten()[:: max(1, difference.numel() // 100_000)], 0.97))
+    return (difference / max(5 * noise, 0.25 * strong, 1e-6)).clamp(max=1.0)
+
+
+def _level_around(image: Tensor, circle: Tensor) -> Tensor:
+    """Median grey level of a ring around the circle."""
+    x, y, radius = circle.tolist()
+    rows, columns = (torch.arange(size, device=image.device) for size in image.shape)
+    distance = ((rows[:, None] - y) ** 2 + (columns - x) ** 2).sqrt()
+    ring = image[(distance > 1.1 * radius) & (distance < RING * radius)]
+    return ring.median() if len(ring) else image.median()
 
 
 def _best_disc(silhouette: Tensor) -> Tensor | None:

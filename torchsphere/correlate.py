@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere import covariance, criterion, crop, interpolate, motion
-from torchsphere.inputs import as_images, as_mask, check_circle
+from torchsphere.inputs import as_images, as_mask, as_rows, check_circle
 from torchsphere.motion import Displacement
 from torchsphere.reference import Reference, build_reference, scale, slopes
 
@@ -65,6 +65,8 @@ class Options:
             raise ValueError(f"unknown model {self.model!r}: expected one of {', '.join(motion.MODELS)}")
         if self.jacobian not in ("constant", "autograd"):
             raise ValueError(f"unknown jacobian {self.jacobian!r}: expected 'constant' or 'autograd'")
+        if not isinstance(self.max_iterations, int):
+            raise ValueError(f"max_iterations = {self.max_iterations!r}: expected a whole number")
         limits = {"roi": (0.1, 1.0), "pre_blur": (0.0, 5.0), "max_iterations": (1, 10_000), "tolerance_px": (1e-9, 1.0)}
         limits |= {"min_zncc": (0.0, 1.0), "min_visible": (0.0, 1.0)}
         for name, (low, high) in limits.items():
@@ -134,10 +136,13 @@ def correlate(f: Any, g: Any, circle: Any, *, start: Any = None, ignore: Any = N
     if f.shape != g.shape:
         raise ValueError(f"f and g must have one shape, got {tuple(f.shape)} and {tuple(g.shape)}")
     n = len(f)
-    circles = torch.as_tensor(circle, dtype=torch.float64, device="cpu").expand(n, 3)
+    if f.dtype != g.dtype:
+        raise ValueError(f"f and g must have one precision, got {f.dtype} and {g.dtype}; convert one of them")
+    circles = as_rows(circle, n, 3, "circle")
     check_circle(circles, f.shape[-2:])
-    first = torch.zeros(5) if start is None else torch.as_tensor(start)
-    first = first.to(f).expand(n, 5)
+    first = as_rows(torch.zeros(5) if start is None else start, n, 5, "start").to(f)
+    if not bool(first.isfinite().all()):
+        raise ValueError("start: expected finite numbers dx, dy, wx, wy, wz in px and rad")
     mask = None if ignore is None else as_mask(ignore, f)
     return correlate_pairs(f, g, circles[:, :2], float(circles[0, 2]), first, mask, settings)
 

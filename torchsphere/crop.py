@@ -76,5 +76,10 @@ def cut(images: Tensor, centres: Tensor, half: int, ignore: Tensor | None = None
     unusable = ((x < 0) | (x >= width))[:, None, :] | ((y < 0) | (y >= height))[:, :, None]
     if ignore is not None:
         unusable = unusable | ignore[rows_in, columns_in]
+        # What is ignored may hold anything; filters must not carry it into what is used.
+        dropped = ignore[rows_in, columns_in]
+        used = torch.where(dropped, 0.0, crops)
+        level = used.sum((1, 2), keepdim=True) / (~dropped).sum((1, 2), keepdim=True).clamp_min(1)
+        crops = torch.where(dropped, level, crops)
     spread = F.max_pool2d(unusable[:, None].to(crops.dtype), 2 * REACH + 1, stride=1, padding=REACH)[:, 0]
     return Crops(crops, spread == 0, origin)

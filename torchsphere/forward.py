@@ -41,7 +41,8 @@ def speckle(
     seed : int
         The same seed gives the same pattern.
     radius_px, speckle_px : float
-        Radius of the ball in the image and full width at half maximum of the speckle's autocorrelation, px.
+        Radius of the ball in the image, and full width at half maximum of the Gaussian that makes spots of white
+        noise, px; the pattern's autocorrelation is wider by about a third.
     low, high : float
         Grey levels between which the speckle swings.
 
@@ -53,10 +54,10 @@ def speckle(
     cells = int(min(max(4 * radius_px, 64), 192))
     generator = torch.Generator().manual_seed(seed)
     noise = torch.randn(cells, cells, cells, generator=generator)
-    # The autocorrelation of noise blurred by s is a Gaussian of width s sqrt(2).
-    sigma = speckle_px / 2.3548 / 2**0.5 * cells / (2 * CUBE_HALF_WIDTH * radius_px)
+    sigma = speckle_px / 2.3548 * cells / (2 * CUBE_HALF_WIDTH * radius_px)
     for _ in range(3):
-        noise = blur(noise, sigma).permute(1, 2, 0) if sigma > 0 else noise
+        # Two axes at a time, so that three turns blur each axis twice.
+        noise = blur(noise, sigma / 2**0.5).permute(1, 2, 0)
     field = (noise - noise.mean()) / noise.std()
     return Pattern(low + (high - low) * 0.5 * (1 + torch.erf(1.2 * field)))
 

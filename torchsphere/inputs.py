@@ -32,6 +32,9 @@ def _native(array: np.ndarray) -> np.ndarray:
     """The array in a type that torch knows: unsigned 16 and 32 bit and foreign byte orders are widened."""
     if array.dtype.kind not in "buif":
         raise ValueError(f"no numbers: {array.dtype}")
+    if not array.flags.writeable:
+        # Torch cannot share memory that it must not write to.
+        array = array.copy()
     return array if array.dtype in (np.float64, np.float32, np.uint8) else array.astype(np.float32)
 
 
@@ -48,6 +51,24 @@ def as_mask(mask: Any, images: Tensor) -> Tensor:
         expected = tuple(images.shape[-2:])
         raise ValueError(f"ignore: expected a mask of the image's shape (h, w) = {expected}, got {tuple(tensor.shape)}")
     return tensor.to(images.device) != 0
+
+
+def as_rows(values: Any, n: int, k: int, name: str) -> Tensor:
+    """Numbers as float64 rows (n, k) on the CPU, from (k,) for all rows or (n, k).
+
+    Raises
+    ------
+    ValueError
+        If the shape is another.
+    """
+    tensor = torch.as_tensor(values, dtype=torch.float64, device="cpu")
+    if tuple(tensor.shape) not in ((k,), (1, k), (n, k)):
+        raise ValueError(f"{name}: expected {k} numbers, or one row of {k} for each of {n} pairs, got {_shape(tensor)}")
+    return tensor.expand(n, k)
+
+
+def _shape(tensor: Tensor) -> str:
+    return f"an array of shape {tuple(tensor.shape)}"
 
 
 def check_circle(circles: Tensor, shape: tuple[int, ...] | torch.Size) -> None:

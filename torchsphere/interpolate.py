@@ -17,9 +17,9 @@ from torch import Tensor
 #: Values of the centred cubic B-spline at the nodes -1, 0, 1.
 NODE_WEIGHTS = (1 / 6, 4 / 6, 1 / 6)
 
-#: Gaussian pre-blur, px. Measured over 177 pairs of the example shot (three patterns of 4 px speckle, noise 2, 0.57 deg
-#: per frame, true circle): bias of x and std of x are 0.0061 and 0.0070 px without, 0.0021 and 0.0041 at 0.7, 0.0009 and
-#: 0.0041 at 0.9, 0.0000 and 0.0049 at 1.2.
+#: Gaussian pre-blur, px. Measured over 177 pairs of the example shot (three patterns, spots of 4 px, noise 2, 0.57 deg
+#: per frame, true circle), bias and standard deviation of x: 0.0061 and 0.0070 px without, 0.0021 and 0.0041 at 0.7,
+#: 0.0009 and 0.0041 at 0.9, 0.0000 and 0.0049 at 1.2.
 PRE_BLUR_PX = 0.9
 
 

@@ -146,6 +146,7 @@ def refine(
     rounds: int = 6,
     fixed_radius: bool = False,
     plain: bool = False,
+    patterned: bool = False,
 ) -> OutlineFit:
     """Fit circles to the outlines of n images, each from a circle that is right to within ``window``.
 
@@ -165,6 +166,9 @@ def refine(
         Fit the centre alone.
     plain : bool
         The ball has no pattern: the last rounds take `light_shifts` instead of the step model.
+    patterned : bool
+        The ball has a pattern and the images are no silhouettes: all but the last two rounds look at the difference
+        from the background instead, since a window wider than the pattern would rest on the pattern's own edges.
 
     Returns
     -------
@@ -186,6 +190,8 @@ def refine(
         steps = torch.arange(first, last + 0.125, 0.25, dtype=torch.float64)
         radii = (fitted[:, 2:] + steps).clamp_min(0.5)
         levels, inside = polar(images, fitted, radii, angles, ignore)
+        if patterned and turn < rounds - 2:
+            levels = _silhouette(levels)
         shift, height = light_shifts(levels, steps) if by_light else step_shifts(levels, steps, step_blur)
         known = inside.all(-1).cpu()
         shift, height = shift.double().cpu(), height.double().cpu()
@@ -201,6 +207,19 @@ def refine(
     support = torch.where(failed, 0.0, support)
     rest = shift - correction @ design.T
     return OutlineFit(fitted, covariance, support, steepness.nanmedian(-1).values, rest, weights)
+
+
+def _silhouette(levels: Tensor) -> Tensor:
+    """From 0 (as the ray's outer end) to 1 (clearly another grey level), (n, a, m).
+
+    A wide step model would rest on the pattern's own edges; in the silhouette the ball has none.
+    """
+    outer = levels[..., -(levels.shape[-1] // 3) :]
+    background = outer.median(-1, keepdim=True).values
+    noise = (outer - background).abs().flatten(1).median(-1).values
+    difference = (levels - background).abs()
+    strong = torch.quantile(difference.flatten(1), 0.9, dim=-1)
+    return (difference / torch.maximum(5 * noise, 0.25 * strong).clamp_min(1e-6)[:, None, None]).clamp(max=1.0)
 
 
 def centre_step(fit: OutlineFit) -> tuple[Tensor, Tensor]:

@@ -37,6 +37,12 @@ class Source:
         cls, recording: Any, device: str | torch.device | None = None, dtype: torch.dtype = torch.float32
     ) -> Source:
         """Wrap a `Recording`, which is read lazily, or an array (n, h, w); ValueError if no motion can come of it."""
+        if dtype not in (torch.float32, torch.float64):
+            raise ValueError(f"dtype {dtype}: expected torch.float32 or torch.float64")
+        try:
+            device = None if device is None else torch.device(device)
+        except RuntimeError as error:
+            raise ValueError(f"device {device!r}: torch knows no such device; use 'cpu' or 'cuda'") from error
         if isinstance(recording, Recording):
             chosen = torch.device(device or "cpu")
             source = cls(recording.images, len(recording), chosen, dtype)

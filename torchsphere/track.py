@@ -137,6 +137,8 @@ def _first_circle(source: Source, given: Any, mask: Tensor | None, refine: bool,
     if given is None:
         return calibrate(source, circles.find(source.images, source.count, mask), mask, options)
     circle = given if isinstance(given, Circle) else Circle(*_three_numbers(given))
+    if not 0 <= circle.frame < source.count:
+        raise ValueError(f"circle: its frame {circle.frame} is not one of the recording's 0 to {source.count - 1}")
     first = source.images(circle.frame, circle.frame + 1)[0]
     check_circle(torch.tensor([[circle.x, circle.y, circle.radius]]), first.shape)
     return circles.refine_circle(first, circle) if refine else circle
