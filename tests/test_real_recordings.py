@@ -33,9 +33,9 @@ def test_the_photron_ball_without_texture_has_a_path_but_no_rotation(photron: Re
     measured = track(photron)
     assert (measured.status[1:] == "weak_texture").all()
     assert np.isnan(measured.increment[:, 2:]).all()
-    # Half a px of diameter: issue 2, from a careful look at the images.
+    # Half a px of diameter, from a careful look at the images.
     assert 2 * measured.circle.radius == pytest.approx(125.8, abs=0.5)
-    # A free ball: a parabola is a smooth curve. 0.05 px: issue 2.
+    # A free ball: a parabola is a smooth curve; its residual stays under 0.05 px.
     residual = residual_from_a_parabola(measured)
     assert np.sqrt((residual**2).mean(0)).max() < 0.05
     assert np.abs(residual).max() < 0.05
