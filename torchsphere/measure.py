@@ -194,11 +194,25 @@ def _warnings(request: Request, recording: Recording, tracked: Track, frame_rate
         found.append("The circle was given without an uncertainty; what it adds to the results' is not included.")
     if request.mm_per_px is not None:
         found.append("The scale was given and taken as exact; its uncertainty is not included.")
+    if not request.in_place and _turns_in_place(tracked):
+        found.append(
+            "The ball turns fast and hardly moves; if it cannot leave its place, say --in-place against drift."
+        )
     if request.model == "published":
         found.append("The published modes are no rigid rotation: they bias translation and rotation; see the README.")
     if request.model == "translation":
         found.append("The translation model takes any rotation of the ball for translation.")
     return tuple(found)
+
+
+def _turns_in_place(tracked: Track) -> bool:
+    """Whether the ball turns by more than it moves: more than 1 deg per frame, less than two radii in all."""
+    turn = np.linalg.norm(tracked.increment[:, 2:], axis=1)
+    known = tracked.position[np.isfinite(tracked.position[:, 0])]
+    reach = float(np.ptp(known, axis=0).max()) if len(known) else np.inf
+    swept = np.nansum(turn) * tracked.circle.radius
+    fast = bool(np.isfinite(turn).any()) and float(np.nanmedian(turn)) > np.radians(1.0)
+    return fast and reach < 2 * tracked.circle.radius and swept > 3 * reach
 
 
 def _write(request: Request, done: Measurement, frame_rate: float | None) -> None:
