@@ -15,13 +15,15 @@ PACKAGE = ROOT / "torchsphere"
 LAYERS = (
     ("recording", "inputs"),
     ("source", "masks"),
-    ("motion", "interpolate", "crop"),
-    ("forward", "reference", "criterion"),
-    ("covariance", "outline", "locate"),
-    ("correlate", "circle"),
-    ("symmetric",),
+    ("motion", "interpolate", "crop", "texture", "still"),
+    ("forward", "reference", "criterion", "interlace", "view"),
+    ("covariance", "outline", "locate", "newton", "misfit", "search", "trust"),
+    ("robust",),
+    ("correlate", "circle", "bundle", "register"),
+    ("symmetric", "rescue", "mapped"),
     ("follow",),
     ("calibrate", "orientation", "camera"),
+    ("drift",),
     ("track",),
     ("kinematics",),
     ("results", "report", "demo"),
@@ -108,7 +110,7 @@ sys.exit(f"loaded {sorted(heavy)}" if heavy else "changed" if before != after el
 
 
 def test_torchsphere_imports_where_optional_libraries_are_missing() -> None:
-    missing = ["matplotlib", "av", "mitsuba", "drjit", "dask", "distributed", "scipy", "cv2", "skimage"]
+    missing = ["matplotlib", "av", "mitsuba", "drjit", "dask", "distributed", "cv2", "skimage"]
     script = f"import sys; sys.modules.update(dict.fromkeys({missing!r})); import torchsphere"
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -121,6 +121,11 @@ def _add_track(commands: Any) -> None:
     parser.add_argument(
         "--in-place", action="store_true", default=None, help="the ball turns without leaving its place"
     )
+    parser.add_argument(
+        "--map",
+        choices=("auto", "on", "off"),
+        help="map of the ball's texture against drift, for twice the precision, about 1 s a frame (auto: where needed)",
+    )
     parser.add_argument("--lab-frame", action="store_true", default=None, help="kinematics with y up, z to the camera")
     parser.add_argument(
         "--config", type=Path, metavar="FILE.toml", help="these options from a file; the line above wins"
@@ -172,7 +177,7 @@ def _typed(path: Path, name: str, value: Any) -> Any:
         return [value] if isinstance(value, str) else [str(v) for v in value]
     if name in ("fps", "diameter_mm", "mm_per_px", "mass_g", "roi") and number:
         return float(value)
-    if name in ("model", "device") and isinstance(value, str):
+    if name in ("model", "device", "map") and isinstance(value, str):
         return value
     if name in ("refine", "in_place", "lab_frame", "overwrite") and isinstance(value, bool):
         return value

@@ -11,21 +11,21 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
-import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere import crop, interpolate, locate, outline
+from torchsphere import circle, crop, interlace, interpolate, locate, outline, search
 from torchsphere.circle import MIN_SUPPORT, Circle
-from torchsphere.correlate import STATUSES, Correlation, Options, correlate_pairs, margin, solve
+from torchsphere.correlate import STATUSES, Correlation, Options, margin, solve
+from torchsphere.rescue import ranked
 from torchsphere.source import Source
 from torchsphere.symmetric import both_ways
 
 #: Pairs correlated at once. A batch that leaves the processor's cache is slower, not faster.
 BATCH = 16
 
-#: Radius that the images of a rescue are reduced to, px.
-RESCUE_RADIUS_PX = 25.0
+#: First guesses that a search over rotations may try at full size.
+TRIED = 3
 
 #: The reference's centre may be off by this much before a pair is correlated again around the right one, px: an error
 #: of 1 px in the centre changes the increment by 0.001 to 0.002 px.
@@ -36,6 +36,9 @@ PREDICTION_TOLERANCE = 0.1
 
 #: Height of the outline's step, against that of the last frame, below which the ball is not believed to be there.
 MIN_CONTRAST = 0.4
+
+#: Frames since the ball was last seen from which its outline alone will do, and how well its radius must be met.
+RESTART_AFTER, RESTART_RADIUS = 3, 0.06
 
 #: Share of the disc in the image below which a ball that was not measured counts as out of the frame.
 MIN_IN_FRAME = 0.5
@@ -128,11 +131,18 @@ class Follower:
         Every image but the first and the last serves as deformed image and then as reference: it is filtered once.
         """
         crops = crop.cut(images, centres, crop.half_size(self.radius, margin(self.options)), self.ignore)
+        if interlace.is_interlaced(crops):
+            crops = interlace.one_field(crops)
         c = interpolate.coefficients(crops.images, self.options.pre_blur)
         m = len(start)
         f, g = crops.rows(0, m), crops.rows(1, m + 1)
         found = solve(f, c[:-1], g, c[1:], centres[:-1], self.radius, start.to(c), self.options)
-        return both_ways((f, g), (c[:-1], c[1:]), (centres[:-1], centres[1:]), self.radius, found, self.options)
+        arrived = centres[1:]
+        if not self.in_place:
+            # The centre that the way there found, not the one that was expected: 2 px off made errors of 0.06 px.
+            measured = centres[:-1] + found.q[:, :2].to(centres)
+            arrived = torch.where(measured.isfinite(), measured, arrived)
+        return both_ways((f, g), (c[:-1], c[1:]), (centres[:-1], arrived), self.radius, found, self.options)
 
     def _positions(self, found: Correlation) -> Tensor:
         """Positions (m + 1, 2) that the increments add up to, from the last known one."""
@@ -164,40 +174,49 @@ class Follower:
         here = torch.from_numpy(self.position[self._last])
         pair = torch.cat((self._image, target))
         seen = here if self.in_place else locate.best_match(pair[0], pair[1], here, self.radius, self.ignore)
-        found = self._from_several_starts(pair, here, seen, at - self._last)
+        found = self._from_scratch(at, pair, here, seen)
         status = str(found.status[0])
         self.status[at], self.zncc[at], self.iterations[at] = status, float(found.zncc[0]), int(found.iterations[0])
         if status == "ok" and at == self._last + 1:
             self._keep(found, 1, target)
         elif status == "ok":
             self._found_again(at, here + found.q[0, :2].double().cpu(), target, found)
-        elif status == "weak_texture":
+        elif status == "weak_texture" and not (self.status[1:] == "ok").any():
             self._by_outline(at, pair, here, seen)
+        elif status == "weak_texture":
+            # A ball with a pattern does not lose it: it is hidden, or not there.
+            self.status[at] = "low_correlation"
+        if np.isnan(self.position[at, 0]) and at - self._last >= RESTART_AFTER:
+            self._restart(at, target)
         if (
             np.isnan(self.position[at, 0])
             and self._in_frame(here + self._expected[:2] * (at - self._last)) < MIN_IN_FRAME
         ):
             self.status[at] = "out_of_frame"
 
-    def _from_several_starts(self, pair: Tensor, here: Tensor, seen: Tensor, gap: int) -> Correlation:
-        """Correlate one pair from the best of several first guesses, chosen on images reduced to a small ball."""
-        expected = self._expected * gap
+    def _from_scratch(self, at: int, pair: Tensor, here: Tensor, seen: Tensor) -> Correlation:
+        """Correlate one pair from the best of a few first guesses; if that fails, from a search over rotations."""
+        expected = self._expected * (at - self._last)
         unturned = torch.cat((seen - here, torch.zeros(3, dtype=torch.float64)))
         turned = torch.cat((seen - here, expected[2:]))
         starts = torch.stack((unturned, turned, expected, torch.zeros_like(expected)))
-        factor = max(1, round(self.radius / RESCUE_RADIUS_PX))
-        unit = torch.tensor([factor, factor, 1, 1, 1], dtype=torch.float64)
-        small = F.avg_pool2d(pair[:, None], factor)[:, 0]
-        ignore = None
-        if self.ignore is not None:
-            ignore = F.max_pool2d(self.ignore[None].to(pair.dtype), factor)[0] > 0
-        # Pixel i of the small image is the mean of the pixels from i factor on.
-        centres = ((here + 0.5) / factor - 0.5).expand(len(starts), 2)
-        f, g = (image.expand(len(starts), -1, -1) for image in small)
-        guess = correlate_pairs(f, g, centres, self.radius / factor, starts / unit, ignore, self.options)
-        tried = torch.where(guess.q.isfinite().all(-1), guess.zncc, -1.0)
-        best = int(tried.argmax())
-        start = guess.q[best].double().cpu() * unit if float(tried[best]) > 0 else unturned
+        best = ranked(pair, here, self.radius, starts, self.ignore, self.options)
+        found = self._correlate_one(pair, here, best[0] if len(best) else unturned)
+        gone = self._in_frame(here + expected[:2]) < MIN_IN_FRAME
+        if found.status[0] == "ok" or gone or self.options.model not in ("rigid", "finite"):
+            return found
+        wide = search.guesses(pair[0], pair[1], here, self.radius, self.ignore)
+        if self.in_place:
+            wide[:, :2] = 0
+        if len(wide) == 0:
+            return found
+        for start in ranked(pair, here, self.radius, wide, self.ignore, self.options)[:TRIED]:
+            again = self._correlate_one(pair, here, start)
+            if again.status[0] == "ok":
+                return again
+        return found
+
+    def _correlate_one(self, pair: Tensor, here: Tensor, start: Tensor) -> Correlation:
         return self._correlate(pair, torch.stack((here, here + start[:2])), start[None])
 
     def _found_again(self, at: int, position: Tensor, image: Tensor, found: Correlation) -> None:
@@ -206,6 +225,23 @@ class Follower:
         self.rotation[at] = found.q[0, 2:].double().cpu().numpy()
         self.status[at] = "lost"
         self._go_on_from(at, image, found.q[0].double().cpu().numpy() / (at - self._last))
+
+    def _restart(self, at: int, image: Tensor) -> None:
+        """Go on with a ball that shows another side by now: its outline tells the position, nothing the rotation."""
+        if self.in_place:
+            return
+        try:
+            found = circle.find(lambda start, stop: image[start:stop], 1, self.ignore)
+        except ValueError:
+            return
+        if abs(found.radius - self.radius) > RESTART_RADIUS * self.radius:
+            return
+        guess = torch.tensor([[found.x, found.y, self.radius]], dtype=torch.float64)
+        fit = outline.refine(image, guess, ignore=self.ignore, window=outline.STEP_BLUR_PX, fixed_radius=True)
+        if float(fit.support[0]) >= MIN_SUPPORT:
+            self.position[at] = fit.circle[0, :2].numpy()
+            self.status[at] = "lost"
+            self._go_on_from(at, image, np.full(5, np.nan))
 
     def _by_outline(self, at: int, pair: Tensor, here: Tensor, seen: Tensor) -> None:
         """Translation of a ball whose texture cannot carry the modes, from the outlines of both images."""

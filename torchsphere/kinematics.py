@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere import camera
+from torchsphere.drift import STEP_PER_RADIUS
 from torchsphere.track import Track
 
 #: Relative change of the rotation for a relative change of the radius. Measured at 0.5 deg per frame and R = 50 px: an
@@ -112,7 +113,9 @@ def kinematics(
     rate, difference, var_rate, var_difference = _central(track.increment, track.covariance)
     velocity, spin = rate[:, :2] * size * frame_rate, rate[:, 2:] * frame_rate
     acceleration = difference[:, :2] * size * frame_rate**2
-    sd_velocity = np.hypot(np.sqrt(var_rate[:, :2]) * size * frame_rate, velocity * relative)
+    # An error of the radius is the same in all frames: it moves the velocity, and cancels in its differences.
+    of_radius = STEP_PER_RADIUS * rate[:, [3, 2]] * np.nan_to_num(track.circle.sd_radius)
+    sd_velocity = np.hypot(np.sqrt(var_rate[:, :2] + of_radius**2) * size * frame_rate, velocity * relative)
     sd_acceleration = np.hypot(np.sqrt(var_difference[:, :2]) * size * frame_rate**2, acceleration * relative)
     position = track.position * size
     sd_position = np.hypot(_position_sd(track) * size, position * relative)

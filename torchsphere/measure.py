@@ -18,12 +18,16 @@ from numpy.typing import NDArray
 
 from torchsphere import results
 from torchsphere.circle import Circle
+from torchsphere.drift import STEP_PER_RADIUS
 from torchsphere.follow import Progress
-from torchsphere.kinematics import Kinematics, kinematics
+from torchsphere.kinematics import ROTATION_PER_RADIUS, Kinematics, kinematics
 from torchsphere.masks import read_ignore
 from torchsphere.recording import Recording, open_recording
 from torchsphere.report import figures
 from torchsphere.track import Track, track
+
+#: What may be said of the map, and what it means to `torchsphere.track`.
+MAP_CHOICES: dict[str, bool | None] = {"auto": None, "on": True, "off": False}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +56,8 @@ class Request:
         Mask images or polygons that are not to be used.
     in_place, lab_frame, overwrite : bool
         As the command line's options of these names.
+    map : str
+        "auto", "on" or "off": `sphere_map` of `torchsphere.track`.
     """
 
     input: Path
@@ -70,6 +76,7 @@ class Request:
     in_place: bool = False
     lab_frame: bool = False
     overwrite: bool = False
+    map: str = "auto"
 
     def __post_init__(self) -> None:
         for name in ("fps", "diameter_mm", "mm_per_px", "mass_g"):
@@ -80,6 +87,8 @@ class Request:
             raise ValueError("diameter_mm and mm_per_px were both given; the scale needs one of them, leave one out")
         if self.mass_g is not None and self.diameter_mm is None and self.mm_per_px is None:
             raise ValueError("mass_g was given without a scale, so no force can follow; add diameter_mm or mm_per_px")
+        if self.map not in MAP_CHOICES:
+            raise ValueError(f"map = {self.map!r}: expected one of {', '.join(MAP_CHOICES)}")
         if self.refine and self.circle is None:
             raise ValueError(
                 "refine was asked for without a circle to refine; a circle that is found is refined anyway"
@@ -127,6 +136,7 @@ def measure(request: Request, progress: Progress | None = None, extra: Mapping[s
             device=request.device,
             refine=request.refine,
             in_place=request.in_place,
+            sphere_map=MAP_CHOICES[request.map],
             progress=progress,
             **options,
         )
@@ -194,10 +204,13 @@ def _warnings(request: Request, recording: Recording, tracked: Track, frame_rate
         found.append("The circle was given without an uncertainty; what it adds to the results' is not included.")
     if request.mm_per_px is not None:
         found.append("The scale was given and taken as exact; its uncertainty is not included.")
-    if not request.in_place and _turns_in_place(tracked):
+    about_map = tracked.settings["sphere_map"]
+    if not about_map["used"] and not request.in_place and _turns_in_place(tracked):
         found.append(
             "The ball turns fast and hardly moves; if it cannot leave its place, say --in-place against drift."
         )
+    if not about_map["used"] and request.map != "off" and not about_map["reason"].startswith("not needed"):
+        found.append(f"Poses rest on the frame-to-frame steps, whose errors add up: {about_map['reason']}.")
     if request.model == "published":
         found.append("The published modes are no rigid rotation: they bias translation and rotation; see the README.")
     if request.model == "translation":
@@ -248,6 +261,7 @@ def _summary(request: Request, done: Measurement, frame_rate: float | None) -> d
         "frame_rate": frame_rate,
         "frame_rate_origin": "given" if request.fps is not None else recording.origins.get("frame_rate"),
         "circle": {**vars(circle), "frame": done.first_frame + circle.frame, "unit": "px"},
+        "radius_effect": _radius_effect(tracked),
         "scale": None if done.motion is None else vars(done.motion.scale),
         "frames_per_status": results.status_counts(tracked),
         "mean_motion": _means(tracked, done.motion),
@@ -257,6 +271,17 @@ def _summary(request: Request, done: Measurement, frame_rate: float | None) -> d
         "warnings": list(done.warnings),
         "seconds": round(done.seconds, 3),
         "versions": versions(),
+    }
+
+
+def _radius_effect(tracked: Track) -> dict[str, float]:
+    """What the radius's standard deviation does to the mean step (px) and to all rotations (relative)."""
+    turn = float(np.linalg.norm(np.nan_to_num(tracked.increment[:, 2:4]), axis=1).mean())
+    sd = tracked.circle.sd_radius
+    return {
+        "sd_radius_px": sd,
+        "sd_mean_step_px": STEP_PER_RADIUS * turn * sd,
+        "relative_sd_rotation": ROTATION_PER_RADIUS * sd / tracked.circle.radius,
     }
 
 

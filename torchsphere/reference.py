@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
@@ -30,6 +31,12 @@ class Reference:
         Standard deviation (n,) of the image noise as the raw reference shows it, grey levels; an upper bound where
         the texture is fine.
     geometry : Geometry
+    places : Tensor
+        Column and row (p, 2) of each point on a square grid of `side` px, the same for all pairs, whole numbers.
+    side : int
+        Side of that grid.
+    memo : list
+        The model, the increments and the modes that were asked for last: `slopes` is called several times for one `q`.
     """
 
     points: Tensor
@@ -39,6 +46,14 @@ class Reference:
     blurred_gradient: Tensor
     noise: Tensor
     geometry: Geometry
+    places: Tensor
+    side: int
+    memo: list[tuple[Displacement, Tensor, Tensor]] = field(default_factory=list, compare=False, repr=False)
+
+    def take(self, rows: Tensor) -> Reference:
+        """The given rows (m,) alone."""
+        names = ("points", "weights", "values", "gradient", "blurred_gradient", "noise")
+        return dataclasses.replace(self, **{name: getattr(self, name)[rows] for name in names}, memo=[])
 
 
 def build_reference(
@@ -70,6 +85,8 @@ def build_reference(
         blurred_gradient=blurred_gradient,
         noise=_image_noise(crops.images)[inner].mul(weights).sum(-1).div(weights.sum(-1).clamp_min(1)),
         geometry=Geometry(torch.tensor(radius, dtype=c.dtype, device=c.device)),
+        places=(grid + reach).to(c.device),
+        side=2 * reach + 1,
     )
 
 
@@ -92,5 +109,8 @@ def scale(reference: Reference, k: int) -> Tensor:
 
 def slopes(gradient: Tensor, q: Tensor, model: Displacement, reference: Reference) -> Tensor:
     """Change of grey level per px of each unknown: modes . gradient, (n, p, k)."""
-    modes = motion.modes(model, q, reference.points, reference.geometry)
+    if not (reference.memo and reference.memo[0][0] is model and reference.memo[0][1] is q):
+        modes = motion.modes(model, q, reference.points, reference.geometry)
+        reference.memo[:] = [(model, q, modes)]
+    modes = reference.memo[0][2]
     return (modes * gradient[..., None]).sum(-2) / scale(reference, q.shape[-1])

@@ -1,0 +1,386 @@
+"""Joint adjustment of the ball's texture map and of its poses in many images: bundle adjustment of one sphere.
+
+Pairs of images know the step between two poses; all images together know the map that explains every one of them, and
+with it the poses, the radius and the blur of the outline. The map's coefficients are thousands, but enter linearly and
+touch their neighbours only, so they are eliminated exactly (Schur complement); what remains are five unknowns per image
+and two in common. Its inverse is the covariance of all poses with the map's own uncertainty in it.
+
+The way to it is Gauss-Newton: the elimination is costly and is renewed rarely, the residuals are always exact.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sparse
+import torch
+from numpy.typing import NDArray
+from scipy.sparse.linalg import SuperLU, cg, splu
+from torch import Tensor
+
+from torchsphere import texture, trust, view
+from torchsphere.trust import Profile
+from torchsphere.view import Ball, Pose, Window
+
+Array = NDArray[np.float64]
+
+#: Width of the map's cells in each round, px. Speckle of 4 px leaves a residual of 2.0 grey levels over noise of 2.0 at
+#: 1.0 px, and 3.0 at 1.5 px, where a round costs a third. The coarse ones bring poses that are a px off together.
+SPACINGS_PX = (2.0, 1.5, 1.0)
+
+#: Blur of the outline that the adjustment starts from, px.
+EDGE_BLUR_PX = 0.3
+
+#: Weight of the second differences of the map's coefficients, and of the coefficients themselves, against a pixel's
+#: noise: cells that only limbs have shown would follow their noise otherwise.
+SMOOTHNESS, RIDGE = 1e-3, 2e-4
+
+#: Rounds at most with cells of one width, and how far the last step of a round may still have moved a pose, px, to go
+#: on to the next width.
+ROUNDS = 4
+SETTLED_PX = (0.1, 0.05, 0.02)
+
+#: Steps at most after each elimination, and those of the conjugate gradients for the first map of a width.
+STEPS, MAP_STEPS = 4, 60
+
+#: A round ends when a step is no longer this share of the one before: its elimination is too old then.
+SHRINKS = 0.8
+
+#: Shares of a step that are tried until the residuals fall: near the limb no step is linear.
+SHARES = (1.0, 0.3, 0.1)
+
+#: Variance within the disc, against that of the noise, from which a shading is sought. Without need, its terms would
+#: wander with the map's own slow changes.
+SHADED_FROM = 1.5
+
+#: Share of the squared residuals that a change of the shading must explain to be believed, how often it is sought, and
+#: the standard deviation of its terms beforehand: slow light and a slow ball cannot be told apart.
+EXPLAINED, SHADING_ROUNDS, SHADING_SD = 0.01, 4, 0.3
+
+#: What the model of the edge may be wrong by, as an error of the radius, px: measured -0.007 px where pixels are exact
+#: means, and -0.02 where they are means of nine points.
+SYSTEMATIC_RADIUS_PX = 0.015
+
+#: Rounds of map and gains in turns at the start, for recordings that flicker.
+GAIN_ROUNDS = 3
+
+#: Unknowns that all images share: radius and edge blur.
+SHARED = 2
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """The adjusted ball and poses.
+
+    Attributes
+    ----------
+    ball : Ball
+    poses : list of Pose
+    covariance : ndarray
+        (5 n + 2, 5 n + 2) of the poses as (dx, dy, wx, wy, wz), px, rotations times the radius, then of radius and
+        edge blur, px. The mean orientation is the frame of all and has none.
+    profile : Profile
+        Residual against the distance from the outline.
+    windows : list of Window
+        The images with the trust that their pixels deserve.
+    settled : bool
+        False where the poses still moved at the end.
+    """
+
+    ball: Ball
+    poses: list[Pose]
+    covariance: Array
+    profile: Profile
+    windows: list[Window]
+    settled: bool
+
+
+@dataclass(frozen=True)
+class _Elimination:
+    """The factorised map and what couples it with the poses."""
+
+    map: SuperLU
+    seen: NDArray[np.int64]
+    coupling: Array
+    solved: Array
+    reduced_inverse: Array
+
+
+def adjust(windows: list[Window], poses: list[Pose], radius: float, noise_variance: float) -> Bundle:
+    """Adjust map and poses to the images.
+
+    Parameters
+    ----------
+    windows : list of Window
+        Pixels around the ball in n images.
+    poses : list of Pose
+        Poses (n) that are right to within half a speckle.
+    radius : float
+        Of the outline, right to within a px, px.
+    noise_variance : float
+        Of the images; where much more is left, a light that is not the same from all sides is sought.
+
+    Returns
+    -------
+    Bundle
+    """
+    shading = torch.zeros(view.SHADES, dtype=torch.float64)
+    shading[0] = 1.0
+    ball = Ball(radius, EDGE_BLUR_PX, texture.cells_for(radius, SPACINGS_PX[0]), torch.zeros(0).double(), shading)
+    poses, profile = trust.first_gains(windows, poses), trust.level_profile(radius)
+    for _ in range(GAIN_ROUNDS):
+        ball = _first_map(windows, poses, ball, profile)
+        poses = [trust.levelled(w, p, ball, profile) for w, p in zip(windows, poses, strict=True)]
+    state = Bundle(ball, poses, np.zeros((0, 0)), profile, windows, settled=False)
+    for spacing, settled in zip(SPACINGS_PX, SETTLED_PX, strict=True):
+        cells = texture.cells_for(radius, spacing)
+        if cells != state.ball.cells:
+            finer = replace(state.ball, cells=cells)
+            state = replace(state, ball=_first_map(state.windows, state.poses, finer, state.profile))
+        state = _rounds(state, settled)
+    if state.profile.variance[0] > SHADED_FROM * noise_variance:
+        state = replace(state, ball=_shaded(state.windows, state.poses, state.ball, state.profile))
+        state = _rounds(state, SETTLED_PX[-1])
+    return replace(state, covariance=_with_systematic(state.covariance, len(poses)))
+
+
+def _rounds(state: Bundle, settled: float) -> Bundle:
+    """Rounds of elimination and steps until a fresh step moves no pose by more than ``settled`` px."""
+    for _ in range(ROUNDS):
+        ball = state.ball
+        poses = [trust.levelled(w, p, ball, state.profile) for w, p in zip(state.windows, state.poses, strict=True)]
+        profile = trust.profile(state.windows, poses, ball)
+        windows = [trust.doubt(w, p, ball, profile) for w, p in zip(state.windows, poses, strict=True)]
+        elimination = _eliminate(windows, poses, ball, profile)
+        poses, ball, move = _iterate(windows, poses, ball, profile, elimination)
+        state = Bundle(ball, poses, elimination.reduced_inverse, profile, windows, move < settled)
+        if state.settled:
+            break
+    return replace(state, profile=trust.profile(state.windows, state.poses, state.ball))
+
+
+def _with_systematic(covariance: Array, n: int) -> Array:
+    """The covariance with what a systematic error of the radius does to it and, by their correlation, to the poses."""
+    of_radius = covariance[:, 5 * n] / covariance[5 * n, 5 * n]
+    return covariance + SYSTEMATIC_RADIUS_PX**2 * np.outer(of_radius, of_radius)
+
+
+def _iterate(
+    windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile, elimination: _Elimination
+) -> tuple[list[Pose], Ball, float]:
+    """Steps with one elimination while they shrink -> poses, ball, and how far the first step moved a pose, px."""
+    moves: list[float] = []
+    pull = _pull(windows, poses, ball, profile)
+    for _ in range(STEPS):
+        for share in SHARES:
+            tried = _step(pull, poses, ball, elimination, share)
+            settled = _map_step(windows, *tried, profile, elimination)
+            after = _pull(windows, tried[0], settled, profile)
+            if after.squares < pull.squares:
+                break
+        else:
+            break
+        moves.append(max(float((p.centre - q.centre).abs().max()) for p, q in zip(poses, tried[0], strict=True)))
+        poses, ball, pull = tried[0], settled, after
+        if moves[-1] < 0.05 * SETTLED_PX[-1] or (len(moves) > 1 and moves[-1] > SHRINKS * moves[-2]):
+            break
+    return poses, ball, moves[0] if moves else np.inf
+
+
+def _map_step(
+    windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile, elimination: _Elimination
+) -> Ball:
+    """The ball with its map brought up to date with poses that have moved; near the limb that is no linear change."""
+    of_map = torch.zeros(texture.size(ball.cells), dtype=torch.float64)
+    for window, pose in zip(windows, poses, strict=True):
+        levels, index, weight = view.touched(window, pose, ball)
+        weighted = trust.weights(window, pose, ball, profile) * (window.levels - levels)
+        of_map.index_add_(0, index.flatten(), (weighted[window.owner][:, None] * weight).flatten())
+    coefficients = ball.coefficients.numpy().copy()
+    pull = of_map.numpy() - SMOOTHNESS * (_roughness_matrix(ball.cells) @ coefficients)
+    coefficients[elimination.seen] += elimination.map.solve(pull[elimination.seen])
+    return replace(ball, coefficients=torch.from_numpy(coefficients))
+
+
+def _first_map(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> Ball:
+    """The map that fits the images best where the poses are what they are."""
+    ball = replace(ball, coefficients=torch.zeros(texture.size(ball.cells), dtype=torch.float64))
+    normal, gradient = _map_equations(windows, poses, ball, profile)
+    seen = np.flatnonzero(normal.diagonal() > 0)
+    coefficients = np.zeros(len(gradient))
+    coefficients[seen], _ = cg(_with_prior(normal, seen, ball.cells), gradient[seen], maxiter=MAP_STEPS)
+    # What no image has shown is as grey as the rest.
+    coefficients[normal.diagonal() == 0] = np.median(coefficients[seen])
+    return replace(ball, coefficients=torch.from_numpy(coefficients))
+
+
+def _map_equations(
+    windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile
+) -> tuple[sparse.csr_matrix, Array]:
+    count = texture.size(ball.cells)
+    normal, gradient = sparse.csr_matrix((count, count)), np.zeros(count)
+    for window, pose in zip(windows, poses, strict=True):
+        levels, index, weight = view.touched(window, pose, ball)
+        design = _design(window, index, weight, ball.cells)
+        weighted = design.multiply(trust.weights(window, pose, ball, profile).numpy()[:, None]).tocsr()
+        normal = normal + weighted.T @ design
+        gradient += weighted.T @ (window.levels - levels).numpy()
+    return normal, gradient
+
+
+def _shaded(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> Ball:
+    """The ball under the light that fits all images best, where the light is seen to differ from side to side.
+
+    Map and light are solved for together: fitted in turns, the map would keep what light it has taken in.
+    """
+    for _ in range(SHADING_ROUNDS):
+        count = texture.size(ball.cells)
+        normal, pull = sparse.csr_matrix((count, count)), np.zeros(count)
+        coupling, own = np.zeros((count, view.SHADES)), np.zeros((view.SHADES, view.SHADES))
+        of_light, squares = np.zeros(view.SHADES), 0.0
+        for window, pose in zip(windows, poses, strict=True):
+            now = view.linearised(window, pose, ball)
+            design, lights = _design(window, now.index, now.weight, ball.cells), view.lights(window, pose, ball).numpy()
+            weights = trust.weights(window, pose, ball, profile).numpy()
+            rest = (window.levels - now.levels).numpy()
+            weighted = design.multiply(weights[:, None]).tocsr()
+            normal = normal + weighted.T @ design
+            pull += weighted.T @ rest
+            coupling += weighted.T @ lights
+            own += lights.T @ (weights[:, None] * lights)
+            of_light += lights.T @ (weights * rest)
+            squares += float(weights @ rest**2)
+        seen = np.flatnonzero(normal.diagonal() > 0)
+        matrix = _with_prior(normal, seen, ball.cells)
+        pull = (pull - SMOOTHNESS * (_roughness_matrix(ball.cells) @ ball.coefficients.numpy()))[seen]
+        solved = np.stack([cg(matrix, column, maxiter=MAP_STEPS)[0] for column in coupling[seen].T], 1)
+        right, _ = cg(matrix, pull, maxiter=MAP_STEPS)
+        # The constant of the light only scales the map.
+        reduced, gradient = (own - coupling[seen].T @ solved)[1:, 1:], (of_light - coupling[seen].T @ right)[1:]
+        change = np.linalg.solve(reduced + np.eye(view.SHADES - 1) / SHADING_SD**2, gradient)
+        if change @ gradient < EXPLAINED * squares:
+            return ball
+        change = np.concatenate(([0.0], change))
+        coefficients = ball.coefficients.numpy().copy()
+        coefficients[seen] += right - solved @ change
+        shading = ball.shading + torch.from_numpy(change)
+        ball = replace(ball, coefficients=torch.from_numpy(coefficients), shading=shading)
+    return ball
+
+
+def _design(window: Window, index: Tensor, weight: Tensor, cells: int) -> sparse.csr_matrix:
+    """Derivative (p, m) of the grey levels by the map's coefficients."""
+    rows = window.owner[:, None].expand_as(index)
+    entries = (weight.numpy().ravel(), (rows.numpy().ravel(), index.numpy().ravel()))
+    return sparse.coo_matrix(entries, shape=(len(window.pixels), texture.size(cells))).tocsr()
+
+
+def _with_prior(normal: sparse.csr_matrix, seen: NDArray[np.int64], cells: int) -> sparse.csr_matrix:
+    """Normal equations of the map's ``seen`` coefficients with what is known of them beforehand."""
+    known = SMOOTHNESS * _roughness_matrix(cells) + RIDGE * sparse.identity(normal.shape[0])
+    return (normal + known).tocsr()[seen][:, seen]
+
+
+def _factor(matrix: sparse.csr_matrix) -> SuperLU:
+    options = {"SymmetricMode": True}
+    return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+
+
+@functools.lru_cache(maxsize=4)
+def _roughness_matrix(cells: int) -> sparse.csr_matrix:
+    """Matrix of the sum of squares of `texture.roughness`."""
+    width = cells + 3
+    second = sparse.diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(width - 2, width))
+    square, same = second.T @ second, sparse.identity(width)
+    face = sparse.kron(same, square) + sparse.kron(square, same)
+    return sparse.kron(sparse.identity(6), face).tocsr()
+
+
+def _eliminate(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> _Elimination:
+    """Normal equations of map and poses together, and the map eliminated from them."""
+    count, n = texture.size(ball.cells), len(windows)
+    total = 5 * n + SHARED
+    normal = sparse.csr_matrix((count, count))
+    coupling, own = np.zeros((count, total)), np.zeros((total, total))
+    for i, (window, pose) in enumerate(zip(windows, poses, strict=True)):
+        now = view.linearised(window, pose, ball)
+        design, slopes = _design(window, now.index, now.weight, ball.cells), now.slopes.numpy()
+        weights = trust.weights(window, pose, ball, profile).numpy()
+        weighted = design.multiply(weights[:, None]).tocsr()
+        normal = normal + weighted.T @ design
+        columns = _columns(i, n)
+        coupling[:, columns] += weighted.T @ slopes
+        own[np.ix_(columns, columns)] += slopes.T @ (weights[:, None] * slopes)
+    seen = np.flatnonzero(normal.diagonal() > 0)
+    factor = _factor(_with_prior(normal, seen, ball.cells))
+    coupling = coupling[seen]
+    solved = factor.solve(coupling)
+    reduced = own - coupling.T @ solved
+    inverse = np.linalg.inv(reduced + _held_frame(poses, float(np.diag(own)[:5].max())))
+    return _Elimination(factor, seen, coupling, solved, inverse)
+
+
+def _held_frame(poses: list[Pose], stiffness: float) -> Array:
+    """Constraint (5 n + 2, 5 n + 2) that the poses do not all turn together: the map would turn with them.
+
+    No one pose is held, since its image would then have to fit a map that is still turning.
+    """
+    together = np.zeros((3, 5 * len(poses) + SHARED))
+    for i, pose in enumerate(poses):
+        together[:, 5 * i + 2 : 5 * i + 5] = pose.orientation.T.numpy()
+    return stiffness / len(poses) * together.T @ together
+
+
+def _columns(i: int, n: int) -> list[int]:
+    """Unknowns that image ``i`` of ``n`` depends on."""
+    return [*range(5 * i, 5 * i + 5), *range(5 * n, 5 * n + SHARED)]
+
+
+@dataclass(frozen=True)
+class _Pull:
+    """Where the residuals pull the map (m,) and the poses (5 n + 2,), and their weighted sum of squares."""
+
+    of_map: Array
+    of_poses: Array
+    squares: float
+
+
+def _pull(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> _Pull:
+    n, squares = len(windows), 0.0
+    of_map = torch.zeros(texture.size(ball.cells), dtype=torch.float64)
+    of_poses = np.zeros(5 * n + SHARED)
+    for i, (window, pose) in enumerate(zip(windows, poses, strict=True)):
+        now = view.linearised(window, pose, ball)
+        rest = window.levels - now.levels
+        weighted = trust.weights(window, pose, ball, profile) * rest
+        squares += float(weighted @ rest)
+        of_poses[_columns(i, n)] += (now.slopes.T @ weighted).numpy()
+        of_map.index_add_(0, now.index.flatten(), (weighted[window.owner][:, None] * now.weight).flatten())
+    coefficients = ball.coefficients.numpy()
+    rough = SMOOTHNESS * (_roughness_matrix(ball.cells) @ coefficients)
+    return _Pull(of_map.numpy() - rough, of_poses, squares + float(coefficients @ rough))
+
+
+def _step(
+    pull: _Pull, poses: list[Pose], ball: Ball, elimination: _Elimination, share: float
+) -> tuple[list[Pose], Ball]:
+    """A ``share`` of one step of Gauss-Newton, with an elimination that may be a few steps old."""
+    right = elimination.map.solve(pull.of_map[elimination.seen])
+    inverse, blur = elimination.reduced_inverse, 5 * len(poses) + 1
+    step = share * inverse @ (pull.of_poses - elimination.coupling.T @ right)
+    # An edge cannot be sharper than the pixels make it: the blur stops there, and the others take that into account.
+    least = view.LEAST_BLUR_PX - ball.edge_blur
+    if step[blur] < least:
+        step = step + inverse[:, blur] / inverse[blur, blur] * (least - step[blur])
+    coefficients = ball.coefficients.numpy().copy()
+    coefficients[elimination.seen] += share * right - elimination.solved @ step
+    steps = torch.from_numpy(step)
+    poses = [view.moved(pose, steps[5 * i : 5 * i + 5], ball.radius) for i, pose in enumerate(poses)]
+    return poses, replace(
+        ball,
+        radius=ball.radius + float(step[blur - 1]),
+        edge_blur=ball.edge_blur + float(step[blur]),
+        coefficients=torch.from_numpy(coefficients),
+    )

@@ -1,0 +1,221 @@
+"""Absolute poses of all frames by one map of the ball: what bounds the drift and reaches the limit of the images.
+
+Steps from frame to frame add their errors up. A map of the ball's texture, adjusted together with the poses of
+keyframes spread over the recording, is a memory that does not: each frame is then registered on the map, and its
+outline against the still background. The map also knows the radius better than anything else.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchsphere import bundle, register, still, view
+from torchsphere.bundle import Bundle
+from torchsphere.circle import Circle
+from torchsphere.interpolate import PRE_BLUR_PX, noise_gains
+from torchsphere.register import Registration
+from torchsphere.source import Source
+from torchsphere.view import Pose, Window
+
+Array = NDArray[np.float64]
+
+#: Keyframes at most, and frames that are too few to make a map of.
+KEYFRAMES, FEWEST = 36, 6
+
+#: Variance of the residual within the disc, against that of the frames' own noise, from which the model is not
+#: believed: perspective, a light that the shading cannot hold, a ball that is not round.
+MAX_MISFIT = 4.0
+
+#: Misfit of a frame, against that of the keyframes, from which it keeps what the correlation found; and how far it may
+#: have moved on the map, as a share of the radius.
+MAX_FRAME_MISFIT, MAX_MOVE = 2.0, 0.1
+
+#: Share of the radius by which the map may correct it.
+MAX_RADIUS_CHANGE = 0.05
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """Poses on the map.
+
+    Attributes
+    ----------
+    position, orientation : ndarray
+        (n, 2), px, and (n, 3, 3) since the first known frame; NaN where a frame is not on the map.
+    between : ndarray
+        Covariance (n - 1, 5, 5) of the step from each frame to the next: px and rad.
+    circle : Circle
+        The outline, with the map's radius and the first pose's centre.
+    keyframes : int
+    edge_blur : float
+        Of the optics at the outline, px.
+    misfit : float
+        Variance of the residual against that of the images' noise.
+    """
+
+    position: Array
+    orientation: Array
+    between: Array
+    circle: Circle
+    keyframes: int
+    edge_blur: float
+    misfit: float
+
+
+def poses_on_map(
+    source: Source, position: Array, orientation: Array, zncc: Array, circle: Circle, ignore: Tensor | None
+) -> Mapped | str:
+    """Register all frames on a map of the ball.
+
+    Parameters
+    ----------
+    source : Source
+        The images.
+    position, orientation : ndarray
+        What the correlation found: (n, 2), px, and (n, 3, 3); NaN where nothing. Right to within half a speckle,
+        drift included.
+    zncc : ndarray
+        Coefficients (n,) of that correlation, which tell the images' noise.
+    circle : Circle
+        The outline.
+    ignore : Tensor, optional
+        (h, w), True where the images are not to be used.
+
+    Returns
+    -------
+    Mapped or str
+        Or, in words, why the images do not allow it.
+    """
+    known = np.flatnonzero(np.isfinite(position[:, 0]) & np.isfinite(orientation[:, 0, 0]))
+    if len(known) < FEWEST:
+        return f"only {len(known)} frames are known well enough to make a map of the ball"
+    behind = still.background(source, position, circle.radius)
+    usable = None if ignore is None else ~ignore.cpu()
+    keys = known[np.unique(np.linspace(0, len(known) - 1, KEYFRAMES).round().astype(int))]
+    starts = {i: Pose(torch.from_numpy(position[i]), torch.from_numpy(orientation[i])) for i in known.tolist()}
+
+    def window(i: int, pose: Pose, radius: float) -> Window:
+        image = source.images(i, i + 1)[0].cpu()
+        return view.cut_window(image, behind, pose.centre, radius, usable)
+
+    windows = [window(i, starts[i], circle.radius) for i in keys.tolist()]
+    noise = _noise_variance(windows, zncc)
+    adjusted = bundle.adjust(windows, [starts[i] for i in keys.tolist()], circle.radius, noise)
+    misfit = float(adjusted.profile.variance[0]) / noise
+    refusal = _refusal(adjusted, circle.radius, misfit)
+    if refusal:
+        return refusal
+    found = _register_all(known.tolist(), keys.tolist(), starts, adjusted, window)
+    return _assemble(len(position), found, keys.tolist(), adjusted, circle, misfit)
+
+
+def _noise_variance(windows: list[Window], zncc: Array) -> float:
+    """Variance of the images' noise by what the pairs' correlation lacks of 1, grey levels squared."""
+    texture = float(np.median([float(window.levels.var()) for window in windows]))
+    value_gain, _ = noise_gains(PRE_BLUR_PX)
+    known = zncc[np.isfinite(zncc)]
+    lack = float(np.median(1 - known)) if len(known) else 0.0
+    return max(lack * texture / value_gain, 1 / 12)
+
+
+def _refusal(adjusted: Bundle, radius: float, misfit: float) -> str:
+    """Why the adjustment is not to be believed, in words; empty where it is."""
+    if not adjusted.settled:
+        return "the map of the ball and the poses did not settle"
+    if misfit > MAX_MISFIT:
+        return f"a map of the ball leaves {misfit**0.5:.1f} times the noise: perspective, moving light, or not a sphere"
+    if abs(adjusted.ball.radius - radius) > MAX_RADIUS_CHANGE * radius:
+        return f"the map asks for a radius of {adjusted.ball.radius:.1f} px instead of {radius:.1f}"
+    return ""
+
+
+def _register_all(
+    known: list[int],
+    keys: list[int],
+    starts: dict[int, Pose],
+    adjusted: Bundle,
+    window: Callable[[int, Pose, float], Window],
+) -> dict[int, Registration]:
+    """Registration of every known frame; the keyframes' own come from the adjustment."""
+    corrected = dict(zip(keys, adjusted.poses, strict=True))
+    ball, profile = adjusted.ball, adjusted.profile
+    found = {}
+    for i in known:
+        if i in corrected:
+            continue
+        near = keys[int(np.argmin(np.abs(np.array(keys) - i)))]
+        # The drift up to here is about that of the nearest keyframe.
+        turn = corrected[near].orientation @ starts[near].orientation.T
+        centre = starts[i].centre + corrected[near].centre - starts[near].centre
+        guess = Pose(centre, turn @ starts[i].orientation, corrected[near].gain, corrected[near].offset)
+        registration = register.register(window(i, guess, ball.radius), guess, ball, profile)
+        moved = float((registration.pose.centre - centre).norm()) < MAX_MOVE * ball.radius
+        if registration.converged and moved and registration.misfit < MAX_FRAME_MISFIT:
+            found[i] = registration
+    for key, on_map, pose in zip(keys, adjusted.windows, adjusted.poses, strict=True):
+        own = register.own_covariance(on_map, pose, ball, profile)
+        found[key] = Registration(pose, own, True, 1.0)
+    return found
+
+
+def _assemble(
+    n: int, found: dict[int, Registration], keys: list[int], adjusted: Bundle, circle: Circle, misfit: float
+) -> Mapped:
+    position, orientation = np.full((n, 2), np.nan), np.full((n, 3, 3), np.nan)
+    first = min(found)
+    turned = found[first].pose.orientation.T
+    for i, registration in found.items():
+        position[i] = registration.pose.centre.numpy()
+        orientation[i] = (registration.pose.orientation @ turned).numpy()
+    spread, k = adjusted.covariance, keys.index(first) if first in keys else 0
+    sd_x, sd_y = np.sqrt(np.diag(spread)[5 * k : 5 * k + 2])
+    outline = dataclasses.replace(
+        circle,
+        x=float(position[first, 0]),
+        y=float(position[first, 1]),
+        radius=adjusted.ball.radius,
+        sd_x=float(sd_x),
+        sd_y=float(sd_y),
+        sd_radius=float(np.sqrt(spread[5 * len(keys), 5 * len(keys)])),
+    )
+    steps = _step_covariances(n, found, keys, adjusted)
+    return Mapped(position, orientation, steps, outline, len(keys), adjusted.ball.edge_blur, misfit)
+
+
+def _step_covariances(n: int, found: dict[int, Registration], keys: list[int], adjusted: Bundle) -> Array:
+    """Covariance (n - 1, 5, 5) of the steps between frames that are both on the map.
+
+    Between keyframes it is that of the adjustment. Elsewhere the two images' own noise is scaled to it: the map that
+    they are registered on is uncertain, too.
+    """
+    unit = np.array([1.0, 1.0, *3 * [1 / adjusted.ball.radius]])
+    to_units = np.outer(unit, unit)
+    between = np.full((n - 1, 5, 5), np.nan)
+    place = {i: k for k, i in enumerate(keys)}
+    ratios = []
+    for a, b in itertools.pairwise(keys):
+        alone = (found[a].covariance + found[b].covariance).numpy()
+        ratios.append(np.sqrt(np.diag(_difference(adjusted, place[a], place[b])) / np.diag(alone)))
+    wider = np.maximum(np.median(ratios, axis=0), 1.0)
+    for i in range(n - 1):
+        if i in place and i + 1 in place:
+            between[i] = _difference(adjusted, place[i], place[i + 1]) * to_units
+        elif i in found and i + 1 in found:
+            own = (found[i].covariance + found[i + 1].covariance).numpy()
+            between[i] = wider[:, None] * own * wider * to_units
+    return between
+
+
+def _difference(adjusted: Bundle, a: int, b: int) -> Array:
+    """Covariance (5, 5) of the step from the adjusted pose number ``a`` to number ``b``."""
+    spread, first, second = adjusted.covariance, slice(5 * a, 5 * a + 5), slice(5 * b, 5 * b + 5)
+    shared = spread[first, second]
+    return spread[first, first] + spread[second, second] - shared - shared.T

@@ -1,0 +1,90 @@
+"""Where, and how far, a correlated pair's residual is more than noise."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+import torch.nn.functional as F  # noqa: N812  (torch's own custom)
+from torch import Tensor
+
+from torchsphere import criterion
+from torchsphere.reference import Reference, scale
+
+#: Side of the window that energies are averaged over, and of the one in which the images are compared by
+#: their shape alone, as shares of the radius, and the least, px: half a dozen and a dozen speckles of the example ball.
+ENERGY_WINDOW, SHAPE_WINDOW, LEAST_WINDOW = 0.13, 0.22, 5
+
+#: Side of the blocks whose scores count as independent, as a share of the radius, and the least, px.
+BLOCK, LEAST_BLOCK = 0.2, 4
+
+
+def local_mean(reference: Reference, values: Tensor, weights: Tensor) -> Tensor:
+    """Mean (n, p) of ``values`` (n, p) in a window around each point, over the points that count."""
+    window = _odd(ENERGY_WINDOW, reference)
+    total, count = _smoothed(reference, torch.stack((weights * values, weights), 1), window).unbind(1)
+    return total / count.clamp_min(1e-6)
+
+
+def local_zncc(reference: Reference, warped: Tensor, weights: Tensor) -> Tensor:
+    """Correlation coefficient (n, p) of both images in a window around each point: blind to local gain and offset."""
+    count = weights.sum(-1, keepdim=True).clamp_min(1)
+    f, g = (v - (weights * v).sum(-1, keepdim=True) / count for v in (reference.values, warped))
+    gain = (weights * g * g).sum(-1, keepdim=True) / (weights * f * f).sum(-1, keepdim=True).clamp_min(1e-12)
+    products = torch.stack((torch.ones_like(f), f, g, f * f, g * g, f * g), 1) * weights[:, None]
+    n, f, g, ff, gg, fg = _smoothed(reference, products, _odd(SHAPE_WINDOW, reference)).unbind(1)
+    n = n.clamp_min(1e-6)
+    f, g = f / n, g / n
+    # Half the image noise's variance as a floor: a window without texture has no shape to compare.
+    floor = 0.5 * reference.noise.square()[:, None]
+    power = ((ff / n - f * f).clamp_min(0) + floor) * ((gg / n - g * g).clamp_min(0) + gain * floor)
+    return (fg / n - f * g) / power.clamp_min(1e-12).sqrt()
+
+
+def _odd(share: float, reference: Reference) -> int:
+    return 2 * (max(LEAST_WINDOW, math.ceil(share * float(reference.geometry.radius))) // 2) + 1
+
+
+def spread_out(reference: Reference, values: Tensor) -> Tensor:
+    """Values (n, c, p) of the points -> maps (n, c, side, side), 0 where there is no point."""
+    maps = values.new_zeros(*values.shape[:2], reference.side * reference.side)
+    maps[..., _flat(reference)] = values
+    return maps.unflatten(-1, (reference.side, reference.side))
+
+
+def gather_back(reference: Reference, maps: Tensor) -> Tensor:
+    """Values (n, c, p) at the points of maps (n, c, side, side)."""
+    return maps.flatten(-2)[..., _flat(reference)]
+
+
+def _flat(reference: Reference) -> Tensor:
+    return reference.places[:, 1] * reference.side + reference.places[:, 0]
+
+
+def _smoothed(reference: Reference, values: Tensor, window: int) -> Tensor:
+    """Mean over a square window around each point, points that are not there counting as 0; (n, c, p)."""
+    maps = F.avg_pool2d(spread_out(reference, values), (window, 1), stride=1, padding=(window // 2, 0))
+    maps = F.avg_pool2d(maps, (1, window), stride=1, padding=(0, window // 2))
+    return gather_back(reference, maps)
+
+
+def inflation(reference: Reference, jacobian: Tensor, difference: Tensor, weights: Tensor, stated: Tensor) -> Tensor:
+    """Factor (n,), float64, at least 1, by which correlated residuals make the covariance ``stated`` too small.
+
+    ``jacobian`` (n, p, k) is that of the criterion, in px per px; ``stated`` (n, k, k) in px and rad.
+
+    The scores ``J^T W r`` of blocks of the region count as independent; their scatter gives a covariance that needs no
+    model of the residual (the sandwich of Huber and White). The factor is the mean ratio of both over the modes.
+    """
+    size = max(LEAST_BLOCK, math.ceil(BLOCK * float(reference.geometry.radius)))
+    block = reference.places // size
+    across = -(-reference.side // size)
+    index = block[:, 1] * across + block[:, 0]
+    scores = jacobian.new_zeros(len(jacobian), across * across, jacobian.shape[-1])
+    scores.index_add_(1, index, jacobian * (weights * difference)[..., None])
+    scatter = (scores.mT @ scores).double()
+    inverse = torch.cholesky_inverse(criterion.cholesky(criterion.operator(jacobian, weights)))
+    unit = scale(reference, stated.shape[-1]).double()
+    found = inverse @ scatter @ inverse / (unit[:, None] * unit)
+    ratio = torch.linalg.solve_ex(stated, found)[0].diagonal(dim1=-2, dim2=-1).mean(-1)
+    return ratio.nan_to_num(1.0, 1.0, 1.0).clamp_min(1.0)

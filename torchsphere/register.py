@@ -1,0 +1,75 @@
+"""Pose of the ball in one image against a known texture map: Gauss-Newton on the forward model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from torchsphere import trust, view
+from torchsphere.trust import Profile
+from torchsphere.view import Ball, Pose, Window
+
+#: Steps at most, and the length below which the last one ends the iteration, px. Steps shrink tenfold each.
+MAX_STEPS, TOLERANCE_PX = 12, 2e-3
+
+#: Steps after which it is looked once more at what hides the ball.
+SECOND_LOOK = 2
+
+
+@dataclass(frozen=True)
+class Registration:
+    """One image on the map.
+
+    Attributes
+    ----------
+    pose : Pose
+    covariance : Tensor
+        (5, 5) of (dx, dy, wx, wy, wz), px, rotations times the radius; of the image's own noise alone.
+    converged : bool
+    misfit : float
+        Mean square of the weighted residual; 1 where the image fits as well as those that made the map.
+    """
+
+    pose: Pose
+    covariance: Tensor
+    converged: bool
+    misfit: float
+
+
+def register(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Registration:
+    """Fit pose, gain and offset of one image, from a pose that is right to within half a speckle."""
+    length = torch.inf
+    for turn in range(MAX_STEPS):
+        if turn in (0, SECOND_LOOK):
+            pose = trust.levelled(window, pose, ball, profile)
+            window = trust.doubt(window, pose, ball, profile)
+        now = view.linearised(window, pose, ball)
+        weights = trust.weights(window, pose, ball, profile)
+        rest = window.levels - now.levels
+        # Gain and offset move with the pose, so that they take nothing of its motion.
+        slopes = torch.cat((now.slopes[:, :5], now.levels[:, None] / 100, torch.ones(len(rest), 1).double()), -1)
+        normal = slopes.T @ (weights[:, None] * slopes)
+        normal = normal + 1e-9 * normal.trace() * torch.eye(len(normal), dtype=normal.dtype)
+        inverse = torch.linalg.inv(normal)
+        step = inverse @ (slopes.T @ (weights * rest))
+        length = float(step[:5].abs().max())
+        if not length < ball.radius:
+            break
+        pose = view.moved(pose, step[:5], ball.radius)
+        change = 1 + float(step[5]) / 100
+        pose = replace(pose, gain=pose.gain * change, offset=pose.offset * change + float(step[6]))
+        if length < TOLERANCE_PX and turn >= SECOND_LOOK:
+            break
+    used = (window.trust > 0.5).double()
+    misfit = float((weights * used * rest.square()).sum() / used.sum().clamp_min(1))
+    return Registration(pose, inverse[:5, :5], length < 5 * TOLERANCE_PX, misfit)
+
+
+def own_covariance(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Tensor:
+    """`Registration.covariance` (5, 5) of an image whose pose is known already."""
+    now = view.linearised(window, pose, ball)
+    slopes = torch.cat((now.slopes[:, :5], now.levels[:, None], torch.ones(len(now.levels), 1).double()), -1)
+    weights = trust.weights(window, pose, ball, profile)
+    return torch.linalg.inv(slopes.T @ (weights[:, None] * slopes))[:5, :5]
