@@ -1,8 +1,10 @@
 """What the ball's outline is worth: ``python -m experiments.outline_study``.
 
 Claim: the outline holds most of what separates a translation from a rotation, and only a model of the whole image uses
-it. A region of interest that crosses the outline, and an edge fit beside the correlation, stay far from what the map of
-the ball reaches, in which the outline is a part of the forward model.
+it. A region of interest that crosses the outline gains a tenth in spread and pays with a bias of 0.003 px, and of
+0.05 px where a textured background is left in; an edge fit beside the correlation gains nothing, since its errors
+are larger than its residuals tell. The map of the ball, in which the outline is a part of the forward model, halves the
+spread and has no bias to 0.0001 px, whatever the background.
 
 The shot of `experiments.accuracy` with 60 frames, over a uniform background of 90 grey levels and over still blotches
 (blur 3 px, standard deviation 20 grey levels), three patterns each, the true circle given. Ways:
@@ -40,6 +42,7 @@ from experiments.accuracy import (
     BASE,
     HEADER,
     PATTERNS,
+    ROTATION,
     SUBSAMPLES,
     TRANSLATION,
     Array,
@@ -168,30 +171,33 @@ def compute() -> dict[tuple[str, str], Errors]:
 
 
 def plot(results: dict[tuple[str, str], Errors]) -> None:
-    """Bars: spread and bias of the translation, spread of the rotation, actual over stated error."""
+    """Translation and rotation (filled: standard deviation, open: bias), and actual over stated error."""
     figure = Figure(figsize=(13, 4.6), layout="constrained")
     axes = figure.subplots(1, 3, sharey=True)
     names = list(dict.fromkeys(name for _, name in results))
     place = np.arange(len(names))
     for j, (background, color) in enumerate(zip(BACKGROUNDS, ("#0072B2", "#D55E00"), strict=True)):
-        at, rows = place + 0.4 * (j - 0.5), [results[background, name] for name in names]
-        bars = {"height": 0.36, "color": color}
-        bias = [root_mean_square(r.bias()[0][TRANSLATION]) for r in rows]
-        axes[0].barh(at, [root_mean_square(r.std()[TRANSLATION]) for r in rows], label=background, **bars)
-        axes[0].plot(bias, at, "D", color="black", mfc="white", ms=5, label="|bias|" if j else None)
-        axes[1].barh(at, [root_mean_square(r.std()[2:]) for r in rows], **bars)
-        axes[2].barh(at, [r.honesty(slice(0, 5)) for r in rows], **bars)
-    for value, style, label in ((BOUND_PX, ":", "bound, known texture"), (TARGET_PX, "--", "target")):
-        axes[0].axvline(value, ls=style, color="black", lw=1, label=label)
+        at, rows = place + 0.24 * (j - 0.5), [results[background, name] for name in names]
+        for axis, k in zip(axes, (TRANSLATION, ROTATION), strict=False):
+            std = [root_mean_square(r.std()[k]) for r in rows]
+            bias = [root_mean_square(r.bias()[0][k]) for r in rows]
+            axis.plot(std, at, "o", color=color, label=f"{background}: std")
+            axis.plot(bias, at, "D", color=color, mfc="white", ms=5, label=f"{background}: |bias|")
+        for k, marker, name in ((TRANSLATION, "o", "dx, dy"), (ROTATION, "^", "wx, wy, wz")):
+            axes[2].plot([r.honesty(k) for r in rows], at, marker, color=color, label=f"{background}: {name}")
+    axes[0].axvline(BOUND_PX, ls=":", color="black", lw=1, label="bound, known texture")
+    axes[0].axvline(TARGET_PX, ls="--", color="black", lw=1, label="target of the std")
     axes[2].axvspan(0.85, 1.15, color="0.9", zorder=0)
     axes[0].set_yticks(place, names)
     axes[0].invert_yaxis()
-    axes[0].legend(fontsize=8)
-    for axis, label in zip(
-        axes, ("std of dx, dy (px)", "std of wx, wy, wz (deg)", "actual / stated error"), strict=True
-    ):
+    for axis, label in zip(axes, ("dx, dy (px)", "wx, wy, wz (deg)", "actual / stated error"), strict=True):
+        axis.set_xscale("log")
         axis.set_xlabel(label)
-        axis.grid(axis="x", alpha=0.3)
+        axis.grid(alpha=0.3)
+    axes[2].set_xticks((0.7, 1, 1.5, 2, 3, 4, 5), ("0.7", "1", "1.5", "2", "3", "4", "5"))
+    axes[2].minorticks_off()
+    axes[0].legend(fontsize=8, loc=(0.02, 0.5))
+    axes[2].legend(fontsize=8)
     figure.suptitle("Error of the step from frame to frame, rms of the components; 3 patterns of 60 frames each")
     figure.savefig(OUT, dpi=110)
 

@@ -18,7 +18,7 @@ LAYERS = (
     ("motion", "interpolate", "crop", "texture", "still"),
     ("forward", "reference", "criterion", "interlace", "view"),
     ("covariance", "outline", "locate", "newton", "misfit", "search", "trust"),
-    ("robust",),
+    ("robust", "schur"),
     ("correlate", "circle", "bundle", "register"),
     ("symmetric", "rescue", "mapped"),
     ("follow",),

@@ -127,4 +127,5 @@ def test_a_batch_of_displacements_equals_its_rows(points: torch.Tensor) -> None:
     q = torch.tensor([[1.0, 0, 0.01, 0, 0], [0, 2, 0, 0.02, 0.03]], dtype=torch.float64)
     batch = motion.displacement(motion.finite, q, points.expand(2, -1, -1), GEOMETRY)
     for i in range(2):
-        torch.testing.assert_close(batch[i], motion.finite(q[i], points, GEOMETRY), atol=1e-12, rtol=0)
+        # The matrix exponential of a batch rounds differently; 50 px in float64 hold 1e-14 px each.
+        torch.testing.assert_close(batch[i], motion.finite(q[i], points, GEOMETRY), atol=1e-11, rtol=0)

@@ -2,7 +2,7 @@
 
 Pairs of images know the step between two poses; all images together know the map that explains every one of them, and
 with it the poses, the radius and the blur of the outline. The map's coefficients are thousands, but enter linearly and
-touch their neighbours only, so they are eliminated exactly (Schur complement); what remains are five unknowns per image
+touch their neighbours only, so they are schur exactly (Schur complement); what remains are five unknowns per image
 and two in common. Its inverse is the covariance of all poses with the map's own uncertainty in it.
 
 The way to it is Gauss-Newton: the elimination is costly and is renewed rarely, the residuals are always exact.
@@ -10,17 +10,15 @@ The way to it is Gauss-Newton: the elimination is costly and is renewed rarely, 
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sparse
 import torch
 from numpy.typing import NDArray
-from scipy.sparse.linalg import SuperLU, cg, splu
-from torch import Tensor
+from scipy.sparse.linalg import cg
 
-from torchsphere import texture, trust, view
+from torchsphere import schur, texture, trust, view
 from torchsphere.trust import Profile
 from torchsphere.view import Ball, Pose, Window
 
@@ -32,10 +30,6 @@ SPACINGS_PX = (2.0, 1.5, 1.0)
 
 #: Blur of the outline that the adjustment starts from, px.
 EDGE_BLUR_PX = 0.3
-
-#: Weight of the second differences of the map's coefficients, and of the coefficients themselves, against a pixel's
-#: noise: cells that only limbs have shown would follow their noise otherwise.
-SMOOTHNESS, RIDGE = 1e-3, 2e-4
 
 #: Rounds at most with cells of one width, and how far the last step of a round may still have moved a pose, px, to go
 #: on to the next width.
@@ -66,9 +60,6 @@ SYSTEMATIC_RADIUS_PX = 0.015
 #: Rounds of map and gains in turns at the start, for recordings that flicker.
 GAIN_ROUNDS = 3
 
-#: Unknowns that all images share: radius and edge blur.
-SHARED = 2
-
 
 @dataclass(frozen=True)
 class Bundle:
@@ -95,17 +86,6 @@ class Bundle:
     profile: Profile
     windows: list[Window]
     settled: bool
-
-
-@dataclass(frozen=True)
-class _Elimination:
-    """The factorised map and what couples it with the poses."""
-
-    map: SuperLU
-    seen: NDArray[np.int64]
-    coupling: Array
-    solved: Array
-    reduced_inverse: Array
 
 
 def adjust(windows: list[Window], poses: list[Pose], radius: float, noise_variance: float) -> Bundle:
@@ -153,7 +133,7 @@ def _rounds(state: Bundle, settled: float) -> Bundle:
         poses = [trust.levelled(w, p, ball, state.profile) for w, p in zip(state.windows, state.poses, strict=True)]
         profile = trust.profile(state.windows, poses, ball)
         windows = [trust.doubt(w, p, ball, profile) for w, p in zip(state.windows, poses, strict=True)]
-        elimination = _eliminate(windows, poses, ball, profile)
+        elimination = schur.eliminate(windows, poses, ball, profile)
         poses, ball, move = _iterate(windows, poses, ball, profile, elimination)
         state = Bundle(ball, poses, elimination.reduced_inverse, profile, windows, move < settled)
         if state.settled:
@@ -168,7 +148,7 @@ def _with_systematic(covariance: Array, n: int) -> Array:
 
 
 def _iterate(
-    windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile, elimination: _Elimination
+    windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile, elimination: schur.Elimination
 ) -> tuple[list[Pose], Ball, float]:
     """Steps with one elimination while they shrink -> poses, ball, and how far the first step moved a pose, px."""
     moves: list[float] = []
@@ -190,7 +170,7 @@ def _iterate(
 
 
 def _map_step(
-    windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile, elimination: _Elimination
+    windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile, elimination: schur.Elimination
 ) -> Ball:
     """The ball with its map brought up to date with poses that have moved; near the limb that is no linear change."""
     of_map = torch.zeros(texture.size(ball.cells), dtype=torch.float64)
@@ -199,7 +179,7 @@ def _map_step(
         weighted = trust.weights(window, pose, ball, profile) * (window.levels - levels)
         of_map.index_add_(0, index.flatten(), (weighted[window.owner][:, None] * weight).flatten())
     coefficients = ball.coefficients.numpy().copy()
-    pull = of_map.numpy() - SMOOTHNESS * (_roughness_matrix(ball.cells) @ coefficients)
+    pull = of_map.numpy() - schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ coefficients)
     coefficients[elimination.seen] += elimination.map.solve(pull[elimination.seen])
     return replace(ball, coefficients=torch.from_numpy(coefficients))
 
@@ -210,7 +190,7 @@ def _first_map(windows: list[Window], poses: list[Pose], ball: Ball, profile: Pr
     normal, gradient = _map_equations(windows, poses, ball, profile)
     seen = np.flatnonzero(normal.diagonal() > 0)
     coefficients = np.zeros(len(gradient))
-    coefficients[seen], _ = cg(_with_prior(normal, seen, ball.cells), gradient[seen], maxiter=MAP_STEPS)
+    coefficients[seen], _ = cg(schur.with_prior(normal, seen, ball.cells), gradient[seen], maxiter=MAP_STEPS)
     # What no image has shown is as grey as the rest.
     coefficients[normal.diagonal() == 0] = np.median(coefficients[seen])
     return replace(ball, coefficients=torch.from_numpy(coefficients))
@@ -223,7 +203,7 @@ def _map_equations(
     normal, gradient = sparse.csr_matrix((count, count)), np.zeros(count)
     for window, pose in zip(windows, poses, strict=True):
         levels, index, weight = view.touched(window, pose, ball)
-        design = _design(window, index, weight, ball.cells)
+        design = schur.design_matrix(window, index, weight, ball.cells)
         weighted = design.multiply(trust.weights(window, pose, ball, profile).numpy()[:, None]).tocsr()
         normal = normal + weighted.T @ design
         gradient += weighted.T @ (window.levels - levels).numpy()
@@ -242,7 +222,10 @@ def _shaded(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profi
         of_light, squares = np.zeros(view.SHADES), 0.0
         for window, pose in zip(windows, poses, strict=True):
             now = view.linearised(window, pose, ball)
-            design, lights = _design(window, now.index, now.weight, ball.cells), view.lights(window, pose, ball).numpy()
+            design, lights = (
+                schur.design_matrix(window, now.index, now.weight, ball.cells),
+                view.lights(window, pose, ball).numpy(),
+            )
             weights = trust.weights(window, pose, ball, profile).numpy()
             rest = (window.levels - now.levels).numpy()
             weighted = design.multiply(weights[:, None]).tocsr()
@@ -253,8 +236,8 @@ def _shaded(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profi
             of_light += lights.T @ (weights * rest)
             squares += float(weights @ rest**2)
         seen = np.flatnonzero(normal.diagonal() > 0)
-        matrix = _with_prior(normal, seen, ball.cells)
-        pull = (pull - SMOOTHNESS * (_roughness_matrix(ball.cells) @ ball.coefficients.numpy()))[seen]
+        matrix = schur.with_prior(normal, seen, ball.cells)
+        pull = (pull - schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ ball.coefficients.numpy()))[seen]
         solved = np.stack([cg(matrix, column, maxiter=MAP_STEPS)[0] for column in coupling[seen].T], 1)
         right, _ = cg(matrix, pull, maxiter=MAP_STEPS)
         # The constant of the light only scales the map.
@@ -270,74 +253,6 @@ def _shaded(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profi
     return ball
 
 
-def _design(window: Window, index: Tensor, weight: Tensor, cells: int) -> sparse.csr_matrix:
-    """Derivative (p, m) of the grey levels by the map's coefficients."""
-    rows = window.owner[:, None].expand_as(index)
-    entries = (weight.numpy().ravel(), (rows.numpy().ravel(), index.numpy().ravel()))
-    return sparse.coo_matrix(entries, shape=(len(window.pixels), texture.size(cells))).tocsr()
-
-
-def _with_prior(normal: sparse.csr_matrix, seen: NDArray[np.int64], cells: int) -> sparse.csr_matrix:
-    """Normal equations of the map's ``seen`` coefficients with what is known of them beforehand."""
-    known = SMOOTHNESS * _roughness_matrix(cells) + RIDGE * sparse.identity(normal.shape[0])
-    return (normal + known).tocsr()[seen][:, seen]
-
-
-def _factor(matrix: sparse.csr_matrix) -> SuperLU:
-    options = {"SymmetricMode": True}
-    return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-
-
-@functools.lru_cache(maxsize=4)
-def _roughness_matrix(cells: int) -> sparse.csr_matrix:
-    """Matrix of the sum of squares of `texture.roughness`."""
-    width = cells + 3
-    second = sparse.diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(width - 2, width))
-    square, same = second.T @ second, sparse.identity(width)
-    face = sparse.kron(same, square) + sparse.kron(square, same)
-    return sparse.kron(sparse.identity(6), face).tocsr()
-
-
-def _eliminate(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> _Elimination:
-    """Normal equations of map and poses together, and the map eliminated from them."""
-    count, n = texture.size(ball.cells), len(windows)
-    total = 5 * n + SHARED
-    normal = sparse.csr_matrix((count, count))
-    coupling, own = np.zeros((count, total)), np.zeros((total, total))
-    for i, (window, pose) in enumerate(zip(windows, poses, strict=True)):
-        now = view.linearised(window, pose, ball)
-        design, slopes = _design(window, now.index, now.weight, ball.cells), now.slopes.numpy()
-        weights = trust.weights(window, pose, ball, profile).numpy()
-        weighted = design.multiply(weights[:, None]).tocsr()
-        normal = normal + weighted.T @ design
-        columns = _columns(i, n)
-        coupling[:, columns] += weighted.T @ slopes
-        own[np.ix_(columns, columns)] += slopes.T @ (weights[:, None] * slopes)
-    seen = np.flatnonzero(normal.diagonal() > 0)
-    factor = _factor(_with_prior(normal, seen, ball.cells))
-    coupling = coupling[seen]
-    solved = factor.solve(coupling)
-    reduced = own - coupling.T @ solved
-    inverse = np.linalg.inv(reduced + _held_frame(poses, float(np.diag(own)[:5].max())))
-    return _Elimination(factor, seen, coupling, solved, inverse)
-
-
-def _held_frame(poses: list[Pose], stiffness: float) -> Array:
-    """Constraint (5 n + 2, 5 n + 2) that the poses do not all turn together: the map would turn with them.
-
-    No one pose is held, since its image would then have to fit a map that is still turning.
-    """
-    together = np.zeros((3, 5 * len(poses) + SHARED))
-    for i, pose in enumerate(poses):
-        together[:, 5 * i + 2 : 5 * i + 5] = pose.orientation.T.numpy()
-    return stiffness / len(poses) * together.T @ together
-
-
-def _columns(i: int, n: int) -> list[int]:
-    """Unknowns that image ``i`` of ``n`` depends on."""
-    return [*range(5 * i, 5 * i + 5), *range(5 * n, 5 * n + SHARED)]
-
-
 @dataclass(frozen=True)
 class _Pull:
     """Where the residuals pull the map (m,) and the poses (5 n + 2,), and their weighted sum of squares."""
@@ -350,21 +265,21 @@ class _Pull:
 def _pull(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> _Pull:
     n, squares = len(windows), 0.0
     of_map = torch.zeros(texture.size(ball.cells), dtype=torch.float64)
-    of_poses = np.zeros(5 * n + SHARED)
+    of_poses = np.zeros(5 * n + schur.SHARED)
     for i, (window, pose) in enumerate(zip(windows, poses, strict=True)):
         now = view.linearised(window, pose, ball)
         rest = window.levels - now.levels
         weighted = trust.weights(window, pose, ball, profile) * rest
         squares += float(weighted @ rest)
-        of_poses[_columns(i, n)] += (now.slopes.T @ weighted).numpy()
+        of_poses[schur.columns_of(i, n)] += (now.slopes.T @ weighted).numpy()
         of_map.index_add_(0, now.index.flatten(), (weighted[window.owner][:, None] * now.weight).flatten())
     coefficients = ball.coefficients.numpy()
-    rough = SMOOTHNESS * (_roughness_matrix(ball.cells) @ coefficients)
+    rough = schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ coefficients)
     return _Pull(of_map.numpy() - rough, of_poses, squares + float(coefficients @ rough))
 
 
 def _step(
-    pull: _Pull, poses: list[Pose], ball: Ball, elimination: _Elimination, share: float
+    pull: _Pull, poses: list[Pose], ball: Ball, elimination: schur.Elimination, share: float
 ) -> tuple[list[Pose], Ball]:
     """A ``share`` of one step of Gauss-Newton, with an elimination that may be a few steps old."""
     right = elimination.map.solve(pull.of_map[elimination.seen])

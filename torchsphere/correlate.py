@@ -324,7 +324,8 @@ def _conclude(
     coefficient = criterion.zncc(reference.values, warped, weights)
     spread = covariance.increment_covariance(reference, difference, weights, q, model, options.pre_blur)
     jacobian, _ = operator(reference, reference.gradient, q, model, weights)
-    spread = spread * misfit.inflation(reference, jacobian, difference, weights, spread)[:, None, None]
+    wider = misfit.inflation(reference, jacobian, difference, weights, spread)
+    spread = spread * wider[:, :, None] * wider[:, None, :]
     carried = covariance.texture_carries_modes(reference, difference, weights, q, model, options.pre_blur)
     area = torch.pi * (options.roi * reference.geometry.radius) ** 2
     status = torch.full((len(q),), OK, device=q.device)

@@ -27,9 +27,9 @@ BATCH = 16
 #: First guesses that a search over rotations may try at full size.
 TRIED = 3
 
-#: The reference's centre may be off by this much before a pair is correlated again around the right one, px: an error
-#: of 1 px in the centre changes the increment by 0.001 to 0.002 px.
-CENTRE_TOLERANCE_PX = 0.5
+#: The reference's centre may be off by this much, times the rotation, before a pair is correlated again around the
+#: right one: an error of 1 px changes the increment by 0.001 to 0.002 px at 0.01 rad, and as the rotation.
+CENTRE_TOLERANCE_PX_RAD = 0.005
 
 #: A prediction that is off by more than this share of the radius ends its batch.
 PREDICTION_TOLERANCE = 0.1
@@ -118,7 +118,8 @@ class Follower:
         actual = self._positions(found)
         off = (actual[:-1] - predicted[:-1]).norm(dim=-1)
         good = _leading((found.status == "ok") & (off < PREDICTION_TOLERANCE * self.radius).numpy())
-        if good and float(off[:good].max()) > CENTRE_TOLERANCE_PX:
+        turn = found.q[:, 2:].norm(dim=-1).double().cpu().clamp_min(0.01)
+        if good and float((off * turn)[:good].max()) > CENTRE_TOLERANCE_PX_RAD:
             found = self._correlate(images[: good + 1], actual[: good + 1], found.q[:good].double().cpu())
             good = _leading(found.status == "ok")
         if good:

@@ -18,6 +18,9 @@ ENERGY_WINDOW, SHAPE_WINDOW, LEAST_WINDOW = 0.13, 0.22, 5
 #: Side of the blocks whose scores count as independent, as a share of the radius, and the least, px.
 BLOCK, LEAST_BLOCK = 0.2, 4
 
+#: Ratio of variances up to which the scatter of about 80 blocks says nothing: one standard deviation above 1.
+SCATTER = 1.2
+
 
 def local_mean(reference: Reference, values: Tensor, weights: Tensor) -> Tensor:
     """Mean (n, p) of ``values`` (n, p) in a window around each point, over the points that count."""
@@ -69,12 +72,13 @@ def _smoothed(reference: Reference, values: Tensor, window: int) -> Tensor:
 
 
 def inflation(reference: Reference, jacobian: Tensor, difference: Tensor, weights: Tensor, stated: Tensor) -> Tensor:
-    """Factor (n,), float64, at least 1, by which correlated residuals make the covariance ``stated`` too small.
+    """Factors (n, k), float64, at least 1, by which correlated residuals widen the standard deviations in ``stated``.
 
     ``jacobian`` (n, p, k) is that of the criterion, in px per px; ``stated`` (n, k, k) in px and rad.
 
     The scores ``J^T W r`` of blocks of the region count as independent; their scatter gives a covariance that needs no
-    model of the residual (the sandwich of Huber and White). The factor is the mean ratio of both over the modes.
+    model of the residual (the sandwich of Huber and White). Each mode has its own factor, since a misfit of a part of
+    the ball weighs on some of them; what the blocks' number leaves open (`SCATTER`) does not count.
     """
     size = max(LEAST_BLOCK, math.ceil(BLOCK * float(reference.geometry.radius)))
     block = reference.places // size
@@ -85,6 +89,6 @@ def inflation(reference: Reference, jacobian: Tensor, difference: Tensor, weight
     scatter = (scores.mT @ scores).double()
     inverse = torch.cholesky_inverse(criterion.cholesky(criterion.operator(jacobian, weights)))
     unit = scale(reference, stated.shape[-1]).double()
-    found = inverse @ scatter @ inverse / (unit[:, None] * unit)
-    ratio = torch.linalg.solve_ex(stated, found)[0].diagonal(dim1=-2, dim2=-1).mean(-1)
-    return ratio.nan_to_num(1.0, 1.0, 1.0).clamp_min(1.0)
+    found = (inverse @ scatter @ inverse).diagonal(dim1=-2, dim2=-1) / unit.square()
+    ratio = found / stated.diagonal(dim1=-2, dim2=-1) / SCATTER
+    return ratio.nan_to_num(1.0, 1.0, 1.0).clamp_min(1.0).sqrt()

@@ -20,7 +20,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
-from kornia.geometry.liegroup import So3
 from torch import Tensor
 
 
@@ -73,10 +72,21 @@ def rigid(q: Tensor, points: Tensor, geometry: Geometry) -> Tensor:
     return torch.stack((dx - s * wy - y * wz, dy + s * wx + x * wz), -1)
 
 
+def rotation_matrix(vector: Tensor) -> Tensor:
+    """Rotation matrix (3, 3) of a rotation vector (3,), rad.
+
+    The matrix exponential of torch differentiates three to five times faster than Kornia's way over quaternions, which
+    took half of the time of fast rotations.
+    """
+    x, y, z = vector
+    none = torch.zeros_like(x)
+    return torch.linalg.matrix_exp(torch.stack((none, -z, y, z, none, -x, -y, x, none)).reshape(3, 3))
+
+
 def finite(q: Tensor, points: Tensor, geometry: Geometry) -> Tensor:
     """Exact rotation under orthographic projection; points that turn out of sight are NaN."""
     surface = torch.cat((points, -depth(points, geometry.radius)[:, None]), -1)
-    turned = surface @ So3.exp(q[None, 2:]).matrix()[0].T
+    turned = surface @ rotation_matrix(q[2:]).T
     moved = q[:2] + (turned - surface)[:, :2]
     return torch.where(turned[:, 2:] > 0, torch.nan, moved)
 

@@ -25,6 +25,9 @@ SYMMETRIC_FROM = math.radians(1.0)
 #: wrong. Measured over right pairs: 0.001 to 0.01, from 1 to 20 deg per frame.
 MAX_DISAGREEMENT = 0.05
 
+#: The same for the translation alone, of which a part passes for rotation where perspective or hidden parts disturb.
+MAX_APART = 0.1
+
 
 def both_ways(
     crops: tuple[Crops, Crops],
@@ -47,10 +50,12 @@ def both_ways(
     here = chosen.cpu()
     (f, g), (c_f, c_g) = crops, c
     back = solve(g.take(chosen), c_g[chosen], f.take(chosen), c_f[chosen], centres[1][here], radius, -forth, options)
-    unit = torch.tensor([1, 1, radius, radius, radius]).to(forth)
-    disagreement = ((forth + back.q) * unit).norm(dim=-1)
+    dx, dy, wx, wy, wz = (forth + back.q).unbind(-1)
+    # How differently both ways move the front of the ball; translation and rotation alone are known less well.
+    front = torch.stack((dx - radius * wy, dy + radius * wx, radius * wz), -1).norm(dim=-1)
     # A way back that failed is NaN, which is not apart: it keeps its own status.
-    apart = (disagreement > MAX_DISAGREEMENT * radius).cpu().numpy()
+    wrong = (front > MAX_DISAGREEMENT * radius) | (torch.hypot(dx, dy) > MAX_APART * radius)
+    apart = wrong.cpu().numpy()
     status = found.status.copy()
     status[here.numpy()] = np.where(apart, "not_converged", back.status)
     good = torch.from_numpy(status[here.numpy()] == "ok").to(forth.device)

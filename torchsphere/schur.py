@@ -1,0 +1,109 @@
+"""The normal equations of map and poses together, and the map eliminated from them.
+
+The map's coefficients are thousands, but each pixel touches a few neighbours only: their equations are sparse and are
+factorised once. What the elimination leaves (the Schur complement) is small and dense, and its inverse is the
+covariance of the poses with the map's own uncertainty in it.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sparse
+from numpy.typing import NDArray
+from scipy.sparse.linalg import SuperLU, splu
+from torch import Tensor
+
+from torchsphere import texture, trust, view
+from torchsphere.trust import Profile
+from torchsphere.view import Ball, Pose, Window
+
+Array = NDArray[np.float64]
+
+#: Weight of the second differences of the map's coefficients, and of the coefficients themselves, against a pixel's
+#: noise: cells that only limbs have shown would follow their noise otherwise.
+SMOOTHNESS, RIDGE = 1e-3, 2e-4
+
+#: Unknowns that all images share: radius and edge blur.
+SHARED = 2
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """The factorised map and what couples it with the poses."""
+
+    map: SuperLU
+    seen: NDArray[np.int64]
+    coupling: Array
+    solved: Array
+    reduced_inverse: Array
+
+
+def design_matrix(window: Window, index: Tensor, weight: Tensor, cells: int) -> sparse.csr_matrix:
+    """Derivative (p, m) of the grey levels by the map's coefficients."""
+    rows = window.owner[:, None].expand_as(index)
+    entries = (weight.numpy().ravel(), (rows.numpy().ravel(), index.numpy().ravel()))
+    return sparse.coo_matrix(entries, shape=(len(window.pixels), texture.size(cells))).tocsr()
+
+
+def with_prior(normal: sparse.csr_matrix, seen: NDArray[np.int64], cells: int) -> sparse.csr_matrix:
+    """Normal equations of the map's ``seen`` coefficients with what is known of them beforehand."""
+    known = SMOOTHNESS * roughness_matrix(cells) + RIDGE * sparse.identity(normal.shape[0])
+    return (normal + known).tocsr()[seen][:, seen]
+
+
+def _factor(matrix: sparse.csr_matrix) -> SuperLU:
+    options = {"SymmetricMode": True}
+    return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+
+
+@functools.lru_cache(maxsize=4)
+def roughness_matrix(cells: int) -> sparse.csr_matrix:
+    """Matrix of the sum of squares of `texture.roughness`."""
+    width = cells + 3
+    second = sparse.diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(width - 2, width))
+    square, same = second.T @ second, sparse.identity(width)
+    face = sparse.kron(same, square) + sparse.kron(square, same)
+    return sparse.kron(sparse.identity(6), face).tocsr()
+
+
+def eliminate(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> Elimination:
+    """Normal equations of map and poses together, and the map eliminated from them."""
+    count, n = texture.size(ball.cells), len(windows)
+    total = 5 * n + SHARED
+    normal = sparse.csr_matrix((count, count))
+    coupling, own = np.zeros((count, total)), np.zeros((total, total))
+    for i, (window, pose) in enumerate(zip(windows, poses, strict=True)):
+        now = view.linearised(window, pose, ball)
+        design, slopes = design_matrix(window, now.index, now.weight, ball.cells), now.slopes.numpy()
+        weights = trust.weights(window, pose, ball, profile).numpy()
+        weighted = design.multiply(weights[:, None]).tocsr()
+        normal = normal + weighted.T @ design
+        columns = columns_of(i, n)
+        coupling[:, columns] += weighted.T @ slopes
+        own[np.ix_(columns, columns)] += slopes.T @ (weights[:, None] * slopes)
+    seen = np.flatnonzero(normal.diagonal() > 0)
+    factor = _factor(with_prior(normal, seen, ball.cells))
+    coupling = coupling[seen]
+    solved = factor.solve(coupling)
+    reduced = own - coupling.T @ solved
+    inverse = np.linalg.inv(reduced + _held_frame(poses, float(np.diag(own)[:5].max())))
+    return Elimination(factor, seen, coupling, solved, inverse)
+
+
+def _held_frame(poses: list[Pose], stiffness: float) -> Array:
+    """Constraint (5 n + 2, 5 n + 2) that the poses do not all turn together: the map would turn with them.
+
+    No one pose is held, since its image would then have to fit a map that is still turning.
+    """
+    together = np.zeros((3, 5 * len(poses) + SHARED))
+    for i, pose in enumerate(poses):
+        together[:, 5 * i + 2 : 5 * i + 5] = pose.orientation.T.numpy()
+    return stiffness / len(poses) * together.T @ together
+
+
+def columns_of(i: int, n: int) -> list[int]:
+    """Unknowns that image ``i`` of ``n`` depends on."""
+    return [*range(5 * i, 5 * i + 5), *range(5 * n, 5 * n + SHARED)]
