@@ -20,7 +20,7 @@ IGNORE = (
 )
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def film(shared_data: Path) -> tuple[np.ndarray, np.ndarray]:
     pytest.importorskip("av", reason="the extra 'video' is not installed")
     with ts.open_recording(shared_data / "fictrac" / "sample.mp4") as recording:
