@@ -84,6 +84,26 @@ def test_a_map_that_is_not_wanted_is_not_made(turning: Turning) -> None:
     assert "4 frames" in few.settings["sphere_map"]["reason"]
 
 
+def test_a_map_that_cannot_be_solved_for_leaves_the_measured_steps(
+    turning: Turning, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unsolvable(*_: object) -> None:
+        raise np.linalg.LinAlgError("singular")
+
+    plain = track(turning.images[:8], turning.circle, sphere_map=False)
+    monkeypatch.setattr(bundle, "adjust", unsolvable)
+    measured = track(turning.images[:8], turning.circle, sphere_map=True)
+    assert measured.settings["sphere_map"] == {"used": False, "reason": "the equations of the map have no solution"}
+    np.testing.assert_array_equal(measured.increment, plain.increment)  # the same computation
+
+
+def test_a_model_that_is_not_rigid_gets_no_map_and_says_so(turning: Turning) -> None:
+    about = track(turning.images[:4], turning.circle, sphere_map=True, model="translation").settings["sphere_map"]
+    assert about["used"] is False
+    assert "translation" in about["reason"]
+    assert "not needed" not in about["reason"]
+
+
 def test_images_that_no_map_explains_are_refused(turning: Turning) -> None:
     """Every other image shows a ball with another pattern."""
     poses = torch.from_numpy(turning.centres[:10]).float(), torch.from_numpy(turning.orientations[:10]).float()

@@ -49,28 +49,36 @@ def bound(
     """The motion that was ``measured``, on a map of the ball where one is ``asked`` for or, by None, needed."""
     known = np.isfinite(measured.position[:, 0])
     chained = orientation.chain(measured.rotation, known)
-    plain = Motion(
-        measured.position,
-        measured.increment,
-        measured.covariance,
-        chained,
-        circle,
-        {"used": False, "reason": "not needed: it was not asked for"},
-    )
     turns = np.linalg.norm(measured.rotation, axis=1)
-    if asked is False or model not in RIGID_MODELS or not np.isfinite(turns).any():
+    reason = _why_not(turns, circle, asked, model)
+    about = {"used": False, "reason": reason}
+    plain = Motion(measured.position, measured.increment, measured.covariance, chained, circle, about)
+    if reason:
         return plain
-    of_radius = STEP_PER_RADIUS * float(np.nanmedian(turns)) * np.nan_to_num(circle.sd_radius)
-    if asked is None and np.nansum(turns) < MAP_FROM and of_radius < RADIUS_MATTERS_PX:
-        plain.about_map["reason"] = (
-            f"not needed: the ball turns by {np.degrees(np.nansum(turns)):.0f} deg in all, and its radius is known"
-        )
-        return plain
-    found = mapped.poses_on_map(source, measured.position, chained, measured.zncc, circle, ignore)
+    try:
+        found = mapped.poses_on_map(source, measured.position, chained, measured.zncc, circle, ignore)
+    except (np.linalg.LinAlgError, torch.linalg.LinAlgError):  # type: ignore[attr-defined]
+        # What the correlation measured must not be lost with the map.
+        found = "the equations of the map have no solution"
     if isinstance(found, str):
         plain.about_map["reason"] = found
         return plain
     return _merged(measured, chained, found)
+
+
+def _why_not(turns: Array, circle: Circle, asked: bool | None, model: str) -> str:
+    """Why no map is made of a ball that turns by ``turns`` (n,), rad, in words; empty where one is."""
+    if asked is False:
+        return "not needed: it was not asked for"
+    prefix = "" if asked else "not needed: "
+    if model not in RIGID_MODELS:
+        return f"{prefix}the model {model!r} measures no rigid motion, so no map can be made of it"
+    if not np.isfinite(turns).any():
+        return f"{prefix}no rotation was measured, so no map of the ball can be made"
+    of_radius = STEP_PER_RADIUS * float(np.nanmedian(turns)) * np.nan_to_num(circle.sd_radius)
+    if asked is None and np.nansum(turns) < MAP_FROM and of_radius < RADIUS_MATTERS_PX:
+        return f"not needed: the ball turns by {np.degrees(np.nansum(turns)):.0f} deg in all, and its radius is known"
+    return ""
 
 
 def _merged(measured: Follower, chained: Array, found: Mapped) -> Motion:

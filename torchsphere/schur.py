@@ -55,8 +55,12 @@ def with_prior(normal: sparse.csr_matrix, seen: NDArray[np.int64], cells: int) -
 
 
 def _factor(matrix: sparse.csr_matrix) -> SuperLU:
+    """Sparse factorisation; LinAlgError where the matrix has none."""
     options = {"SymmetricMode": True}
-    return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    try:
+        return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    except RuntimeError as error:  # SciPy's word for a singular matrix
+        raise np.linalg.LinAlgError(str(error)) from error
 
 
 @functools.lru_cache(maxsize=4)

@@ -83,8 +83,9 @@ def track(
     recording : Recording or array_like
         Images (n, h, w), NumPy or torch, or a `Recording`, which is read as it is needed.
     circle : tuple of float or Circle, optional
-        Outline (x, y, radius) of the ball in the first image, px, taken as it is; by default it is found, in the first
-        image that shows the whole ball, and the images before that one are "lost".
+        Outline (x, y, radius) of the ball in the first image, px, taken as it is unless a map of the ball corrects
+        it; by default it is found, in the first image that shows the whole ball, and the images before that one are
+        "lost".
     ignore : array_like, optional
         (h, w), True where the images are not to be used.
     device : str or torch.device, optional
