@@ -17,7 +17,7 @@ from torch import Tensor
 
 from torchsphere import crop, outline
 from torchsphere.circle import MIN_SUPPORT, Circle
-from torchsphere.correlate import Options, margin, radius_evidence
+from torchsphere.correlate import GRADIENT_FROM_DEG, Options, margin, radius_evidence
 from torchsphere.follow import Follower
 from torchsphere.source import Source
 
@@ -51,7 +51,8 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
     """
     # The radius is the ball's, whatever model measures its motion afterwards; the linearised one was measured to give
     # it within 0.15 px at up to 5 deg per frame, where the exact one's evidence runs away.
-    options = dataclasses.replace(options, model="rigid", pre_blur=min(options.pre_blur, PRE_BLUR_PX))
+    blur = min(options.pre_blur, PRE_BLUR_PX)
+    options = dataclasses.replace(options, model="rigid", finite_from_deg=GRADIENT_FROM_DEG, pre_blur=blur)
     stop = min(found.frame + FRAMES, source.count)
     followed = Follower(source, found, ignore, options).run(stop)
     frames = np.flatnonzero(followed.status[:stop] == "ok")
