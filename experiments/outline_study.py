@@ -102,8 +102,10 @@ class Unchecked(Options):
 def beyond_the_outline(images: Tensor, track: ts.Track) -> Steps:
     """Pairs over a region that crosses the outline."""
     options = Unchecked(roi=BEYOND, robust=False)
-    centres, start = torch.from_numpy(track.position[:-1]), torch.from_numpy(track.increment).float()
-    found = correlate_pairs(images[:-1], images[1:], centres, track.circle.radius, start, None, options)
+    radii = np.full(len(track.position) - 1, track.circle.radius)
+    circles = torch.from_numpy(np.column_stack((track.position[:-1], radii)))
+    start = torch.from_numpy(track.increment).float()
+    found = correlate_pairs(images[:-1], images[1:], circles, start, None, options)
     return found.q.double().numpy(), found.covariance.numpy()
 
 

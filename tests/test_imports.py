@@ -14,7 +14,7 @@ PACKAGE = ROOT / "torchsphere"
 #: The data's way. A module imports from lines above its own, never from its own or from one below.
 LAYERS = (
     ("recording", "inputs"),
-    ("source", "masks"),
+    ("source", "masks", "perspective"),
     ("motion", "interpolate", "crop", "texture", "still"),
     ("forward", "reference", "criterion", "interlace", "view"),
     ("covariance", "outline", "locate", "newton", "misfit", "search", "trust"),
@@ -25,7 +25,7 @@ LAYERS = (
     ("calibrate", "orientation", "camera"),
     ("drift",),
     ("track",),
-    ("kinematics",),
+    ("kinematics", "plane"),
     ("results", "report", "demo"),
     ("measure",),
     ("cli",),

@@ -10,9 +10,11 @@ from shots import rotation_matrix
 
 from torchsphere import motion
 from torchsphere.motion import Geometry
+from torchsphere.perspective import View
 
 R = 50.0
-GEOMETRY = Geometry(torch.tensor(R, dtype=torch.float64))
+VIEW = View(*(torch.tensor(v, dtype=torch.float64) for v in ((90.0, -40.0), 300.0, (-0.1, 0.02, 0.0))))
+GEOMETRY = Geometry(torch.tensor(R, dtype=torch.float64), VIEW)
 angles = st.floats(-0.3, 0.3)
 shifts = st.floats(-3, 3)
 
@@ -55,7 +57,7 @@ def test_modes_have_the_values_worked_out_by_hand(
 
 
 @pytest.mark.parametrize("name", motion.MODELS)
-@pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0, 0.0), (1.3, -0.4, 0.02, -0.05, 0.03)])
+@pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (1.3, -0.4, 0.02, -0.05, 0.03, 0.01)])
 def test_modes_equal_finite_differences(name: str, q: tuple[float, ...], points: torch.Tensor) -> None:
     model = motion.MODELS[name]
     k = motion.degrees_of_freedom(model)
@@ -73,11 +75,12 @@ def test_modes_equal_finite_differences(name: str, q: tuple[float, ...], points:
     torch.testing.assert_close(modes, differences.nan_to_num(0.0), atol=1e-7, rtol=0)
 
 
-@pytest.mark.parametrize("name", ["published", "rigid", "finite"])
+@pytest.mark.parametrize("name", ["published", "rigid", "finite", "pinhole", "pinhole6"])
 def test_the_radius_mode_equals_finite_differences(name: str, points: torch.Tensor) -> None:
-    model, q, h = motion.MODELS[name], row(0.3, 0.1, 0.02, -0.05, 0.03), 1e-4
+    model, h = motion.MODELS[name], 1e-4
+    q = row(0.3, 0.1, 0.02, -0.05, 0.03, 0.01)[: motion.degrees_of_freedom(model)]
     mode = motion.radius_mode(model, q[None], points[None], GEOMETRY)[0]
-    low, high = (model(q, points, Geometry(GEOMETRY.radius + d)) for d in (-h, h))
+    low, high = (model(q, points, GEOMETRY._replace(radius=GEOMETRY.radius + d)) for d in (-h, h))
     # The third derivative at 0.95 R is about w / (R^2 0.3^5), times h^2: 1e-10.
     torch.testing.assert_close(mode, (high - low) / (2 * h), atol=1e-7, rtol=0)
 

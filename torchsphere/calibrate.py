@@ -49,17 +49,18 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
 
     A plain ball, or one that cannot be followed, keeps its circle.
     """
-    # The radius is the ball's, whatever model measures its motion afterwards; the linearised one was measured to give
-    # it within 0.15 px at up to 5 deg per frame, where the exact one's evidence runs away.
-    blur = min(options.pre_blur, PRE_BLUR_PX)
-    options = dataclasses.replace(options, model="rigid", finite_from_deg=GRADIENT_FROM_DEG, pre_blur=blur)
+    options = dataclasses.replace(options, pre_blur=min(options.pre_blur, PRE_BLUR_PX))
+    if options.camera is None:
+        # The radius is the ball's, whatever model measures its motion afterwards; the linearised one was measured to
+        # give it within 0.15 px at up to 5 deg per frame, where the exact one's evidence runs away.
+        options = dataclasses.replace(options, model="rigid", finite_from_deg=GRADIENT_FROM_DEG)
     stop = min(found.frame + FRAMES, source.count)
     followed = Follower(source, found, ignore, options).run(stop)
     frames = np.flatnonzero(followed.status[:stop] == "ok")
     if len(frames) < 3:
         return found
-    fit = _outlines(source, followed, frames, found.radius, ignore, fixed_radius=False)
-    by_outline = float(fit.circle[:, 2].nanmedian())
+    fit = _outlines(source, followed, frames, found, ignore, fixed_radius=False)
+    by_outline = float((fit.circle[:, 2] / _relative_size(followed, found, _spread(frames))).nanmedian())
     known = by_outline if math.isfinite(by_outline) else found.radius
     contrast = float(fit.contrast.median()) / _pattern_sd(source, found)
     systematic = SYSTEMATIC_PX * max(FULL_CONTRAST / max(contrast, 1e-3), 0.5) ** 2
@@ -92,7 +93,7 @@ def _outlines(
     source: Source,
     followed: Follower,
     frames: NDArray[np.int64],
-    radius: float,
+    found: Circle,
     ignore: Tensor | None,
     *,
     fixed_radius: bool,
@@ -101,8 +102,20 @@ def _outlines(
     chosen = _spread(frames)
     images = torch.cat([source.images(int(i), int(i) + 1) for i in chosen])
     path = torch.from_numpy(followed.position[chosen])
-    guesses = torch.cat((path, torch.full((len(path), 1), radius, dtype=torch.float64)), -1)
-    return outline.refine(images, guesses, ignore=ignore, window=outline.STEP_BLUR_PX, fixed_radius=fixed_radius)
+    guesses = torch.cat((path, found.radius * _relative_size(followed, found, chosen)[:, None]), -1)
+    return outline.refine(
+        images,
+        guesses,
+        ignore=ignore,
+        window=outline.STEP_BLUR_PX,
+        fixed_radius=fixed_radius,
+        camera=followed.options.camera,
+    )
+
+
+def _relative_size(followed: Follower, found: Circle, frames: NDArray[np.int64]) -> Tensor:
+    """The ball's size in the given frames against that in the frame in which it was found: 1 unless it comes nearer."""
+    return torch.from_numpy(followed.size[frames] / followed.size[found.frame])
 
 
 def _spread(frames: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -122,11 +135,11 @@ def _radius_correction(
     second = frames[np.isin(frames - 1, frames)]
     for some in np.array_split(second, max(1, math.ceil(len(second) / BATCH))):
         images = [torch.cat([source.images(int(i), int(i) + 1) for i in some + shift]) for shift in (-1, 0)]
-        centres = [torch.from_numpy(followed.position[some + shift]) for shift in (-1, 0)]
+        circles = [followed.circles(some + shift) for shift in (-1, 0)]
         half = crop.half_size(radius, margin(options))
-        f, g = (crop.cut(image, centre, half, ignore) for image, centre in zip(images, centres, strict=True))
+        f, g = (crop.cut(image, circle[:, :2], half, ignore) for image, circle in zip(images, circles, strict=True))
         increments = torch.from_numpy(followed.increment[some - 1])
-        score, information = radius_evidence((f, g), centres[0], radius, increments, options)
+        score, information = radius_evidence((f, g), circles[0], increments, options)
         scores.append(score)
         informations.append(information)
     score, information = torch.cat(scores), torch.cat(informations)
@@ -144,7 +157,7 @@ def _recentred(
     source: Source, found: Circle, followed: Follower, frames: NDArray[np.int64], ignore: Tensor | None
 ) -> Circle:
     """The circle with the centre that the outlines of several frames agree on, along the path that was followed."""
-    fit = _outlines(source, followed, frames, found.radius, ignore, fixed_radius=True)
+    fit = _outlines(source, followed, frames, found, ignore, fixed_radius=True)
     path = torch.from_numpy(followed.position[_spread(frames)])
     good = fit.support >= MIN_SUPPORT
     if int(good.sum()) < 3:

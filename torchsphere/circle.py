@@ -18,6 +18,7 @@ import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
 
 from torchsphere import outline
+from torchsphere.perspective import Camera
 
 #: Longest side of the images that the disc filter works on, px.
 COARSE_PX = 192
@@ -89,8 +90,10 @@ def find(images: Images, count: int, ignore: Tensor | None = None) -> Circle:
     )
 
 
-def refine_circle(image: Tensor, circle: Circle, window: float | None = None) -> Circle:
+def refine_circle(image: Tensor, circle: Circle, window: float | None = None, camera: Camera | None = None) -> Circle:
     """The circle fitted to the outline in ``image`` (h, w), from one that is right to within ``window`` px.
+
+    With a camera, circles are projected centres and radii at their depth.
 
     Raises
     ------
@@ -100,7 +103,7 @@ def refine_circle(image: Tensor, circle: Circle, window: float | None = None) ->
     guess = torch.tensor([[circle.x, circle.y, circle.radius]], dtype=torch.float64)
     reach = max(2.0, 0.06 * circle.radius) if window is None else window
     plain = outline.is_plain(image, guess[0])
-    fit = outline.refine(image[None], guess, window=reach, plain=plain, patterned=not plain)
+    fit = outline.refine(image[None], guess, window=reach, plain=plain, patterned=not plain, camera=camera)
     level = image.median() if float(fit.support[0]) == 0 else _level_around(image, fit.circle[0])
     difference = (image - level).abs()
     if float(fit.support[0]) < MIN_SUPPORT or _explained_by(_saturated(difference), fit.circle[0]) < MIN_EXPLAINED:

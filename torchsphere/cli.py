@@ -8,7 +8,7 @@ import dataclasses
 import sys
 import tempfile
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -104,7 +104,9 @@ def _add_track(commands: Any) -> None:
     )
     parser.add_argument("input", type=Path, metavar="INPUT", help="file or folder of images")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="result folder")
-    parser.add_argument("--circle", type=_circle, metavar="X,Y,R", help="outline in the first frame, px (found)")
+    parser.add_argument(
+        "--circle", type=_numbers(3, "X,Y,R"), metavar="X,Y,R", help="outline in the first frame, px (found)"
+    )
     parser.add_argument("--refine", action="store_true", default=None, help="fit the given circle to the image first")
     parser.add_argument("--frames", type=_frames, metavar="A:B", help="frames A to B - 1 only")
     parser.add_argument("--fps", type=float, metavar="F", help="frame rate, 1/s (the file's)")
@@ -113,6 +115,17 @@ def _add_track(commands: Any) -> None:
     scale.add_argument("--mm-per-px", type=float, metavar="S", help="size of a pixel")
     parser.add_argument("--mass-g", type=float, metavar="M", help="mass of the ball, for the force")
     parser.add_argument("--model", metavar="NAME", help=f"motion model: {', '.join(motion.MODELS)} (rigid)")
+    camera = parser.add_argument_group("camera of the models pinhole and pinhole6")
+    camera.add_argument("--focal-px", type=float, metavar="F", help="focal length over the size of a pixel")
+    camera.add_argument(
+        "--distance-mm", type=float, metavar="Z", help="or distance of the ball's centre, with --diameter-mm"
+    )
+    camera.add_argument(
+        "--principal-px", type=_numbers(2, "X,Y"), metavar="X,Y", help="where the optical axis meets the image (middle)"
+    )
+    camera.add_argument(
+        "--distortion", type=_numbers(3, "K1,K2,K3"), metavar="K1,K2,K3", help="radial, OpenCV's convention (none)"
+    )
     parser.add_argument("--roi", type=float, metavar="FRACTION", help="region of interest, share of the radius (0.95)")
     parser.add_argument(
         "--ignore", action="append", metavar="FILE.png|POLYGON", help="region not to be used, as mask or 'x,y x,y x,y'"
@@ -134,12 +147,19 @@ def _add_track(commands: Any) -> None:
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
 
 
-def _circle(text: str) -> tuple[float, float, float]:
-    try:
-        x, y, radius = (float(v) for v in text.split(","))
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is not X,Y,R, three numbers in px") from error
-    return x, y, radius
+def _numbers(count: int, names: str) -> Callable[[str], tuple[float, ...]]:
+    """What reads ``count`` numbers from 'a,b,c'; a refusal says the ``names``."""
+
+    def read(text: str) -> tuple[float, ...]:
+        try:
+            values = tuple(float(v) for v in text.split(","))
+        except ValueError:
+            values = ()
+        if len(values) != count:
+            raise argparse.ArgumentTypeError(f"{text!r} is not {names}, {count} numbers")
+        return values
+
+    return read
 
 
 def _frames(text: str) -> tuple[int | None, int | None]:
@@ -169,13 +189,14 @@ def _configured(path: Path) -> dict[str, Any]:
 def _typed(path: Path, name: str, value: Any) -> Any:
     """The value as `Request` takes it; ValueError where the file has another kind of value."""
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if name == "circle" and isinstance(value, list):
-        return _circle(",".join(map(str, value)))
+    lengths = {"circle": 3, "principal_px": 2, "distortion": 3}
+    if name in lengths and isinstance(value, list) and len(value) == lengths[name]:
+        return _numbers(len(value), name)(",".join(map(str, value)))
     if name == "frames" and isinstance(value, str):
         return _frames(value)
     if name == "ignore" and isinstance(value, (str, list)):
         return [value] if isinstance(value, str) else [str(v) for v in value]
-    if name in ("fps", "diameter_mm", "mm_per_px", "mass_g", "roi") and number:
+    if name in ("fps", "diameter_mm", "mm_per_px", "mass_g", "roi", "focal_px", "distance_mm") and number:
         return float(value)
     if name in ("model", "device", "map") and isinstance(value, str):
         return value

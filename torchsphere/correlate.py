@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import torch
+import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -22,6 +23,7 @@ from torchsphere import covariance, criterion, crop, interpolate, misfit, motion
 from torchsphere.inputs import as_images, as_mask, as_rows, check_circle
 from torchsphere.motion import Displacement
 from torchsphere.newton import How, Solution, gauss_newton, operator, warp, warp_with_gradient
+from torchsphere.perspective import Camera
 from torchsphere.reference import Reference, build_reference
 
 STATUSES = ("ok", "weak_texture", "low_correlation", "not_converged", "out_of_frame", "lost")
@@ -62,7 +64,9 @@ class Options:
     finite_from_deg : float
         Turn per pair from which `rigid` gives way to `finite`: by default always, 180 keeps `rigid` throughout.
     robust : bool
-        Leave out what the ball's motion does not explain (occluders, reflections); `rigid` and `finite` only.
+        Leave out what the ball's motion does not explain (occluders, reflections); models of a rigid ball only.
+    camera : Camera, optional
+        What the models `pinhole` and `pinhole6` see the ball with.
     """
 
     model: str = "rigid"
@@ -75,12 +79,18 @@ class Options:
     min_visible: float = 0.3
     finite_from_deg: float = 0.0
     robust: bool = True
+    camera: Camera | None = None
 
     def __post_init__(self) -> None:
         if self.model not in motion.MODELS:
             raise ValueError(f"unknown model {self.model!r}: expected one of {', '.join(motion.MODELS)}")
         if self.jacobian not in ("constant", "autograd"):
             raise ValueError(f"unknown jacobian {self.jacobian!r}: expected 'constant' or 'autograd'")
+        if (motion.MODELS[self.model] in motion.PERSPECTIVE) != (self.camera is not None):
+            raise ValueError(
+                f"model {self.model!r}: a camera belongs to the models pinhole and pinhole6, which need one "
+                "(its focal length in px, or the ball's distance); give both or neither"
+            )
         if not isinstance(self.max_iterations, int):
             raise ValueError(f"max_iterations = {self.max_iterations!r}: expected a whole number")
         limits = {"roi": (0.1, 1.0), "pre_blur": (0.0, 5.0), "max_iterations": (1, 10_000), "tolerance_px": (1e-9, 1.0)}
@@ -105,6 +115,9 @@ class Correlation:
         Zero-mean normalised cross-correlation coefficient (n,) over the region of interest, at the last iterate.
     iterations : Tensor
         Gauss-Newton steps taken (n,).
+    growth, sd_growth : Tensor
+        Relative change (n,) of the ball's size in the image and its standard deviation; 0 with models that do not know
+        it, NaN like `q`.
     status : ndarray
         Strings (n,), each one of `STATUSES`.
     """
@@ -113,6 +126,8 @@ class Correlation:
     covariance: Tensor
     zncc: Tensor
     iterations: Tensor
+    growth: Tensor
+    sd_growth: Tensor
     status: NDArray[np.str_]
 
     @property
@@ -126,7 +141,7 @@ class Correlation:
         status[rows.cpu().numpy()] = other.status
         merged = {
             name: getattr(self, name).index_copy(0, rows, getattr(other, name))
-            for name in ("q", "covariance", "zncc", "iterations")
+            for name in ("q", "covariance", "zncc", "iterations", "growth", "sd_growth")
         }
         return Correlation(status=status, **merged)
 
@@ -140,7 +155,8 @@ def correlate(f: Any, g: Any, circle: Any, *, start: Any = None, ignore: Any = N
         Reference and deformed images (n, h, w) or (h, w), NumPy or torch, grey levels. float64 images are measured
         in float64, all others in float32; the device is that of ``f``.
     circle : array_like
-        Outline (x, y, radius) of the ball in ``f``, px: one for all pairs, or (n, 3) with one radius.
+        Outline (x, y, radius) of the ball in ``f``, px: one for all pairs, or (n, 3) with one radius. With a camera
+        the projected centre and the radius at its depth, see `torchsphere.perspective`.
     start : array_like, optional
         First guess of the increments, (5,) or (n, 5); by default none moves. It must be right to about half a
         speckle; `torchsphere.track` finds it by itself.
@@ -175,18 +191,22 @@ def correlate(f: Any, g: Any, circle: Any, *, start: Any = None, ignore: Any = N
     if not bool(first.isfinite().all()):
         raise ValueError("start: expected finite numbers dx, dy, wx, wy, wz in px and rad")
     mask = None if ignore is None else as_mask(ignore, f)
-    return correlate_pairs(f, g, circles[:, :2], float(circles[0, 2]), first, mask, settings)
+    if settings.camera is not None:
+        if settings.camera.focal_px is None:
+            raise ValueError("camera: pairs need its focal_px; only a track can tell it from the ball's distance")
+        settings = dataclasses.replace(settings, camera=settings.camera.settled(f.shape))
+    return correlate_pairs(f, g, circles, first, mask, settings)
 
 
 def correlate_pairs(
-    f: Tensor, g: Tensor, centres: Tensor, radius: float, start: Tensor, ignore: Tensor | None, options: Options
+    f: Tensor, g: Tensor, circles: Tensor, start: Tensor, ignore: Tensor | None, options: Options
 ) -> Correlation:
-    """`correlate` for arguments that have been checked: ``centres`` (n, 2) in ``f``, float64, ``start`` (n, 5)."""
-    half = crop.half_size(radius, margin(options))
-    crops_f = crop.cut(f, centres, half, ignore)
-    crops_g = crop.cut(g, centres + start[:, :2].to(centres), half, ignore)
+    """`correlate` for arguments that have been checked: ``circles`` (n, 3) in ``f``, float64, ``start`` (n, 5)."""
+    half = crop.half_size(float(circles[:, 2].max()), margin(options))
+    crops_f = crop.cut(f, circles[:, :2], half, ignore)
+    crops_g = crop.cut(g, circles[:, :2] + start[:, :2].to(circles), half, ignore)
     c_f, c_g = (interpolate.coefficients(c.images, options.pre_blur) for c in (crops_f, crops_g))
-    return solve(crops_f, c_f, crops_g, c_g, centres, radius, start.to(c_f), options)
+    return solve(crops_f, c_f, crops_g, c_g, circles, start.to(c_f), options)
 
 
 def margin(options: Options) -> float:
@@ -199,26 +219,26 @@ def solve(
     c_f: Tensor,
     crops_g: crop.Crops,
     c_g: Tensor,
-    centres: Tensor,
-    radius: float,
+    circles: Tensor,
     start: Tensor,
     options: Options,
 ) -> Correlation:
     """Correlate n pairs of crops with their spline coefficients ``c_f``, ``c_g``: see `correlate`.
 
-    ``centres`` (n, 2) of the ball in the reference images, float64 on the CPU; ``start`` (n, 5).
+    ``circles`` (n, 3) of the ball in the reference images, float64 on the CPU; ``start`` (n, 5).
     """
-    if options.model != "rigid":
-        return _solve(crops_f, c_f, crops_g, c_g, centres, radius, start, options)
-    exactly = dataclasses.replace(options, model="finite", jacobian="autograd")
+    if options.model not in ("rigid", "pinhole", "pinhole6"):
+        return _solve(crops_f, c_f, crops_g, c_g, circles, start, options)
+    exact = "finite" if options.model == "rigid" else options.model
+    exactly = dataclasses.replace(options, model=exact, jacobian="autograd")
     # Measured at 0.57 deg per frame: the second order of the rotation, which `rigid` lacks, is half of its bias (0.0009
     # of 0.0018 deg), and costs a tenth of the time.
-    slowly = options if options.finite_from_deg else dataclasses.replace(options, model="finite")
+    slowly = options if options.finite_from_deg else dataclasses.replace(options, model=exact)
     limit = math.radians(options.finite_from_deg or GRADIENT_FROM_DEG)
     turning = start[:, 2:].norm(dim=-1) >= limit
     if bool(turning.all()):
-        return _solve(crops_f, c_f, crops_g, c_g, centres, radius, start, exactly)
-    found = _solve(crops_f, c_f, crops_g, c_g, centres, radius, start, slowly, again_from=limit)
+        return _solve(crops_f, c_f, crops_g, c_g, circles, start, exactly)
+    found = _solve(crops_f, c_f, crops_g, c_g, circles, start, slowly, again_from=limit)
     # Rows whose turn asks for more, whether that was expected or is only found now.
     beyond = turning | (found.turn >= limit)
     if not bool(beyond.any()):
@@ -226,7 +246,7 @@ def solve(
     rows = torch.nonzero(beyond)[:, 0]
     better = torch.where(found.q.isfinite() & ~turning[:, None], found.q, start)[rows]
     f, g, here = crops_f.take(rows), crops_g.take(rows), rows.cpu()
-    return found.replaced(rows, _solve(f, c_f[rows], g, c_g[rows], centres[here], radius, better, exactly))
+    return found.replaced(rows, _solve(f, c_f[rows], g, c_g[rows], circles[here], better, exactly))
 
 
 def _solve(
@@ -234,29 +254,29 @@ def _solve(
     c_f: Tensor,
     crops_g: crop.Crops,
     c_g: Tensor,
-    centres: Tensor,
-    radius: float,
+    circles: Tensor,
     start: Tensor,
     options: Options,
     again_from: float = math.inf,
 ) -> Correlation:
     """`solve` with one model for all rows; those that turn by ``again_from``, rad, or more are to be solved again."""
     model = motion.MODELS[options.model]
-    reference = build_reference(crops_f, c_f, centres, radius, options.roi, options.pre_blur)
-    shift = (centres - crops_g.origin).to(c_g)
-    first = start[:, : motion.degrees_of_freedom(model)]
+    reference = build_reference(crops_f, c_f, circles, options.roi, options.pre_blur, options.camera)
+    shift = (circles[:, :2] - crops_g.origin).to(c_g)
+    k = motion.degrees_of_freedom(model)
+    first = F.pad(start, (0, max(k - start.shape[-1], 0)))[:, :k]
     reference = _where_target_is_usable(reference, crops_g, shift, first, model)
-    if model is motion.finite:
-        reference = robust.by_view(reference, first)
+    if model in motion.EXACT:
+        reference = robust.by_view(reference, first, model)
     how = How(options.max_iterations, options.tolerance_px, options.jacobian == "autograd")
     solution = gauss_newton(reference, c_g, shift, first, model, how)
     warped, weights = warp(reference, c_g, shift, solution.q, model)
     visible = (weights > 0).sum(-1)
     # Judging takes a few steps of its own.
-    if options.robust and model in (motion.rigid, motion.finite) and options.max_iterations > robust.STEPS:
+    if options.robust and model in (motion.rigid, *motion.EXACT) and options.max_iterations > robust.STEPS:
         doubt = ~solution.converged | robust.doubtful(reference, warped, weights, solution.q, model, options.pre_blur)
         # What is not explained of a large turn so far is no occluder.
-        turned = solution.q[:, 2:].norm(dim=-1) >= again_from
+        turned = solution.q[:, 2:5].norm(dim=-1) >= again_from
         doubt = doubt & ~(solution.converged & turned)
         reference, solution = robust.reconsider(
             reference, c_g, shift, first, solution, doubt, model, how, options.pre_blur
@@ -283,7 +303,7 @@ def _where_target_is_usable(
 
 
 def radius_evidence(
-    crops: tuple[crop.Crops, crop.Crops], centres: Tensor, radius: float, q: Tensor, options: Options
+    crops: tuple[crop.Crops, crop.Crops], circles: Tensor, q: Tensor, options: Options
 ) -> tuple[Tensor, Tensor]:
     """What n correlated pairs say of the radius that they were correlated with.
 
@@ -297,9 +317,10 @@ def radius_evidence(
     """
     model = motion.MODELS[options.model]
     c_f, c_g = (interpolate.coefficients(c.images, options.pre_blur) for c in crops)
-    reference = build_reference(crops[0], c_f, centres, radius, options.roi, options.pre_blur)
-    shift = (centres - crops[1].origin).to(c_g)
-    q = q.to(c_g)[:, : motion.degrees_of_freedom(model)]
+    reference = build_reference(crops[0], c_f, circles, options.roi, options.pre_blur, options.camera)
+    shift = (circles[:, :2] - crops[1].origin).to(c_g)
+    k = motion.degrees_of_freedom(model)
+    q = F.pad(q.to(c_g), (0, max(k - q.shape[-1], 0)))[:, :k]
     # The exact Jacobian: at the limb, where the radius shows, the reference's gradient is off by a third at 5 deg.
     warped, weights, gradient = warp_with_gradient(reference, c_g, shift, q, model)
     difference = criterion.residual(reference.values, warped, weights)
@@ -309,7 +330,9 @@ def radius_evidence(
     slope = criterion.project(of_radius, reference.values, weights)
     shared = ((jacobian * weights[..., None]).mT @ slope).double()
     left = slope[..., 0] - (jacobian @ torch.cholesky_solve(shared, factor).to(jacobian))[..., 0]
-    weights = weights * (q[:, 2:].norm(dim=-1, keepdim=True) < math.radians(RADIUS_UP_TO_DEG))
+    # Of fast turns the exact models tell no radius at all: errors of 0.3 px of 50 at 7 deg and 3 radii's distance.
+    up_to = RADIUS_UP_TO_DEG if options.camera is None else GRADIENT_FROM_DEG
+    weights = weights * (q[:, 2:5].norm(dim=-1, keepdim=True) < math.radians(up_to))
     if options.robust and model is motion.rigid:
         weights = weights * robust.is_ball(reference, warped, weights, weights, q, model, options.pre_blur)
     return (weights * left * difference).sum(-1).double().cpu(), (weights * left.square()).sum(-1).double().cpu()
@@ -346,15 +369,19 @@ def _conclude(
     ):
         status = torch.where(wrong, code, status)
     good = status == OK
-    full_q = torch.zeros(len(q), 5).to(q)
+    k = min(q.shape[-1], 5)
+    full_q = torch.zeros(len(q), 6).to(q)
     full_q[:, : q.shape[-1]] = q
+    full_q = torch.where(good[:, None], full_q, torch.nan)
     # What a model does not measure it cannot state an uncertainty of.
     full = torch.full((len(q), 5, 5), torch.nan).to(spread)
-    full[:, : q.shape[-1], : q.shape[-1]] = spread
+    full[:, :k, :k] = spread[:, :k, :k]
     return Correlation(
-        q=torch.where(good[:, None], full_q, torch.nan),
+        q=full_q[:, :5],
         covariance=torch.where(good[:, None, None], full, torch.nan),
         zncc=coefficient,
         iterations=iterations,
+        growth=full_q[:, 5],
+        sd_growth=torch.where(good, spread[:, 5, 5].sqrt() if q.shape[-1] == 6 else 0.0, torch.nan),
         status=np.array(STATUSES)[status.cpu().numpy()],
     )

@@ -36,7 +36,7 @@ def increment_covariance(
     inverse = torch.cholesky_inverse(criterion.cholesky(operator))
     in_px = variance[:, None, None] * inverse @ carried @ inverse
     unit = scale(reference, k).double()
-    return in_px / (unit[:, None] * unit)
+    return in_px / (unit[:, :, None] * unit[:, None])
 
 
 def texture_carries_modes(
@@ -69,5 +69,5 @@ def _projected(reference: Reference, gradient: Tensor, q: Tensor, model: Displac
 
 def _gram_of_modes(reference: Reference, q: Tensor, model: Displacement, weights: Tensor) -> Tensor:
     """Operator that a gradient of independent unit components would give: sum of the modes' products."""
-    modes = motion.modes(model, q, reference.points, reference.geometry) / scale(reference, q.shape[-1])
+    modes = motion.modes(model, q, reference.points, reference.geometry) / scale(reference, q.shape[-1])[:, None, None]
     return criterion.operator(modes[:, :, 0], weights) + criterion.operator(modes[:, :, 1], weights)

@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere import circle, crop, interlace, interpolate, locate, outline, search
+from torchsphere import circle, crop, interlace, interpolate, locate, motion, outline, search
 from torchsphere.circle import MIN_SUPPORT, Circle
 from torchsphere.correlate import STATUSES, Correlation, Options, margin, solve
 from torchsphere.rescue import ranked
@@ -30,6 +30,9 @@ TRIED = 3
 #: The reference's centre may be off by this much, times the rotation, before a pair is correlated again around the
 #: right one: an error of 1 px changes the increment by 0.001 to 0.002 px at 0.01 rad, and as the rotation.
 CENTRE_TOLERANCE_PX_RAD = 0.005
+
+#: An error of the radius counts as much as this many times one of the centre.
+RADIUS_COUNTS = 10.0
 
 #: A prediction that is off by more than this share of the radius ends its batch.
 PREDICTION_TOLERANCE = 0.1
@@ -55,6 +58,10 @@ class Follower:
         As in `torchsphere.track.Track`.
     in_place : bool
         The ball turns where it is: its region stays on the circle, whatever the increments add up to.
+    size : ndarray
+        Radius (n,) of the ball in each frame, px; the same throughout but with the model `pinhole6`.
+    sd_growth : ndarray
+        Standard deviation (n - 1,) of its relative change from each frame to the next.
     rotation : ndarray
         Rotation vector (n, 3) of each frame since the frame in which the ball was seen before, rad.
     """
@@ -71,7 +78,6 @@ class Follower:
     ) -> None:
         self.in_place = in_place
         self.source, self.ignore, self.options, self.progress = source, ignore, options, progress
-        self.radius = first.radius
         n = source.count
         self.position: NDArray[np.float64] = np.full((n, 2), np.nan)
         self.increment: NDArray[np.float64] = np.full((n - 1, 5), np.nan)
@@ -80,13 +86,25 @@ class Follower:
         self.zncc: NDArray[np.float64] = np.full(n, np.nan)
         self.iterations: NDArray[np.int64] = np.zeros(n, dtype=np.int64)
         self.status: NDArray[np.str_] = np.full(n, "lost", dtype=f"<U{max(map(len, STATUSES))}")
+        self.size: NDArray[np.float64] = np.full(n, np.nan)
+        self.sd_growth: NDArray[np.float64] = np.full(n - 1, np.nan)
         self.position[first.frame] = first.x, first.y
+        self.size[first.frame] = first.radius
         self.status[first.frame] = "ok"
         self._first = self._last = first.frame
         self._image = source.images(first.frame, first.frame + 1)
-        self._expected = torch.zeros(5, dtype=torch.float64)
+        self._expected, self._growth = torch.zeros(5, dtype=torch.float64), 0.0
         outline_circle = torch.tensor([first.x, first.y, first.radius], dtype=torch.float64)
         self._plain = outline.is_plain(self._image[0], outline_circle)
+
+    @property
+    def radius(self) -> float:
+        """Radius of the ball where it was last seen, px."""
+        return float(self.size[self._last])
+
+    def circles(self, frames: NDArray[np.int64]) -> Tensor:
+        """The ball (m, 3) as (x, y, radius) in the given frames, px, float64."""
+        return torch.from_numpy(np.column_stack((self.position[frames], self.size[frames])))
 
     def run(self, stop: int) -> Follower:
         """Measure frame after frame up to ``stop``, in batches that grow while they succeed."""
@@ -113,11 +131,14 @@ class Follower:
         images = torch.cat((self._image, self.source.images(start, start + count)))
         steps = torch.arange(count + 1, dtype=torch.float64)[:, None]
         moving = torch.zeros(2, dtype=torch.float64) if self.in_place else self._expected[:2]
-        predicted = torch.from_numpy(self.position[self._last]) + steps * moving
+        path = torch.from_numpy(self.position[self._last]) + steps * moving
+        predicted = torch.cat((path, self.radius * (1 + self._growth) ** steps), -1)
         found = self._correlate(images, predicted, self._expected.expand(count, 5))
-        actual = self._positions(found)
-        off = (actual[:-1] - predicted[:-1]).norm(dim=-1)
+        actual = self._arrived(found)
+        away = actual[:-1] - predicted[:-1]
+        off = away[:, :2].norm(dim=-1)
         good = _leading((found.status == "ok") & (off < PREDICTION_TOLERANCE * self.radius).numpy())
+        off = off + RADIUS_COUNTS * away[:, 2].abs()
         turn = found.q[:, 2:].norm(dim=-1).double().cpu().clamp_min(0.01)
         if good and float((off * turn)[:good].max()) > CENTRE_TOLERANCE_PX_RAD:
             found = self._correlate(images[: good + 1], actual[: good + 1], found.q[:good].double().cpu())
@@ -126,48 +147,57 @@ class Follower:
             self._keep(found, good, images[good : good + 1])
         return good
 
-    def _correlate(self, images: Tensor, centres: Tensor, start: Tensor) -> Correlation:
-        """Correlate successive ``images`` (m + 1, h, w) of the ball at ``centres``, from increments ``start`` (m, 5).
+    def _correlate(self, images: Tensor, circles: Tensor, start: Tensor) -> Correlation:
+        """Correlate successive ``images`` (m + 1, h, w) of the ball at ``circles``, from increments ``start`` (m, 5).
 
         Every image but the first and the last serves as deformed image and then as reference: it is filtered once.
         """
-        crops = crop.cut(images, centres, crop.half_size(self.radius, margin(self.options)), self.ignore)
+        half = crop.half_size(float(circles[:, 2].max()), margin(self.options))
+        crops = crop.cut(images, circles[:, :2], half, self.ignore)
         if interlace.is_interlaced(crops):
             crops = interlace.one_field(crops)
         c = interpolate.coefficients(crops.images, self.options.pre_blur)
         m = len(start)
         f, g = crops.rows(0, m), crops.rows(1, m + 1)
-        found = solve(f, c[:-1], g, c[1:], centres[:-1], self.radius, start.to(c), self.options)
-        arrived = centres[1:]
+        found = solve(f, c[:-1], g, c[1:], circles[:-1], start.to(c), self.options)
+        arrived = circles[1:]
         if not self.in_place:
             # The centre that the way there found, not the one that was expected: 2 px off made errors of 0.06 px.
-            measured = centres[:-1] + found.q[:, :2].to(centres)
+            there = circles[:-1, :2] + found.q[:, :2].to(circles)
+            measured = torch.cat((there, circles[:-1, 2:] * (1 + found.growth[:, None].to(circles))), -1)
             arrived = torch.where(measured.isfinite(), measured, arrived)
-        return both_ways((f, g), (c[:-1], c[1:]), (centres[:-1], arrived), self.radius, found, self.options)
+        return both_ways((f, g), (c[:-1], c[1:]), (circles[:-1], arrived), found, self.options)
 
-    def _positions(self, found: Correlation) -> Tensor:
-        """Positions (m + 1, 2) that the increments add up to, from the last known one."""
+    def _arrived(self, found: Correlation) -> Tensor:
+        """The ball (m + 1, 3) where the increments lead it, from the last known frame: px, float64."""
         steps = torch.cat((torch.zeros(1, 2, dtype=torch.float64), found.q[:, :2].double().cpu()))
         if self.in_place:
             steps = torch.where(steps.isfinite(), 0.0, steps)
-        return torch.from_numpy(self.position[self._last]) + steps.cumsum(0)
+        path = torch.from_numpy(self.position[self._last]) + steps.cumsum(0)
+        growth = torch.cat((torch.zeros(1, dtype=torch.float64), found.growth.double().cpu()))
+        return torch.cat((path, self.radius * (1 + growth).cumprod(0)[:, None]), -1)
 
     def _keep(self, found: Correlation, count: int, image: Tensor) -> None:
         """Write ``count`` confirmed pairs down and go on from the last of them."""
         rows = slice(self._last, self._last + count)
         after = slice(self._last + 1, self._last + 1 + count)
         self.increment[rows] = found.q[:count].double().cpu().numpy()
+        self.sd_growth[rows] = found.sd_growth[:count].double().cpu().numpy()
         self.covariance[rows] = found.covariance[:count].cpu().numpy()
-        self.position[after] = self._positions(found)[1 : count + 1].numpy()
+        arrived = self._arrived(found)[1 : count + 1].numpy()
+        self.position[after], self.size[after] = arrived[:, :2], arrived[:, 2]
         self.rotation[after] = self.increment[rows, 2:]
         self.zncc[after] = found.zncc[:count].cpu().numpy()
         self.iterations[after] = found.iterations[:count].cpu().numpy()
         self.status[after] = "ok"
-        self._go_on_from(self._last + count, image, self.increment[self._last + count - 1])
+        self._go_on_from(
+            self._last + count, image, self.increment[self._last + count - 1], float(found.growth[count - 1])
+        )
 
-    def _go_on_from(self, frame: int, image: Tensor, increment: NDArray[np.float64]) -> None:
+    def _go_on_from(self, frame: int, image: Tensor, increment: NDArray[np.float64], growth: float = 0.0) -> None:
+        """Take ``frame`` as the last in which the ball was seen, and what comes next as moving by ``increment``."""
         self._last, self._image = frame, image
-        self._expected = torch.from_numpy(np.nan_to_num(increment))
+        self._expected, self._growth = torch.from_numpy(np.nan_to_num(increment)), growth
 
     def _rescue(self, at: int) -> None:
         """Measure frame ``at`` against the last one in which the ball was seen, from scratch, and note its status."""
@@ -204,7 +234,7 @@ class Follower:
         best = ranked(pair, here, self.radius, starts, self.ignore, self.options)
         found = self._correlate_one(pair, here, best[0] if len(best) else unturned)
         gone = self._in_frame(here + expected[:2]) < MIN_IN_FRAME
-        if found.status[0] == "ok" or gone or self.options.model not in ("rigid", "finite"):
+        if found.status[0] == "ok" or gone or motion.MODELS[self.options.model] not in (motion.rigid, *motion.EXACT):
             return found
         wide = search.guesses(pair[0], pair[1], here, self.radius, self.ignore)
         if self.in_place:
@@ -218,11 +248,13 @@ class Follower:
         return found
 
     def _correlate_one(self, pair: Tensor, here: Tensor, start: Tensor) -> Correlation:
-        return self._correlate(pair, torch.stack((here, here + start[:2])), start[None])
+        path = torch.stack((here, here + start[:2]))
+        return self._correlate(pair, torch.cat((path, torch.full((2, 1), self.radius)), -1), start[None])
 
     def _found_again(self, at: int, position: Tensor, image: Tensor, found: Correlation) -> None:
         """Go on after a gap: position and orientation are known again, the increment that leads here is not."""
         self.position[at] = self.position[self._last] if self.in_place else position.numpy()
+        self.size[at] = self.radius * (1 + float(found.growth[0]))
         self.rotation[at] = found.q[0, 2:].double().cpu().numpy()
         self.status[at] = "lost"
         self._go_on_from(at, image, found.q[0].double().cpu().numpy() / (at - self._last))
@@ -238,9 +270,16 @@ class Follower:
         if abs(found.radius - self.radius) > RESTART_RADIUS * self.radius:
             return
         guess = torch.tensor([[found.x, found.y, self.radius]], dtype=torch.float64)
-        fit = outline.refine(image, guess, ignore=self.ignore, window=outline.STEP_BLUR_PX, fixed_radius=True)
+        fit = outline.refine(
+            image,
+            guess,
+            ignore=self.ignore,
+            window=outline.STEP_BLUR_PX,
+            fixed_radius=True,
+            camera=self.options.camera,
+        )
         if float(fit.support[0]) >= MIN_SUPPORT:
-            self.position[at] = fit.circle[0, :2].numpy()
+            self.position[at], self.size[at] = fit.circle[0, :2].numpy(), self.radius
             self.status[at] = "lost"
             self._go_on_from(at, image, np.full(5, np.nan))
 
@@ -248,7 +287,13 @@ class Follower:
         """Translation of a ball whose texture cannot carry the modes, from the outlines of both images."""
         guesses = torch.cat((torch.stack((here, seen)), torch.full((2, 1), self.radius)), -1)
         fit = outline.refine(
-            pair, guesses, ignore=self.ignore, window=max(2.0, 0.06 * self.radius), fixed_radius=True, plain=self._plain
+            pair,
+            guesses,
+            ignore=self.ignore,
+            window=max(2.0, 0.06 * self.radius),
+            fixed_radius=True,
+            plain=self._plain,
+            camera=self.options.camera,
         )
         there = (fit.support >= MIN_SUPPORT).all() and fit.contrast[1] > MIN_CONTRAST * fit.contrast[0]
         if not bool(there):
@@ -261,7 +306,7 @@ class Follower:
         if consecutive:
             self.increment[at - 1] = increment
             self.covariance[at - 1, :2, :2] = covariance.numpy()
-        self.position[at] = (here if self.in_place else here + step).numpy()
+        self.position[at], self.size[at] = (here if self.in_place else here + step).numpy(), self.radius
         self.status[at] = "weak_texture" if consecutive else "lost"
         if self._last == self._first:
             self.status[self._first] = "weak_texture"

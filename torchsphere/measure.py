@@ -22,6 +22,8 @@ from torchsphere.drift import STEP_PER_RADIUS
 from torchsphere.follow import Progress
 from torchsphere.kinematics import ROTATION_PER_RADIUS, Kinematics, kinematics
 from torchsphere.masks import read_ignore
+from torchsphere.perspective import Camera
+from torchsphere.plane import in_plane
 from torchsphere.recording import Recording, open_recording
 from torchsphere.report import figures
 from torchsphere.track import Track, track
@@ -52,6 +54,9 @@ class Request:
         Mass of the ball.
     model, roi, device
         As in `torchsphere.track`.
+    focal_px, principal_px, distortion, distance_mm
+        Camera of the pinhole models: as in `torchsphere.Camera`; or, instead of the focal length, the distance of the
+        ball's centre, which needs its diameter.
     ignore : sequence of str
         Mask images or polygons that are not to be used.
     in_place, lab_frame, overwrite : bool
@@ -77,9 +82,13 @@ class Request:
     lab_frame: bool = False
     overwrite: bool = False
     map: str = "auto"
+    focal_px: float | None = None
+    principal_px: tuple[float, float] | None = None
+    distortion: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    distance_mm: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("fps", "diameter_mm", "mm_per_px", "mass_g"):
+        for name in ("fps", "diameter_mm", "mm_per_px", "mass_g", "focal_px", "distance_mm"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise ValueError(f"{name} = {value:g}: expected a finite, positive number")
@@ -93,6 +102,23 @@ class Request:
             raise ValueError(
                 "refine was asked for without a circle to refine; a circle that is found is refined anyway"
             )
+        if self.distance_mm is not None and self.diameter_mm is None:
+            raise ValueError("distance_mm was given without diameter_mm; the distance in radii needs both")
+        if (self.focal_px is not None or self.distance_mm is not None) != self.model.startswith("pinhole"):
+            raise ValueError(
+                f"model {self.model!r}: the models pinhole and pinhole6 need a camera, and only they take one; give "
+                "focal_px, or distance_mm with diameter_mm, together with one of them"
+            )
+        self.camera()
+
+    def camera(self) -> Camera | None:
+        """The camera that was given, if any."""
+        if not self.model.startswith("pinhole"):
+            return None
+        radii = None
+        if self.distance_mm is not None and self.diameter_mm is not None:
+            radii = 2 * self.distance_mm / self.diameter_mm
+        return Camera(self.focal_px, self.principal_px, self.distortion, radii)
 
 
 @dataclass(frozen=True)
@@ -125,7 +151,7 @@ def measure(request: Request, progress: Progress | None = None, extra: Mapping[s
     with open_recording(request.input) as recording:
         start, stop = _frames(request.frames, len(recording))
         part = _part(recording, start, stop)
-        options: dict[str, Any] = {"model": request.model}
+        options: dict[str, Any] = {"model": request.model, "camera": request.camera()}
         if request.roi is not None:
             options["roi"] = request.roi
         ignore = read_ignore(request.ignore, recording.shape[1:]) if request.ignore else None
@@ -176,7 +202,7 @@ def _kinematics(request: Request, tracked: Track, frame_rate: float | None, star
     if frame_rate is None or (request.diameter_mm is None and request.mm_per_px is None):
         return None
     return kinematics(
-        tracked,
+        in_plane(tracked),
         frame_rate=frame_rate,
         diameter_m=None if request.diameter_mm is None else 1e-3 * request.diameter_mm,
         m_per_px=None if request.mm_per_px is None else 1e-3 * request.mm_per_px,

@@ -45,7 +45,7 @@ def local_zncc(reference: Reference, warped: Tensor, weights: Tensor) -> Tensor:
 
 
 def _odd(share: float, reference: Reference) -> int:
-    return 2 * (max(LEAST_WINDOW, math.ceil(share * float(reference.geometry.radius))) // 2) + 1
+    return 2 * (max(LEAST_WINDOW, math.ceil(share * float(reference.geometry.radius.mean()))) // 2) + 1
 
 
 def spread_out(reference: Reference, values: Tensor) -> Tensor:
@@ -80,7 +80,7 @@ def inflation(reference: Reference, jacobian: Tensor, difference: Tensor, weight
     model of the residual (the sandwich of Huber and White). Each mode has its own factor, since a misfit of a part of
     the ball weighs on some of them; what the blocks' number leaves open (`SCATTER`) does not count.
     """
-    size = max(LEAST_BLOCK, math.ceil(BLOCK * float(reference.geometry.radius)))
+    size = max(LEAST_BLOCK, math.ceil(BLOCK * float(reference.geometry.radius.mean())))
     block = reference.places // size
     across = -(-reference.side // size)
     index = block[:, 1] * across + block[:, 0]

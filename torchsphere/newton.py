@@ -103,7 +103,7 @@ def gauss_newton(
         if len(active) < len(rows):
             rows, reference, c_g, shift = rows[active], reference.take(active), c_g[active], shift[active]
             at = q[active] if at is q else at[active]
-            q = q[active]
+            q, unit = q[active], unit[active]
             if not how.exact:
                 jacobian, factor = jacobian[active], factor[active]
     return result

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchsphere import crop, interpolate
+from torchsphere import crop, interpolate, perspective
+from torchsphere.perspective import Camera
 
 #: Pre-blur of the image, and standard deviation of the step's blur that results from it, the pixel and the optics, px.
 PRE_BLUR_PX = 0.0
@@ -78,7 +79,7 @@ def polar(
     circles : Tensor
         Circles (n, 3) whose centres the rays start from.
     radii : Tensor
-        Distances (n, m) from the centre, px.
+        Distances from the centre, px: (n, m) for all rays, or (n, a, m).
     angles : Tensor
         Angles (a,) of the rays, rad, from x towards y.
     ignore : Tensor, optional
@@ -96,7 +97,8 @@ def polar(
     half = math.ceil(float(radii.max())) + 4
     crops = crop.cut(images, circles[:, :2], half, ignore)
     c = interpolate.coefficients(crops.images, PRE_BLUR_PX)
-    places = radii[:, None, :, None] * direction[:, None, :] + circles[:, None, None, :2]
+    radii = radii if radii.ndim == 3 else radii[:, None]
+    places = radii[..., None] * direction[:, None, :] + circles[:, None, None, :2]
     limits = torch.tensor([width, height], dtype=torch.float64) - 1
     inside = ((places >= 2) & (places <= limits - 2)).all(-1)
     points = (places - crops.origin[:, None, None]).flatten(1, 2)
@@ -147,6 +149,7 @@ def refine(
     fixed_radius: bool = False,
     plain: bool = False,
     patterned: bool = False,
+    camera: Camera | None = None,
 ) -> OutlineFit:
     """Fit circles to the outlines of n images, each from a circle that is right to within ``window``.
 
@@ -169,6 +172,8 @@ def refine(
     patterned : bool
         The ball has a pattern and the images are no silhouettes: all but the last two rounds look at the difference
         from the background instead, since a window wider than the pattern would rest on the pattern's own edges.
+    camera : Camera, optional
+        The circles are projected centres and radii at their depth, before and after: the outline is an ellipse.
 
     Returns
     -------
@@ -188,7 +193,10 @@ def refine(
         if by_light:
             first, last = -PLAIN_INWARDS * float(fitted[0, 2].nan_to_num(1.0)), PLAIN_OUTWARDS
         steps = torch.arange(first, last + 0.125, 0.25, dtype=torch.float64)
-        radii = (fitted[:, 2:] + steps).clamp_min(0.5)
+        edge = fitted[:, 2:].expand(-1, len(angles))
+        if camera is not None:
+            edge = perspective.outline_distance(fitted, angles, camera)
+        radii = (edge[..., None] + steps).clamp_min(0.5)
         levels, inside = polar(images, fitted, radii, angles, ignore)
         if patterned and turn < rounds - 2:
             levels = _silhouette(levels)

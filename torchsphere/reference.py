@@ -11,6 +11,7 @@ from torch import Tensor
 
 from torchsphere import crop, interpolate, motion
 from torchsphere.motion import Displacement, Geometry
+from torchsphere.perspective import Camera, view_of
 
 
 @dataclass(frozen=True)
@@ -53,22 +54,29 @@ class Reference:
     def take(self, rows: Tensor) -> Reference:
         """The given rows (m,) alone."""
         names = ("points", "weights", "values", "gradient", "blurred_gradient", "noise")
-        return dataclasses.replace(self, **{name: getattr(self, name)[rows] for name in names}, memo=[])
+        taken = {name: getattr(self, name)[rows] for name in names}
+        return dataclasses.replace(self, **taken, geometry=motion.taken(self.geometry, rows), memo=[])
 
 
 def build_reference(
-    crops: crop.Crops, c: Tensor, centres: Tensor, radius: float, roi: float, pre_blur: float
+    crops: crop.Crops, c: Tensor, circles: Tensor, roi: float, pre_blur: float, camera: Camera | None = None
 ) -> Reference:
-    """Points, values and gradients of the reference image over the region of interest."""
+    """Points, values and gradients of the reference image over the region of interest.
+
+    ``circles`` (n, 3): the ball in the reference images, px, float64 on the CPU; ``camera`` for models that need one.
+    """
     half = crops.images.shape[-1] // 2
     middle = crops.origin + half
-    reach = min(math.ceil(roi * radius) + 1, half - 1)
+    centres, radii = circles[:, :2], circles[:, 2]
+    largest = float(radii.max())
+    reach = min(math.ceil(roi * largest) + 1, half - 1)
     steps = torch.arange(-reach, reach + 1)
     grid = torch.stack(torch.meshgrid(steps, steps, indexing="xy"), -1).reshape(-1, 2)
     # The same pixels for all rows: those that some sub-pixel position of the centre brings into the region.
-    grid = grid[grid.double().norm(dim=-1) < roi * radius + 0.71]
+    grid = grid[grid.double().norm(dim=-1) < roi * largest + 0.71]
     points = (grid[None] + (middle - centres)[:, None]).to(c)
-    weights = (points.square().sum(-1) < (roi * radius) ** 2).to(c)
+    radius = radii.to(c)
+    weights = (points.square().sum(-1) < (roi * radius[:, None]) ** 2).to(c)
     columns, rows = ((grid + half).to(c.device)).unbind(-1)
     if crops.usable is not None:
         weights = weights * crops.usable[:, rows, columns]
@@ -84,7 +92,7 @@ def build_reference(
         gradient=gradient,
         blurred_gradient=blurred_gradient,
         noise=_image_noise(crops.images)[inner].mul(weights).sum(-1).div(weights.sum(-1).clamp_min(1)),
-        geometry=Geometry(torch.tensor(radius, dtype=c.dtype, device=c.device)),
+        geometry=Geometry(radius, None if camera is None else view_of(camera, centres, c)),
         places=(grid + reach).to(c.device),
         side=2 * reach + 1,
     )
@@ -102,9 +110,9 @@ def _image_noise(images: Tensor) -> Tensor:
 
 
 def scale(reference: Reference, k: int) -> Tensor:
-    """Factors (k,) that turn an increment into px: 1 for translations, the radius for rotations."""
-    radius = reference.geometry.radius
-    return torch.cat((torch.ones(2).to(radius), radius.expand(k - 2)))
+    """Factors (n, k) that turn an increment into px: 1 for translations, the radius for rotations and for growth."""
+    radius = reference.geometry.radius[:, None]
+    return torch.cat((torch.ones(len(radius), 2).to(radius), radius.expand(-1, k - 2)), -1)
 
 
 def slopes(gradient: Tensor, q: Tensor, model: Displacement, reference: Reference) -> Tensor:
@@ -113,4 +121,4 @@ def slopes(gradient: Tensor, q: Tensor, model: Displacement, reference: Referenc
         modes = motion.modes(model, q, reference.points, reference.geometry)
         reference.memo[:] = [(model, q, modes)]
     modes = reference.memo[0][2]
-    return (modes * gradient[..., None]).sum(-2) / scale(reference, q.shape[-1])
+    return (modes * gradient[..., None]).sum(-2) / scale(reference, q.shape[-1])[:, None]

@@ -44,12 +44,17 @@ def ranked(
     if ignore is not None:
         ignore = F.max_pool2d(ignore[None].to(pair.dtype), factor)[0] > 0
     # Pixel i of the small image is the mean of the pixels from i factor on.
-    centres = ((centre + 0.5) / factor - 0.5).expand(len(starts), 2)
+    small_circle = torch.cat(((centre + 0.5) / factor - 0.5, torch.tensor([radius / factor], dtype=torch.float64)))
     f, g = (image.expand(len(starts), -1, -1) for image in small)
     coarse = dataclasses.replace(
-        options, robust=False, max_iterations=STEPS, tolerance_px=TOLERANCE_PX, min_zncc=LEAST_ZNCC
+        options,
+        robust=False,
+        max_iterations=STEPS,
+        tolerance_px=TOLERANCE_PX,
+        min_zncc=LEAST_ZNCC,
+        camera=None if options.camera is None else options.camera.reduced(factor),
     )
-    guess = correlate_pairs(f, g, centres, radius / factor, starts / unit, ignore, coarse)
+    guess = correlate_pairs(f, g, small_circle.expand(len(starts), 3), starts / unit, ignore, coarse)
     found = guess.q.isfinite().all(-1)
     order = torch.where(found, guess.zncc, -1.0).argsort(descending=True)
     return (guess.q[order].double().cpu() * unit)[: int(found.sum())]

@@ -83,7 +83,7 @@ def write_track(folder: Path, track: Track, frame_rate: float | None, first_fram
     frames = first_frame + np.arange(n)
     blank = np.full((1, 5), np.nan)
     sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))
-    radius = np.where(np.isfinite(track.position[:, 0]), track.circle.radius, np.nan)
+    radius = np.where(np.isfinite(track.position[:, 0]), track.radius, np.nan)
     columns: dict[str, Any] = dict(
         zip(
             TRACK_COLUMNS,

@@ -32,14 +32,13 @@ MAX_APART = 0.1
 def both_ways(
     crops: tuple[Crops, Crops],
     c: tuple[Tensor, Tensor],
-    centres: tuple[Tensor, Tensor],
-    radius: float,
+    circles: tuple[Tensor, Tensor],
     found: Correlation,
     options: Options,
 ) -> Correlation:
     """``found`` (f to g), with the mean of both directions in the rows that turn by `SYMMETRIC_FROM` or more.
 
-    Arguments as in `torchsphere.correlate.solve`; ``centres`` (n, 2) in both images. A row whose way back fails
+    Arguments as in `torchsphere.correlate.solve`; ``circles`` (n, 3) in both images. A row whose way back fails
     takes its status from there; one whose ways disagree has not converged.
     """
     turn = found.q[:, 2:].norm(dim=-1)
@@ -49,8 +48,9 @@ def both_ways(
     forth = found.q[chosen]
     here = chosen.cpu()
     (f, g), (c_f, c_g) = crops, c
-    back = solve(g.take(chosen), c_g[chosen], f.take(chosen), c_f[chosen], centres[1][here], radius, -forth, options)
+    back = solve(g.take(chosen), c_g[chosen], f.take(chosen), c_f[chosen], circles[1][here], -forth, options)
     dx, dy, wx, wy, wz = (forth + back.q).unbind(-1)
+    radius = circles[0][here, 2].to(dx)
     # How differently both ways move the front of the ball; translation and rotation alone are known less well.
     front = torch.stack((dx - radius * wy, dy + radius * wx, radius * wz), -1).norm(dim=-1)
     # A way back that failed is NaN, which is not apart: it keeps its own status.
@@ -63,4 +63,6 @@ def both_ways(
     q[chosen] = torch.where(good[:, None], (forth - back.q) / 2, torch.nan)
     covariance[chosen] = torch.where(good[:, None, None], covariance[chosen], torch.nan)
     zncc[chosen] = torch.minimum(zncc[chosen], back.zncc)
-    return dataclasses.replace(found, q=q, covariance=covariance, zncc=zncc, status=status)
+    growth = found.growth.clone()
+    growth[chosen] = torch.where(good, (growth[chosen] - back.growth) / 2, torch.nan)
+    return dataclasses.replace(found, q=q, covariance=covariance, zncc=zncc, growth=growth, status=status)

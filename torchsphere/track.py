@@ -18,6 +18,7 @@ from torchsphere.circle import Circle
 from torchsphere.correlate import Options
 from torchsphere.follow import Follower, Progress
 from torchsphere.inputs import as_mask, check_circle
+from torchsphere.perspective import sphere_of_outline
 from torchsphere.source import Source
 
 #: Change of the radius by the map, as a share of it, after which frames that were not measured are tried again.
@@ -46,8 +47,13 @@ class Track:
     status : ndarray
         Strings (n,), one of `torchsphere.correlate.STATUSES`; row i speaks of frame i and of the increment that leads
         to it. A frame found again after a gap is "lost" with a position: no increment leads to it.
+    radius : ndarray
+        Radius of the ball in each image (n,), px; constant but with the model `pinhole6`, NaN where not known.
+    sd_growth : ndarray
+        Standard deviation (n - 1,) of the radius's relative change from each frame to the next; 0 where the model
+        takes it as constant.
     circle : Circle
-        The outline in the first tracked frame.
+        The outline in the first tracked frame; with a camera the projected centre and the radius at its depth.
     settings : dict
         Every setting used.
     """
@@ -59,6 +65,8 @@ class Track:
     zncc: NDArray[np.float64]
     iterations: NDArray[np.int64]
     status: NDArray[np.str_]
+    radius: NDArray[np.float64]
+    sd_growth: NDArray[np.float64]
     circle: Circle
     settings: dict[str, Any]
 
@@ -84,7 +92,8 @@ def track(
         Images (n, h, w), NumPy or torch, or a `Recording`, which is read as it is needed.
     circle : tuple of float or Circle, optional
         Outline (x, y, radius) of the ball in the first image, px, taken as it is unless a map of the ball corrects
-        it; by default it is found, in the first image that shows the whole ball, and the images before that one are
+        it; a `Circle` with a camera is the projected centre and the radius at its depth, as in `Track.circle`. By
+        default it is found, in the first image that shows the whole ball, and the images before that one are
         "lost".
     ignore : array_like, optional
         (h, w), True where the images are not to be used.
@@ -122,7 +131,7 @@ def track(
     settings = Options(**options)
     source = Source.open(recording, device, dtype)
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
-    first = _first_circle(source, circle, mask, refine, settings)
+    first, settings = _first_circle(source, circle, mask, refine, settings)
     measured = Follower(source, first, mask, settings, progress=progress, in_place=in_place).run(source.count)
     # A ball that cannot leave its place is where the circle says, unless a map is asked for.
     asked = False if in_place and sphere_map is None else sphere_map
@@ -148,20 +157,43 @@ def track(
         zncc=measured.zncc,
         iterations=measured.iterations,
         status=measured.status,
+        radius=measured.size * (motion.circle.radius / first.radius),
+        sd_growth=measured.sd_growth,
         circle=motion.circle,
         settings=used,
     )
 
 
-def _first_circle(source: Source, given: Any, mask: Tensor | None, refine: bool, options: Options) -> Circle:
+def _first_circle(
+    source: Source, given: Any, mask: Tensor | None, refine: bool, options: Options
+) -> tuple[Circle, Options]:
+    """The ball in the first tracked frame, and the options with a camera that knows its focal length."""
     if given is None:
-        return calibrate(source, circles.find(source.images, source.count, mask), mask, options)
+        found, options = _as_sphere(circles.find(source.images, source.count, mask), source, options)
+        if options.camera is not None:
+            image = source.images(found.frame, found.frame + 1)[0]
+            found = circles.refine_circle(image, found, camera=options.camera)
+        return calibrate(source, found, mask, options), options
     circle = given if isinstance(given, Circle) else Circle(*_three_numbers(given))
     if not 0 <= circle.frame < source.count:
         raise ValueError(f"circle: its frame {circle.frame} is not one of the recording's 0 to {source.count - 1}")
     first = source.images(circle.frame, circle.frame + 1)[0]
     check_circle(torch.tensor([[circle.x, circle.y, circle.radius]]), first.shape)
-    return circles.refine_circle(first, circle) if refine else circle
+    if not isinstance(given, Circle):
+        circle, options = _as_sphere(circle, source, options)
+    elif options.camera is not None:
+        options = dataclasses.replace(options, camera=options.camera.settled(first.shape, circle.radius))
+    return circles.refine_circle(first, circle, camera=options.camera) if refine else circle, options
+
+
+def _as_sphere(seen: Circle, source: Source, options: Options) -> tuple[Circle, Options]:
+    """The projected centre and the radius at its depth of a ball with that outline, and the camera that tells them."""
+    if options.camera is None:
+        return seen, options
+    camera = options.camera.settled(source.images(0, 1).shape, seen.radius)
+    sphere = sphere_of_outline(torch.tensor([seen.x, seen.y, seen.radius], dtype=torch.float64), camera)
+    x, y, radius = sphere.tolist()
+    return dataclasses.replace(seen, x=x, y=y, radius=radius), dataclasses.replace(options, camera=camera)
 
 
 def _three_numbers(given: Any) -> tuple[float, float, float]:
