@@ -1,0 +1,67 @@
+"""The truth of a recording as a table: what a tracker should find, and what made it so."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render import rotation
+from render.shot import Shot
+
+#: Columns that a tracker's table has as well, in its order.
+TRACKED = (
+    *("frame", "time_s", "x_px", "y_px", "radius_px"),
+    *("dx_px", "dy_px", "wx_rad", "wy_rad", "wz_rad"),
+    *("qw", "qx", "qy", "qz"),
+)
+
+#: What only the truth knows: the motion at the frame's time, in the camera frame.
+MOTION = (
+    *("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", "ax_m_s2", "ay_m_s2", "az_m_s2"),
+    *("fx_N", "fy_N", "fz_N", "wx_rad_s", "wy_rad_s", "wz_rad_s"),
+)
+
+
+def truth(shot: Shot) -> dict[str, NDArray[Any]]:
+    """The true motion, frame by frame.
+
+    Parameters
+    ----------
+    shot : Shot
+        The shot with ``n`` frames.
+
+    Returns
+    -------
+    dict of ndarray
+        Columns (n,) by name. `x_px, y_px` is where the camera sees the ball's centre, `radius_px` the ball's radius
+        times the scale at the centre's depth (on the optical axis, without distortion). `d*_px` and `w*_rad` are the
+        increments from the frame before, NaN in the first: ``A_i = exp([w]x) A_(i-1)``. `q*` is the orientation since
+        the first frame, ``A_i A_0^T``, without jumps of sign. Force is mass times acceleration.
+    """
+    times, setup = shot.times_s, shot.setup
+    state = shot.trajectory.state(times)
+    place = setup.camera.project(state.position_m)
+    scale = [setup.camera.px_per_m(depth) for depth in state.position_m[:, 2]]
+    steps = np.concatenate((np.diff(place, axis=0), rotation.increments(state.orientation)), axis=1)
+    turned = rotation.continuous(rotation.quaternion(state.orientation @ state.orientation[0].T))
+    tracked = (
+        *(np.arange(len(times)), times, *place.T, setup.ball.radius_m * np.array(scale)),
+        *np.concatenate((np.full((1, 5), np.nan), steps)).T,
+        *turned.T,
+    )
+    motion = (state.position_m, state.velocity_m_s, state.acceleration_m_s2, state.force_N, state.spin_rad_s)
+    columns = (*tracked, *(column for vectors in motion for column in vectors.T))
+    return dict(zip((*TRACKED, *MOTION), columns, strict=True))
+
+
+def write_truth(path: Path, columns: dict[str, NDArray[Any]]) -> None:
+    """Write the table as CSV, every number to its last bit."""
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(columns)
+        # Python writes the shortest text that reads back as the very same number.
+        writer.writerows(zip(*(map(repr, column.tolist()) for column in columns.values()), strict=True))
