@@ -100,6 +100,24 @@ def test_options_come_from_a_file_and_the_command_line_wins(tmp_path: Path, shor
     assert summary["input"]["last_frame"] == 3
 
 
+def test_a_camera_comes_from_the_command_line_or_a_file_and_its_focal_length_from_the_distance(
+    tmp_path: Path, short: Path
+) -> None:
+    config = tmp_path / "shot.toml"
+    config.write_text('model = "pinhole"\nprincipal-px = [70, 80]\ndistortion = [-0.1, 0.01, 0]\n')
+    out = tmp_path / "result"
+    arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--config", str(config), "--frames", "0:4"]
+    assert main([*arguments, "--distance-mm", "1500", "--diameter-mm", "30", "--fps", "1000", "--quiet"]) == 0
+    summary = json.loads((out / "summary.json").read_text())
+    camera = summary["settings"]["camera"]
+    # 1.5 m are 100 radii of 15 mm: the focal length is 100 times the outline of 40 px, but for a part in 20 000.
+    assert camera["focal_px"] == pytest.approx(4000.0, rel=1e-4)
+    assert (camera["principal_px"], camera["distortion"]) == ([70, 80], [-0.1, 0.01, 0])
+    _, table = rows(out / "kinematics.csv")
+    # 5.3 px per frame of 1 ms at 15 mm / 40 px, seen from so far that neither perspective nor distortion counts.
+    assert all(float(row["vx_m_s"]) == pytest.approx(5.3 * 0.015 / 40 * 1000, rel=0.02) for row in table[1:-1])
+
+
 def test_an_existing_result_is_replaced_only_on_request_and_other_files_never(
     tmp_path: Path, short: Path, capsys
 ) -> None:
@@ -179,6 +197,12 @@ BAD_OPTIONS = {
     "frames in words": ["--circle", CIRCLE, "--frames", "all"],
     "refine nothing": ["--refine"],
     "polygon of two corners": ["--circle", CIRCLE, "--ignore", "1,2 3,4"],
+    "pinhole without a camera": ["--circle", CIRCLE, "--model", "pinhole"],
+    "camera without pinhole": ["--circle", CIRCLE, "--focal-px", "500"],
+    "distance without a diameter": ["--circle", CIRCLE, "--model", "pinhole", "--distance-mm", "500"],
+    "two distances": ["--model", "pinhole", "--focal-px", "500", "--distance-mm", "500", "--diameter-mm", "30"],
+    "distance within the ball": ["--model", "pinhole", "--distance-mm", "10", "--diameter-mm", "30"],
+    "distortion of two numbers": ["--model", "pinhole", "--focal-px", "500", "--distortion", "0.1,0"],
     "unknown option": ["--colour", "red"],
     "config missing": ["--config", "nowhere.toml"],
 }

@@ -25,7 +25,7 @@ LAYERS = (
     ("calibrate", "orientation", "camera"),
     ("drift",),
     ("track",),
-    ("kinematics", "plane"),
+    ("kinematics", "plane", "baselines"),
     ("results", "report", "demo"),
     ("measure",),
     ("cli",),

@@ -22,6 +22,7 @@ class Turning:
     centres: np.ndarray
     orientations: np.ndarray
     track: Track
+    progress: list[tuple[int, int]]
 
     @property
     def circle(self) -> tuple[float, float, float]:
@@ -40,7 +41,9 @@ def turning() -> Turning:
         speckle(1, RADIUS), torch.from_numpy(centres).float(), RADIUS, orientations.float(), 90.0, shape=(80, 80)
     )
     images = noisy(clean, 2.0, 9)
-    return Turning(images, centres, orientations.numpy(), track(images, (*centres[0], RADIUS + 0.2)))
+    calls: list[tuple[int, int]] = []
+    found = track(images, (*centres[0], RADIUS + 0.2), progress=lambda done, total: calls.append((done, total)))
+    return Turning(images, centres, orientations.numpy(), found, calls)
 
 
 def test_a_ball_that_turns_far_gets_a_map_without_being_asked(turning: Turning) -> None:
@@ -50,6 +53,16 @@ def test_a_ball_that_turns_far_gets_a_map_without_being_asked(turning: Turning) 
     assert about["frames"] == N
     # Noise is all that is left, by the pairs' own account.
     assert about["residual_over_noise"] < 1.3
+
+
+def test_progress_goes_from_frame_to_frame_and_once_more_for_the_map(turning: Turning) -> None:
+    done = np.array([call[0] for call in turning.progress])
+    assert {call[1] for call in turning.progress} == {N}
+    again = np.flatnonzero(np.diff(done) < 0)
+    assert len(again) == 1
+    assert done[again[0]] == N
+    assert done[again[0] + 1] == 0
+    assert done[-1] == N
 
 
 def test_neither_position_nor_orientation_drifts(turning: Turning) -> None:

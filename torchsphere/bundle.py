@@ -10,6 +10,7 @@ The way to it is Gauss-Newton: the elimination is costly and is renewed rarely, 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -88,7 +89,13 @@ class Bundle:
     settled: bool
 
 
-def adjust(windows: list[Window], poses: list[Pose], radius: float, noise_variance: float) -> Bundle:
+def adjust(
+    windows: list[Window],
+    poses: list[Pose],
+    radius: float,
+    noise_variance: float,
+    progress: Callable[[float], None] | None = None,
+) -> Bundle:
     """Adjust map and poses to the images.
 
     Parameters
@@ -101,6 +108,8 @@ def adjust(windows: list[Window], poses: list[Pose], radius: float, noise_varian
         Of the outline, right to within a px, px.
     noise_variance : float
         Of the images; where much more is left, a light that is not the same from all sides is sought.
+    progress : callable, optional
+        Called with the share that is done, after each width of the cells.
 
     Returns
     -------
@@ -120,6 +129,9 @@ def adjust(windows: list[Window], poses: list[Pose], radius: float, noise_varian
             finer = replace(state.ball, cells=cells)
             state = replace(state, ball=_first_map(state.windows, state.poses, finer, state.profile))
         state = _rounds(state, settled)
+        if progress is not None:
+            # A width costs as its number of cells.
+            progress(sum(s**-2 for s in SPACINGS_PX if s >= spacing) / sum(s**-2 for s in SPACINGS_PX))
     if state.profile.variance[0] > SHADED_FROM * noise_variance:
         state = replace(state, ball=_shaded(state.windows, state.poses, state.ball, state.profile))
         state = _rounds(state, SETTLED_PX[-1])

@@ -66,7 +66,8 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
     systematic = SYSTEMATIC_PX * max(FULL_CONTRAST / max(contrast, 1e-3), 0.5) ** 2
     radius, sd = known, math.hypot(found.sd_radius, systematic)
     for _ in range(2):
-        correction, sd_correction = _radius_correction(source, followed, frames, radius, ignore, options)
+        tried = dataclasses.replace(found, radius=radius)
+        correction, sd_correction = _radius_correction(source, followed, frames, tried, ignore, options)
         # Two independent values of the radius: the outline's and the correlation's.
         share = sd**2 / (sd**2 + sd_correction**2)
         by_both = known + share * (radius + correction - known)
@@ -101,8 +102,7 @@ def _outlines(
     """Outlines of frames spread over those that were followed."""
     chosen = _spread(frames)
     images = torch.cat([source.images(int(i), int(i) + 1) for i in chosen])
-    path = torch.from_numpy(followed.position[chosen])
-    guesses = torch.cat((path, found.radius * _relative_size(followed, found, chosen)[:, None]), -1)
+    guesses = _balls(followed, found, chosen)
     return outline.refine(
         images,
         guesses,
@@ -118,6 +118,12 @@ def _relative_size(followed: Follower, found: Circle, frames: NDArray[np.int64])
     return torch.from_numpy(followed.size[frames] / followed.size[found.frame])
 
 
+def _balls(followed: Follower, circle: Circle, frames: NDArray[np.int64]) -> Tensor:
+    """The ball (m, 3) in the given frames, where it was followed to, with the radius of ``circle`` in its frame."""
+    radii = circle.radius * _relative_size(followed, circle, frames)
+    return torch.cat((torch.from_numpy(followed.position[frames]), radii[:, None]), -1)
+
+
 def _spread(frames: NDArray[np.int64]) -> NDArray[np.int64]:
     return frames[np.unique(np.linspace(0, len(frames) - 1, OUTLINES).round().astype(int))]
 
@@ -126,17 +132,20 @@ def _radius_correction(
     source: Source,
     followed: Follower,
     frames: NDArray[np.int64],
-    radius: float,
+    tried: Circle,
     ignore: Tensor | None,
     options: Options,
 ) -> tuple[float, float]:
-    """Correction of the radius by the residuals of successive frames, and its standard deviation, px."""
+    """Correction of the radius that is ``tried`` by the residuals of successive frames, and its standard deviation, px.
+
+    The increments were found with another radius, perhaps; they adapt.
+    """
     scores, informations = [], []
     second = frames[np.isin(frames - 1, frames)]
     for some in np.array_split(second, max(1, math.ceil(len(second) / BATCH))):
         images = [torch.cat([source.images(int(i), int(i) + 1) for i in some + shift]) for shift in (-1, 0)]
-        circles = [followed.circles(some + shift) for shift in (-1, 0)]
-        half = crop.half_size(radius, margin(options))
+        circles = [_balls(followed, tried, some + shift) for shift in (-1, 0)]
+        half = crop.half_size(max(float(circle[:, 2].max()) for circle in circles), margin(options))
         f, g = (crop.cut(image, circle[:, :2], half, ignore) for image, circle in zip(images, circles, strict=True))
         increments = torch.from_numpy(followed.increment[some - 1])
         score, information = radius_evidence((f, g), circles[0], increments, options)

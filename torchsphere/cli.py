@@ -214,6 +214,9 @@ class _Bar:
     def __call__(self, done: int, total: int) -> None:
         if self._bar is None:
             self._bar = tqdm(total=total, unit="frame", file=sys.stderr, leave=False, desc="tracking")
+        if done < self._bar.n:
+            self._bar.reset(total)
+            self._bar.set_description("on the map")
         self._bar.update(done - self._bar.n)
 
     def close(self) -> None:

@@ -27,8 +27,8 @@ MAP_FROM = np.radians(90.0)
 #: being asked. Measured: an error of 1 px (of 50) moves the step by 3 px per rad of rotation.
 RADIUS_MATTERS_PX, STEP_PER_RADIUS = 0.01, 3.0
 
-#: Models that measure a rigid motion; the others are kept as they are, errors included.
-RIGID_MODELS = ("rigid", "finite")
+#: Models of a rigid motion in an orthographic view; the others are kept as they are.
+ON_MAP = ("rigid", "finite")
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,9 @@ def bound(
     if reason:
         return plain
     try:
-        found = mapped.poses_on_map(source, measured.position, chained, measured.zncc, circle, ignore)
+        found = mapped.poses_on_map(
+            source, measured.position, chained, measured.zncc, circle, ignore, measured.progress
+        )
     except (np.linalg.LinAlgError, torch.linalg.LinAlgError):  # type: ignore[attr-defined]
         # What the correlation measured must not be lost with the map.
         found = "the equations of the map have no solution"
@@ -71,8 +73,8 @@ def _why_not(turns: Array, circle: Circle, asked: bool | None, model: str) -> st
     if asked is False:
         return "not needed: it was not asked for"
     prefix = "" if asked else "not needed: "
-    if model not in RIGID_MODELS:
-        return f"{prefix}the model {model!r} measures no rigid motion, so no map can be made of it"
+    if model not in ON_MAP:
+        return f"{prefix}a map of the ball takes a rigid motion in an orthographic view, which {model!r} is not"
     if not np.isfinite(turns).any():
         return f"{prefix}no rotation was measured, so no map of the ball can be made"
     of_radius = STEP_PER_RADIUS * float(np.nanmedian(turns)) * np.nan_to_num(circle.sd_radius)

@@ -102,10 +102,6 @@ class Follower:
         """Radius of the ball where it was last seen, px."""
         return float(self.size[self._last])
 
-    def circles(self, frames: NDArray[np.int64]) -> Tensor:
-        """The ball (m, 3) as (x, y, radius) in the given frames, px, float64."""
-        return torch.from_numpy(np.column_stack((self.position[frames], self.size[frames])))
-
     def run(self, stop: int) -> Follower:
         """Measure frame after frame up to ``stop``, in batches that grow while they succeed."""
         n = stop

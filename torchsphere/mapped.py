@@ -71,7 +71,13 @@ class Mapped:
 
 
 def poses_on_map(
-    source: Source, position: Array, orientation: Array, zncc: Array, circle: Circle, ignore: Tensor | None
+    source: Source,
+    position: Array,
+    orientation: Array,
+    zncc: Array,
+    circle: Circle,
+    ignore: Tensor | None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Mapped | str:
     """Register all frames on a map of the ball.
 
@@ -88,6 +94,8 @@ def poses_on_map(
         The outline.
     ignore : Tensor, optional
         (h, w), True where the images are not to be used.
+    progress : callable, optional
+        Called as ``progress(done, total)`` with numbers of frames that are on the map.
 
     Returns
     -------
@@ -108,12 +116,18 @@ def poses_on_map(
 
     windows = [window(i, starts[i], circle.radius) for i in keys.tolist()]
     noise = _noise_variance(windows, zncc)
-    adjusted = bundle.adjust(windows, [starts[i] for i in keys.tolist()], circle.radius, noise)
+
+    def adjusting(share: float) -> None:
+        if progress is not None:
+            progress(round(share * len(keys)), len(known))
+
+    adjusting(0.0)
+    adjusted = bundle.adjust(windows, [starts[i] for i in keys.tolist()], circle.radius, noise, adjusting)
     misfit = float(adjusted.profile.variance[0]) / noise
     refusal = _refusal(adjusted, circle.radius, misfit)
     if refusal:
         return refusal
-    found = _register_all(known.tolist(), keys.tolist(), starts, adjusted, window)
+    found = _register_all(known.tolist(), keys.tolist(), starts, adjusted, window, progress)
     return _assemble(len(position), found, keys.tolist(), adjusted, circle, misfit)
 
 
@@ -143,14 +157,15 @@ def _register_all(
     starts: dict[int, Pose],
     adjusted: Bundle,
     window: Callable[[int, Pose, float], Window],
+    progress: Callable[[int, int], None] | None,
 ) -> dict[int, Registration]:
     """Registration of every known frame; the keyframes' own come from the adjustment."""
     corrected = dict(zip(keys, adjusted.poses, strict=True))
     ball, profile = adjusted.ball, adjusted.profile
     found = {}
-    for i in known:
-        if i in corrected:
-            continue
+    for done, i in enumerate([i for i in known if i not in corrected], len(keys) + 1):
+        if progress is not None:
+            progress(done, len(known))
         near = keys[int(np.argmin(np.abs(np.array(keys) - i)))]
         # The drift up to here is about that of the nearest keyframe.
         turn = corrected[near].orientation @ starts[near].orientation.T

@@ -112,7 +112,7 @@ def track(
         found would show. Where the images do not allow it, nothing changes and
         ``settings`` says why.
     progress : callable, optional
-        Called as ``progress(done, total)`` with numbers of frames.
+        Called as ``progress(done, total)`` with numbers of frames; once more from 0 where a map of the ball is made.
     dtype : torch.dtype
         ``torch.float32`` or ``torch.float64``.
     **options
