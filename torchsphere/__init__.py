@@ -2,7 +2,8 @@
 
 from torchsphere.circle import Circle
 from torchsphere.correlate import Correlation, correlate
-from torchsphere.kinematics import Kinematics, kinematics
+from torchsphere.impact import Ball, Impact, ball, impact
+from torchsphere.kinematics import Kinematics, kinematics, kinematics_of_many
 from torchsphere.perspective import Camera
 from torchsphere.recording import Recording, open_recording
 from torchsphere.track import Track, track
@@ -10,14 +11,19 @@ from torchsphere.track import Track, track
 __version__ = "0.1.0"
 
 __all__ = [
+    "Ball",
     "Camera",
     "Circle",
     "Correlation",
+    "Impact",
     "Kinematics",
     "Recording",
     "Track",
+    "ball",
     "correlate",
+    "impact",
     "kinematics",
+    "kinematics_of_many",
     "open_recording",
     "track",
 ]

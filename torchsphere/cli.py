@@ -15,6 +15,7 @@ from typing import Any, NoReturn
 from tqdm import tqdm
 
 from torchsphere import __version__, demo, motion
+from torchsphere.kinematics import METHODS
 from torchsphere.measure import Measurement, Request, circle_text, measure
 from torchsphere.recording import Recording, open_recording
 from torchsphere.report import figures
@@ -114,6 +115,13 @@ def _add_track(commands: Any) -> None:
     scale.add_argument("--diameter-mm", type=float, metavar="D", help="diameter of the ball")
     scale.add_argument("--mm-per-px", type=float, metavar="S", help="size of a pixel")
     parser.add_argument("--mass-g", type=float, metavar="M", help="mass of the ball, for the force")
+    parser.add_argument("--scale-sd-percent", type=float, metavar="P", help="uncertainty of that diameter or size (0)")
+    parser.add_argument("--shell-mm", type=float, metavar="T", help="thickness of a hollow ball (solid)")
+    parser.add_argument("--inertia-kg-m2", type=float, metavar="I", help="moment of inertia, if neither")
+    parser.add_argument("--normal-deg", type=float, metavar="A", help="target's normal, from x towards y (found)")
+    parser.add_argument("--method", choices=METHODS, help="how to differentiate (smoother)")
+    parser.add_argument("--window", type=int, metavar="N", help="frames of savitzky-golay, odd (7)")
+    parser.add_argument("--order", type=int, metavar="N", help="order of its polynomials (3)")
     parser.add_argument("--model", metavar="NAME", help=f"motion model: {', '.join(motion.MODELS)} (rigid)")
     camera = parser.add_argument_group("camera of the models pinhole and pinhole6")
     camera.add_argument("--focal-px", type=float, metavar="F", help="focal length over the size of a pixel")
@@ -186,6 +194,10 @@ def _configured(path: Path) -> dict[str, Any]:
     return options
 
 
+#: Options of `Request` for what follows from the track, each a number.
+KINEMATIC = ("scale_sd_percent", "shell_mm", "inertia_kg_m2", "normal_deg")
+
+
 def _typed(path: Path, name: str, value: Any) -> Any:
     """The value as `Request` takes it; ValueError where the file has another kind of value."""
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
@@ -196,9 +208,11 @@ def _typed(path: Path, name: str, value: Any) -> Any:
         return _frames(value)
     if name == "ignore" and isinstance(value, (str, list)):
         return [value] if isinstance(value, str) else [str(v) for v in value]
-    if name in ("fps", "diameter_mm", "mm_per_px", "mass_g", "roi", "focal_px", "distance_mm") and number:
+    if name in ("fps", "diameter_mm", "mm_per_px", "mass_g", "roi", "focal_px", "distance_mm", *KINEMATIC) and number:
         return float(value)
-    if name in ("model", "device", "map") and isinstance(value, str):
+    if name in ("window", "order") and isinstance(value, int) and number:
+        return value
+    if name in ("model", "device", "map", "method") and isinstance(value, str):
         return value
     if name in ("refine", "in_place", "lab_frame", "overwrite") and isinstance(value, bool):
         return value

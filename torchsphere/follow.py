@@ -7,6 +7,7 @@ rescued: the ball is sought over the whole image, and the correlation tries seve
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -33,6 +34,10 @@ CENTRE_TOLERANCE_PX_RAD = 0.005
 
 #: An error of the radius counts as much as this many times one of the centre.
 RADIUS_COUNTS = 10.0
+
+#: Motion of the ball's front per frame, px, from which two images of it cannot be the same bit for bit: one of them is
+#: then a repetition and no measurement.
+MOVES_PX = 0.05
 
 #: A prediction that is off by more than this share of the radius ends its batch.
 PREDICTION_TOLERANCE = 0.1
@@ -62,6 +67,8 @@ class Follower:
         Radius (n,) of the ball in each frame, px; the same throughout but with the model `pinhole6`.
     sd_growth : ndarray
         Standard deviation (n - 1,) of its relative change from each frame to the next.
+    repeated : list of int
+        Frames that repeat the image before them although the ball moves.
     rotation : ndarray
         Rotation vector (n, 3) of each frame since the frame in which the ball was seen before, rad.
     """
@@ -88,6 +95,7 @@ class Follower:
         self.status: NDArray[np.str_] = np.full(n, "lost", dtype=f"<U{max(map(len, STATUSES))}")
         self.size: NDArray[np.float64] = np.full(n, np.nan)
         self.sd_growth: NDArray[np.float64] = np.full(n - 1, np.nan)
+        self.repeated: list[int] = []
         self.position[first.frame] = first.x, first.y
         self.size[first.frame] = first.radius
         self.status[first.frame] = "ok"
@@ -133,7 +141,8 @@ class Follower:
         actual = self._arrived(found)
         away = actual[:-1] - predicted[:-1]
         off = away[:, :2].norm(dim=-1)
-        good = _leading((found.status == "ok") & (off < PREDICTION_TOLERANCE * self.radius).numpy())
+        believed = (off < PREDICTION_TOLERANCE * self.radius).numpy() & ~self._repeats(images)
+        good = _leading((found.status == "ok") & believed)
         off = off + RADIUS_COUNTS * away[:, 2].abs()
         turn = found.q[:, 2:].norm(dim=-1).double().cpu().clamp_min(0.01)
         if good and float((off * turn)[:good].max()) > CENTRE_TOLERANCE_PX_RAD:
@@ -195,11 +204,22 @@ class Follower:
         self._last, self._image = frame, image
         self._expected, self._growth = torch.from_numpy(np.nan_to_num(increment)), growth
 
+    def _repeats(self, images: Tensor) -> NDArray[np.bool_]:
+        """Which of the images (m + 1, h, w) after the first repeat the one before (m,), while the ball moves."""
+        dx, dy, wx, wy, wz = self._expected.tolist()
+        front = math.hypot(dx - self.radius * wy, dy + self.radius * wx, self.radius * wz)
+        same = (images[1:] == images[:-1]).flatten(1).all(-1)
+        return (same & (max(front, math.hypot(dx, dy)) > MOVES_PX)).cpu().numpy()
+
     def _rescue(self, at: int) -> None:
         """Measure frame ``at`` against the last one in which the ball was seen, from scratch, and note its status."""
         target = self.source.images(at, at + 1)
         here = torch.from_numpy(self.position[self._last])
         pair = torch.cat((self._image, target))
+        if self._repeats(pair)[0]:
+            self.status[at] = "lost"
+            self.repeated.append(at)
+            return
         seen = here if self.in_place else locate.best_match(pair[0], pair[1], here, self.radius, self.ignore)
         found = self._from_scratch(at, pair, here, seen)
         status = str(found.status[0])

@@ -20,7 +20,8 @@ from torchsphere import results
 from torchsphere.circle import Circle
 from torchsphere.drift import STEP_PER_RADIUS
 from torchsphere.follow import Progress
-from torchsphere.kinematics import ROTATION_PER_RADIUS, Kinematics, kinematics
+from torchsphere.impact import Impact, ball, impact
+from torchsphere.kinematics import METHODS, ORDER, ROTATION_PER_RADIUS, WINDOW, Kinematics, kinematics
 from torchsphere.masks import read_ignore
 from torchsphere.perspective import Camera
 from torchsphere.plane import in_plane
@@ -59,6 +60,14 @@ class Request:
         ball's centre, which needs its diameter.
     ignore : sequence of str
         Mask images or polygons that are not to be used.
+    method, window, order
+        How to differentiate, as in `torchsphere.kinematics`.
+    scale_sd_percent : float
+        Relative standard deviation of the given diameter or size of a pixel, %.
+    shell_mm, inertia_kg_m2 : float, optional
+        Thickness of a hollow ball, or the ball's moment of inertia; otherwise it is solid.
+    normal_deg : float, optional
+        Direction of the target's normal, from the target to the ball, from x towards y of the results' frame.
     in_place, lab_frame, overwrite : bool
         As the command line's options of these names.
     map : str
@@ -86,9 +95,25 @@ class Request:
     principal_px: tuple[float, float] | None = None
     distortion: tuple[float, float, float] = (0.0, 0.0, 0.0)
     distance_mm: float | None = None
+    method: str = "smoother"
+    window: int = WINDOW
+    order: int = ORDER
+    scale_sd_percent: float = 0.0
+    shell_mm: float | None = None
+    inertia_kg_m2: float | None = None
+    normal_deg: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("fps", "diameter_mm", "mm_per_px", "mass_g", "focal_px", "distance_mm"):
+        for name in (
+            "fps",
+            "diameter_mm",
+            "mm_per_px",
+            "mass_g",
+            "focal_px",
+            "distance_mm",
+            "shell_mm",
+            "inertia_kg_m2",
+        ):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise ValueError(f"{name} = {value:g}: expected a finite, positive number")
@@ -96,6 +121,12 @@ class Request:
             raise ValueError("diameter_mm and mm_per_px were both given; the scale needs one of them, leave one out")
         if self.mass_g is not None and self.diameter_mm is None and self.mm_per_px is None:
             raise ValueError("mass_g was given without a scale, so no force can follow; add diameter_mm or mm_per_px")
+        if self.method not in METHODS:
+            raise ValueError(f"method = {self.method!r}: expected one of {', '.join(METHODS)}")
+        if (self.shell_mm is not None or self.inertia_kg_m2 is not None) and self.mass_g is None:
+            raise ValueError("shell_mm or inertia_kg_m2 was given without mass_g; energies and spin need the mass, too")
+        if self.normal_deg is not None and not math.isfinite(self.normal_deg):
+            raise ValueError(f"normal_deg = {self.normal_deg:g}: expected a finite number of degrees")
         if self.map not in MAP_CHOICES:
             raise ValueError(f"map = {self.map!r}: expected one of {', '.join(MAP_CHOICES)}")
         if self.refine and self.circle is None:
@@ -128,6 +159,7 @@ class Measurement:
     recording: Recording
     track: Track
     motion: Kinematics | None
+    impact: Impact | None
     first_frame: int
     warnings: tuple[str, ...]
     seconds: float
@@ -168,8 +200,9 @@ def measure(request: Request, progress: Progress | None = None, extra: Mapping[s
         )
         frame_rate = request.fps or recording.frame_rate
         motion = _kinematics(request, tracked, frame_rate, start)
-        warnings = _warnings(request, recording, tracked, frame_rate)
-        done = Measurement(recording, tracked, motion, start, warnings, time.perf_counter() - began, extra or {})
+        found, missing = _impact(request, tracked, motion)
+        warnings = (*_warnings(request, recording, tracked, frame_rate, start), *missing)
+        done = Measurement(recording, tracked, motion, found, start, warnings, time.perf_counter() - began, extra or {})
         _write(request, done, frame_rate)
     return done
 
@@ -209,10 +242,32 @@ def _kinematics(request: Request, tracked: Track, frame_rate: float | None, star
         mass_kg=None if request.mass_g is None else 1e-3 * request.mass_g,
         lab_frame=request.lab_frame,
         first_frame=start,
+        relative_sd_scale=request.scale_sd_percent / 100,
+        method=request.method,
+        window=request.window,
+        order=request.order,
     )
 
 
-def _warnings(request: Request, recording: Recording, tracked: Track, frame_rate: float | None) -> tuple[str, ...]:
+def _impact(request: Request, tracked: Track, motion: Kinematics | None) -> tuple[Impact | None, tuple[str, ...]]:
+    """The impact, if there is one, and in words what of it is not known, and why."""
+    if motion is None:
+        return None, ()
+    thing = None
+    if request.mass_g is not None:
+        thing = ball(
+            1e-3 * request.mass_g,
+            2 * tracked.circle.radius * motion.scale.m_per_px,
+            shell_m=None if request.shell_mm is None else 1e-3 * request.shell_mm,
+            inertia_kg_m2=request.inertia_kg_m2,
+        )
+    found, reason = impact(motion, thing, normal_deg=request.normal_deg)
+    return found, found.missing if found is not None else (f"No impact is reported: {reason}",)
+
+
+def _warnings(
+    request: Request, recording: Recording, tracked: Track, frame_rate: float | None, start: int
+) -> tuple[str, ...]:
     """Sentences that a reader of the result has to know."""
     found = list(recording.notes)
     n = len(tracked.status)
@@ -220,6 +275,12 @@ def _warnings(request: Request, recording: Recording, tracked: Track, frame_rate
     if bad:
         counts = ", ".join(f"{count} {name}" for name, count in results.status_counts(tracked).items())
         found.append(f"{bad} of {n} frames were not fully measured: {counts}.")
+    repeated = tracked.settings["repeated_frames"]
+    if repeated:
+        numbers = ", ".join(str(start + i) for i in repeated)
+        found.append(
+            f"Frames that repeat the image before them bit for bit while the ball moves, not measured: {numbers}."
+        )
     if frame_rate is None:
         found.append("The frame rate is not known, so there are no times and no kinematics; give --fps.")
     elif recording.frame_rate is not None and request.fps is not None and request.fps != recording.frame_rate:
@@ -293,7 +354,8 @@ def _summary(request: Request, done: Measurement, frame_rate: float | None) -> d
         "mean_motion": _means(tracked, done.motion),
         "axes": "lab frame: x right, y up, z to the camera" if request.lab_frame else "camera frame: x right, y down",
         "settings": tracked.settings | {k: v for k, v in vars(request).items() if k not in ("input", "out")},
-        "differentiation": "central differences",
+        "differentiation": None if done.motion is None else done.motion.about,
+        "impact": None if done.impact is None else done.impact.summary(),
         "warnings": list(done.warnings),
         "seconds": round(done.seconds, 3),
         "versions": versions(),

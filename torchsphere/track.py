@@ -146,6 +146,7 @@ def track(
         "circle_refined": circle is None or refine,
         "in_place": in_place,
         "sphere_map": motion.about_map,
+        "repeated_frames": measured.repeated,
         "device": str(source.device),
         "dtype": str(dtype).removeprefix("torch."),
     }

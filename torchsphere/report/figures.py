@@ -32,12 +32,13 @@ def new_figure(**settings: Any) -> Figure:
 
 
 def motion_figure(path: Path, track: Track, motion: Kinematics | None, first_frame: int) -> None:
-    """Position, velocity and rotation against time, with bands of two standard deviations, as PNG.
+    """Position, velocity, force where it is known, and rotation against time, with bands of two standard deviations.
 
-    In SI units where they are known, otherwise in px and frames.
+    In SI units where they are known, otherwise in px and frames; the contact is shaded. PNG.
     """
-    figure = new_figure(figsize=(7.0, 8.0), dpi=150)
-    axes = figure.subplots(3, 1, sharex=True)
+    force = motion is not None and motion.force_N is not None
+    figure = new_figure(figsize=(7.0, 10.0 if force else 8.0), dpi=150)
+    axes = figure.subplots(4 if force else 3, 1, sharex=True)
     if motion is not None:
         _in_si(axes, motion)
     else:
@@ -55,13 +56,31 @@ def _in_si(axes: NDArray[Any], motion: Kinematics) -> None:
     _bands(axes[0], time, 1e3 * motion.position_m, 1e3 * motion.sd_position_m, ("x (right)", f"y ({up})"))
     _bands(axes[1], time, motion.velocity_m_s, motion.sd_velocity_m_s, ("$v_x$", "$v_y$"))
     names = ("$\\omega_x$", "$\\omega_y$", "$\\omega_z$")
-    _bands(axes[2], time, motion.spin_rad_s, motion.sd_spin_rad_s, names)
-    for axis, label in zip(axes, ("position (mm)", "velocity (m/s)", "spin (rad/s)"), strict=True):
+    _bands(axes[-1], time, motion.spin_rad_s, motion.sd_spin_rad_s, names)
+    labels = ["position (mm)", "velocity (m/s)", "spin (rad/s)"]
+    if motion.force_N is not None and motion.sd_force_N is not None:
+        _bands(axes[2], time, 1e-3 * motion.force_N, 1e-3 * motion.sd_force_N, ("$F_x$", "$F_y$"))
+        labels.insert(2, "force (kN)")
+    for axis, label in zip(axes, labels, strict=True):
         axis.set_ylabel(label)
-    axes[2].set_xlabel("time (ms)")
+        if motion.contact_s is not None:
+            axis.axvspan(*(1e3 * motion.contact_s), color="#F0E442", alpha=0.35, lw=0, label="contact")
+    axes[-1].set_xlabel("time (ms)")
+    axes[1].set_title(_differentiation(motion), fontsize=8, loc="left", color="0.35")
     axes[0].set_title(
         f"Motion of the ball, {'lab' if motion.lab_frame else 'camera'} frame; bands: 2 sd", fontsize=10, loc="left"
     )
+
+
+def _differentiation(motion: Kinematics) -> str:
+    """How velocity and acceleration were made, and up to which frequency they pass what happened."""
+    about = motion.about
+    names = ("bandwidth_contact_translation_Hz", "bandwidth_flight_translation_Hz", "bandwidth_Hz")
+    band = next((about[name] for name in names if name in about), None)
+    if band is None:
+        return str(about["method"])
+    rate, acceleration = (1e-3 * band[name] for name in ("rate", "acceleration"))
+    return f"{about['method']}; passes {rate:.3g} kHz (velocity), {acceleration:.3g} kHz (force)"
 
 
 def _in_px(axes: NDArray[Any], track: Track, first_frame: int) -> None:

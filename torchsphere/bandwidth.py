@@ -1,0 +1,82 @@
+"""Which frequencies of the motion a way of differentiating lets through."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from torchsphere.contact import UNKNOWN
+from torchsphere.process import STATES, STEADY, transitions
+
+Array = NDArray[np.float64]
+
+#: Amplitude that counts as passed: half of the power, -3 dB.
+PASSED = 0.5**0.5
+
+#: Frames on either side of one whose response is measured.
+REACH = 60
+
+
+def cutoff(weights: Array, offsets: Array, derivative: int) -> float:
+    """Highest frequency at which a derivative's amplitude has fallen by no more than 3 dB.
+
+    Parameters
+    ----------
+    weights : ndarray
+        (w,), of the values around one: its impulse response, reversed.
+    offsets : ndarray
+        Their times (w,), s.
+    derivative : int
+        1 or 2.
+    """
+    highest = 0.5 / float(np.median(np.diff(offsets)))
+    frequency = highest * np.linspace(0.0, 1.0, 2001)[1:]
+    circular = 2 * np.pi * frequency
+    gain = np.abs(np.exp(1j * circular[:, None] * offsets) @ weights) / circular**derivative
+    passing = np.flatnonzero(gain >= PASSED)
+    return float(frequency[passing[-1]]) if len(passing) else 0.0
+
+
+def smoother_weights(
+    times: Array, variance: Array, window: tuple[float, float], flight: float, contact: float, at: int
+) -> tuple[Array, slice]:
+    """Weights (2, w) of the poses in velocity and acceleration at frame ``at``, and which frames they are of.
+
+    Parameters
+    ----------
+    times, variance : ndarray
+        (n,), frames; variance of the poses, infinite where there is none.
+    window : tuple of float
+        Contact interval.
+    flight, contact : float
+        Intensities.
+    at : int
+        Frame.
+    """
+    part = slice(max(at - REACH, 0), at + REACH + 1)
+    moves = transitions(torch.from_numpy(times[None, part]), torch.tensor([[window]], dtype=torch.float64))
+    matrices = moves.matrix[0, 0].numpy()
+    added = (contact * moves.contact[0, 0] + flight * moves.flight[0, 0]).numpy()
+    later = np.arange(STEADY, STATES)
+    added[:, later, later] += moves.idle[0, 0].numpy()[:, None]
+    impulses, noise = np.eye(len(times[part])), variance[part]
+    mean, spread = np.zeros((STATES, len(noise))), np.diag([UNKNOWN] * STEADY + [1.0] * (STATES - STEADY))
+    passed = []
+    for i in range(len(noise)):
+        if i:
+            mean, spread = matrices[i - 1] @ mean, matrices[i - 1] @ spread @ matrices[i - 1].T + added[i - 1]
+        if np.isfinite(noise[i]):
+            gain = spread[:, :1] / (spread[0, 0] + noise[i])
+            mean = mean + gain * (impulses[i] - mean[0])
+            keep = np.eye(STATES) - gain * np.eye(STATES)[0]
+            spread = keep @ spread @ keep.T + noise[i] * gain @ gain.T
+        passed.append((mean, spread))
+    for i in range(len(noise) - 2, at - part.start - 1, -1):
+        before, spread = passed[i]
+        ahead = matrices[i] @ spread @ matrices[i].T + added[i]
+        size = np.sqrt(np.diag(ahead))
+        scaled = np.linalg.solve(ahead / np.outer(size, size), (matrices[i] @ spread) / size[:, None])
+        gain = (scaled / size[:, None]).T
+        mean = before + gain @ (mean - matrices[i] @ before)
+    return mean[1:3], part

@@ -1,0 +1,324 @@
+"""When the ball is in contact, and how strongly its motion may change then and in flight: maximum likelihood.
+
+Every degree of freedom has an intensity in flight, one in contact and a factor on its stated noise; all share the
+contact interval. The likelihood is that of the innovations of a Kalman filter per degree of freedom.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchsphere.process import STATES, STEADY, transitions
+
+#: Variance of what is not known beforehand, in units of the noise's: less would matter, more would cost digits.
+UNKNOWN = 1e8
+
+#: Observations that the stated noise counts as: it is believed to some 15 %, and corrected where the data insist.
+STATED_COUNTS = 20.0
+
+#: Lowest intensity, noise variance per frame^5: the memory of white jerk is then a hundred frames.
+QUIETEST = 1e-12
+
+#: Intensities of the first search, powers of ten, in flight and in contact; and all that are possible, coarsely.
+FIRST_FLIGHT, FIRST_CONTACT = (-11.0, -8.0, -5.0), (-9.0, -4.0, -1.5, 0.5, 2.5, 4.5)
+WHOLE_FLIGHT = tuple(float(power) for power in range(-12, 5))
+WHOLE_CONTACT = tuple(float(power) for power in range(-12, 9))
+
+#: First intervals: that many starts, and the longest as a power of two of the starts' distance.
+STARTS, LONGEST = 16, 3
+
+#: Steps of the intensities (powers of ten) in the refinement, coarse to fine, while the interval's steps are halved.
+INTENSITY_STEPS, FINEST_STEP = (1.5, 0.9, 0.5, 0.3, 0.2), 0.1
+
+#: Moves of the edges, in steps: the far ones, because the likelihood has more than one maximum.
+EDGE_MOVES = (
+    (0, 0),
+    *((a * d, b * d) for d in (1, 3) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1))),
+)
+
+#: Shortest contact, frames.
+SHORTEST = 0.5
+
+#: Intervals per edge that stand for its uncertainty, and their distance in standard deviations of the edge.
+EDGE_PLACES, EDGE_SPACING = 5, 0.9
+
+#: Possible intervals and intensities that stand for all: what the data leave open of them widens the bands.
+CANDIDATES = 32
+
+#: Powers of ten of the intensities that are weighed against each other, around the best.
+AROUND_FLIGHT, AROUND_CONTACT = (-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0), tuple(0.5 * i for i in range(-5, 6))
+
+#: Logarithm of how much less likely ten times the intensity in flight is before the data. Only gravity and drag act
+#: there, so where weak changes in contact could be taken for a restless flight, they are not.
+QUIET_PREFERRED = 1.0
+
+
+@dataclass(frozen=True)
+class Series:
+    """Poses of k degrees of freedom of n recordings, in units of their noise.
+
+    Attributes
+    ----------
+    times : Tensor
+        (n, t), frames, rising.
+    value : Tensor
+        (n, k, t); read where ``seen``.
+    variance : Tensor
+        Of the error of each value (n, k, t).
+    drift : Tensor
+        Variance (n, k, t - 1) of the errors that do not vanish with the next frame but stay in all later values.
+    seen : Tensor
+        (n, k, t), bool.
+    """
+
+    times: Tensor
+    value: Tensor
+    variance: Tensor
+    drift: Tensor
+    seen: Tensor
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Contact intervals and intensities of n recordings: c equally likely sets of them, for k degrees of freedom.
+
+    Attributes
+    ----------
+    found : Tensor
+        (n,), whether a contact makes the data likelier by more than its parameters cost.
+    windows : Tensor
+        Intervals (n, c, 2), frames; of length 0 where none was found.
+    flight, contact : Tensor
+        Intensities (n, c, k): variance of the noise per frame^5 and frame^7.
+    noise : Tensor
+        Factor (n, c, k) on the stated standard deviation of the noise.
+    gain : Tensor
+        Logarithm (n,) of the likelihood with a contact over that without.
+    """
+
+    found: Tensor
+    windows: Tensor
+    flight: Tensor
+    contact: Tensor
+    noise: Tensor
+    gain: Tensor
+
+
+def find(series: Series) -> Contact:
+    """Contact and intensities from the likelihood; the recordings' own, searched for all at once."""
+    none = series.times.new_zeros(len(series.times), 2)
+    quiet = _at(series, none, *_all_intensities(series, without_contact=True))
+    window, flight, contact = _first(series)
+    step = _pitch(series)
+    for number in range(max(4, 2 + math.ceil(math.log2(float(step.max()) / FINEST_STEP)))):
+        if number in (2, 5):
+            # The intensities of one degree of freedom have several maxima, too.
+            flight, contact, _ = _at(series, window, *_all_intensities(series))
+        size = INTENSITY_STEPS[min(number, len(INTENSITY_STEPS) - 1)]
+        for _ in range(2):
+            window, flight, contact, top = _refined(series, window, flight, contact, step, size)
+        step = (0.5 * step).clamp_min(FINEST_STEP)
+    gain = top - quiet[2]
+    counts = series.seen.sum((1, 2)).double().clamp_min(2.0)
+    # Schwarz's criterion: two edges, and an intensity per degree of freedom that was seen.
+    found = gain > 0.5 * (2 + series.seen.any(-1).sum(1)) * counts.log()
+    window = torch.where(found[:, None], window, none)
+    flight = torch.where(found[:, None], flight, quiet[0])
+    contact = torch.where(found[:, None], contact, -math.inf)
+    windows = torch.where(found[:, None, None], _windows(series, window, flight, contact), 0.0)
+    flight, contact, noise = _intensities(series, window, flight, contact)
+    return Contact(found, windows, 10.0**flight, 10.0**contact, noise, gain)
+
+
+def _all_intensities(series: Series, without_contact: bool = False) -> tuple[Tensor, Tensor]:
+    """Powers of ten (n, k, 1, m) over the whole range."""
+    contacts = [-math.inf] if without_contact else list(WHOLE_CONTACT)
+    pairs = torch.cartesian_prod(torch.tensor(WHOLE_FLIGHT), torch.tensor(contacts)).to(series.times)
+    flight, contact = pairs.T[:, None, None, None].expand(-1, *series.value.shape[:2], 1, -1)
+    return flight, contact
+
+
+def _at(series: Series, window: Tensor, flight: Tensor, contact: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Best of the intensities (n, k) at one interval (n, 2) each, and the likelihood (n,)."""
+    fit = _posterior(series, window[:, None], flight, contact)[0]
+    return _best(fit, window[:, None], flight, contact)[1:]
+
+
+def _posterior(series: Series, windows: Tensor, flight: Tensor, contact: Tensor) -> tuple[Tensor, Tensor]:
+    """As `log_likelihood`, with what is likely before the data."""
+    fit, noise = log_likelihood(series, windows, flight, contact)
+    return fit - QUIET_PREFERRED * (flight - math.log10(QUIETEST)), noise
+
+
+def log_likelihood(series: Series, windows: Tensor, flight: Tensor, contact: Tensor) -> tuple[Tensor, Tensor]:
+    """Logarithm of the likelihood, up to a constant, and factor on the noise's standard deviation, (n, k, c, m) both.
+
+    Parameters
+    ----------
+    series : Series
+    windows : Tensor
+        Contact intervals (n, c, 2), frames.
+    flight, contact : Tensor
+        Powers of ten of m intensities each, (n, k, c, m) or (n, k, 1, m).
+
+    Notes
+    -----
+    The factor on the variance is integrated out, with an inverse gamma distribution of `STATED_COUNTS` before the data:
+    what remains of innovations ``e`` with variances ``s`` is Student's distribution of them all.
+    """
+    n, k, t = series.value.shape
+    c = windows.shape[1]
+    m = max(flight.shape[-1], contact.shape[-1])
+    moves = transitions(series.times, windows)
+
+    def arranged(values: Tensor) -> Tensor:
+        return values.expand(n, k, c, m).permute(0, 2, 1, 3).reshape(n * c, k * m, 1, 1)
+
+    q_flight, q_contact = 10.0 ** arranged(flight), 10.0 ** arranged(contact)
+    seen, variance, value = (
+        v.permute(2, 0, 1)[:, :, None, :, None].expand(t, n, c, k, m).reshape(t, n * c, k * m)
+        for v in (series.seen.double(), series.variance, series.value)
+    )
+    drift = series.drift.permute(2, 0, 1)[:, :, None, :, None].expand(t - 1, n, c, k, m).reshape(t - 1, n * c, k * m)
+    mean = series.times.new_zeros(n * c, k * m, STATES)
+    spread = torch.diag(series.times.new_tensor([UNKNOWN] * STEADY + [1.0] * (STATES - STEADY))).expand(
+        n * c, k * m, -1, -1
+    )
+    later = torch.arange(STEADY, STATES)
+    squares = logs = series.times.new_zeros(n * c, k * m)
+    for i in range(t):
+        if i:
+            matrix = moves.matrix[:, :, i - 1].reshape(n * c, STATES, STATES).mT
+            mean = mean @ matrix
+            spread = _both_sides(spread, matrix)
+            spread = spread + q_contact * moves.contact[:, :, i - 1].reshape(n * c, 1, STATES, STATES)
+            spread = spread + q_flight * moves.flight[:, :, i - 1].expand(n, c, -1, -1).reshape(
+                n * c, 1, STATES, STATES
+            )
+            spread[..., 0, 0] += drift[i - 1]
+            spread[..., later, later] += moves.idle[:, :, i - 1].reshape(n * c, 1, 1)
+        total = spread[..., 0, 0] + variance[i]
+        off = value[i] - mean[..., 0]
+        squares = squares + seen[i] * off**2 / total
+        logs = logs + seen[i] * total.log()
+        gain = seen[i][..., None] * spread[..., 0] / total[..., None]
+        mean = mean + gain * off[..., None]
+        spread = spread - gain[..., None] * spread[..., None, 0, :]
+    counts = seen.sum(0)
+    scale = (STATED_COUNTS + squares) / (STATED_COUNTS + counts)
+    fit = -0.5 * (logs + (STATED_COUNTS + counts) * scale.log())
+
+    def back(values: Tensor) -> Tensor:
+        return values.reshape(n, c, k, m).permute(0, 2, 1, 3)
+
+    return back(fit), back(scale.sqrt())
+
+
+def _both_sides(spread: Tensor, transposed: Tensor) -> Tensor:
+    """``F P F^T`` of (b, r, 4, 4) for ``F^T`` (b, 4, 4), as two large products instead of many small ones."""
+    b, r = spread.shape[:2]
+    for _ in range(2):
+        spread = (spread.reshape(b, r * STATES, STATES) @ transposed).reshape(b, r, STATES, STATES).mT
+    return spread.contiguous()
+
+
+def _pitch(series: Series) -> Tensor:
+    """Distance (n,) of the starts of the first search, frames."""
+    return ((series.times[:, -1] - series.times[:, 0]) / STARTS).clamp_min(1.0)
+
+
+def _first(series: Series) -> tuple[Tensor, Tensor, Tensor]:
+    """Best of a few intervals (n, 2) with the best of a few intensities (n, k) each."""
+    pitch, begin = _pitch(series), series.times[:, 0]
+    shape = [(i, 2.0**j) for i in range(STARTS) for j in range(LONGEST + 1) if i + 2**j <= STARTS]
+    starts, lengths = series.times.new_tensor(shape).unbind(-1)
+    windows = begin[:, None, None] + pitch[:, None, None] * torch.stack((starts, starts + lengths), -1)
+    pairs = torch.cartesian_prod(torch.tensor(FIRST_FLIGHT), torch.tensor(FIRST_CONTACT)).to(series.times)
+    flight, contact = pairs.T[:, None, None, None].expand(-1, *series.value.shape[:2], 1, -1)
+    fit, _ = _posterior(series, windows, flight, contact)
+    return _best(fit, windows, flight, contact)[:3]
+
+
+def _refined(
+    series: Series, window: Tensor, flight: Tensor, contact: Tensor, step: Tensor, size: float
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Best neighbour of an interval (n, 2) and intensities (n, k), and its likelihood (n,)."""
+    moves = torch.cartesian_prod(*2 * [series.times.new_tensor([0.0, -1.0, 1.0])])
+    shifts = series.times.new_tensor(EDGE_MOVES)
+    windows = _possible(series, window[:, None] + step[:, None, None] * shifts)
+    scaled = flight[..., None, None] + size * moves[:, 0], contact[..., None, None] + size * moves[:, 1]
+    around = scaled[0].clamp(math.log10(QUIETEST), 8.0), scaled[1].clamp(-12.0, 12.0)
+    fit, _ = _posterior(series, windows, *around)
+    return _best(fit, windows, *around)
+
+
+def _possible(series: Series, windows: Tensor) -> Tensor:
+    """Intervals within the recording, no shorter than the shortest."""
+    begin, stop = series.times[:, :1], series.times[:, -1:]
+    start = torch.minimum(torch.maximum(windows[..., 0], begin), stop - SHORTEST)
+    end = torch.minimum(torch.maximum(windows[..., 1], start + SHORTEST), stop)
+    return torch.stack((start, end), -1)
+
+
+def _best(fit: Tensor, windows: Tensor, flight: Tensor, contact: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Interval (n, 2), intensities (n, k) and likelihood (n,) where (n, k, c, m) is highest in all k together."""
+    n, k, c, m = fit.shape
+    per_window, which = fit.max(-1)
+    top, place = per_window.sum(1).max(-1)
+    rows = torch.arange(n, device=fit.device)
+    chosen = which.gather(-1, place[:, None, None].expand(n, k, 1))
+    freedom = torch.arange(k, device=fit.device)
+
+    def at_best(values: Tensor) -> Tensor:
+        return values.expand(n, k, c, m)[rows[:, None], freedom, place[:, None]].gather(-1, chosen)[..., 0]
+
+    return windows[rows, place], at_best(flight), at_best(contact), top
+
+
+def _windows(series: Series, window: Tensor, flight: Tensor, contact: Tensor) -> Tensor:
+    """Intervals (n, c, 2) around the best, each as often as it is likely."""
+
+    def fits(windows: Tensor) -> Tensor:
+        return log_likelihood(series, windows, flight[..., None, None], contact[..., None, None])[0].sum((1, 3))
+
+    pitch = torch.full_like(window, 0.5)
+    for _ in range(3):
+        cross = torch.cat((torch.diag_embed(pitch), -torch.diag_embed(pitch), torch.zeros_like(pitch)[:, None]), 1)
+        around = fits(window[:, None] + cross)
+        drop = 2 * around[:, 4:] - around[:, :2] - around[:, 2:4]
+        # An edge whose likelihood falls by 1/2 within a standard deviation; a flat one is known to a few frames only.
+        pitch = (pitch / (drop.clamp_min(1e-6)).sqrt()).clamp(0.5 * FINEST_STEP, 3.0)
+    places = EDGE_SPACING * (torch.arange(EDGE_PLACES).to(series.times) - EDGE_PLACES // 2)
+    windows = _possible(series, window[:, None] + pitch[:, None] * torch.cartesian_prod(places, places))
+    chosen = _as_often(fits(windows).softmax(-1))
+    # Spread over the cells of the grid, so that the edges' standard deviation has no steps.
+    fill = torch.quasirandom.SobolEngine(2, scramble=True, seed=0).draw(CANDIDATES).to(pitch) - 0.5
+    moved = windows.gather(1, chosen[..., None].expand(-1, -1, 2)) + EDGE_SPACING * pitch[:, None] * fill
+    return _possible(series, moved)
+
+
+def _intensities(series: Series, window: Tensor, flight: Tensor, contact: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Powers of ten of the intensities, and factors on the noise (n, c, k), each as often as it is likely."""
+    pairs = torch.cartesian_prod(torch.tensor(AROUND_FLIGHT), torch.tensor(AROUND_CONTACT)).to(series.times)
+    flight = (flight[..., None, None] + pairs[:, 0]).clamp_min(math.log10(QUIETEST))
+    contact = contact[..., None, None] + pairs[:, 1]
+    fit, noise = _posterior(series, window[:, None], flight, contact)
+    chosen = _as_often(fit[:, :, 0].softmax(-1))
+    generator = torch.Generator().manual_seed(0)
+    # The degrees of freedom's own, in any combination.
+    mixed = torch.rand(chosen.shape, generator=generator).to(chosen.device).argsort(-1)
+    chosen = chosen.gather(-1, mixed)
+    flight, contact, noise = (v[:, :, 0].gather(-1, chosen).mT for v in (flight, contact, noise))
+    return flight, contact, noise
+
+
+def _as_often(weights: Tensor) -> Tensor:
+    """Numbers (..., c) of choices that each occur as often as their ``weights`` (..., m) ask for, in rising order."""
+    places = (torch.arange(CANDIDATES, device=weights.device) + 0.5) / CANDIDATES
+    sums = weights.cumsum(-1).contiguous()
+    places = places.to(sums).expand(*weights.shape[:-1], -1).contiguous()
+    return torch.searchsorted(sums, places).clamp_max(weights.shape[-1] - 1)

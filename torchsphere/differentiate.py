@@ -1,0 +1,173 @@
+"""Rates of the pose in px, rad and frames, by the smoother or by local polynomials, and what describes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torchsphere import bandwidth, contact, local, smooth
+from torchsphere.contact import UNKNOWN, Contact
+from torchsphere.poses import joined, poses
+from torchsphere.process import STATES
+from torchsphere.smooth import FREEDOMS, Poses, Smoothed
+from torchsphere.track import Track
+
+#: Motions drawn from what the data leave possible, for quantities that depend on many frames at once.
+DRAWS = 400
+
+#: Largest standard deviation of a smoothed value, in those of a pose's error, that says anything about it.
+MEANINGLESS = 0.3 * UNKNOWN**0.5
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Rates of n frames in px, rad and frames, with the standard deviations of what each frame has of its own.
+
+    Attributes
+    ----------
+    offset, sd_offset : ndarray
+        Of the position from the measured one (n, 2).
+    rate, acceleration, sd_rate, sd_acceleration : ndarray
+        (n, 5); NaN where not known.
+    drawn : tuple of ndarray or None
+        Rates and accelerations (s, n, 5) and contact intervals (s, 2) as likely as the data leave them.
+    interval : tuple of ndarray or None
+        Start and end (2,) of the contact and their standard deviations.
+    about : dict
+        Method, parameters, bandwidth per frame.
+    """
+
+    offset: Array
+    rate: Array
+    acceleration: Array
+    sd_offset: Array
+    sd_rate: Array
+    sd_acceleration: Array
+    drawn: tuple[Array, Array, Array] | None
+    interval: tuple[Array, Array] | None
+    about: dict[str, Any]
+
+
+def smoothed(tracks: Sequence[Track], times: Sequence[Array]) -> list[Motion]:
+    """Smoothed motion of each track."""
+    begins = [moments[0] for moments in times]
+    all_poses = poses(tracks, [moments - begin for moments, begin in zip(times, begins, strict=True)])
+    found = contact.find(all_poses.series())
+    states = smooth.smooth(all_poses, found)
+    mean, covariance = (v.numpy() for v in states.average())
+    sd = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1)).reshape(*mean.shape)
+    draws, windows = (v.numpy() for v in states.draw(DRAWS))
+    motions = []
+    for row, (moments, begin) in enumerate(zip(times, begins, strict=True)):
+        part = slice(0, len(moments))
+        unknown = _unknown(all_poses, states, sd, row)[part]
+        hidden = np.where(unknown, np.nan, 1.0)
+        lasting = np.sqrt(all_poses.drift[row, : len(moments) - 1].numpy().cumsum(0))
+        lasting = np.concatenate((np.zeros((1, FREEDOMS)), lasting))[:, :2]
+        drawn = draws[:, row, part, 1] * hidden, draws[:, row, part, 2] * hidden
+        is_there = bool(found.found[row])
+        edges = windows[:, row] + begin if is_there else np.full((DRAWS, 2), np.nan)
+        interval = _edges(states, row, begin) if is_there else None
+        motions.append(
+            Motion(
+                offset=mean[row, part, 0, :2] * hidden[:, :2],
+                rate=mean[row, part, 1] * hidden,
+                acceleration=mean[row, part, 2] * hidden,
+                sd_offset=np.hypot(sd[row, part, 0, :2], lasting) * hidden[:, :2],
+                sd_rate=sd[row, part, 1] * hidden,
+                sd_acceleration=sd[row, part, 2] * hidden,
+                drawn=(*drawn, edges),
+                interval=interval,
+                about=_about(all_poses, found, states, row, len(moments)),
+            )
+        )
+    return motions
+
+
+def _unknown(all_poses: Poses, states: Smoothed, sd: Array, row: int) -> NDArray[np.bool_]:
+    """(t, 5), True before the first and after the last frame that was seen, and where nothing is known."""
+    seen = all_poses.seen[row].numpy()
+    outside = ~(np.maximum.accumulate(seen) & np.maximum.accumulate(seen[::-1])[::-1])
+    return outside | (sd[row, :, :3] > MEANINGLESS * states.unit[row].numpy()).any(1)
+
+
+def _edges(states: Smoothed, row: int, begin: float) -> tuple[Array, Array]:
+    """Start and end (2,) of the contact and their standard deviations, frames."""
+    windows = states.windows[row].numpy()
+    return windows.mean(0) + begin, windows.std(0)
+
+
+def _about(all_poses: Poses, found: Contact, states: Smoothed, row: int, n: int) -> dict[str, Any]:
+    """Method, parameters and bandwidth, per frame."""
+    flight, touching, factor = (v[row].median(0).values for v in (found.flight, found.contact, found.noise))
+    about: dict[str, Any] = {
+        "method": "smoother",
+        "process": "white jerk in flight; in contact white snap from a jerk of unknown size",
+        "intensity_flight": flight.tolist(),
+        "intensity_contact": touching.tolist(),
+        "intensity_unit": "variance of a pose's error per frame^5 (flight) and frame^7 (contact); x, y, wx, wy, wz",
+        "noise_over_stated": factor.tolist(),
+        "contact_found": bool(found.found[row]),
+        "log_likelihood_gain_of_contact": float(found.gain[row]),
+    }
+    times = all_poses.times[row, :n].numpy()
+    variance = np.diagonal(all_poses.covariance[row, :n].numpy(), axis1=1, axis2=2) / states.unit[row].numpy() ** 2
+    window = tuple(states.windows[row].mean(0).tolist())
+    places = {"flight": _flight_frame(times, window)}
+    if about["contact_found"]:
+        places["contact"] = int(np.abs(times - np.mean(window)).argmin())
+    for name, group in (("translation", slice(0, 2)), ("rotation", slice(2, FREEDOMS))):
+        freedom = group.start + int((touching + flight)[group].argmax())
+        seen = all_poses.seen[row, :n, freedom].numpy()
+        if seen.sum() < STATES:
+            continue
+        noise = np.where(seen, variance[:, freedom], np.inf)
+        for regime, at in places.items():
+            own = float(flight[freedom]), float(touching[freedom])
+            weights, part = bandwidth.smoother_weights(times, noise, window, *own, at)
+            offsets = times[part] - times[at]
+            passed = [bandwidth.cutoff(weights[k], offsets, k + 1) for k in (0, 1)]
+            about[f"bandwidth_{regime}_{name}_per_frame"] = dict(zip(("rate", "acceleration"), passed, strict=True))
+    return about
+
+
+def _flight_frame(times: Array, window: tuple[float, ...]) -> int:
+    """The middle frame of the longer flight."""
+    before, after = times[times <= window[0]], times[times >= window[1]]
+    longer = before if len(before) >= len(after) else after
+    return int(np.searchsorted(times, longer[len(longer) // 2]))
+
+
+def polynomials(track: Track, times: Array, method: str, window: int, order: int) -> Motion:
+    """Motion by local polynomials."""
+    plain = method == "differences"
+    window, order = (3, 2) if plain else (window, order)
+    measured = poses([track], [times])
+    variance = np.diagonal(measured.covariance[0].numpy(), axis1=1, axis2=2)
+    increment = measured.step[0].numpy()
+    found = local.rates(times, increment, joined(track), variance, window=window, order=order, shifted=not plain)
+    seen = np.isfinite(track.position)
+    lasting = np.concatenate((np.zeros((1, 2)), measured.drift[0, :, :2].numpy().cumsum(0)))
+    passed = [bandwidth.cutoff(found.weights[k], found.offsets, k + 1) for k in (0, 1)]
+    return Motion(
+        offset=np.where(seen, 0.0, np.nan),
+        rate=found.first,
+        acceleration=found.second,
+        sd_offset=np.where(seen, np.sqrt(variance[:, :2] + lasting), np.nan),
+        sd_rate=np.sqrt(found.variance_first),
+        sd_acceleration=np.sqrt(found.variance_second),
+        drawn=None,
+        interval=None,
+        about={
+            "method": method,
+            "window_frames": window,
+            "order": order,
+            "bandwidth_per_frame": dict(zip(("rate", "acceleration"), passed, strict=True)),
+        },
+    )
