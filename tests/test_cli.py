@@ -118,6 +118,47 @@ def test_a_camera_comes_from_the_command_line_or_a_file_and_its_focal_length_fro
     assert all(float(row["vx_m_s"]) == pytest.approx(5.3 * 0.015 / 40 * 1000, rel=0.02) for row in table[1:-1])
 
 
+def test_without_a_mass_there_are_no_newtons_and_without_an_impact_the_summary_says_so(
+    tmp_path: Path, short: Path
+) -> None:
+    out = tmp_path / "result"
+    arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--fps", "36000", "--diameter-mm", "30"]
+    assert main([*arguments, "--quiet"]) == 0
+    head, _ = rows(out / "kinematics.csv")
+    assert not [name for name in head if name.endswith("_N")]
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["impact"] is None
+    assert any(sentence.startswith("No impact is reported: ") for sentence in summary["warnings"])
+    assert summary["differentiation"]["method"] == "smoother"
+
+
+def test_the_demo_s_impact_stands_in_the_summary_with_its_uncertainty(tmp_path: Path, shot: demo.Shot) -> None:
+    path = tmp_path / "shot.tif"
+    tifffile.imwrite(path, shot.images, photometric="minisblack")
+    out = tmp_path / "result"
+    arguments = ["track", str(path), "--out", str(out), "--fps", "36000", "--diameter-mm", "30", "--mass-g", "110"]
+    assert (
+        main([*arguments, "--method", "smoother", "--normal-deg", "180", "--scale-sd-percent", "0.1", "--quiet"]) == 0
+    )
+    summary = json.loads((out / "summary.json").read_text())
+    found = summary["impact"]
+    # The demo's ball comes at 71.55 m/s and leaves at -32.4 m/s, and its force peaks at 53.7 kN.
+    for name, true, part in (("velocity_before", 71.55, 0), ("velocity_after", -32.4, 0)):
+        assert abs(found[name]["value"][part] - true) < 3 * found[name]["sd"][part]
+    assert found["restitution_normal"]["value"] == pytest.approx(32.4 / 71.55, abs=0.005)
+    peak = found["peak_force"]
+    assert abs(np.max(np.abs(peak["value"])) - 53730) < 3.5 * np.max(np.abs(peak["sd"]))
+    assert peak["unit"] == "N"
+
+
+@pytest.mark.parametrize("method", ["savitzky-golay", "differences"])
+def test_other_ways_to_differentiate_are_named_in_the_summary(method: str, tmp_path: Path, short: Path) -> None:
+    out = tmp_path / "result"
+    arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--fps", "36000", "--mm-per-px", "0.375"]
+    assert main([*arguments, "--method", method, "--window", "5", "--order", "2", "--quiet"]) == 0
+    assert json.loads((out / "summary.json").read_text())["differentiation"]["method"] == method
+
+
 def test_an_existing_result_is_replaced_only_on_request_and_other_files_never(
     tmp_path: Path, short: Path, capsys
 ) -> None:
@@ -203,6 +244,23 @@ BAD_OPTIONS = {
     "two distances": ["--model", "pinhole", "--focal-px", "500", "--distance-mm", "500", "--diameter-mm", "30"],
     "distance within the ball": ["--model", "pinhole", "--distance-mm", "10", "--diameter-mm", "30"],
     "distortion of two numbers": ["--model", "pinhole", "--focal-px", "500", "--distortion", "0.1,0"],
+    "unknown method": ["--method", "guessing"],
+    "shell without a mass": ["--circle", CIRCLE, "--diameter-mm", "30", "--shell-mm", "2"],
+    "shell thicker than the ball": [
+        *("--circle", CIRCLE, "--diameter-mm", "30", "--mass-g", "110", "--fps", "1000", "--shell-mm", "20")
+    ],
+    "even window": [
+        "--circle",
+        CIRCLE,
+        "--diameter-mm",
+        "30",
+        "--fps",
+        "1000",
+        "--method",
+        "savitzky-golay",
+        "--window",
+        "4",
+    ],
     "unknown option": ["--colour", "red"],
     "config missing": ["--config", "nowhere.toml"],
 }
