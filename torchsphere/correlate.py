@@ -227,7 +227,7 @@ def solve(
 
     ``circles`` (n, 3) of the ball in the reference images, float64 on the CPU; ``start`` (n, 5).
     """
-    if options.model not in ("rigid", "pinhole", "pinhole6"):
+    if motion.MODELS[options.model] not in (motion.rigid, *motion.EXACT):
         return _solve(crops_f, c_f, crops_g, c_g, circles, start, options)
     exact = "finite" if options.model == "rigid" else options.model
     exactly = dataclasses.replace(options, model=exact, jacobian="autograd")
