@@ -5,8 +5,8 @@ to 0.045 of the way of the ball's front into x; from 20 px on the size of the ba
 with the printed field itself show nothing. The rigid modes recover 1.00 from 35 px on, and x to 0.001 px from regions
 of 0.7 and more.
 
-Modes 3 and 4 as the paper prints them (section 2.2) lack the factor ``sqrt(R^2 - y^2) / R`` of a rotation (PHYSICS.md,
-section 2). Its figure 2 moves images with the same field that is then fitted, and cannot see it. Both are done here:
+Modes 3 and 4 as the paper prints them (section 2.2) lack the factor ``sqrt(R^2 - y^2) / R`` of a rotation.
+Its figure 2 moves images with the same field that is then fitted, and cannot see it. Both are done here:
 
 - rendered: Mitsuba turns the ball by 0.5 deg per frame about y, orthographic camera, steps of (1.4, 0.2) +- 0.3 px;
 - advected: each of these frames, before noise and rounding, is displaced with the printed field itself, as the paper
@@ -18,7 +18,7 @@ the root of their number. R w is the way of the ball's front.
 
 The fields alone tell what to expect: the least squares fit of the field that moved the ball by that of the model, all
 points of the region counting alike. They differ by a hundredth to 0.08, for foreshortened texture counts more near the
-outline. PHYSICS.md's own numbers, measured with another renderer and other patterns, stand beside it.
+outline. An earlier measurement with another renderer and other patterns stands beside it.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ CASE = replace(BASE, turn=TURN_DEG, axis=(0.0, 1.0, 0.0), frames=9, samples=64)
 #: Regions, of a ball of 50 px, and radii, of a region of 0.9.
 REGIONS, RADII, REGION = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95), (10, 20, 35, 50, 75, 100), 0.9
 
-#: PHYSICS.md, section 2: by region, the leak and the share of the rotation recovered with the printed modes, and the
+#: An earlier measurement: by region, the leak and the share of the rotation recovered with the printed modes, and the
 #: standard deviation of x with the rigid ones, px.
 KNOWN = {
     0.5: (-0.264, 0.695, 0.043),
@@ -165,7 +165,7 @@ def _draw(axis: Axes, results: Results, by_region: bool, recovered: bool) -> Non
             axis.errorbar(values, points[:, 0], points[:, 1], ms=6, capsize=2, label=f"{model}, {way}", **style)
     if by_region:
         known = [KNOWN[v][recovered] for v in KNOWN]
-        axis.plot(list(KNOWN), known, "k+", ms=12, mew=1.6, label="published, PHYSICS.md")
+        axis.plot(list(KNOWN), known, "k+", ms=12, mew=1.6, label="published, earlier measurement")
     axis.axhline(float(recovered), color="0.6", lw=0.8, zorder=0)
     if not by_region:
         axis.set_xscale("log")
@@ -194,10 +194,10 @@ def plot(results: Results) -> None:
 
 
 def print_table(results: Results) -> None:
-    """All costs, beside what the fields alone lead to expect and what PHYSICS.md says."""
+    """All costs, beside what the fields alone lead to expect and what an earlier measurement says."""
     print(
         "| R (px) | region / R | moved by | model | error of x / (R w) | bias of x (px) | rotation measured / true "
-        "| std of x (px) | expected | PHYSICS.md |\n|" + 10 * "---|"
+        "| std of x (px) | expected | earlier |\n|" + 10 * "---|"
     )
     for (radius, region, way, model), found in results.items():
         bias = found.leak[0] * radius * math.radians(TURN_DEG)

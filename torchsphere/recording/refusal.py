@@ -53,6 +53,10 @@ def looks_like(head: bytes) -> str:
     return f"unknown data (first bytes {head[:8].hex(' ')})"
 
 
+class LibraryMissingError(OSError):
+    """A library that reading needs is not installed: nothing is wrong with the file."""
+
+
 @contextmanager
 def library_failures(path: Path, expected: str) -> Iterator[None]:
     """Turn whatever a decoding library raises into one ``OSError`` about the file.
@@ -63,7 +67,7 @@ def library_failures(path: Path, expected: str) -> Iterator[None]:
     """
     try:
         yield
-    except (FileNotFoundError, PermissionError):
+    except (FileNotFoundError, PermissionError, LibraryMissingError):
         raise
     except Exception as error:
         reason = " ".join(str(error).split())[:160].rstrip(".") or type(error).__name__

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from torchsphere.recording.grey import GREY_NOTE, to_grey
 from torchsphere.recording.recording import Recording
-from torchsphere.recording.refusal import library_failures, looks_like
+from torchsphere.recording.refusal import LibraryMissingError, library_failures, looks_like
 
 if TYPE_CHECKING:
     import av
@@ -193,7 +193,7 @@ class _Cursor:
             # Imported here: most recordings need no video library.
             import av
         except ImportError as error:
-            raise OSError(
+            raise LibraryMissingError(
                 f'{self._path}: reading video needs PyAV, which is not installed; run: pip install "torchsphere[video]"'
             ) from error
         return av.open(str(self._path), mode="r", format=self._reader)
