@@ -63,7 +63,8 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
     by_outline = float((fit.circle[:, 2] / _relative_size(followed, found, _spread(frames))).nanmedian())
     known = by_outline if math.isfinite(by_outline) else found.radius
     contrast = float(fit.contrast.median()) / _pattern_sd(source, found)
-    systematic = SYSTEMATIC_PX * max(FULL_CONTRAST / max(contrast, 1e-3), 0.5) ** 2
+    # A faint edge says little, but the ball was found: it is no other size than that by more than may be corrected.
+    systematic = min(SYSTEMATIC_PX * max(FULL_CONTRAST / max(contrast, 1e-3), 0.5) ** 2, MAX_CHANGE * known)
     radius, sd = known, math.hypot(found.sd_radius, systematic)
     for _ in range(2):
         tried = dataclasses.replace(found, radius=radius)

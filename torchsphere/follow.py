@@ -250,7 +250,14 @@ class Follower:
         best = ranked(pair, here, self.radius, starts, self.ignore, self.options)
         found = self._correlate_one(pair, here, best[0] if len(best) else unturned)
         gone = self._in_frame(here + expected[:2]) < MIN_IN_FRAME
-        if found.status[0] == "ok" or gone or motion.MODELS[self.options.model] not in (motion.rigid, *motion.EXACT):
+        # A plain ball has nothing to be sought by.
+        plain = self._plain and found.status[0] == "weak_texture"
+        if (
+            found.status[0] == "ok"
+            or gone
+            or plain
+            or motion.MODELS[self.options.model] not in (motion.rigid, *motion.EXACT)
+        ):
             return found
         wide = search.guesses(pair[0], pair[1], here, self.radius, self.ignore)
         if self.in_place:

@@ -19,8 +19,8 @@ from torchsphere.crop import Crops
 MIN_SHIFT_PX = (0.05, 0.15)
 
 #: A shift counts when it is as many of its standard deviations, and explains this share of what the rows differ by.
-#: Where the texture is finer than a field's rows, the rows differ anyway: measured shares of 0.05 at most, and 0.14 where
-#: the fields are 3 px apart, far beyond the first order.
+#: Where the texture is finer than a field's rows, the rows differ anyway: measured shares of 0.05 at most, and 0.14
+#: where the fields are 3 px apart, far beyond the first order.
 SIGNIFICANT, EXPLAINED = 5.0, 0.08
 
 #: Share of the images that must agree.
