@@ -31,9 +31,9 @@ LAYERS = (
     ("poses", "bandwidth", "local"),
     ("differentiate", "shared"),
     ("kinematics",),
-    ("impact", "instruments"),
+    ("impact", "instruments", "plan"),
     ("results", "report", "demo"),
-    ("measure",),
+    ("measure", "plan_cli"),
     ("cli",),
     ("__main__",),
 )

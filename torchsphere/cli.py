@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 
 from tqdm import tqdm
 
-from torchsphere import __version__, demo, motion
+from torchsphere import __version__, demo, motion, plan_cli
 from torchsphere.kinematics import METHODS
 from torchsphere.measure import Measurement, Request, circle_text, measure
 from torchsphere.recording import Recording, open_recording
@@ -59,6 +59,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_demo(commands)
     _add_info(commands)
     _add_track(commands)
+    plan_cli.add(commands)
     return parser
 
 

@@ -46,7 +46,7 @@ def check_folder(folder: Path, overwrite: bool) -> None:
         return
     if not overwrite:
         raise FileExistsError(f"{folder} exists and is not empty; give another folder, or --overwrite to replace it")
-    if not (folder / "summary.json").is_file():
+    if not any((folder / name).is_file() for name in ("summary.json", "plan.json")):
         raise FileExistsError(f"{folder} holds files that are no result of torchsphere; they are not overwritten")
 
 

@@ -1,0 +1,261 @@
+"""The command ``torchsphere plan``: its options and its folder."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import functools
+import math
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from torchsphere import results
+from torchsphere.plan import camera_modes, example_image, free_flight, plan, rehearsal
+from torchsphere.plan import text as plan_text
+from torchsphere.plan.example_image import Example
+from torchsphere.plan.expected import Setup
+from torchsphere.plan.free_flight import Flight
+from torchsphere.plan.plan import Plan
+from torchsphere.recording import open_recording
+from torchsphere.report import plan_figure
+from torchsphere.track import track
+
+#: Effective modulus of a steel ball on an aluminium target, Pa: 1 / (0.91 / 210 GPa + 0.89 / 72 GPa), the ball and the
+#: bar of the paper's section 5.
+STEEL_ON_ALUMINIUM_PA = 60e9
+
+EXAMPLE = (
+    "torchsphere plan --speed 72 --fps 36000 --shutter-us 12.3 --px-per-mm 3.6 --diameter-mm 30 --mass-g 110 "
+    "--spin-rev-s 0,5,0 --noise 2 --width 512 --contact-us 230 --modes camera.csv --out plan"
+)
+OF_FLIGHT = "torchsphere plan --flight shot.cihx --diameter-mm 30 --mass-g 110 --out plan"
+HELP = "Before the test: motion blur, frames in view, expected uncertainty of velocity, spin and force."
+NEEDED = ("speed", "fps", "shutter_us", "px_per_mm", "diameter_mm", "mass_g", "noise")
+OF_IMAGES = ("speed", "px_per_mm", "noise", "image", "speckle_px", "grey", "modes", "field_mm", "blurred")
+
+
+def add(commands: Any) -> None:
+    """Add the command to those of ``torchsphere``."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "plan",
+        help=HELP,
+        description=HELP + " From an example image or a rendered pattern, or from a recording of a free flight.",
+        epilog=f"examples:  {EXAMPLE}   or   {OF_FLIGHT}",
+        allow_abbrev=False,
+    )
+    parser.set_defaults(command=run)
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for plan.json and plan.png")
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier plan")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar, no table")
+    test = parser.add_argument_group("the test")
+    test.add_argument("--speed", type=float, metavar="V", help="of the ball, m/s")
+    test.add_argument("--direction-deg", type=float, metavar="A", help="of its flight, from right towards down (0)")
+    test.add_argument("--spin-rev-s", type=_numbers(3, "X,Y,Z"), metavar="X,Y,Z", help="its spin, rev/s (0,0,0)")
+    test.add_argument("--diameter-mm", type=float, metavar="D", help="diameter of the ball")
+    test.add_argument("--mass-g", type=float, metavar="M", help="mass of the ball")
+    test.add_argument("--contact-us", type=float, metavar="T", help="duration of the contact (elastic, Hertz)")
+    test.add_argument(
+        "--restitution", type=float, default=0.3, metavar="E", help="speed after over before (%(default)g)"
+    )
+    camera = parser.add_argument_group("the camera")
+    camera.add_argument("--fps", type=float, metavar="F", help="frame rate, 1/s")
+    camera.add_argument("--shutter-us", type=float, metavar="T", help="exposure time")
+    camera.add_argument("--px-per-mm", type=float, metavar="P", help="scale in the ball's plane (--circle's)")
+    camera.add_argument("--noise", type=float, metavar="S", help="sd of a pixel between images, grey levels")
+    camera.add_argument(
+        "--width", type=int, metavar="W", help="of the image along the flight, px: for the frames in view"
+    )
+    camera.add_argument("--modes", type=Path, metavar="FILE.csv", help="its modes: width_px, height_px, fps_max")
+    camera.add_argument("--field-mm", type=float, metavar="W", help="width that all modes show (they keep px per mm)")
+    look = parser.add_argument_group("what the ball looks like: images of it, a rendered pattern, or a free flight")
+    look.add_argument("--image", type=Path, action="append", metavar="FILE", help="sharp image; again for other sides")
+    look.add_argument(
+        "--circle",
+        type=_numbers(3, "X,Y,R"),
+        action="append",
+        metavar="X,Y,R",
+        help="outline in it, px (in the flight: found)",
+    )
+    look.add_argument("--blurred", action="store_true", default=None, help="the images show the test's motion blur")
+    look.add_argument("--speckle-px", type=float, metavar="S", help="size of the rendered spots (4)")
+    look.add_argument("--grey", type=_numbers(2, "LOW,HIGH"), metavar="LOW,HIGH", help="their grey levels (30,220)")
+    look.add_argument("--flight", type=Path, metavar="INPUT", help="recording, or result of 'track', without a target")
+
+
+def _numbers(count: int, names: str) -> Callable[[str], tuple[float, ...]]:
+    """What reads ``count`` finite numbers from 'a,b,c'."""
+
+    def read(text: str) -> tuple[float, ...]:
+        try:
+            values = tuple(float(v) for v in text.split(","))
+        except ValueError:
+            values = ()
+        if len(values) != count or not all(map(math.isfinite, values)):
+            raise argparse.ArgumentTypeError(f"{text!r} is not {names}, {count} numbers")
+        return values
+
+    return read
+
+
+def run(options: dict[str, Any]) -> int:
+    """Make the plan, write its folder, print its table; 0 when it was written.
+
+    Raises
+    ------
+    ValueError, OSError
+        With one sentence on what is wrong; then nothing has been written.
+    """
+    out, overwrite, quiet = (options.pop(name) for name in ("out", "overwrite", "quiet"))
+    results.check_folder(out, overwrite)
+    made = _from_flight(options, quiet) if options["flight"] is not None else _from_images(options, quiet)
+    with results.whole_folder(out, overwrite) as folder:
+        results.write_summary(folder, plan.as_table(made))
+        (folder / "summary.json").rename(folder / "plan.json")
+        plan_figure.plan_figure(folder / "plan.png", made)
+    if not quiet:
+        print(f"{plan_text.text(made)}\nresult  {out}")  # noqa: T201  (the command line)
+    return 0
+
+
+def _from_images(options: dict[str, Any], quiet: bool) -> Plan:
+    images, circles = options["image"] or [], options["circle"] or []
+    if len(images) != len(circles):
+        raise ValueError(
+            f"{len(images)} --image and {len(circles)} --circle were given; each image needs its circle: find it with "
+            "'torchsphere info'"
+        )
+    if images and (options["speckle_px"] is not None or options["grey"] is not None):
+        raise ValueError("--image and a rendered pattern (--speckle-px, --grey) were both given; leave one out")
+    if not images and options["blurred"]:
+        raise ValueError("--blurred speaks of an image, and none was given; add --image, or leave it out")
+    if options["field_mm"] is not None and options["modes"] is None:
+        raise ValueError("--field-mm speaks of the camera's modes, and none were given; add --modes, or leave it out")
+    if images and options["px_per_mm"] is None and options["diameter_mm"]:
+        options["px_per_mm"] = 2 * circles[0][2] / options["diameter_mm"]
+    missing = [f"--{name.replace('_', '-')}" for name in NEEDED if options[name] is None]
+    if missing:
+        raise ValueError(f"a plan needs {', '.join(missing)}; or give --flight, a recording without a target")
+    setup = Setup(
+        speed_m_s=options["speed"],
+        direction_deg=options["direction_deg"] or 0.0,
+        spin_rev_s=options["spin_rev_s"] or (0.0, 0.0, 0.0),
+        frame_rate=options["fps"],
+        shutter_s=1e-6 * options["shutter_us"],
+        px_per_mm=options["px_per_mm"],
+        diameter_mm=options["diameter_mm"],
+        mass_g=options["mass_g"],
+        noise=options["noise"],
+    )
+    modes = camera_modes.read_modes(options["modes"]) if options["modes"] is not None else []
+    with _progress(quiet) as progress:
+        return plan.from_images(
+            _look(options, setup, images, circles),
+            setup,
+            _target(options, setup),
+            width_px=_width(options),
+            modes=modes,
+            field_mm=_positive("--field-mm", options["field_mm"]),
+            is_blurred=bool(options["blurred"]),
+            progress=progress,
+        )
+
+
+def _look(
+    options: dict[str, Any], setup: Setup, images: Sequence[Path], circles: Sequence[tuple[float, float, float]]
+) -> camera_modes.Look:
+    """Examples of the ball: the images, or a pattern whose spots grow with the ball."""
+    if images:
+        noise = setup.noise or 0.0
+        filmed = [example_image.filmed(path, circle, noise) for path, circle in zip(images, circles, strict=True)]
+        return lambda radius_px: filmed
+    speckle = 4.0 if options["speckle_px"] is None else options["speckle_px"]
+    low, high = options["grey"] or (30.0, 220.0)
+
+    @functools.lru_cache(maxsize=4)
+    def look(radius_px: float) -> tuple[Example, ...]:
+        return example_image.painted(radius_px, speckle * radius_px / setup.radius_px, low, high)
+
+    return look
+
+
+def _target(options: dict[str, Any], setup: Setup) -> rehearsal.Target:
+    if options["contact_us"] is not None:
+        return rehearsal.Target(1e-6 * options["contact_us"], options["restitution"], "given")
+    origin = "estimated: elastic, steel on aluminium; what yields or bends takes longer, see --contact-us"
+    return rehearsal.Target(rehearsal.hertz(setup, STEEL_ON_ALUMINIUM_PA), options["restitution"], origin)
+
+
+def _width(options: dict[str, Any]) -> int | None:
+    width = options["width"]
+    _positive("--width", width)
+    return None if width is None else int(width)
+
+
+def _positive(name: str, value: float | None) -> float | None:
+    if value is not None and not (math.isfinite(value) and value > 0):
+        raise ValueError(f"{name} {value:g}: expected a finite, positive number")
+    return value
+
+
+def _from_flight(options: dict[str, Any], quiet: bool) -> Plan:
+    given = [f"--{name.replace('_', '-')}" for name in OF_IMAGES if options[name] is not None]
+    given += [
+        name for name, key in (("--direction-deg", "direction_deg"), ("--spin-rev-s", "spin_rev_s")) if options[key]
+    ]
+    if given:
+        raise ValueError(f"--flight measures what {', '.join(given)} would say; leave one of both out")
+    path: Path = options["flight"]
+    known = {key: options[name] for key, name in (("frame_rate", "fps"), ("diameter_mm", "diameter_mm"))}
+    for name in ("fps", "diameter_mm", "mass_g", "shutter_us"):
+        _positive(f"--{name.replace('_', '-')}", options[name])
+    shutter = None if options["shutter_us"] is None else 1e-6 * options["shutter_us"]
+    if (path / "summary.json").is_file():
+        if options["circle"]:
+            raise ValueError(f"--circle: {path} has been tracked already, with its own; leave the option out")
+        flight = free_flight.from_result(path, mass_g=options["mass_g"], shutter_s=shutter, **known)
+        return plan.from_flight(flight, _target(options, flight.setup), _width(options))
+    circles = options["circle"] or [None]
+    if len(circles) > 1:
+        raise ValueError(f"{len(circles)} --circle were given for one recording; leave all but the first frame's out")
+    flight, width = _tracked(path, circles[0], options["mass_g"], shutter, known, quiet)
+    return plan.from_flight(flight, _target(options, flight.setup), _width(options) or width)
+
+
+def _tracked(
+    path: Path,
+    circle: tuple[float, float, float] | None,
+    mass_g: float | None,
+    shutter_s: float | None,
+    known: dict[str, Any],
+    quiet: bool,
+) -> tuple[Flight, int]:
+    """The flight from a recording, and the width of its images."""
+    with open_recording(path) as recording:
+        known["frame_rate"] = known["frame_rate"] or recording.frame_rate
+        exposure = shutter_s or recording.exposure_s
+        # Before the work of tracking.
+        free_flight.require(f"recording {path.name}", known["frame_rate"], known["diameter_mm"], mass_g)
+        with _progress(quiet) as progress:
+            # Increments from frame to frame, as in the paper's table; a map would hide what they scatter.
+            tracked = track(recording, circle, sphere_map=False, progress=progress)
+        origin = f"recording {path.name}"
+        return free_flight.from_track(tracked, origin, mass_g=mass_g, shutter_s=exposure, **known), recording.shape[2]
+
+
+@contextlib.contextmanager
+def _progress(quiet: bool) -> Any:
+    """A callback that shows a bar on stderr, or None."""
+    if quiet:
+        yield None
+        return
+    with tqdm(file=sys.stderr, leave=False, desc="planning", delay=1.0) as bar:
+
+        def advance(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield advance
