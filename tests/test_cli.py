@@ -241,6 +241,8 @@ BAD_OPTIONS = {
     "pinhole without a camera": ["--circle", CIRCLE, "--model", "pinhole"],
     "camera without pinhole": ["--circle", CIRCLE, "--focal-px", "500"],
     "distance without a diameter": ["--circle", CIRCLE, "--model", "pinhole", "--distance-mm", "500"],
+    "distortion without pinhole": ["--circle", CIRCLE, "--distortion", "0.1,0,0"],
+    "principal point without pinhole": ["--circle", CIRCLE, "--principal-px", "60,60"],
     "two distances": ["--model", "pinhole", "--focal-px", "500", "--distance-mm", "500", "--diameter-mm", "30"],
     "distance within the ball": ["--model", "pinhole", "--distance-mm", "10", "--diameter-mm", "30"],
     "distortion of two numbers": ["--model", "pinhole", "--focal-px", "500", "--distortion", "0.1,0"],

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from torchsphere import camera
 from torchsphere.differentiate import Motion, polynomials, smoothed
+from torchsphere.plane import in_plane
 from torchsphere.shared import ROTATION_PER_RADIUS, Shared
 from torchsphere.track import Track
 
@@ -128,7 +129,7 @@ def kinematics(
     Parameters
     ----------
     track : Track
-        What was measured, px and frames.
+        What was measured, px and frames; with a camera it is brought into the plane of the first depth.
     frame_rate : float
         Frames per second.
     diameter_m, m_per_px : float
@@ -163,6 +164,7 @@ def kinematics(
     Velocity is increment over frame interval, force is mass times acceleration: sections 2.2 and 5 of the paper.
     """
     scale = _scale(track, frame_rate, diameter_m, m_per_px, relative_sd_scale, mass_kg)
+    track = in_plane(track)
     times = _times(track, frame_rate, first_frame, times_s)
     if method not in METHODS:
         raise ValueError(f"method = {method!r}: expected one of {', '.join(METHODS)}")
@@ -196,6 +198,7 @@ def kinematics_of_many(
     ValueError
         As `kinematics`.
     """
+    tracks = [in_plane(track) for track in tracks]
     scales = [_scale(track, frame_rate, diameter_m, m_per_px, relative_sd_scale, mass_kg) for track in tracks]
     times = [_times(track, frame_rate, 0, None) for track in tracks]
     motions = smoothed(tracks, times) if tracks else []

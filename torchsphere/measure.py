@@ -24,7 +24,6 @@ from torchsphere.impact import Impact, ball, impact
 from torchsphere.kinematics import METHODS, ORDER, ROTATION_PER_RADIUS, WINDOW, Kinematics, kinematics
 from torchsphere.masks import read_ignore
 from torchsphere.perspective import Camera
-from torchsphere.plane import in_plane
 from torchsphere.recording import Recording, open_recording
 from torchsphere.report import figures
 from torchsphere.track import Track, track
@@ -140,6 +139,10 @@ class Request:
                 f"model {self.model!r}: the models pinhole and pinhole6 need a camera, and only they take one; give "
                 "focal_px, or distance_mm with diameter_mm, together with one of them"
             )
+        if not self.model.startswith("pinhole") and (self.principal_px is not None or any(self.distortion)):
+            raise ValueError(
+                f"principal_px and distortion belong to the models pinhole and pinhole6; {self.model!r} heeds neither"
+            )
         self.camera()
 
     def camera(self) -> Camera | None:
@@ -235,7 +238,7 @@ def _kinematics(request: Request, tracked: Track, frame_rate: float | None, star
     if frame_rate is None or (request.diameter_mm is None and request.mm_per_px is None):
         return None
     return kinematics(
-        in_plane(tracked),
+        tracked,
         frame_rate=frame_rate,
         diameter_m=None if request.diameter_mm is None else 1e-3 * request.diameter_mm,
         m_per_px=None if request.mm_per_px is None else 1e-3 * request.mm_per_px,

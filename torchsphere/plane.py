@@ -27,7 +27,7 @@ def in_plane(track: Track) -> Track:
 
     The uncertainty of the ball's size enters that of the steps, since it shifts a ball beside the optical axis.
     """
-    if track.settings["camera"] is None:
+    if track.settings.get("camera") is None:
         return track
     camera = Camera(**track.settings["camera"])
     nearer = track.radius / track.circle.radius

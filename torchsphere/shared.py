@@ -9,12 +9,17 @@ from numpy.typing import NDArray
 
 from torchsphere.camera import Scale
 from torchsphere.drift import STEP_PER_RADIUS
-from torchsphere.poses import steady_share
+from torchsphere.poses import on_map, steady_share
 from torchsphere.track import Track
 
 #: Relative change of the rotation for a relative change of the radius. Measured at 0.5 deg per frame and R = 50 px: an
 #: error of 1 px in the radius (2 %) changes the rotation by 0.021 deg (4.2 %).
 ROTATION_PER_RADIUS = 2.1
+
+#: Least that all steps of a flight may be off by, px and rad: the bias of steps that do not depend on their noise, over
+#: patterns, speckle sizes and rendered shots 0.001 to 0.004 px and 0.001 to 0.003 deg, with a map a seventh of it.
+STEADY = np.array([0.002, 0.002, *3 * [np.radians(0.002)]])
+ON_MAP = 1 / 7
 
 Array = NDArray[np.float64]
 
@@ -51,7 +56,7 @@ class Shared:
         known = np.isfinite(own)
         typical = [np.sqrt(np.median(own[known[:, k], k])) if known[:, k].any() else 0.0 for k in range(5)]
         return Shared(
-            steady=steady_share(track) * np.array(typical),
+            steady=np.hypot(steady_share(track) * np.array(typical), STEADY * (ON_MAP if on_map(track) else 1)),
             scale=scale.sd_m_per_px / scale.m_per_px,
             step=STEP_PER_RADIUS * sd_radius,
             rotation=ROTATION_PER_RADIUS * sd_radius / track.circle.radius,
