@@ -23,7 +23,7 @@ LAYERS = (
     ("symmetric", "rescue", "mapped"),
     ("follow",),
     ("calibrate", "orientation", "camera"),
-    ("drift",),
+    ("drift", "steady"),
     ("track",),
     ("process", "plane", "baselines"),
     ("contact",),

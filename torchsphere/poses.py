@@ -25,10 +25,6 @@ Array = NDArray[np.float64]
 #: a chain of 40 to 60 frames beside a straight line was 1.0 to 1.3 times the expected. With a map 0.7 to 1.1 without.
 DRIFT_SHARE = 0.08
 
-#: Standard deviation of what all increments of a flight are off by, in standard deviations of one: 0.17 (root mean
-#: square over x, y, wx, wy, 10 tracks at 0 to 1.7 deg per frame) and 0.07 (5 tracks with a map).
-STEADY_SHARE, STEADY_SHARE_MAP = 0.17, 0.07
-
 #: Standard deviation, px, of a position found anew by the outline, against those before.
 REFOUND_PX = 0.05
 
@@ -60,11 +56,6 @@ def joined(track: Track) -> NDArray[np.bool_]:
     """(n - 1, 2), True where the increment's translation, and its rotation, was measured."""
     translation = np.isfinite(track.increment[:, :2]).all(1)
     return np.stack((translation, translation & np.isfinite(track.increment[:, 2:]).all(1)), 1)
-
-
-def steady_share(track: Track) -> float:
-    """What all increments of a flight may be off by, in standard deviations of one."""
-    return STEADY_SHARE_MAP if on_map(track) else STEADY_SHARE
 
 
 def on_map(track: Track) -> bool:

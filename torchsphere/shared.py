@@ -9,17 +9,11 @@ from numpy.typing import NDArray
 
 from torchsphere.camera import Scale
 from torchsphere.drift import STEP_PER_RADIUS
-from torchsphere.poses import on_map, steady_share
 from torchsphere.track import Track
 
 #: Relative change of the rotation for a relative change of the radius. Measured at 0.5 deg per frame and R = 50 px: an
 #: error of 1 px in the radius (2 %) changes the rotation by 0.021 deg (4.2 %).
 ROTATION_PER_RADIUS = 2.1
-
-#: Least that all steps of a flight may be off by, px and rad: the bias of steps that do not depend on their noise, over
-#: patterns, speckle sizes and rendered shots 0.001 to 0.004 px and 0.001 to 0.003 deg, with a map a seventh of it.
-STEADY = np.array([0.002, 0.002, *3 * [np.radians(0.002)]])
-ON_MAP = 1 / 7
 
 Array = NDArray[np.float64]
 
@@ -52,11 +46,8 @@ class Shared:
     def of(track: Track, scale: Scale) -> Shared:
         """What the frames of a track share; a circle without an uncertainty adds none, and the summary says so."""
         sd_radius = float(np.nan_to_num(track.circle.sd_radius))
-        own = np.diagonal(track.covariance, axis1=1, axis2=2)
-        known = np.isfinite(own)
-        typical = [np.sqrt(np.median(own[known[:, k], k])) if known[:, k].any() else 0.0 for k in range(5)]
         return Shared(
-            steady=np.hypot(steady_share(track) * np.array(typical), STEADY * (ON_MAP if on_map(track) else 1)),
+            steady=track.sd_steady,
             scale=scale.sd_m_per_px / scale.m_per_px,
             step=STEP_PER_RADIUS * sd_radius,
             rotation=ROTATION_PER_RADIUS * sd_radius / track.circle.radius,
@@ -68,6 +59,17 @@ class Shared:
         of_radius = self.step * np.nan_to_num(values[:, [3, 2]])
         steps = np.hypot(np.hypot(own[:, :2], of_radius), self.scale * values[:, :2])
         return np.concatenate((steps, np.hypot(own[:, 2:], self.rotation * values[:, 2:])), 1)
+
+    def steady_change(self, frames: Array, contact: Array | None) -> Array:
+        """Standard deviation (n, 5) of the steady error's change per frame, at the times ``frames`` (n,).
+
+        Along a flight it may change by its own size; in the contact, start and end (2,) in frames, it becomes another.
+        """
+        begin, stop = frames[[0, -1]]
+        start, end = (stop, stop) if contact is None else contact
+        lengths = np.maximum([start - begin, (end - start) / np.sqrt(2), stop - end], 1.0)
+        part = (frames > start).astype(int) + (frames >= end)
+        return self.steady / lengths[np.where(start < end, part, 0)][:, None]
 
     def draw(self, rate: Array, acceleration: Array, frames: Array, edges: Array) -> tuple[Array, Array]:
         """Drawn rates and accelerations (s, n, 5), each with a scale, a radius and steady errors of its own.
@@ -86,4 +88,5 @@ class Shared:
             moved = (values[..., :2] + of_radius) * (1 + self.scale * scale)
             return np.concatenate((moved, values[..., 2:] * (1 + self.rotation * rotation)), -1)
 
-        return disturbed(rate + steady[0] * (1 - after) + steady[1] * after), disturbed(acceleration)
+        becoming = (steady[1] - steady[0]) / length[..., None] * ((after > 0) & (after < 1))
+        return disturbed(rate + steady[0] * (1 - after) + steady[1] * after), disturbed(acceleration + becoming)

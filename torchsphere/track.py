@@ -20,6 +20,7 @@ from torchsphere.follow import Follower, Progress
 from torchsphere.inputs import as_mask, check_circle
 from torchsphere.perspective import sphere_of_outline
 from torchsphere.source import Source
+from torchsphere.steady import sd_steady
 
 #: Change of the radius by the map, as a share of it, after which frames that were not measured are tried again.
 WRONG_RADIUS = 0.004
@@ -52,6 +53,9 @@ class Track:
     sd_growth : ndarray
         Standard deviation (n - 1,) of the radius's relative change from each frame to the next; 0 where the model
         takes it as constant.
+    sd_steady : ndarray
+        Standard deviation (5,) of what all increments of a flight are off by alike, px and rad: it is not in
+        `covariance`, since it does not average out.
     circle : Circle
         The outline in the first tracked frame; with a camera the projected centre and the radius at its depth.
     settings : dict
@@ -67,6 +71,7 @@ class Track:
     status: NDArray[np.str_]
     radius: NDArray[np.float64]
     sd_growth: NDArray[np.float64]
+    sd_steady: NDArray[np.float64]
     circle: Circle
     settings: dict[str, Any]
 
@@ -160,6 +165,7 @@ def track(
         status=measured.status,
         radius=measured.size * (motion.circle.radius / first.radius),
         sd_growth=measured.sd_growth,
+        sd_steady=sd_steady(motion.covariance, motion.about_map["used"]),
         circle=motion.circle,
         settings=used,
     )

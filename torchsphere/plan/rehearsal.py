@@ -18,6 +18,7 @@ from torchsphere.circle import Circle
 from torchsphere.kinematics import Kinematics, kinematics
 from torchsphere.orientation import chain
 from torchsphere.plan.expected import Setup
+from torchsphere.steady import sd_steady
 from torchsphere.track import Track
 
 #: Frames of flight before and after the contact, and the most in contact.
@@ -182,6 +183,7 @@ def _track(poses: Array, covariance: Array, setup: Setup, seed: int) -> Track:
         status=np.full(n, "ok"),
         radius=np.full(n, setup.radius_px),
         sd_growth=np.zeros(n - 1),
+        sd_steady=sd_steady(covariance[None], on_map=False),
         circle=Circle(0.0, 0.0, setup.radius_px),
         settings={},
     )
