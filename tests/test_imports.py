@@ -33,7 +33,9 @@ LAYERS = (
     ("kinematics",),
     ("impact", "instruments", "plan"),
     ("results", "report", "demo"),
-    ("measure", "plan_cli"),
+    ("measure", "plan_cli", "report_cli"),
+    ("archive",),
+    ("batch_cli",),
     ("cli",),
     ("__main__",),
 )

@@ -1,10 +1,11 @@
-"""The command line: ``torchsphere demo``, ``info``, ``track``."""
+"""The command line: ``torchsphere demo``, ``info``, ``track``; its other commands in modules of their own."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
 import dataclasses
+import importlib.util
 import sys
 import tempfile
 import tomllib
@@ -14,7 +15,7 @@ from typing import Any, NoReturn
 
 from tqdm import tqdm
 
-from torchsphere import __version__, demo, motion, plan_cli
+from torchsphere import __version__, batch_cli, demo, motion, plan_cli, report_cli
 from torchsphere.kinematics import METHODS
 from torchsphere.measure import Measurement, Request, circle_text, measure
 from torchsphere.recording import Recording, open_recording
@@ -59,7 +60,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_demo(commands)
     _add_info(commands)
     _add_track(commands)
+    batch_cli.add(commands)
     plan_cli.add(commands)
+    report_cli.add(commands)
     return parser
 
 
@@ -153,6 +156,15 @@ def _add_track(commands: Any) -> None:
         "--config", type=Path, metavar="FILE.toml", help="these options from a file; the line above wins"
     )
     parser.add_argument("--overwrite", action="store_true", default=None, help="replace an earlier result")
+    parser.add_argument(
+        "--no-report",
+        dest="report",
+        action="store_false",
+        default=None,
+        help="no figures, no report, no images in the result",
+    )
+    parser.add_argument("--overlay", action="store_true", default=None, help="make overlay.mp4, too (extra 'video')")
+    parser.add_argument("--paraview", action="store_true", default=None, help="make a series for ParaView, too")
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
 
 
@@ -195,7 +207,8 @@ def _configured(path: Path) -> dict[str, Any]:
     return options
 
 
-#: Options of `Request` for what follows from the track, each a number.
+#: Options of `Request` that are on or off; and those for what follows from the track, each a number.
+SWITCHES = ("refine", "in_place", "lab_frame", "overwrite", "report", "overlay", "paraview")
 KINEMATIC = ("scale_sd_percent", "shell_mm", "inertia_kg_m2", "normal_deg")
 
 
@@ -215,7 +228,7 @@ def _typed(path: Path, name: str, value: Any) -> Any:
         return value
     if name in ("model", "device", "map", "method") and isinstance(value, str):
         return value
-    if name in ("refine", "in_place", "lab_frame", "overwrite") and isinstance(value, bool):
+    if name in SWITCHES and isinstance(value, bool):
         return value
     raise ValueError(f"{path}: {name} = {value!r} is not what this option takes; see 'torchsphere track --help'")
 
@@ -335,6 +348,8 @@ def _demo(options: dict[str, Any]) -> int:
             diameter_mm=demo.DIAMETER_MM,
             mass_g=demo.MASS_G,
             overwrite=options["overwrite"],
+            overlay=importlib.util.find_spec("av") is not None,
+            paraview=True,
         )
         done = _measured(request, options["quiet"], {"shot.tif": images, "truth.csv": truth})
     _print_demo(shot, done, options["out"])

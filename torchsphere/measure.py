@@ -25,7 +25,8 @@ from torchsphere.kinematics import METHODS, ORDER, ROTATION_PER_RADIUS, WINDOW, 
 from torchsphere.masks import read_ignore
 from torchsphere.perspective import Camera
 from torchsphere.recording import Recording, open_recording
-from torchsphere.report import figures
+from torchsphere.report import draw, overlay, paraview, sampled
+from torchsphere.report.folder import read
 from torchsphere.track import Track, track
 
 #: What may be said of the map, and what it means to `torchsphere.track`.
@@ -71,6 +72,10 @@ class Request:
         As the command line's options of these names.
     map : str
         "auto", "on" or "off": `sphere_map` of `torchsphere.track`.
+    report : bool
+        Keep some images and residual maps in the result, and draw figures and report.
+    overlay, paraview : bool
+        Make ``overlay.mp4``, which needs the report's images and PyAV, and a series for ParaView, too.
     """
 
     input: Path
@@ -101,6 +106,9 @@ class Request:
     shell_mm: float | None = None
     inertia_kg_m2: float | None = None
     normal_deg: float | None = None
+    report: bool = True
+    overlay: bool = False
+    paraview: bool = False
 
     def __post_init__(self) -> None:
         for name in (
@@ -132,6 +140,8 @@ class Request:
             raise ValueError(
                 "refine was asked for without a circle to refine; a circle that is found is refined anyway"
             )
+        if self.overlay and not self.report:
+            raise ValueError("overlay was asked for without report, whose images it is drawn on; leave no_report out")
         if self.distance_mm is not None and self.diameter_mm is None:
             raise ValueError("distance_mm was given without diameter_mm; the distance in radii needs both")
         if (self.focal_px is not None or self.distance_mm is not None) != self.model.startswith("pinhole"):
@@ -178,6 +188,8 @@ def measure(request: Request, progress: Progress | None = None, extra: Mapping[s
         With one sentence on what is wrong; then nothing has been written.
     """
     results.check_folder(request.out, request.overwrite)
+    if request.overlay:
+        overlay.check_library()
     if request.device.startswith("cuda") and not torch.cuda.is_available():
         raise ValueError(
             "--device cuda was asked for, but torch finds no CUDA device here; leave it out to use the CPU"
@@ -206,7 +218,7 @@ def measure(request: Request, progress: Progress | None = None, extra: Mapping[s
         found, missing = _impact(request, tracked, motion)
         warnings = (*_warnings(request, recording, tracked, frame_rate, start), *missing)
         done = Measurement(recording, tracked, motion, found, start, warnings, time.perf_counter() - began, extra or {})
-        _write(request, done, frame_rate)
+        _write(request, done, frame_rate, part, ignore)
     return done
 
 
@@ -318,16 +330,37 @@ def _turns_in_place(tracked: Track) -> bool:
     return fast and reach < 2 * tracked.circle.radius and swept > 3 * reach
 
 
-def _write(request: Request, done: Measurement, frame_rate: float | None) -> None:
+def _write(
+    request: Request,
+    done: Measurement,
+    frame_rate: float | None,
+    part: Recording,
+    ignore: NDArray[np.bool_] | None,
+) -> None:
     with results.whole_folder(request.out, request.overwrite) as folder:
         results.write_track(folder, done.track, frame_rate, done.first_frame)
         if done.motion is not None:
             results.write_kinematics(folder, done.motion)
-        (folder / "figures").mkdir()
-        figures.motion_figure(folder / "figures" / "motion.png", done.track, done.motion, done.first_frame)
         for name, source in done.extra_files.items():
             shutil.copyfile(source, folder / name)
         results.write_summary(folder, _summary(request, done, frame_rate))
+        if request.report:
+            mask = None if ignore is None else torch.from_numpy(ignore)
+            sampled.save(folder / "frames.npz", sampled.sample(part, done.track, mask))
+            # From what was written, so that the folder alone is always enough to draw it again.
+            draw.draw(folder)
+        _export(request, folder)
+
+
+def _export(request: Request, folder: Path) -> None:
+    """What was asked for beside figures and report, made from what was written."""
+    if not (request.overlay or request.paraview):
+        return
+    result = read(folder)
+    if request.overlay:
+        overlay.write_overlay(result)
+    if request.paraview and result.known.any():
+        paraview.write_paraview(result)
 
 
 def _summary(request: Request, done: Measurement, frame_rate: float | None) -> dict[str, Any]:
@@ -356,9 +389,10 @@ def _summary(request: Request, done: Measurement, frame_rate: float | None) -> d
         "frames_per_status": results.status_counts(tracked),
         "mean_motion": _means(tracked, done.motion),
         "axes": "lab frame: x right, y up, z to the camera" if request.lab_frame else "camera frame: x right, y down",
-        "settings": tracked.settings | {k: v for k, v in vars(request).items() if k not in ("input", "out")},
+        "settings": {k: v for k, v in vars(request).items() if k not in ("input", "out")} | tracked.settings,
         "differentiation": None if done.motion is None else done.motion.about,
         "impact": None if done.impact is None else done.impact.summary(),
+        "contact_s": None if done.motion is None else done.motion.contact_s,
         "warnings": list(done.warnings),
         "seconds": round(done.seconds, 3),
         "versions": versions(),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 from kornia.geometry.liegroup import So3
+from kornia.geometry.quaternion import Quaternion
 from numpy.typing import NDArray
 
 
@@ -48,4 +49,13 @@ def quaternions(orientation: NDArray[np.float64]) -> NDArray[np.float64]:
         q = q / np.linalg.norm(q, axis=1, keepdims=True)
         turned = np.concatenate(([1.0], np.where((q[1:] * q[:-1]).sum(1) < 0, -1.0, 1.0))).cumprod()
         result[known] = q * turned[:, None] * (1.0 if q[0, 0] >= 0 else -1.0)
+    return result
+
+
+def matrices(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation matrices (n, 3, 3) of unit quaternions (n, 4) as (w, x, y, z); NaN stays NaN."""
+    known = np.isfinite(quaternion).all(1)
+    result = np.full((len(quaternion), 3, 3), np.nan)
+    if known.any():
+        result[known] = So3(Quaternion(torch.from_numpy(quaternion[known]))).matrix().numpy()
     return result

@@ -1,0 +1,137 @@
+"""Small recordings for archives, and measurements that die, wait or fail as names say, and are counted."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+import torch
+from shots import rotation_matrix, speckle
+
+from torchsphere import batch_cli, forward, results
+from torchsphere.archive.work import Job, Outcome, settle
+from torchsphere.measure import Request
+from torchsphere.recording import open_recording
+from torchsphere.track import Track, track
+
+RADIUS, FRAMES = 12.0, 5
+#: Every recording has the same circle and frame rate; the map would take a second each.
+COMMON: dict[str, Any] = {"circle": (22.0, 32.3, RADIUS), "fps": 1000.0, "diameter_mm": 30.0, "map": "off"}
+CALLS = "calls.txt"
+#: Grey level of what `pretended` refuses.
+BAD = 255
+
+
+def step_px(seed: int) -> float:
+    """Steps by which the balls of the recordings move, so that each result tells which recording it is of."""
+    return 1.0 + 0.25 * (seed % 12)
+
+
+def write_recording(path: Path, seed: int) -> None:
+    """Five frames of 64 x 64 px."""
+    centres = torch.tensor([[22.0 + step_px(seed) * i, 32.3] for i in range(FRAMES)])
+    turn = torch.deg2rad(torch.tensor([0.2, 0.6, 0.1], dtype=torch.float64))
+    turned = torch.stack([rotation_matrix(turn * i) for i in range(FRAMES)]).float()
+    images = forward.render(speckle(0, RADIUS), centres, RADIUS, turned, 90.0, shape=(64, 64), subsamples=2)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    tifffile.imwrite(path, images.round().clamp(0, 255).numpy().astype(np.uint8), photometric="minisblack")
+
+
+def write_array(path: Path, level: int) -> None:
+    """A recording that can be opened, of one grey level, to be pretended to be measured."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.save(path, np.full((3, 8, 9), level, np.uint8))
+
+
+def write_archive(folder: Path, names: Iterable[str]) -> None:
+    """Recordings of these names; those called corrupt are cut."""
+    for seed, name in enumerate(names):
+        path = folder / f"{name}.tif"
+        write_recording(path, seed)
+        if "corrupt" in name:
+            path.write_bytes(path.read_bytes()[:9000])
+
+
+def write_result(request: Request, extra: Mapping[str, Path], tracked: Track | None) -> None:
+    """A result folder as `torchsphere.measure.measure` writes it, but for its report, and who was measured."""
+    counts = {"ok": 3} if tracked is None else results.status_counts(tracked)
+    step = None if tracked is None else np.nanmean(tracked.increment, 0)
+    with results.whole_folder(request.out, request.overwrite) as folder:
+        for name, source in extra.items():
+            (folder / name).write_bytes(source.read_bytes())
+        if tracked is not None:
+            results.write_track(folder, tracked, request.fps, 0)
+        table = {"input": {"sha256": results.hash_files([request.input])}, "frames_per_status": counts}
+        table |= {"mean_motion": {"increment_px_rad": step}, "frame_rate": request.fps}
+        results.write_summary(folder, table)
+    with (request.input.parent / CALLS).open("a") as file:
+        file.write(f"{request.input.stem}\n")
+
+
+def measured(request: Request, progress: None, extra: Mapping[str, Path]) -> None:
+    """Track, but die on poison, and wait to be killed on what is held, the first time."""
+    name, mark = request.input.stem, request.input.with_suffix(".pid")
+    if "poison" in name:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if "held" in name and not mark.exists():
+        mark.with_suffix(".new").write_text(str(os.getpid()))
+        mark.with_suffix(".new").rename(mark)
+        time.sleep(120)
+    with open_recording(request.input) as recording:
+        write_result(request, extra, track(recording, request.circle, sphere_map=False))
+
+
+def pretended(request: Request, progress: None, extra: Mapping[str, Path]) -> None:
+    """Write a result folder without tracking; what is of one grey level, `BAD`, fails."""
+    if np.load(request.input).max() == BAD:
+        raise ValueError(f"{request.input}: is bad")
+    write_result(request, extra, None)
+
+
+def serial(jobs: Iterator[Job]) -> Iterator[Outcome]:
+    """An engine in this process that pretends to measure."""
+    for job in jobs:
+        yield settle(job, pretended)
+
+
+def calls(folder: Path) -> list[str]:
+    """Names of the recordings that were measured to the end, sorted."""
+    return sorted(line for file in folder.rglob(CALLS) for line in file.read_text().split())
+
+
+def pid_of(mark: Path, seconds: float = 100.0) -> int:
+    """The process that holds a recording, once it does."""
+    end = time.monotonic() + seconds
+    while not mark.exists():
+        if time.monotonic() > end:
+            raise TimeoutError(f"{mark}: nobody took the recording up")
+        time.sleep(0.02)
+    return int(mark.read_text())
+
+
+def kill_holder(mark: Path) -> threading.Thread:
+    """Kill the process that holds a recording as soon as it does."""
+    thread = threading.Thread(target=lambda: os.kill(pid_of(mark), signal.SIGKILL))
+    thread.start()
+    return thread
+
+
+def arguments(source: Path, out: Path, **more: Any) -> dict[str, Any]:
+    """Options of the command for an archive of these recordings."""
+    from torchsphere.archive import settings
+
+    none = dict.fromkeys(settings.NAMES)
+    fixed = {"source": source, "out": out, "config": None, "scheduler": None, "workers": 2, "shard": None}
+    return {**none, **COMMON, **fixed, "retry_failed": False, "quiet": True, **more}
+
+
+if __name__ == "__main__":
+    sys.exit(batch_cli.command(arguments(Path(sys.argv[1]), Path(sys.argv[2]), workers=int(sys.argv[3])), measured))

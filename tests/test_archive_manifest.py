@@ -1,0 +1,207 @@
+"""What an archive consists of: recordings found in a folder, or told by a manifest."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+
+from torchsphere.archive import manifest, scan, settings
+from torchsphere.recording import opener
+
+
+def write_tiff(path: Path, pages: int) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    tifffile.imwrite(path, np.zeros((pages, 8, 9), np.uint8), photometric="minisblack")
+
+
+def found(folder: Path, out: Path | None = None) -> list[str]:
+    return [path.relative_to(folder).as_posix() for path in scan.scan(folder, out).recordings]
+
+
+def test_every_kind_that_can_be_opened_is_sought() -> None:
+    assert set(scan.SUFFIXES) == set(opener._FORMATS)
+
+
+def test_every_setting_of_a_request_can_be_read() -> None:
+    assert set(settings.NAMES.values()) <= set(settings._KINDS)
+
+
+def test_recordings_are_found_in_all_folders_and_what_is_none_is_not(tmp_path: Path) -> None:
+    for name in ("b10.npy", "b9.npy", "x/y/z.CINE", "notes.txt", ".hidden.npy", ".git/a.npy"):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    assert found(tmp_path) == ["b9.npy", "b10.npy", "x/y/z.CINE"]
+
+
+def test_a_photron_recording_counts_once_and_so_does_a_folder_of_images(tmp_path: Path) -> None:
+    for name in ("p.cihx", "p.mraw", "p.cih", "lonely.mraw", "only.cih"):
+        (tmp_path / name).touch()
+    for i in range(3):
+        write_tiff(tmp_path / "images" / f"img{i}.tif", 1)
+        (tmp_path / f"png{i}").mkdir()
+        (tmp_path / "pngs").mkdir(exist_ok=True)
+        (tmp_path / "pngs" / f"{i}.png").touch()
+    assert found(tmp_path) == ["lonely.mraw", "only.cih", "p.cih", "images", "pngs"]
+
+
+def test_tiffs_of_several_pages_are_a_recording_each_even_beside_a_damaged_one(tmp_path: Path) -> None:
+    write_tiff(tmp_path / "b.tif", 4)
+    write_tiff(tmp_path / "c.tif", 4)
+    (tmp_path / "a.tif").write_bytes(b"cut")
+    assert found(tmp_path) == ["a.tif", "b.tif", "c.tif"]
+
+
+def test_single_images_beside_recordings_are_left_out_with_a_note(tmp_path: Path) -> None:
+    for name in ("shot.cine", "p1.png", "p2.png"):
+        (tmp_path / name).touch()
+    made = scan.scan(tmp_path)
+    assert [path.name for path in made.recordings] == ["shot.cine"]
+    assert made.notes == (f"{tmp_path}: 2 single image(s) were left out: they lie beside recordings.",)
+
+
+def test_results_within_the_folder_are_no_recordings(tmp_path: Path) -> None:
+    for name in ("a.npy", "out/.batch/x.npy", "out/a/figures/1.png", "out/a/figures/2.png", "track/1.png"):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    for name in ("2.png", "track.csv", "summary.json"):
+        (tmp_path / "track" / name).touch()
+    (tmp_path / "new").mkdir()
+    (tmp_path / "new" / "b.npy").touch()
+    assert found(tmp_path, tmp_path / "new") == ["a.npy"]
+
+
+def test_a_csv_gives_each_recording_its_settings_over_the_common_ones(tmp_path: Path) -> None:
+    sheet = tmp_path / "list.csv"
+    sheet.write_text(
+        "\ufeffrecording,fps,diameter-mm,circle,frames,ignore,lab_frame,model\n"
+        'a.npy,100,30,"10,20,5",3:9,"1,2 3,4 5,6",yes,\n'
+        "sub/b.cine,,,10 20 5.5,:9,,no,finite\n"
+    )
+    first, second = manifest.read(sheet, {"fps": 50.0, "mm_per_px": 0.5}, tmp_path / "out").items
+    assert (first.recording, first.input, first.result) == ("a.npy", tmp_path / "a.npy", "a")
+    assert first.settings == {
+        "fps": 100.0,
+        "diameter_mm": 30.0,
+        "circle": (10, 20, 5),
+        "frames": (3, 9),
+        "ignore": ["1,2 3,4 5,6"],
+        "lab_frame": True,
+    }
+    assert second.result == "sub/b"
+    assert second.settings == {
+        "fps": 50.0,
+        "mm_per_px": 0.5,
+        "circle": (10, 20, 5.5),
+        "frames": (None, 9),
+        "lab_frame": False,
+        "model": "finite",
+    }
+
+
+def test_a_spreadsheet_s_semicolons_are_understood(tmp_path: Path) -> None:
+    sheet = tmp_path / "list.csv"
+    sheet.write_text("recording;fps\na.npy;100\n")
+    assert manifest.read(sheet, {}, tmp_path / "out").items[0].settings == {"fps": 100.0}
+
+
+def test_a_toml_gives_settings_for_all_and_for_each(tmp_path: Path) -> None:
+    sheet = tmp_path / "list.toml"
+    (tmp_path / "mask.png").touch()
+    sheet.write_text(
+        'fps = 100\n[[recordings]]\nrecording = "a.npy"\ncircle = [10, 20, 5]\nignore = ["mask.png"]\n'
+        '[[recordings]]\nrecording = "a.npy"\nresult = "a-end"\nframes = "9:"\nfps = 7.5\nin-place = true\n'
+    )
+    first, second = manifest.read(sheet, {"fps": 1.0, "order": 2}, tmp_path / "out").items
+    mask = str(tmp_path / "mask.png")
+    assert first.settings == {"fps": 100.0, "order": 2, "circle": (10, 20, 5), "ignore": [mask]}
+    assert second.settings == {"fps": 7.5, "order": 2, "frames": (9, None), "in_place": True}
+    assert (first.result, second.result) == ("a", "a-end")
+
+
+def test_paths_that_lead_out_of_the_manifest_s_folder_keep_their_results_in_the_output_folder(tmp_path: Path) -> None:
+    sheet = tmp_path / "list.csv"
+    sheet.write_text("recording\n../far/a.npy\n/data/b.npy\n")
+    assert [item.result for item in manifest.read(sheet, {}, tmp_path).items] == ["far/a", "data/b"]
+
+
+BAD = {
+    "no recording column": ("path,fps\na.npy,5\n", "expected one named 'recording'"),
+    "unknown column": ("recording,speed\na.npy,5\n", "column 'speed' is no setting"),
+    "column twice": ("recording,fps,fps\na.npy,5,6\n", "two columns 'fps'"),
+    "overwrite": ("recording,overwrite\na.npy,yes\n", "column 'overwrite'"),
+    "no number": (
+        "recording,fps\na.npy,5\nb.npy,fast\n",
+        "row 3, column 'fps': fps = 'fast': expected a finite number",
+    ),
+    "not finite": ("recording,fps\na.npy,inf\n", "row 2, column 'fps'"),
+    "negative": ("recording,fps\na.npy,-5\n", "row 2: fps = -5"),
+    "two numbers": ("recording,circle\na.npy,1 2\n", "row 2, column 'circle': circle = '1 2': expected three numbers"),
+    "frames": ("recording,frames\na.npy,all\n", "column 'frames'"),
+    "unknown model": ("recording,model\na.npy,wobbly\n", "expected one of"),
+    "no truth": ("recording,refine\na.npy,perhaps\n", "expected true or false"),
+    "mass without a scale": ("recording,mass_g\na.npy,110\n", "row 2: mass_g was given without a scale"),
+    "too many cells": ("recording,circle\na.npy,1,2,3\n", "row 2: has more cells"),
+    "no name": ("recording,fps\n,5\n", "row 2, column 'recording': is empty"),
+    "no rows": ("recording,fps\n", "holds no recording"),
+    "nothing": ("", "expected one named 'recording'"),
+    "one result": ("recording\na.npy\na.cine\n", "a.npy and a.cine would both be written to a"),
+    "one result but for case": ("recording\na.npy\nA.cine\n", "would both be written"),
+    "result within a result": ("recording\na.npy\na/b.npy\n", "would lie within that of a.npy"),
+    "result outside": ("recording,result\na.npy,../b\n", "leads out of the output folder"),
+    "result in the state": ("recording,result\na.npy,.batch/a\n", "leads out of the output folder"),
+    "latin": ("recording\ngr\udcfcn.npy\n", "UTF-8"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_csv_that_cannot_be_used_is_refused_by_row_and_column(case: str, tmp_path: Path) -> None:
+    text, words = BAD[case]
+    sheet = tmp_path / "list.csv"
+    sheet.write_bytes(text.encode("utf-8", "surrogateescape"))
+    with pytest.raises(ValueError, match=r"list\.csv") as refusal:
+        manifest.read(sheet, {}, tmp_path / "out")
+    assert words in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+BAD_TOML = {
+    "no toml": "fps = ",
+    "no recordings": "fps = 5",
+    "unknown key": '[[recordings]]\nrecording = "a.npy"\nspeed = 3',
+    "unknown common key": 'speed = 3\n[[recordings]]\nrecording = "a.npy"',
+    "no name": "[[recordings]]\nfps = 3",
+    "text for a number": '[[recordings]]\nrecording = "a.npy"\nfps = "3"',
+    "number for text": '[[recordings]]\nrecording = "a.npy"\nmodel = 3',
+    "truth for a number": '[[recordings]]\nrecording = "a.npy"\nfps = true',
+    "number for a name": "[[recordings]]\nrecording = 3",
+    "words in a list": '[[recordings]]\nrecording = "a.npy"\ncircle = ["a", 2, 3]',
+}
+
+
+@pytest.mark.parametrize("case", BAD_TOML)
+def test_a_toml_that_cannot_be_used_is_refused(case: str, tmp_path: Path) -> None:
+    sheet = tmp_path / "list.toml"
+    sheet.write_text(BAD_TOML[case])
+    with pytest.raises(ValueError, match=r"list\.toml"):
+        manifest.read(sheet, {}, tmp_path / "out")
+
+
+@pytest.mark.parametrize("name", ["nowhere", "shot.tif", "empty"])
+def test_what_is_no_archive_is_refused(name: str, tmp_path: Path) -> None:
+    (tmp_path / "shot.tif").touch()
+    (tmp_path / "empty").mkdir()
+    with pytest.raises((ValueError, OSError), match="expected a folder of recordings, or a manifest"):
+        manifest.read(tmp_path / name, {}, tmp_path / "out")
+
+
+def test_ten_thousand_rows_are_read_lazily_and_share_their_common_settings(tmp_path: Path) -> None:
+    sheet = tmp_path / "list.csv"
+    sheet.write_text("recording\n" + "".join(f"{i // 100}/{i}.npy\n" for i in range(10_000)))
+    common: dict[str, Any] = {"fps": 5.0}
+    items = manifest.read(sheet, common, tmp_path / "out").items
+    assert len(items) == 10_000
+    assert items[-1].result == "99/9999"

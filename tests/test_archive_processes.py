@@ -1,0 +1,138 @@
+"""Whole archives by own processes: one is killed, one dies of its recording, and nothing else suffers."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from archive_shots import (
+    COMMON,
+    arguments,
+    calls,
+    kill_holder,
+    measured,
+    pid_of,
+    step_px,
+    write_archive,
+)
+from test_archive import rows
+
+from torchsphere import batch_cli
+
+SCRIPT = Path(__file__).with_name("archive_shots.py")
+
+#: Twelve recordings of which nine can be measured.
+NAMES = [
+    "a/r0",
+    "a/r1",
+    "a/held2",
+    "a/r3",
+    "a/corrupt4",
+    "b/r5",
+    "b/poison6",
+    "b/r7",
+    "b/r8",
+    "b/corrupt9",
+    "c/r10",
+    "c/r11",
+]
+GOOD = [name for name in NAMES if "corrupt" not in name and "poison" not in name]
+
+
+def check_the_whole(out: Path, source: Path) -> None:
+    """Nine results of the right recordings, each measured once, and three failures with their reasons."""
+    table = {name.removesuffix(".tif"): row for name, row in rows(out).items()}
+    assert {name for name, row in table.items() if row["state"] == "done"} == set(GOOD)
+    assert "worker process died" in table["b/poison6"]["reason"]
+    assert all("cut" in table[name]["reason"] for name in ("a/corrupt4", "b/corrupt9"))
+    assert calls(source) == sorted(Path(name).name for name in GOOD)
+    for seed, name in enumerate(NAMES):
+        if name in GOOD:
+            step = json.loads((out / name / "summary.json").read_text())["mean_motion"]["increment_px_rad"][0]
+            # Five small frames are measured to a few hundredths of a pixel; the recordings differ by 0.25 px.
+            assert step == pytest.approx(step_px(seed), abs=0.08)
+    assert not [path for path in out.rglob(".*.*") if path.is_dir() and path.parent.name != ".batch"]
+
+
+def start(source: Path, out: Path, workers: int) -> subprocess.Popen[bytes]:
+    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    return subprocess.Popen([sys.executable, str(SCRIPT), str(source), str(out), str(workers)], env=environment)
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
+
+
+def test_a_killed_worker_a_poisonous_and_two_corrupt_recordings_cost_only_what_they_must(tmp_path: Path) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    write_archive(source, NAMES)
+    killer = kill_holder(source / "a" / "held2.pid")
+    assert batch_cli.command(arguments(source, out), measured) == batch_cli.SOME_FAILED
+    killer.join()
+    check_the_whole(out, source)
+    assert rows(out)["b/poison6.tif"]["reason"].startswith("the worker process died (signal 9, SIGKILL), and so did")
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("summary.json")}
+    assert batch_cli.command(arguments(source, out), measured) == batch_cli.SOME_FAILED
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("summary.json")} == before
+    check_the_whole(out, source)
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="there is no /proc to see whether a process lives")
+def test_after_the_parent_was_killed_its_workers_end_and_the_next_run_goes_on(tmp_path: Path) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    names = ["r0", "r1", "held2", "r3"]
+    write_archive(source, names)
+    with start(source, out, 1) as parent:
+        worker = pid_of(source / "held2.pid")
+        parent.kill()
+    end = time.monotonic() + 30
+    while is_alive(worker):
+        assert time.monotonic() < end, "the worker outlives its parent"
+        time.sleep(0.05)
+    finished = calls(source)
+    (out / ".r3.abcd_123").mkdir()
+    assert batch_cli.command(arguments(source, out, workers=1), measured) == 0
+    assert calls(source) == sorted(names)
+    assert set(finished) < set(names)
+    assert sorted(path.name for path in out.iterdir() if path.is_dir()) == [".batch", *sorted(names)]
+    assert [row["state"] for row in rows(out).values()] == ["done"] * 4
+
+
+def test_ctrl_c_ends_the_workers_and_the_next_run_goes_on(tmp_path: Path) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    write_archive(source, ["held0", "r1"])
+    with start(source, out, 1) as parent:
+        worker = pid_of(source / "held0.pid")
+        parent.send_signal(signal.SIGINT)
+        assert parent.wait(60) == 130
+    with pytest.raises(ProcessLookupError):
+        os.kill(worker, 0)
+    assert [row["state"] for row in rows(out).values()] == ["pending", "pending"]
+    assert sorted(path.name for path in out.iterdir()) == [".batch", "summary.csv", "summary.parquet"]
+    assert batch_cli.command(arguments(source, out, workers=1), measured) == 0
+
+
+def test_two_runs_at_once_share_the_work_and_both_end_with_all_of_it(tmp_path: Path) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    names = [f"r{i}" for i in range(5)]
+    write_archive(source, names)
+    with start(source, out, 1) as first, start(source, out, 1) as second:
+        assert (first.wait(120), second.wait(120)) == (0, 0)
+    assert calls(source) == sorted(names)
+    assert [row["state"] for row in rows(out).values()] == ["done"] * 5
+
+
+def test_a_run_without_anything_to_do_starts_no_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    write_archive(source, ["r0"])
+    assert batch_cli.command(arguments(source, out, **COMMON), measured) == 0
+    monkeypatch.setattr("torchsphere.archive.processes._start", None)
+    assert batch_cli.command(arguments(source, out), measured) == 0

@@ -1,0 +1,185 @@
+"""The command ``torchsphere batch``: what it writes and returns, and one clear sentence for what it cannot use."""
+
+import csv
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from archive_shots import BAD, serial, write_array, write_recording
+
+from torchsphere import batch_cli
+from torchsphere.archive.run import Counts, Interrupted
+from torchsphere.cli import main
+
+TRACKED = ["--circle", "22,32.3,12", "--map", "off", "--fps", "1000", "--diameter-mm", "30"]
+
+
+@pytest.fixture
+def shots(tmp_path: Path) -> Path:
+    """Two recordings of which the second is bad."""
+    write_array(tmp_path / "shots" / "a.npy", 1)
+    write_array(tmp_path / "shots" / "b.npy", BAD)
+    return tmp_path / "shots"
+
+
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Recordings are pretended to be measured in this process."""
+    monkeypatch.setattr(batch_cli.processes, "run", lambda jobs, **_: serial(jobs))
+
+
+def rows(out: Path) -> list[dict[str, str]]:
+    with (out / "summary.csv").open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_a_folder_is_measured_with_the_settings_of_track(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_recording(tmp_path / "in" / "day" / "shot.tif", 0)
+    out = tmp_path / "out"
+    assert main(["batch", str(tmp_path / "in"), "--out", str(out), "--workers", "1", *TRACKED]) == 0
+    printed = capsys.readouterr()
+    assert printed.out == f"1 of 1 recordings done, 0 failed (1 measured in this run); see {out / 'summary.csv'}\n"
+    assert "0 failed" in printed.err
+    summary = json.loads((out / "day" / "shot" / "summary.json").read_text())
+    (row,) = rows(out)
+    assert (row["recording"], row["state"], row["result"]) == ("day/shot.tif", "done", "day/shot")
+    assert (row["frames"], row["ok"]) == ("5", "5")
+    # One pixel of 15 mm / 12 px per frame of 1 ms.
+    assert float(row["mean_speed_m_s"]) == pytest.approx(1.25, abs=0.05)
+    assert summary["settings"]["circle"] == [22, 32.3, 12]
+    assert int(row["warnings"]) == len(summary["warnings"])
+
+
+@pytest.mark.usefixtures("here")
+def test_the_exit_code_tells_failures_from_success_and_the_table_why(
+    shots: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(["batch", str(shots), "--out", str(out)]) == batch_cli.SOME_FAILED
+    assert capsys.readouterr().out.startswith("1 of 2 recordings done, 1 failed (2 measured in this run)")
+    assert rows(out)[1]["reason"].endswith("is bad")
+    # What failed is no success of a run that had nothing to do, either.
+    assert main(["batch", str(shots), "--out", str(out)]) == batch_cli.SOME_FAILED
+    assert capsys.readouterr().out.startswith("1 of 2 recordings done, 1 failed (0 measured in this run)")
+    assert main(["batch", str(shots), "--out", str(out), "--retry-failed", "--quiet"]) == batch_cli.SOME_FAILED
+    write_array(shots / "b.npy", 2)
+    assert main(["batch", str(shots), "--out", str(out), "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.usefixtures("here")
+def test_the_command_line_wins_over_the_config_and_a_recording_over_both(shots: Path, tmp_path: Path) -> None:
+    (shots / "list.csv").write_text("recording,fps\na.npy,\nc.npy,300\n")
+    write_array(shots / "c.npy", 3)
+    config = tmp_path / "common.toml"
+    config.write_text("fps = 100\nmm-per-px = 0.5\n")
+    out = tmp_path / "out"
+    arguments = ["batch", str(shots / "list.csv"), "--out", str(out), "--config", str(config), "--quiet"]
+    assert main(arguments) == 0
+    assert [row["frame_rate"] for row in rows(out)] == ["100", "300"]
+    assert main([*arguments, "--fps", "200", "--diameter-mm", "30"]) == 0
+    assert [row["frame_rate"] for row in rows(out)] == ["200", "300"]
+
+
+@pytest.mark.usefixtures("here")
+def test_a_shard_measures_its_part_and_leaves_the_rest_pending(shots: Path, tmp_path: Path) -> None:
+    for k in range(6):
+        write_array(shots / f"c{k}.npy", 3)
+    out = tmp_path / "out"
+    main(["batch", str(shots), "--out", str(out), "--shard", "1/2", "--quiet"])
+    states = [row["state"] for row in rows(out)]
+    assert 0 < states.count("pending") < 8
+    main(["batch", str(shots), "--out", str(out), "--shard", "2/2", "--quiet"])
+    assert [row["state"] for row in rows(out)] == ["done", "failed", *["done"] * 6]
+
+
+def test_ctrl_c_says_what_is_kept(
+    shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: Any, **__: Any) -> None:
+        raise Interrupted(Counts(done=1, failed=0, pending=1, measured=1))
+
+    monkeypatch.setattr(batch_cli, "run", interrupted)
+    assert main(["batch", str(shots), "--out", str(tmp_path / "out")]) == 130
+    assert capsys.readouterr().out == (
+        "interrupted; 1 of 2 recordings done, 0 failed, 1 pending (1 measured in this run); the same command goes on\n"
+    )
+
+
+@pytest.mark.usefixtures("here")
+def test_what_is_left_out_of_a_folder_is_said(shots: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (shots / "photo.png").touch()
+    main(["batch", str(shots), "--out", str(tmp_path / "out")])
+    assert "1 single image(s) were left out" in capsys.readouterr().err
+
+
+REFUSED = {
+    "nowhere": ["nowhere"],
+    "no archive": ["shots/a.npy"],
+    "empty folder": ["void"],
+    "unknown column": ["sheet.csv"],
+    "no such config": ["shots", "--config", "no.toml"],
+    "config of unknown": ["shots", "--config", "bad.toml"],
+    "mass without scale": ["shots", "--mass-g", "110"],
+    "unknown model": ["shots", "--model", "wobbly"],
+    "no number": ["shots", "--fps", "fast"],
+    "no workers": ["shots", "--workers", "0"],
+    "workers in words": ["shots", "--workers", "two"],
+    "shard beyond": ["shots", "--shard", "3/2"],
+    "shard of zero": ["shots", "--shard", "0/2"],
+    "shard in words": ["shots", "--shard", "half"],
+    "two engines": ["shots", "--scheduler", "tcp://h:1", "--workers", "2"],
+    "other files": ["shots", "--out", "thesis"],
+    "a file": ["shots", "--out", "thesis/chapter.txt"],
+    "the recordings' folder": ["shots", "--out", "shots"],
+    "unknown option": ["shots", "--colour", "red"],
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_used_is_refused_in_one_sentence(
+    case: str, shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, text in (("sheet.csv", "recording,speed\na,5\n"), ("bad.toml", "speed = 3"), ("thesis/chapter.txt", "x")):
+        Path(name).parent.mkdir(exist_ok=True)
+        Path(name).write_text(text)
+    Path("void").mkdir()
+    before = sorted(tmp_path.rglob("*"))
+    try:
+        code = main(["batch", *REFUSED[case], *([] if "--out" in REFUSED[case] else ["--out", "out"])])
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    printed = capsys.readouterr()
+    assert code in (1, 2)
+    assert printed.out == ""
+    assert printed.err.startswith("torchsphere: ")
+    assert printed.err.count("\n") == 1
+    assert "Traceback" not in printed.err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_missing_dask_is_named_with_its_extra(
+    shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert main(["batch", str(shots), "--out", str(tmp_path / "out"), "--scheduler", "tcp://h:1", "--quiet"]) == 1
+    assert "pip install 'torchsphere[dask]'" in capsys.readouterr().err
+
+
+def test_every_core_that_may_be_used_is(shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[int] = []
+
+    def engine(jobs: Any, workers: int, measure: Any) -> Any:
+        seen.append(workers)
+        return serial(jobs)
+
+    monkeypatch.setattr(batch_cli.processes, "run", engine)
+    main(["batch", str(shots), "--out", str(tmp_path / "out"), "--quiet"])
+    monkeypatch.setattr("torch.cuda.device_count", lambda: 3)
+    main(["batch", str(shots), "--out", str(tmp_path / "gpu"), "--quiet", "--device", "cuda"])
+    main(["batch", str(shots), "--out", str(tmp_path / "five"), "--quiet", "--workers", "5"])
+    assert seen == [len(os.sched_getaffinity(0)), 3, 5]

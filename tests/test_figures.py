@@ -1,0 +1,130 @@
+"""Figures of a result: what is drawn on which axis, with which unit."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+from torchsphere import demo
+from torchsphere.measure import Request, measure
+from torchsphere.report import image_figures, motion_figures
+from torchsphere.report.folder import ResultFolder, read
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> ResultFolder:
+    """The demo's impact, frames 20 to 45, in SI units."""
+    folder = tmp_path_factory.mktemp("figures")
+    tifffile.imwrite(folder / "shot.tif", demo.make_shot().images[20:46], photometric="minisblack")
+    measure(
+        Request(
+            input=folder / "shot.tif",
+            out=folder / "result",
+            fps=36_000.0,
+            diameter_mm=30.0,
+            mass_g=110.0,
+            circle=(170.3, 98.6, 40.0),
+            map="off",
+        )
+    )
+    return read(folder / "result")
+
+
+def in_px(result: ResultFolder) -> ResultFolder:
+    """The same without frame rate and scale."""
+    summary = result.summary | {"frame_rate": None, "scale": None, "contact_s": None, "differentiation": None}
+    nothing = np.full_like(result.time_s, np.nan)
+    return dataclasses.replace(result, motion=None, time_s=nothing, summary=summary)
+
+
+def test_motion_is_drawn_in_si_units_with_its_band_of_two_standard_deviations(result: ResultFolder) -> None:
+    axes = motion_figures.motion_figure(result).axes
+    labels = ["position (mm)", "velocity (m/s)", "force (kN)", "spin (rad/s)"]
+    assert [axis.get_ylabel() for axis in axes] == labels
+    assert axes[-1].get_xlabel() == "time (ms)"
+    assert result.motion is not None
+    drawn = axes[1].lines[0].get_xydata()
+    np.testing.assert_allclose(drawn, np.stack((1e3 * result.time_s, result.motion.velocity_m_s[:, 0]), 1))
+    band = axes[1].collections[0].get_paths()[0].vertices[:, 1]
+    widest = 2 * result.motion.sd_velocity_m_s[:, 0]
+    assert band.max() == pytest.approx((result.motion.velocity_m_s[:, 0] + widest).max())
+    assert band.min() == pytest.approx((result.motion.velocity_m_s[:, 0] - widest).min())
+
+
+def test_the_contact_is_shaded_where_it_was_measured(result: ResultFolder) -> None:
+    assert result.contact_s is not None
+    for axis in motion_figures.motion_figure(result).axes:
+        low, high = axis.patches[0].get_extents().transformed(axis.transData.inverted()).intervalx
+        np.testing.assert_allclose([low, high], 1e3 * np.array(result.contact_s))
+
+
+def test_without_a_scale_motion_is_drawn_in_px_and_frames(result: ResultFolder) -> None:
+    axes = motion_figures.motion_figure(in_px(result)).axes
+    labels = ["position (px)", "step (px per frame)", "rotation (deg per frame)"]
+    assert [axis.get_ylabel() for axis in axes] == labels
+    assert axes[-1].get_xlabel() == "frame"
+    np.testing.assert_allclose(axes[2].lines[1].get_ydata(), np.degrees(result.increment[:, 3]))
+
+
+def test_frames_that_were_not_measured_are_shaded(result: ResultFolder) -> None:
+    status = result.status.astype("<U16")
+    status[[4, 5, 9]] = "lost"
+    axis = motion_figures.rotation_figure(dataclasses.replace(in_px(result), status=status)).axes[0]
+    extents = [patch.get_extents().transformed(axis.transData.inverted()).intervalx for patch in axis.patches]
+    np.testing.assert_allclose(extents, [[3.5, 5.5], [8.5, 9.5]])
+
+
+def test_the_path_is_drawn_in_the_image_s_own_pixels(result: ResultFolder) -> None:
+    axis = image_figures.path_figure(result).axes[0]
+    assert result.sampled is not None
+    left, top, width, height = result.sampled.box
+    assert axis.images[0].get_extent() == [left, left + width, top + height, top]
+    np.testing.assert_allclose(axis.lines[1].get_xydata(), result.position)
+    # Circles of the ball's radius at even times.
+    circles = [line.get_xydata() for line in axis.lines[2::2]]
+    assert len(circles) >= image_figures.CIRCLES - 1
+    for circle in circles:
+        assert np.ptp(circle[:, 0]) == pytest.approx(2 * result.radius[0], rel=1e-3)
+
+
+def test_residual_maps_show_the_start_the_worst_and_the_end_on_one_scale(result: ResultFolder) -> None:
+    axes = image_figures.residual_figure(result).axes
+    assert result.sampled is not None
+    worst = int(np.nanargmin(result.zncc))
+    titles = [axis.get_title() for axis in axes[:3]]
+    for title, row in zip(titles, (1, worst, len(result.frame) - 1), strict=True):
+        assert f"frame {result.frame[row]}\n" in title
+    assert len({axis.images[0].get_clim() for axis in axes[:3]}) == 1
+    # Five standard deviations of a noise of 2 grey levels in both images, less what the blur takes.
+    assert 2 < axes[0].images[0].get_clim()[1] < 10
+    assert axes[3].get_ylabel() == "residual (grey levels)"
+
+
+def test_nothing_measured_is_said_on_the_axes_instead_of_left_blank(result: ResultFolder) -> None:
+    nothing = {
+        name: np.full_like(getattr(result, name), np.nan)
+        for name in ("position", "radius", "increment", "sd_increment", "zncc", "quaternion")
+    }
+    lost = dataclasses.replace(in_px(result), status=np.full(len(result.status), "lost"), **nothing)
+    assert result.sampled is not None
+    for figure in (motion_figures.motion_figure(lost), motion_figures.rotation_figure(lost)):
+        assert all("not measured" in [text.get_text() for text in axis.texts] for axis in figure.axes)
+    assert "not measured" in image_figures.path_figure(lost).axes[0].get_title()
+    motion_figures.quality_figure(lost)
+
+
+def test_the_small_picture_is_small_and_shows_the_circle(result: ResultFolder, tmp_path: Path) -> None:
+    (tmp_path / "small.webp").write_bytes(image_figures.thumbnail(result))
+    image = np.asarray(Image.open(tmp_path / "small.webp").convert("RGB")).astype(int)
+    assert max(image.shape) <= image_figures.THUMBNAIL_PX
+    assert result.sampled is not None
+    scale = image.shape[1] / result.sampled.box[2]
+    centre = (result.position[0] - result.sampled.box[:2]) * scale
+    rows, columns = np.nonzero(image[..., 0] - image[..., 2] > 80)
+    away = np.hypot(columns + 0.5 - centre[0], rows + 0.5 - centre[1])
+    # The line is 2 px wide and compressed.
+    np.testing.assert_allclose(away, result.radius[0] * scale, atol=4)
+    assert len(away) > 50

@@ -1,0 +1,206 @@
+"""What an archive consists of: recordings from a folder, a CSV or a TOML file, each with its settings and its place."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from torchsphere.archive import scan, settings
+
+#: What the column of the recordings may be called, and the one of the result folders.
+RECORDING, RESULT = ("recording", "input"), "result"
+EXAMPLE = "expected a folder of recordings, or a manifest .csv or .toml with a row per recording"
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One recording of an archive.
+
+    Attributes
+    ----------
+    recording : str
+        Its path as the manifest has it, or relative to the folder that was searched.
+    input : Path
+        The same as a path to open.
+    result : str
+        Its result folder, relative to that of the archive, with slashes.
+    settings : mapping
+        Fields of `torchsphere.measure.Request`.
+    """
+
+    recording: str
+    input: Path
+    result: str
+    settings: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Archive:
+    """Recordings in order, no two with one result folder, and sentences on what was left out."""
+
+    items: tuple[Item, ...]
+    notes: tuple[str, ...] = ()
+
+
+def read(source: Path, common: Mapping[str, Any], out: Path) -> Archive:
+    """The archive of a folder or a manifest; ``common`` settings hold where a recording has none of its own.
+
+    Raises
+    ------
+    ValueError, OSError
+        Where there are no recordings, a row or a column is not understood, or two recordings would share a folder.
+    """
+    settings.check(common)
+    notes: tuple[str, ...] = ()
+    if source.is_dir():
+        found = scan.scan(source, leave_out=out)
+        notes = found.notes
+        items = [_found(source, path, common) for path in found.recordings]
+    elif not source.exists():
+        raise FileNotFoundError(f"{source}: does not exist; {EXAMPLE}")
+    elif source.suffix.lower() == ".csv":
+        items = list(_from_rows(source, _csv_rows(source), common))
+    elif source.suffix.lower() == ".toml":
+        items = _from_toml(source, common)
+    else:
+        raise ValueError(f"{source}: is no archive; {EXAMPLE}")
+    if not items:
+        left = f" ({' '.join(notes)})" if notes else ""
+        raise ValueError(f"{source}: holds no recording{left}; {EXAMPLE}")
+    _require_own_folders(source, items)
+    return Archive(tuple(items), notes)
+
+
+def _found(root: Path, path: Path, common: Mapping[str, Any]) -> Item:
+    inside = path.relative_to(root)
+    result = inside.as_posix() if path.is_dir() else inside.with_suffix("").as_posix()
+    if path == root:
+        result = root.resolve().name
+    return Item(inside.as_posix(), path, result, common)
+
+
+def _csv_rows(source: Path) -> Iterator[tuple[str, dict[str, str]]]:
+    """Where each row stands, and its cells that are not empty."""
+    try:
+        with source.open(newline="", encoding="utf-8-sig") as stream:
+            head = stream.readline()
+            stream.seek(0)
+            # Spreadsheets write semicolons where the comma is the decimal sign.
+            delimiter = ";" if ";" in head and "," not in head else ","
+            reader = csv.DictReader(stream, delimiter=delimiter, skipinitialspace=True, strict=True)
+            names = [name.strip() for name in reader.fieldnames or ()]
+            _require_columns(source, names)
+            reader.fieldnames = names
+            for row in reader:
+                where = f"{source}, row {reader.line_num}"
+                if None in row:
+                    raise ValueError(f"{where}: has more cells than the {len(names)} columns; quote cells with commas")
+                yield where, {name: text.strip() for name, text in row.items() if text and text.strip()}
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise ValueError(f"{source}: is no CSV file in UTF-8 ({error}); save it as one") from error
+
+
+def _require_columns(source: Path, names: list[str]) -> None:
+    if not set(names) & set(RECORDING):
+        raise ValueError(f"{source}: has the columns {', '.join(names) or 'none'}; expected one named 'recording'")
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"{source}: has two columns {name!r}; leave one out")
+        if name not in (*RECORDING, RESULT):
+            try:
+                settings.name_of(name)
+            except ValueError as error:
+                raise ValueError(f"{source}: column {error}, or 'recording', or 'result'") from error
+
+
+def _from_rows(source: Path, rows: Iterable[tuple[str, dict[str, str]]], common: Mapping[str, Any]) -> Iterator[Item]:
+    for where, cells in rows:
+        if not cells:
+            continue
+        own = {}
+        for column, text in cells.items():
+            if column in (*RECORDING, RESULT):
+                continue
+            try:
+                name = settings.name_of(column)
+                own[name] = settings.from_text(name, text)
+            except ValueError as error:
+                raise ValueError(f"{where}, column {column!r}: {error}") from error
+        yield _item(source, where, cells, own, common)
+
+
+def _from_toml(source: Path, common: Mapping[str, Any]) -> list[Item]:
+    tables = settings.read_toml(source)
+    rows = tables.pop("recordings", None)
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise ValueError(f"{source}: has no [[recordings]]; expected such a table for each recording")
+    # The file's own settings for all stand between those for all archives and those of a recording.
+    common = settings.joined(common, _rebased(source, settings.table(str(source), tables)))
+    items = []
+    for number, row in enumerate(rows, start=1):
+        where = f"{source}, recording {number}"
+        names = {key: row.pop(key) for key in (*RECORDING, RESULT) if key in row}
+        if not all(isinstance(value, str) for value in names.values()):
+            raise ValueError(f"{where}: {', '.join(names)}: expected text")
+        items.append(_item(source, where, names, settings.table(where, row), common))
+    return items
+
+
+def _item(
+    source: Path, where: str, names: Mapping[str, str], own: Mapping[str, Any], common: Mapping[str, Any]
+) -> Item:
+    name = next((names[key] for key in RECORDING if names.get(key)), None)
+    if name is None:
+        raise ValueError(f"{where}, column 'recording': is empty; expected the path of a recording")
+    together = settings.joined(common, _rebased(source, own))
+    try:
+        settings.check(together)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from error
+    path = source.parent / name
+    return Item(name, path, _result(where, name, names.get(RESULT)), together)
+
+
+def _rebased(source: Path, own: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings, with mask images found relative to the manifest, as the recordings are."""
+    if "ignore" not in own:
+        return dict(own)
+    masks = [str(source.parent / t) if (source.parent / t).is_file() else t for t in own["ignore"]]
+    return {**own, "ignore": masks}
+
+
+def _result(where: str, name: str, result: str | None) -> str:
+    """The result folder: as given, or the recording's path without what leads out of the manifest's folder."""
+    if result is not None:
+        path = PurePosixPath(result.replace("\\", "/"))
+        if path.is_absolute() or ".." in path.parts or path.parts[:1] in ((), (scan.STATE,)):
+            raise ValueError(f"{where}, column 'result': {result!r} leads out of the output folder")
+        return path.as_posix()
+    source = Path(name)
+    path = PurePosixPath(*[part for part in source.parts if part not in (source.anchor, "..", ".")])
+    if not path.parts:
+        raise ValueError(f"{where}, column 'recording': {name!r} has no name of its own; add a column 'result'")
+    return (path.with_suffix("") if path.suffix.lower() in scan.SUFFIXES else path).as_posix()
+
+
+def _require_own_folders(source: Path, items: list[Item]) -> None:
+    # Some file systems do not tell upper from lower case.
+    places: dict[str, Item] = {}
+    for item in items:
+        other = places.setdefault(item.result.lower(), item)
+        if other is not item:
+            raise ValueError(
+                f"{source}: {other.recording} and {item.recording} would both be written to {item.result}; "
+                "rename one, or give a manifest with a column 'result'"
+            )
+    for item in items:
+        for parent in PurePosixPath(item.result.lower()).parents:
+            outer = places.get(str(parent))
+            if outer is not None:
+                raise ValueError(
+                    f"{source}: the result of {item.recording} would lie within that of {outer.recording}; "
+                    "rename one, or give a manifest with a column 'result'"
+                )

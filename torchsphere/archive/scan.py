@@ -1,0 +1,112 @@
+"""The recordings in a folder, and the files that each is made of."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from torchsphere.recording.folder import natural_key
+from torchsphere.recording.photron import HEADER_SUFFIXES
+from torchsphere.recording.tiff import count_pages
+
+TIFF = (".tif", ".tiff")
+PHOTRON = (*HEADER_SUFFIXES, ".mraw")
+#: Files that are recordings by themselves; a test holds this against what `open_recording` opens.
+SUFFIXES = (*TIFF, *PHOTRON, ".npy", ".npz", ".cine", ".avi", ".mp4", ".m4v", ".mov", ".mkv", ".webm")
+#: Folder in an archive's results with what is known of each recording.
+STATE = ".batch"
+
+
+@dataclass(frozen=True)
+class Found:
+    """Recordings (paths of files, or of folders of images), and sentences on what was left out."""
+
+    recordings: tuple[Path, ...]
+    notes: tuple[str, ...]
+
+
+def scan(root: Path, leave_out: Path | None = None) -> Found:
+    """All recordings in ``root`` and its folders, in the order of their names.
+
+    Hidden files and folders, result folders and ``leave_out`` are no part of it. Images of one page each are one
+    recording per folder; TIFF files of several pages are a recording each.
+    """
+    recordings: list[Path] = []
+    notes: list[str] = []
+    out = None if leave_out is None else leave_out.resolve()
+    for place, folders, names in os.walk(root):
+        folder = Path(place)
+        if (out is not None and folder.resolve() == out) or STATE in folders or _is_result(names):
+            folders.clear()
+            continue
+        folders[:] = sorted((name for name in folders if not name.startswith(".")), key=natural_key)
+        visible = sorted((name for name in names if not name.startswith(".")), key=natural_key)
+        recordings += _in_folder(folder, visible, notes)
+    return Found(tuple(recordings), tuple(notes))
+
+
+def _is_result(names: Sequence[str]) -> bool:
+    return "summary.json" in names and "track.csv" in names
+
+
+def _in_folder(folder: Path, names: Sequence[str], notes: list[str]) -> Iterator[Path]:
+    suffixes = {name: Path(name).suffix.lower() for name in names}
+    files = [name for name in names if suffixes[name] in SUFFIXES]
+    tiffs = [name for name in files if suffixes[name] in TIFF]
+    # Opening every TIFF of a large folder to count its pages would take longer than listing the folder.
+    if tiffs and _single_pages([folder / tiffs[i] for i in sorted({0, len(tiffs) // 2, len(tiffs) - 1})]):
+        files = [name for name in files if name not in set(tiffs)]
+        images = tiffs
+    else:
+        images = [name for name in names if suffixes[name] == ".png"]
+    headers = {Path(name).stem for name in files if suffixes[name] in HEADER_SUFFIXES}
+    seen: set[str] = set()
+    for name in files:
+        stem = Path(name).stem
+        if suffixes[name] in PHOTRON:
+            if (suffixes[name] == ".mraw" and stem in headers) or stem in seen:
+                continue
+            seen.add(stem)
+        yield folder / name
+    if len(images) > 1 and not files:
+        yield folder
+    elif images:
+        why = "lie beside recordings" if files else "are one image, and motion needs two or more"
+        notes.append(f"{folder}: {len(images)} single image(s) were left out: they {why}.")
+
+
+def _single_pages(paths: Sequence[Path]) -> bool:
+    """Whether the TIFF files that can be read hold one page each, and there is one."""
+    pages = []
+    for path in paths:
+        try:
+            pages.append(count_pages(path))
+        except (ValueError, OSError):
+            continue
+    return bool(pages) and max(pages) == 1
+
+
+def files_of(recording: Path) -> list[os.stat_result | None]:
+    """Size and time of every file of a recording, without opening any; None for one that is not there."""
+    suffix = recording.suffix.lower()
+    try:
+        if recording.is_dir():
+            with os.scandir(recording) as entries:
+                images = [e for e in entries if Path(e.name).suffix.lower() in (*TIFF, ".png")]
+                return [entry.stat() for entry in sorted(images, key=lambda e: e.name) if entry.is_file()]
+        if suffix in PHOTRON:
+            partners = PHOTRON if suffix == ".mraw" else (suffix, ".mraw")
+            stats = [_stat(recording.with_suffix(s)) or _stat(recording.with_suffix(s.upper())) for s in partners]
+            return [stat for stat in (_stat(recording), *stats) if stat is not None] or [None]
+        return [_stat(recording)]
+    except OSError:
+        return [None]
+
+
+def _stat(path: Path) -> os.stat_result | None:
+    try:
+        return path.stat()
+    except OSError:
+        return None

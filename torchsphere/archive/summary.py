@@ -1,0 +1,95 @@
+"""The table of an archive: a row per recording, as CSV and as Parquet."""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+#: Columns from the impact, and its quantities in ``summary.json``; vectors are told by their lengths.
+IMPACT = {
+    "speed_before_m_s": "speed_before",
+    "speed_after_m_s": "speed_after",
+    "spin_before_rad_s": "spin_rate_before",
+    "spin_after_rad_s": "spin_rate_after",
+    "peak_force_N": "peak_force",
+    "restitution": "restitution_normal",
+}
+
+#: Columns and their types; what is not known is empty in the CSV and null in the Parquet file.
+COLUMNS: dict[str, pa.DataType] = {
+    **dict.fromkeys(("recording", "state", "reason"), pa.string()),
+    **dict.fromkeys(("frames", "ok"), pa.int64()),
+    **dict.fromkeys(("frame_rate", "radius_px", "mean_speed_m_s", "mean_spin_rad_s"), pa.float64()),
+    **{name: pa.float64() for column in IMPACT for name in (column, f"sd_{column}")},
+    "warnings": pa.int64(),
+    "seconds": pa.float64(),
+    **dict.fromkeys(("finished", "result"), pa.string()),
+}
+
+
+def measured(table: Mapping[str, Any]) -> dict[str, Any]:
+    """The columns that come from a recording's ``summary.json``."""
+    counts = table.get("frames_per_status") or {}
+    mean, impact = table.get("mean_motion") or {}, table.get("impact") or {}
+    row = {
+        "frames": sum(counts.values()),
+        "ok": counts.get("ok", 0),
+        "frame_rate": table.get("frame_rate"),
+        "radius_px": (table.get("circle") or {}).get("radius"),
+        "mean_speed_m_s": _length(mean.get("velocity_m_s"))[0],
+        "mean_spin_rad_s": _length(mean.get("spin_rad_s"))[0],
+        "warnings": len(table.get("warnings") or ()),
+        "seconds": table.get("seconds"),
+    }
+    for column, name in IMPACT.items():
+        estimate = impact.get(name) or {}
+        row[column], row[f"sd_{column}"] = _length(estimate.get("value"), estimate.get("sd"))
+    return row
+
+
+def _length(value: Any, sd: Any = None) -> tuple[float | None, float | None]:
+    """Length of a vector, and its standard deviation along it; None where a part is not known."""
+    parts, sds = _list(value), _list(sd)
+    if not parts or None in parts:
+        return None, None
+    length = math.hypot(*parts)
+    if length == 0 or len(sds) != len(parts) or None in sds:
+        return length, None
+    return length, math.hypot(*(part * s / length for part, s in zip(parts, sds, strict=True)))
+
+
+def _list(value: Any) -> list[Any]:
+    return list(value) if isinstance(value, list) else [] if value is None else [value]
+
+
+def write(out: Path, rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write ``summary.csv`` and ``summary.parquet``, each in one step."""
+    listed = list(rows)
+    parquet, table = _new(out / "summary.parquet"), _new(out / "summary.csv")
+    try:
+        columns = {name: pa.array([row.get(name) for row in listed], kind) for name, kind in COLUMNS.items()}
+        pq.write_table(pa.table(columns), parquet, compression="zstd")
+        with table.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(COLUMNS)
+            writer.writerows([_cell(row.get(name)) for name in COLUMNS] for row in listed)
+        parquet.replace(out / "summary.parquet")
+        table.replace(out / "summary.csv")
+    finally:
+        parquet.unlink(missing_ok=True)
+        table.unlink(missing_ok=True)
+
+
+def _new(path: Path) -> Path:
+    return path.with_name(f".{path.name}.{os.getpid()}")
+
+
+def _cell(value: Any) -> Any:
+    return format(value, ".10g") if isinstance(value, float) else value

@@ -1,0 +1,148 @@
+"""A video of a result: the images with the ball's circle, its turning axes, its path, and the numbers of the frame."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torchsphere.orientation import matrices
+from torchsphere.recording.refusal import LibraryMissingError
+from torchsphere.report.folder import ResultFolder
+from torchsphere.report.sampled import Sampled
+
+if TYPE_CHECKING:
+    from PIL.Image import Image as Picture
+
+#: Longer side of the video at least, px, so that lines and words can be read; its frames per second; H.264's quality.
+SIDE_PX, PLAYED_PER_S, QUALITY = 720, 25, "20"
+
+#: Colours of circle and path, and of the body's axes x, y, z: Okabe and Ito's, each axis has its letter, too.
+CIRCLE, PATH, AXES = "#E69F00", "#56B4E9", ("#D55E00", "#009E73", "#CC79A7")
+
+#: Length of the axes in radii, and height of the line of words, px.
+AXIS_LENGTH, WORDS_PX = 0.9, 28
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Arrow:
+    """One axis of the ball, which ends at ``tip`` (2,), px of the recording, in front of the image plane or not."""
+
+    name: str
+    tip: Array
+    in_front: bool
+
+
+def axes_of(centre: Array, radius: float, orientation: Array) -> list[Arrow]:
+    """The body's axes, which are the camera's in the first frame, at an orientation (3, 3); none where it is NaN."""
+    if not np.isfinite(orientation).all():
+        return []
+    tips = AXIS_LENGTH * radius * orientation
+    return [Arrow(name, centre + tips[:2, k], bool(tips[2, k] <= 1e-9)) for k, name in enumerate("xyz")]
+
+
+def check_library() -> None:
+    """Raise LibraryMissingError unless PyAV is installed."""
+    if importlib.util.find_spec("av") is None:
+        raise LibraryMissingError("an overlay video needs PyAV: pip install 'torchsphere[video]'")
+
+
+def write_overlay(result: ResultFolder) -> Path:
+    """Write ``overlay.mp4`` into the result folder from the images that it keeps, and return its path.
+
+    H.264 with 4:2:0 colours, which browsers play. The file appears whole or not at all.
+
+    Raises
+    ------
+    ValueError
+        If the result keeps no images.
+    LibraryMissingError
+        If PyAV is not installed.
+    """
+    sampled = result.sampled
+    if sampled is None:
+        raise ValueError(f"{result.path}: the result keeps no images to draw on; track again without --no-report")
+    check_library()
+    import av
+
+    path, new = result.path / "overlay.mp4", result.path / ".overlay.mp4"
+    try:
+        with av.open(str(new), "w", format="mp4", options={"movflags": "+faststart"}) as container:
+            stream: Any = container.add_stream("libx264", rate=PLAYED_PER_S, options={"crf": QUALITY})
+            stream.pix_fmt = "yuv420p"
+            stream.width, stream.height = draw_frame(result, sampled, 0).size
+            for k in range(len(sampled.row)):
+                picture = np.asarray(draw_frame(result, sampled, k))
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+            container.mux(stream.encode())
+        new.replace(path)
+    finally:
+        new.unlink(missing_ok=True)
+    return path
+
+
+def draw_frame(result: ResultFolder, sampled: Sampled, k: int) -> Picture:
+    """The kept image number ``k`` with all that is drawn on it; sides are even, as the video's colours need."""
+    from PIL import Image, ImageDraw
+
+    left, top, width, height = sampled.box
+    zoom = max(SIDE_PX / max(width, height), 1.0)
+    size = 2 * round(zoom * width / 2), 2 * round(zoom * height / 2)
+    image = Image.open(io.BytesIO(sampled.webp[k])).convert("RGB").resize(size, Image.Resampling.BICUBIC)
+    picture = Image.new("RGB", (max(size[0], SIDE_PX), size[1] + 2 * WORDS_PX), "black")
+    picture.paste(image, (0, 2 * WORDS_PX))
+    draw = ImageDraw.Draw(picture)
+
+    def at(point: Array) -> tuple[float, float]:
+        x, y = (point - (left, top)) * (size[0] / width, size[1] / height)
+        return float(x), float(y) + 2 * WORDS_PX
+
+    row = int(sampled.row[k])
+    before = result.position[: row + 1]
+    for part in np.split(before, np.flatnonzero(~np.isfinite(before[:, 0]))):
+        line = [at(p) for p in part if np.isfinite(p).all()]
+        if len(line) > 1:
+            draw.line(line, fill=PATH, width=2)
+    if result.known[row]:
+        centre, radius = result.position[row], float(result.radius[row])
+        draw.ellipse((*at(centre - radius), *at(centre + radius)), outline=CIRCLE, width=2)
+        for arrow in axes_of(centre, radius, matrices(result.quaternion[row : row + 1])[0]):
+            _arrow(draw, at(centre), at(arrow.tip), arrow, AXES["xyz".index(arrow.name)])
+    _words(draw, result, row)
+    return picture
+
+
+def _arrow(draw: Any, start: tuple[float, float], tip: tuple[float, float], arrow: Arrow, colour: str) -> None:
+    """A line to a dot with the axis's letter; thin and hollow where it points away from the camera."""
+    draw.line((start, tip), fill=colour, width=4 if arrow.in_front else 1)
+    spot = (tip[0] - 5, tip[1] - 5, tip[0] + 5, tip[1] + 5)
+    draw.ellipse(spot, fill=colour if arrow.in_front else "black", outline=colour, width=2)
+    draw.text((tip[0] + 8, tip[1] - 8), arrow.name, fill=colour, font=_font(16), stroke_width=2, stroke_fill="black")
+
+
+def _words(draw: Any, result: ResultFolder, row: int) -> None:
+    motion, status = result.motion, str(result.status[row])
+    parts = [f"frame {result.frame[row]}"]
+    if np.isfinite(result.time_s[row]):
+        parts.append(f"{1e3 * result.time_s[row]:.3f} ms")
+    if motion is not None and np.isfinite(motion.velocity_m_s[row]).all():
+        parts.append(f"v = ({motion.velocity_m_s[row, 0]:.2f}, {motion.velocity_m_s[row, 1]:.2f}) m/s")
+    if motion is not None and np.isfinite(motion.spin_rad_s[row]).all():
+        parts.append(f"{np.linalg.norm(motion.spin_rad_s[row]) / (2 * np.pi):.1f} rev/s")
+    draw.text((8, 4), "   ".join(parts), fill="white", font=_font(18))
+    axes = "lab frame" if motion is not None and result.lab_frame else "camera frame"
+    said = "" if status == "ok" else f"not fully measured: {status}"
+    draw.text((8, WORDS_PX + 4), f"{axes}; axes x, y, z move with the ball   {said}", fill="#BBBBBB", font=_font(15))
+
+
+def _font(size: int) -> Any:
+    from PIL import ImageFont
+
+    return ImageFont.load_default(size)

@@ -1,0 +1,98 @@
+"""What the measured motion does not explain: each image minus the one before it, carried along with the ball."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+import torch.nn.functional as F  # noqa: N812  (torch's own custom)
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchsphere import criterion, crop, interlace, interpolate, motion
+from torchsphere.correlate import Options, margin
+from torchsphere.newton import warp
+from torchsphere.perspective import Camera
+from torchsphere.reference import build_reference
+
+#: Radius of the ball, px, up to which a map has the images' own pixels; a larger ball's are means of several, so that a
+#: map costs a ms or so whatever the camera. A map is looked at at the size of a thumb.
+FULL_UP_TO_PX = 72.0
+BINNED_TO_PX = 48.0
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Pairs of images (m, h, w) of the ball, the place ``circles`` (m, 3) in the first of each, and the motion (m, k).
+
+    The motion as (dx, dy, wx, wy, wz, growth): px and rad; all finite.
+    """
+
+    before: Tensor
+    after: Tensor
+    circles: Tensor
+    motion: Tensor
+
+
+def binning(radius: float) -> int:
+    """Side of the squares of pixels whose means a map has, px."""
+    return 1 if radius <= FULL_UP_TO_PX else round(radius / BINNED_TO_PX)
+
+
+def options_of(settings: dict[str, Any]) -> Options:
+    """The correlation's options from the ``settings`` of a `Track`."""
+    names = set(Options.__dataclass_fields__)
+    known = {name: value for name, value in settings.items() if name in names}
+    camera = known.get("camera")
+    return Options(**known | {"camera": Camera(**camera) if isinstance(camera, dict) else camera})
+
+
+def residual_maps(pairs: Pairs, ignore: Tensor | None, options: Options) -> NDArray[np.float32]:
+    """Second image minus first within the region of interest, grey levels.
+
+    Gain and offset are matched, as the criterion has it (equation (3) of the paper); blurred as for the correlation.
+
+    Returns
+    -------
+    ndarray
+        (m, s, s) around the ball's centre in the first image (to the whole pixel), NaN outside the region and where
+        an image cannot be used.
+    """
+    k = binning(float(pairs.circles[:, 2].max()))
+    half = crop.half_size(float(pairs.circles[:, 2].max()), margin(options))
+    crops_f = crop.cut(pairs.before, pairs.circles[:, :2], half, ignore)
+    crops_g = crop.cut(pairs.after, pairs.circles[:, :2] + pairs.motion[:, :2].to(pairs.circles), half, ignore)
+    if interlace.is_interlaced(crops_f):
+        crops_f, crops_g = interlace.one_field(crops_f), interlace.one_field(crops_g)
+    crops_f, crops_g = _binned(crops_f, k), _binned(crops_g, k)
+    circles = pairs.circles.clone()
+    circles[:, :2] = (circles[:, :2] - (k - 1) / 2) / k
+    circles[:, 2] /= k
+    camera = None if options.camera is None else options.camera.reduced(k)
+    # In means of pixels the pattern is finer, so that without this blur their own aliasing is most of what is left.
+    pre_blur = max(options.pre_blur, interpolate.PRE_BLUR_PX) if k > 1 else options.pre_blur
+    c_f, c_g = (interpolate.coefficients(c.images, pre_blur) for c in (crops_f, crops_g))
+    reference = build_reference(crops_f, c_f, circles, options.roi, pre_blur, camera)
+    model = motion.MODELS["finite" if options.model == "rigid" else options.model]
+    q = pairs.motion[:, : motion.degrees_of_freedom(model)].clone()
+    q[:, :2] /= k
+    shift = (circles[:, :2] - crops_g.origin).to(c_g)
+    warped, weights = warp(reference, c_g, shift, q.to(c_g), model)
+    difference = -criterion.residual(reference.values, warped, weights)
+    difference = torch.where(weights > 0, difference, torch.nan)
+    maps = torch.full((len(difference), reference.side, reference.side), torch.nan)
+    columns, rows = reference.places.cpu().unbind(-1)
+    maps[:, rows, columns] = difference.float().cpu()
+    return maps.numpy()
+
+
+def _binned(crops: crop.Crops, k: int) -> crop.Crops:
+    """The crops with means of ``k`` x ``k`` pixels for pixels; their origin counts in those."""
+    if k == 1:
+        return crops
+    usable = crops.usable
+    if usable is not None:
+        usable = F.max_pool2d((~usable)[:, None].to(crops.images), k)[:, 0] == 0
+    return crop.Crops(F.avg_pool2d(crops.images[:, None], k)[:, 0], usable, crops.origin / k)
