@@ -47,6 +47,7 @@ def test_every_recording_has_a_folder_that_mirrors_its_path_and_a_row_of_the_tab
     assert table["d.npy"]["reason"] == f"{shots / 'd.npy'}: is bad"
     assert (table["a.npy"]["frames"], table["a.npy"]["ok"], table["a.npy"]["frame_rate"]) == ("3", "3", "50")
     assert table["d.npy"]["frames"] == ""
+    assert "<title>" in (out / "index.html").read_text()
     parquet = pq.read_table(out / "summary.parquet").to_pylist()
     assert [row["recording"] for row in parquet] == list(table)
     assert [row["state"] for row in parquet] == ["done", "done", "failed", "done"]

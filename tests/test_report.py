@@ -302,4 +302,5 @@ def test_a_recording_in_which_the_ball_is_lost_is_reported_in_words_and_never_as
     assert sum(len(p["remedy"]) > 0 for p in words.problems(result)) == len(words.problems(result)) > 0
     text = (tmp_path / "out" / "report.html").read_text()
     assert "nan" not in text.split('id="data"')[0].lower().replace("nano", "")
-    assert "not measured" in text
+    assert "not measured: no motion was measured" in text
+    assert "steady motion" not in text

@@ -16,6 +16,7 @@ from torchsphere.archive.key import Key, key_of
 from torchsphere.archive.manifest import Archive, Item
 from torchsphere.archive.records import DONE, FAILED, PENDING
 from torchsphere.archive.work import STOP, Job, Outcome, is_settled
+from torchsphere.report import index
 
 #: What has jobs done: `processes.run` or `dask_engine.run` with all but the jobs given.
 Engine = Callable[[Iterator[Job]], Iterator[Outcome]]
@@ -69,12 +70,14 @@ class _Standing:
         return str(self._rows[i]["state"])
 
     def write(self, *, everything: bool) -> None:
-        """Write the table; other runs are waited for, so that the last to end has seen all."""
+        """Write the table, at the end also as a page; other runs are waited for: the last to end has seen all."""
         with folder.claims_of(self._out).summary():
             for i in range(len(self._rows)):
                 if everything or self.state(i) == PENDING:
                     self.read(i)
             summary.write(self._out, self._rows)
+            if everything:
+                index.write_index(self._out, self._rows)
 
 
 def run(

@@ -62,6 +62,8 @@ function widthFor(canvas) {
 function number(value, sd) {
   if (value === null || value === undefined) return "not measured";
   const digits = sd > 0 ? Math.min(Math.max(1 - Math.floor(Math.log10(sd)), 0), 9) : null;
-  const text = digits === null ? String(Number(value.toPrecision(5))) : value.toFixed(digits);
-  return text.replace("-", "\u2212");
+  // Beyond five decimals zeros crowd out what is meant.
+  const text = digits > 5 ? value.toExponential(Math.max(digits + Math.floor(Math.log10(Math.abs(value) || sd)), 0))
+    : digits === null ? String(Number(value.toPrecision(5))) : value.toFixed(digits);
+  return text.replaceAll("-", "\u2212");
 }

@@ -69,6 +69,9 @@ IMPACT: tuple[tuple[str, str, str, float], ...] = (
 #: Numbers that need the ball's mass.
 OF_MASS = ("peak_force", "peak_time", "mean_force", "impulse_size", "energy_before", "energy_after", "energy_given")
 
+#: How the summary's warning begins that says why there is no impact.
+NO_IMPACT = "No impact is reported: "
+
 Section = tuple[str, list[tuple[str, str]]]
 
 
@@ -81,7 +84,7 @@ def verdict(result: ResultFolder) -> str:
     if good == 0 and placed == 0:
         return f"Nothing was measured: in none of the {n} frames was the ball found."
     # The frame in which the ball is first found is "ok" although no step leads to it.
-    if good <= 1 and not np.isfinite(result.increment[:, :2]).any():
+    if good <= 1 and not _moved(result):
         return f"No motion was measured: the ball was found in {_count(placed, 'frame')} of {n}, but not followed."
     if good == 0:
         return f"The place of the ball was measured in {placed} of {n} frames, its rotation in none."
@@ -124,7 +127,10 @@ def _scale_given(result: ResultFolder) -> bool:
 
 def warnings(result: ResultFolder) -> list[str]:
     """The summary's warnings but those that `absent` and `problems` say already."""
-    said = ("The frame rate is not known", "No scale was given")
+    said: tuple[str, ...] = ("The frame rate is not known", "No scale was given")
+    if not _moved(result):
+        # Where nothing was measured, "one steady motion explains all frames" would be true and misleading.
+        said = (*said, NO_IMPACT)
     return [
         sentence
         for sentence in result.summary.get("warnings", [])
@@ -151,12 +157,17 @@ def sections(result: ResultFolder) -> list[Section]:
 
 
 def _no_impact(result: ResultFolder) -> str:
-    start = "No impact is reported: "
+    if not _moved(result):
+        return f"{NOT_MEASURED}: no motion was measured"
     for sentence in result.summary.get("warnings", []):
-        if sentence.startswith(start):
-            reason = sentence.removeprefix(start)
+        if sentence.startswith(NO_IMPACT):
+            reason = sentence.removeprefix(NO_IMPACT)
             return f"{NOT_MEASURED}: {reason[:1].lower()}{reason[1:]}"
     return f"{NOT_MEASURED}: frame rate and scale are needed"
+
+
+def _moved(result: ResultFolder) -> bool:
+    return bool(np.isfinite(result.increment[:, 0]).any())
 
 
 def _means(result: ResultFolder) -> list[tuple[str, str]]:
