@@ -116,7 +116,7 @@ def test_ctrl_c_ends_the_workers_and_the_next_run_goes_on(tmp_path: Path) -> Non
     with pytest.raises(ProcessLookupError):
         os.kill(worker, 0)
     assert [row["state"] for row in rows(out).values()] == ["pending", "pending"]
-    assert sorted(path.name for path in out.iterdir()) == [".batch", "summary.csv", "summary.parquet"]
+    assert sorted(path.name for path in out.iterdir()) == [".batch", "index.html", "summary.csv", "summary.parquet"]
     assert batch_cli.command(arguments(source, out, workers=1), measured) == 0
 
 
