@@ -134,4 +134,6 @@ def arguments(source: Path, out: Path, **more: Any) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
+    # A shell that starts the tests in the background has them ignore Ctrl-C, which processes inherit.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.exit(batch_cli.command(arguments(Path(sys.argv[1]), Path(sys.argv[2]), workers=int(sys.argv[3])), measured))

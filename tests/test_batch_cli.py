@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from archive_shots import BAD, serial, write_array, write_recording
+from archive_shots import BAD, pretended, serial, write_array, write_recording
 
 from torchsphere import batch_cli
 from torchsphere.archive.run import Counts, Interrupted
+from torchsphere.archive.work import settle
 from torchsphere.cli import main
 
 TRACKED = ["--circle", "22,32.3,12", "--map", "off", "--fps", "1000", "--diameter-mm", "30"]
@@ -82,6 +83,21 @@ def test_the_command_line_wins_over_the_config_and_a_recording_over_both(shots: 
     assert [row["frame_rate"] for row in rows(out)] == ["100", "300"]
     assert main([*arguments, "--fps", "200", "--diameter-mm", "30"]) == 0
     assert [row["frame_rate"] for row in rows(out)] == ["200", "300"]
+
+
+def test_every_setting_has_an_option_that_turns_it_from_its_default(
+    shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[Any] = []
+
+    def engine(jobs: Any, **_: Any) -> Any:
+        for job in jobs:
+            seen.append(dict(job.item.settings))
+            yield settle(job, pretended)
+
+    monkeypatch.setattr(batch_cli.processes, "run", engine)
+    main(["batch", str(shots / ".."), "--out", str(tmp_path / "out"), "--quiet", "--lab-frame", "--no-report"])
+    assert seen == [{"lab_frame": True, "report": False}] * 2
 
 
 @pytest.mark.usefixtures("here")

@@ -13,9 +13,9 @@ PACKAGE = ROOT / "torchsphere"
 
 #: The data's way. A module imports from lines above its own, never from its own or from one below.
 LAYERS = (
-    ("recording", "inputs"),
+    ("recording", "inputs", "parallel"),
     ("source", "masks", "perspective"),
-    ("motion", "interpolate", "crop", "texture", "still"),
+    ("motion", "interpolate", "crop", "texture", "still", "turning"),
     ("forward", "reference", "criterion", "interlace", "view"),
     ("covariance", "outline", "locate", "newton", "misfit", "search", "trust"),
     ("robust", "schur"),
@@ -44,6 +44,7 @@ LEVEL = {module: level for level, layer in enumerate(LAYERS) for module in layer
 #: The same within recording, which is one module to all others.
 RECORDING_LAYERS = (
     ("recording", "refusal", "packed", "grey", "linearisation"),
+    ("tiff_chain",),
     ("arrays", "tiff", "phantom", "photron", "video"),
     ("folder",),
     ("opener",),

@@ -50,7 +50,9 @@ def add(commands: Any) -> None:
     )
     for name, kind in sorted(settings.NAMES.items()):
         option = f"--{name.replace('_', '-')}"
-        if kind == "bool":
+        if kind == "bool" and settings.DEFAULTS[name]:
+            common.add_argument(f"--no-{option[2:]}", action="store_false", default=None, dest=name)
+        elif kind == "bool":
             common.add_argument(option, action="store_true", default=None)
         else:
             common.add_argument(option, type=_setting(name), metavar=name.split("_")[-1].upper())

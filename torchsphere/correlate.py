@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -19,12 +20,22 @@ import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere import covariance, criterion, crop, interpolate, misfit, motion, robust
+from torchsphere import covariance, criterion, crop, interpolate, misfit, motion, robust, turning
 from torchsphere.inputs import as_images, as_mask, as_rows, check_circle
 from torchsphere.motion import Displacement
-from torchsphere.newton import How, Solution, gauss_newton, operator, warp, warp_with_gradient
+from torchsphere.newton import (
+    APPROACH_STEPS,
+    EVERY,
+    FEWEST,
+    How,
+    Solution,
+    bring_near,
+    gauss_newton,
+    operator,
+    warp_with_gradient,
+)
 from torchsphere.perspective import Camera
-from torchsphere.reference import Reference, build_reference
+from torchsphere.reference import IN_CLOSED_FORM, Reference, build_reference
 
 STATUSES = ("ok", "weak_texture", "low_correlation", "not_converged", "out_of_frame", "lost")
 OK, WEAK_TEXTURE, LOW_CORRELATION, NOT_CONVERGED, OUT_OF_FRAME, LOST = range(6)
@@ -135,6 +146,13 @@ class Correlation:
         """Angle (n,) that the ball turns by, rad; NaN where it was not measured."""
         return self.q[:, 2:].norm(dim=-1)
 
+    @classmethod
+    def joined(cls, parts: Sequence[Correlation]) -> Correlation:
+        """The rows of all parts, one after the other."""
+        names = ("q", "covariance", "zncc", "iterations", "growth", "sd_growth")
+        fields = {name: torch.cat([getattr(part, name) for part in parts]) for name in names}
+        return cls(status=np.concatenate([part.status for part in parts]), **fields)
+
     def replaced(self, rows: Tensor, other: Correlation) -> Correlation:
         """The same with the rows (m,) taken from ``other``."""
         status = self.status.copy()
@@ -206,7 +224,10 @@ def correlate_pairs(
     crops_f = crop.cut(f, circles[:, :2], half, ignore)
     crops_g = crop.cut(g, circles[:, :2] + start[:, :2].to(circles), half, ignore)
     c_f, c_g = (interpolate.coefficients(c.images, options.pre_blur) for c in (crops_f, crops_g))
-    return solve(crops_f, c_f, crops_g, c_g, circles, start.to(c_f), options)
+    pairs = Pairs(crops_f, c_f, crops_g, c_g, circles)
+    near, steps = approach(pairs, start.to(c_f), options)
+    found = solve(pairs, near, options, start.to(c_f))
+    return dataclasses.replace(found, iterations=found.iterations + steps)
 
 
 def margin(options: Options) -> float:
@@ -214,75 +235,116 @@ def margin(options: Options) -> float:
     return 4 + 4 * options.pre_blur
 
 
-def solve(
-    crops_f: crop.Crops,
-    c_f: Tensor,
-    crops_g: crop.Crops,
-    c_g: Tensor,
-    circles: Tensor,
-    start: Tensor,
-    options: Options,
-) -> Correlation:
-    """Correlate n pairs of crops with their spline coefficients ``c_f``, ``c_g``: see `correlate`.
+class Pairs(NamedTuple):
+    """What n pairs are measured from.
 
-    ``circles`` (n, 3) of the ball in the reference images, float64 on the CPU; ``start`` (n, 5).
+    Attributes
+    ----------
+    f, c_f, g, c_g : Crops, Tensor, Crops, Tensor
+        Crops of the reference and of the deformed images, and their spline coefficients (n, s, s).
+    circles : Tensor
+        The ball in the reference images (n, 3), px, float64 on the CPU.
     """
+
+    f: crop.Crops
+    c_f: Tensor
+    g: crop.Crops
+    c_g: Tensor
+    circles: Tensor
+
+    @property
+    def shift(self) -> Tensor:
+        """From the ball's centre in the reference image to the deformed image's crop (n, 2), px."""
+        return (self.circles[:, :2] - self.g.origin).to(self.c_g)
+
+    def rows(self, start: int, stop: int) -> Pairs:
+        """Pairs ``start`` to ``stop - 1``."""
+        some = slice(start, stop)
+        f, g = self.f.rows(start, stop), self.g.rows(start, stop)
+        return Pairs(f, self.c_f[some], g, self.c_g[some], self.circles[some])
+
+    def take(self, rows: Tensor) -> Pairs:
+        """The given rows (m,) alone."""
+        return Pairs(self.f.take(rows), self.c_f[rows], self.g.take(rows), self.c_g[rows], self.circles[rows.cpu()])
+
+
+def approach(pairs: Pairs, start: Tensor, options: Options) -> tuple[Tensor, Tensor]:
+    """Increments (n, k) brought from ``start`` (n, 5) to within a hundredth of a px on a part of the points.
+
+    Returns them and the steps (n,) that it took. Small balls have no points to spare and stay where they are.
+    """
+    radius = options.roi * float(pairs.circles[:, 2].max())
+    if math.pi * radius**2 < EVERY * FEWEST or options.max_iterations <= APPROACH_STEPS:
+        return start, torch.zeros(len(start), dtype=torch.long, device=start.device)
+    model = motion.MODELS[options.model]
+    model = motion.finite if model is motion.rigid else model
+    exact = bool((start[:, 2:].norm(dim=-1) >= math.radians(GRADIENT_FROM_DEG)).any())
+    reference, first = _reference(pairs, start, model, options, every=EVERY)
+    how = How(options.max_iterations, options.tolerance_px, exact or options.jacobian == "autograd")
+    return bring_near(reference, pairs.c_g, pairs.shift, first, model, how)
+
+
+def solve(pairs: Pairs, near: Tensor, options: Options, start: Tensor | None = None) -> Correlation:
+    """Correlate n pairs: see `correlate`. From ``near`` (n, k), which came from ``start`` (n, 5) by `approach`."""
+    start = near if start is None else start
     if motion.MODELS[options.model] not in (motion.rigid, *motion.EXACT):
-        return _solve(crops_f, c_f, crops_g, c_g, circles, start, options)
+        return _solve(pairs, near, start, options)
     exact = "finite" if options.model == "rigid" else options.model
     exactly = dataclasses.replace(options, model=exact, jacobian="autograd")
     # Measured at 0.57 deg per frame: the second order of the rotation, which `rigid` lacks, is half of its bias (0.0009
     # of 0.0018 deg), and costs a tenth of the time.
     slowly = options if options.finite_from_deg else dataclasses.replace(options, model=exact)
     limit = math.radians(options.finite_from_deg or GRADIENT_FROM_DEG)
-    turning = start[:, 2:].norm(dim=-1) >= limit
+    turning = near[:, 2:5].norm(dim=-1) >= limit
     if bool(turning.all()):
-        return _solve(crops_f, c_f, crops_g, c_g, circles, start, exactly)
-    found = _solve(crops_f, c_f, crops_g, c_g, circles, start, slowly, again_from=limit)
+        return _solve(pairs, near, start, exactly)
+    found = _solve(pairs, near, start, slowly, again_from=limit)
     # Rows whose turn asks for more, whether that was expected or is only found now.
     beyond = turning | (found.turn >= limit)
     if not bool(beyond.any()):
         return found
     rows = torch.nonzero(beyond)[:, 0]
-    better = torch.where(found.q.isfinite() & ~turning[:, None], found.q, start)[rows]
-    f, g, here = crops_f.take(rows), crops_g.take(rows), rows.cpu()
-    return found.replaced(rows, _solve(f, c_f[rows], g, c_g[rows], circles[here], better, exactly))
+    better = torch.where(found.q.isfinite() & ~turning[:, None], found.q, near[:, :5])[rows]
+    return found.replaced(rows, _solve(pairs.take(rows), better, start[rows], exactly))
 
 
-def _solve(
-    crops_f: crop.Crops,
-    c_f: Tensor,
-    crops_g: crop.Crops,
-    c_g: Tensor,
-    circles: Tensor,
-    start: Tensor,
-    options: Options,
-    again_from: float = math.inf,
-) -> Correlation:
+def _solve(pairs: Pairs, near: Tensor, start: Tensor, options: Options, again_from: float = math.inf) -> Correlation:
     """`solve` with one model for all rows; those that turn by ``again_from``, rad, or more are to be solved again."""
     model = motion.MODELS[options.model]
-    reference = build_reference(crops_f, c_f, circles, options.roi, options.pre_blur, options.camera)
-    shift = (circles[:, :2] - crops_g.origin).to(c_g)
-    k = motion.degrees_of_freedom(model)
-    first = F.pad(start, (0, max(k - start.shape[-1], 0)))[:, :k]
-    reference = _where_target_is_usable(reference, crops_g, shift, first, model)
-    if model in motion.EXACT:
-        reference = robust.by_view(reference, first, model)
+    reference, first = _reference(pairs, near, model, options)
+    c_g, shift = pairs.c_g, pairs.shift
     how = How(options.max_iterations, options.tolerance_px, options.jacobian == "autograd")
     solution = gauss_newton(reference, c_g, shift, first, model, how)
-    warped, weights = warp(reference, c_g, shift, solution.q, model)
-    visible = (weights > 0).sum(-1)
+    visible = (solution.weights > 0).sum(-1)
     # Judging takes a few steps of its own.
     if options.robust and model in (motion.rigid, *motion.EXACT) and options.max_iterations > robust.STEPS:
-        doubt = ~solution.converged | robust.doubtful(reference, warped, weights, solution.q, model, options.pre_blur)
+        doubt = ~solution.converged | robust.doubtful(reference, solution, model, options.pre_blur)
         # What is not explained of a large turn so far is no occluder.
         turned = solution.q[:, 2:5].norm(dim=-1) >= again_from
         doubt = doubt & ~(solution.converged & turned)
+        guesses = (first, _as_unknowns(start, model))
         reference, solution = robust.reconsider(
-            reference, c_g, shift, first, solution, doubt, model, how, options.pre_blur
+            reference, c_g, shift, guesses, solution, doubt, model, how, options.pre_blur
         )
-        warped, weights = warp(reference, c_g, shift, solution.q, model) if bool(doubt.any()) else (warped, weights)
-    return _conclude(reference, warped, weights, solution, visible, model, options)
+    return _conclude(reference, solution, visible, model, options)
+
+
+def _reference(
+    pairs: Pairs, start: Tensor, model: Displacement, options: Options, every: int = 1
+) -> tuple[Reference, Tensor]:
+    """The reference, weighted for a motion like ``start``, and that as the model's unknowns (n, k)."""
+    first = _as_unknowns(start, model)
+    reference = build_reference(
+        pairs.f, pairs.c_f, pairs.circles, options.roi, options.pre_blur, options.camera, every=every
+    )
+    reference = _where_target_is_usable(reference, pairs.g, pairs.shift, first, model)
+    return robust.by_view(reference, first, model) if model in motion.EXACT else reference, first
+
+
+def _as_unknowns(increments: Tensor, model: Displacement) -> Tensor:
+    """Increments (n, 5) as a model's unknowns (n, k): it may have fewer, or growth as a sixth."""
+    k = motion.degrees_of_freedom(model)
+    return F.pad(increments, (0, max(k - increments.shape[-1], 0)))[:, :k]
 
 
 def _where_target_is_usable(
@@ -319,17 +381,15 @@ def radius_evidence(
     c_f, c_g = (interpolate.coefficients(c.images, options.pre_blur) for c in crops)
     reference = build_reference(crops[0], c_f, circles, options.roi, options.pre_blur, options.camera)
     shift = (circles[:, :2] - crops[1].origin).to(c_g)
-    k = motion.degrees_of_freedom(model)
-    q = F.pad(q.to(c_g), (0, max(k - q.shape[-1], 0)))[:, :k]
+    q = _as_unknowns(q.to(c_g), model)
     # The exact Jacobian: at the limb, where the radius shows, the reference's gradient is off by a third at 5 deg.
     warped, weights, gradient = warp_with_gradient(reference, c_g, shift, q, model)
     difference = criterion.residual(reference.values, warped, weights)
-    mode = motion.radius_mode(model, q, reference.points, reference.geometry)
-    of_radius = (mode * gradient).sum(-1, keepdim=True)
+    of_radius = (_radius_mode(reference, q, model) * gradient).sum(1, keepdim=True)
     jacobian, factor = operator(reference, gradient, q, model, weights)
     slope = criterion.project(of_radius, reference.values, weights)
-    shared = ((jacobian * weights[..., None]).mT @ slope).double()
-    left = slope[..., 0] - (jacobian @ torch.cholesky_solve(shared, factor).to(jacobian))[..., 0]
+    shared = ((jacobian * weights[:, None]) @ slope.mT).double()
+    left = (slope - torch.cholesky_solve(shared, factor).to(jacobian).mT @ jacobian)[:, 0]
     # Of fast turns the exact models tell no radius at all: errors of 0.3 px of 50 at 7 deg and 3 radii's distance.
     up_to = RADIUS_UP_TO_DEG if options.camera is None else GRADIENT_FROM_DEG
     weights = weights * (q[:, 2:5].norm(dim=-1, keepdim=True) < math.radians(up_to))
@@ -338,27 +398,29 @@ def radius_evidence(
     return (weights * left * difference).sum(-1).double().cpu(), (weights * left.square()).sum(-1).double().cpu()
 
 
+def _radius_mode(reference: Reference, q: Tensor, model: Displacement) -> Tensor:
+    """How far (n, 2, p) a change of the radius moves each point in the deformed image, px per px."""
+    if model in IN_CLOSED_FORM:
+        # Automatic differentiation loads a compiler at its first use, which takes 2 s: the time of 1000 pairs.
+        return turning.radius_mode(q, reference.surface, reference.geometry.radius, exact=model is motion.finite)
+    return motion.radius_mode(model, q, reference.points, reference.geometry).mT
+
+
 def _conclude(
-    reference: Reference,
-    warped: Tensor,
-    weights: Tensor,
-    solution: Solution,
-    visible: Tensor,
-    model: Displacement,
-    options: Options,
+    reference: Reference, solution: Solution, visible: Tensor, model: Displacement, options: Options
 ) -> Correlation:
     """Status, covariance and coefficient of each pair; what cannot be vouched for becomes NaN.
 
     ``visible`` (n,) is the number of points in sight, whether they agree or not.
     """
-    q, iterations, converged = solution
+    q, iterations, converged, warped, weights, jacobian, factor = solution
     difference = criterion.residual(reference.values, warped, weights)
     coefficient = criterion.zncc(reference.values, warped, weights)
-    spread = covariance.increment_covariance(reference, difference, weights, q, model, options.pre_blur)
-    jacobian, _ = operator(reference, reference.gradient, q, model, weights)
-    wider = misfit.inflation(reference, jacobian, difference, weights, spread)
+    gram = criterion.operator(jacobian, weights)
+    spread = covariance.increment_covariance(reference, difference, weights, q, model, gram, options.pre_blur)
+    wider = misfit.inflation(reference, jacobian, factor, difference, weights, spread)
     spread = spread * wider[:, :, None] * wider[:, None, :]
-    carried = covariance.texture_carries_modes(reference, difference, weights, q, model, options.pre_blur)
+    carried = covariance.texture_carries_modes(reference, difference, weights, q, model, gram, options.pre_blur)
     area = torch.pi * (options.roi * reference.geometry.radius) ** 2
     status = torch.full((len(q),), OK, device=q.device)
     for wrong, code in (

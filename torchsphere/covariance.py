@@ -5,9 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from torchsphere import criterion, interpolate, motion
+from torchsphere import criterion, interpolate, motion, turning
 from torchsphere.motion import Displacement
-from torchsphere.reference import Reference, scale, slopes
+from torchsphere.reference import IN_CLOSED_FORM, Reference, scale, slopes
 
 #: Least ratio, in the worst combination of modes, of the gradients' energy to what noise alone would give. Noise has
 #: 1, a speckle of 10 grey levels under noise of 2 has 3.5, one of 190 grey levels has 700.
@@ -18,21 +18,31 @@ MIN_TEXTURE_SIGNAL = 3.0
 MAX_CONDITION = 15.0
 
 
+#: Every how many points geometry alone is summed over: it changes slowly from one to the next.
+THIN = 8
+
+
 def increment_covariance(
-    reference: Reference, difference: Tensor, weights: Tensor, q: Tensor, model: Displacement, pre_blur: float
+    reference: Reference,
+    difference: Tensor,
+    weights: Tensor,
+    q: Tensor,
+    model: Displacement,
+    operator: Tensor,
+    pre_blur: float,
 ) -> Tensor:
     """Covariance (n, k, k), float64, of the increments ``q`` (n, k): px and rad.
 
-    Without pre-blur it is ``2 sigma^2 M^-1``, the variance of the residual times the inverse operator. The pre-blur
-    correlates the noise of neighbouring pixels: ``M^-1 N M^-1`` takes its place, where ``N`` is the operator of the
-    gradients blurred once more, and the residual's variance is divided by what the blur leaves of a pixel's.
+    Without pre-blur it is ``2 sigma^2 M^-1``, the variance of the residual times the inverse of the ``operator``. The
+    pre-blur correlates the noise of neighbouring pixels: ``M^-1 N M^-1`` takes its place, where ``N`` is the operator
+    of the gradients blurred once more, and the residual's variance is divided by what the blur leaves of a pixel's.
     """
     k = q.shape[-1]
-    operator = criterion.operator(_projected(reference, reference.gradient, q, model, weights), weights)
-    carried = criterion.operator(_projected(reference, reference.blurred_gradient, q, model, weights), weights)
+    blurred = criterion.project(slopes(reference.blurred_gradient, q, model, reference), reference.values, weights)
+    carried = criterion.operator(blurred, weights)
     value_gain, _ = interpolate.noise_gains(pre_blur)
     freedom = (weights.sum(-1) - k - 2).clamp_min(1)
-    variance = (weights * difference.square()).sum(-1).double() / freedom / value_gain
+    variance = torch.linalg.vecdot(weights * difference, difference).double() / freedom / value_gain
     inverse = torch.cholesky_inverse(criterion.cholesky(operator))
     in_px = variance[:, None, None] * inverse @ carried @ inverse
     unit = scale(reference, k).double()
@@ -40,19 +50,26 @@ def increment_covariance(
 
 
 def texture_carries_modes(
-    reference: Reference, difference: Tensor, weights: Tensor, q: Tensor, model: Displacement, pre_blur: float
+    reference: Reference,
+    difference: Tensor,
+    weights: Tensor,
+    q: Tensor,
+    model: Displacement,
+    operator: Tensor,
+    pre_blur: float,
 ) -> Tensor:
     """True (n,) where the texture determines every mode.
 
-    The operator is taken relative to the one that white noise would give over the same region, so that what the
-    geometry itself does to the modes cancels. Two ways to fail: gradients that are hardly more than noise (a plain
-    ball), and gradients in a part of the ball only (a highlight), where translation and rotation look the same.
+    The ``operator`` (n, k, k) is taken relative to the one that white noise would give over the same region, so that
+    what the geometry itself does to the modes cancels. Two ways to fail: gradients that are hardly more than noise (a
+    plain ball), and gradients in a part of the ball only (a highlight), where translation and rotation look the same.
     """
-    operator = criterion.operator(_projected(reference, reference.gradient, q, model, weights), weights)
     value_gain, slope_gain = interpolate.noise_gains(pre_blur)
     # Two upper bounds of the noise: the residual is too large where the match fails, the raw image's where the
     # texture is as fine as noise. Half of the residual's variance belongs to either image.
-    from_residual = (weights * difference.square()).sum(-1) / weights.sum(-1).clamp_min(1) / (2 * value_gain)
+    from_residual = (
+        torch.linalg.vecdot(weights * difference, difference) / weights.sum(-1).clamp_min(1) / (2 * value_gain)
+    )
     noise = torch.minimum(from_residual, reference.noise.square()).double().clamp_min(1e-12)
     of_noise = slope_gain * noise[:, None, None] * _gram_of_modes(reference, q, model, weights)
     root = criterion.cholesky(of_noise)
@@ -63,11 +80,13 @@ def texture_carries_modes(
     return (worst > MIN_TEXTURE_SIGNAL) & (best < MAX_CONDITION * worst)
 
 
-def _projected(reference: Reference, gradient: Tensor, q: Tensor, model: Displacement, weights: Tensor) -> Tensor:
-    return criterion.project(slopes(gradient, q, model, reference), reference.values, weights)
-
-
 def _gram_of_modes(reference: Reference, q: Tensor, model: Displacement, weights: Tensor) -> Tensor:
     """Operator that a gradient of independent unit components would give: sum of the modes' products."""
-    modes = motion.modes(model, q, reference.points, reference.geometry) / scale(reference, q.shape[-1])[:, None, None]
-    return criterion.operator(modes[:, :, 0], weights) + criterion.operator(modes[:, :, 1], weights)
+    unit = scale(reference, q.shape[-1]).double()
+    if model in IN_CLOSED_FORM:
+        few = reference.surface[..., ::THIN].contiguous(), weights[:, ::THIN].contiguous()
+        total = THIN * turning.gram(q, *few, exact=model is motion.finite)
+    else:
+        modes = motion.modes(model, q, reference.points, reference.geometry).double()
+        total = torch.einsum("np,npck,npcl->nkl", weights.double(), modes, modes)
+    return total / (unit[:, :, None] * unit[:, None])

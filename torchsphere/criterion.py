@@ -6,39 +6,45 @@ import torch
 from torch import Tensor
 
 
+def centred(values: Tensor, weights: Tensor) -> Tensor:
+    """``values`` (n, p) without their weighted mean."""
+    count = weights.sum(-1, keepdim=True).clamp_min(1)
+    return values - torch.linalg.vecdot(weights, values)[:, None] / count
+
+
+def _power(values: Tensor, weights: Tensor) -> Tensor:
+    """Weighted sum (n, 1) of squares; a scalar product is one pass over the points where a sum of products is three."""
+    return torch.linalg.vecdot(weights * values, values)[:, None]
+
+
 def residual(values: Tensor, warped: Tensor, weights: Tensor) -> Tensor:
     """``f - a g - b`` (n, p), gain and offset from equal mean and standard deviation: equation (3)."""
-    count = weights.sum(-1, keepdim=True).clamp_min(1)
-    f = values - (weights * values).sum(-1, keepdim=True) / count
-    g = warped - (weights * warped).sum(-1, keepdim=True) / count
-    power_f, power_g = ((weights * v.square()).sum(-1, keepdim=True) for v in (f, g))
-    return f - (power_f / power_g.clamp_min(1e-12)).sqrt() * g
+    f, g = centred(values, weights), centred(warped, weights)
+    return f - (_power(f, weights) / _power(g, weights).clamp_min(1e-12)).sqrt() * g
 
 
 def zncc(values: Tensor, warped: Tensor, weights: Tensor) -> Tensor:
     """Zero-mean normalised cross-correlation coefficient (n,), -1 to 1; 0 where an image is flat."""
-    count = weights.sum(-1, keepdim=True).clamp_min(1)
-    f = (values - (weights * values).sum(-1, keepdim=True) / count) * weights
-    g = (warped - (weights * warped).sum(-1, keepdim=True) / count) * weights
-    power = (f.square().sum(-1) * g.square().sum(-1)).sqrt()
-    return torch.where(power > 1e-9, (f * g).sum(-1) / power.clamp_min(1e-9), 0.0)
+    f, g = centred(values, weights) * weights, centred(warped, weights) * weights
+    power = (torch.linalg.vecdot(f, f) * torch.linalg.vecdot(g, g)).sqrt()
+    return torch.where(power > 1e-9, torch.linalg.vecdot(f, g) / power.clamp_min(1e-9), 0.0)
 
 
 def project(slopes: Tensor, values: Tensor, weights: Tensor) -> Tensor:
-    """Remove from ``slopes`` (n, p, k) their mean and their component along the image ``values`` (n, p).
+    """Remove from ``slopes`` (n, k, p) their mean and their component along the image ``values`` (n, p).
 
     Offset and gain take these up, so that without this step the operator would not belong to the criterion.
     """
-    count = weights.sum(-1, keepdim=True).clamp_min(1)
-    image = (values - (weights * values).sum(-1, keepdim=True) / count) * weights
-    centred = slopes - ((weights[..., None] * slopes).sum(1) / count)[:, None]
-    along = (image[..., None] * centred).sum(1) / image.square().sum(-1, keepdim=True).clamp_min(1e-12)
-    return centred - image[..., None] * along[:, None]
+    count = weights.sum(-1)[:, None].clamp_min(1)
+    image = (centred(values, weights) * weights)[:, None]
+    level = slopes - (torch.linalg.vecdot(weights[:, None], slopes) / count)[..., None]
+    along = torch.linalg.vecdot(image, level) / image.square().sum(-1).clamp_min(1e-12)
+    return level - image * along[..., None]
 
 
 def operator(slopes: Tensor, weights: Tensor) -> Tensor:
-    """Correlation operator ``J^T W J`` (n, k, k), float64, of the slopes (n, p, k): equations (7) and (10)."""
-    return ((slopes * weights[..., None]).mT @ slopes).double()
+    """Correlation operator ``J^T W J`` (n, k, k), float64, of the slopes (n, k, p): equations (7) and (10)."""
+    return ((slopes * weights[:, None]) @ slopes.mT).double()
 
 
 def cholesky(operator: Tensor) -> Tensor:

@@ -7,6 +7,7 @@ rescued: the ball is sought over the whole image, and the correlation tries seve
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 
@@ -15,15 +16,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere import circle, crop, interlace, interpolate, locate, motion, outline, search
+from torchsphere import circle, crop, interlace, interpolate, locate, motion, outline, parallel, search
 from torchsphere.circle import MIN_SUPPORT, Circle
-from torchsphere.correlate import STATUSES, Correlation, Options, margin, solve
+from torchsphere.correlate import STATUSES, Correlation, Options, Pairs, approach, margin, solve
+from torchsphere.crop import Crops
+from torchsphere.reference import SLACK_PX
 from torchsphere.rescue import ranked
 from torchsphere.source import Source
 from torchsphere.symmetric import both_ways
 
-#: Pairs correlated at once. A batch that leaves the processor's cache is slower, not faster.
-BATCH = 16
+#: Pairs correlated at once. Measured on one thread: 8, 16 and 32 are within a tenth of each other, 64 leaves the
+#: processor's cache; on two, which share a batch out, 32 takes 2.2 ms per frame and 16 takes 2.9.
+BATCH = 32
 
 #: First guesses that a search over rotations may try at full size.
 TRIED = 3
@@ -38,6 +42,9 @@ RADIUS_COUNTS = 10.0
 #: Motion of the ball's front per frame, px, from which two images of it cannot be the same bit for bit: one of them is
 #: then a repetition and no measurement.
 MOVES_PX = 0.05
+
+#: Rows of the images between those that are compared first: two images that differ do so in some of these.
+SPARSE = 16
 
 #: A prediction that is off by more than this share of the radius ends its batch.
 PREDICTION_TOLERANCE = 0.1
@@ -99,6 +106,7 @@ class Follower:
         self.position[first.frame] = first.x, first.y
         self.size[first.frame] = first.radius
         self.status[first.frame] = "ok"
+        self._shared: parallel.Run = lambda part, rows: [part(0, rows)]
         self._first = self._last = first.frame
         self._image = source.images(first.frame, first.frame + 1)
         self._expected, self._growth = torch.zeros(5, dtype=torch.float64), 0.0
@@ -112,7 +120,10 @@ class Follower:
 
     def run(self, stop: int) -> Follower:
         """Measure frame after frame up to ``stop``, in batches that grow while they succeed."""
-        n = stop
+        with parallel.sharing(self.source.device) as self._shared:
+            return self._run(stop)
+
+    def _run(self, n: int) -> Follower:
         at, size = self._last + 1, 1
         while at < n:
             asked = min(size, n - at)
@@ -137,41 +148,72 @@ class Follower:
         moving = torch.zeros(2, dtype=torch.float64) if self.in_place else self._expected[:2]
         path = torch.from_numpy(self.position[self._last]) + steps * moving
         predicted = torch.cat((path, self.radius * (1 + self._growth) ** steps), -1)
-        found = self._correlate(images, predicted, self._expected.expand(count, 5))
+        found, centred = self._correlate(images, predicted, self._expected.expand(count, 5))
         actual = self._arrived(found)
-        away = actual[:-1] - predicted[:-1]
-        off = away[:, :2].norm(dim=-1)
-        believed = (off < PREDICTION_TOLERANCE * self.radius).numpy() & ~self._repeats(images)
+        strayed = (actual - predicted)[:-1, :2].norm(dim=-1) >= PREDICTION_TOLERANCE * self.radius
+        believed = ~(strayed.numpy() | self._repeats(images))
         good = _leading((found.status == "ok") & believed)
-        off = off + RADIUS_COUNTS * away[:, 2].abs()
+        away = actual[:-1] - centred[:-1]
+        off = away[:, :2].norm(dim=-1) + RADIUS_COUNTS * away[:, 2].abs()
         turn = found.q[:, 2:].norm(dim=-1).double().cpu().clamp_min(0.01)
         if good and float((off * turn)[:good].max()) > CENTRE_TOLERANCE_PX_RAD:
-            found = self._correlate(images[: good + 1], actual[: good + 1], found.q[:good].double().cpu())
+            found, _ = self._correlate(images[: good + 1], actual[: good + 1], found.q[:good].double().cpu())
             good = _leading(found.status == "ok")
         if good:
             self._keep(found, good, images[good : good + 1])
         return good
 
-    def _correlate(self, images: Tensor, circles: Tensor, start: Tensor) -> Correlation:
+    def _correlate(self, images: Tensor, circles: Tensor, start: Tensor) -> tuple[Correlation, Tensor]:
         """Correlate successive ``images`` (m + 1, h, w) of the ball at ``circles``, from increments ``start`` (m, 5).
 
-        Every image but the first and the last serves as deformed image and then as reference: it is filtered once.
+        Returns the motion, and the circles that the regions lay on in the end. Every image but the first and the last
+        serves as deformed image and then as reference: it is filtered once.
         """
+        crops, c = self._filtered(images, circles)
+        rough, start = _pairs(crops, c, circles), start.to(c)
+
+        def brought_near(a: int, b: int) -> tuple[Tensor, Tensor]:
+            return approach(rough.rows(a, b), start[a:b], self.options)
+
+        near, steps = (torch.cat(parts) for parts in zip(*self._shared(brought_near, len(start)), strict=True))
+        if not self.in_place:
+            # The path that was expected is off by up to a few px at its end; the region has to be on the ball.
+            circles, before = self._path(circles[0], near), circles
+            if float((circles - before).abs().max()) > SLACK_PX:
+                crops, c = self._filtered(images, circles)
+        pairs, there = _pairs(crops, c, circles), circles[1:]
+
+        def measured(a: int, b: int) -> Correlation:
+            return self._measured(pairs.rows(a, b), near[a:b], start[a:b], there[a:b])
+
+        found = Correlation.joined(self._shared(measured, len(start)))
+        return dataclasses.replace(found, iterations=found.iterations + steps), circles
+
+    def _measured(self, pairs: Pairs, near: Tensor, start: Tensor, there: Tensor) -> Correlation:
+        """Motion of the pairs from ``near``, in both directions where they turn fast; the ball is ``there`` (m, 3)."""
+        found = solve(pairs, near, self.options, start)
+        if not self.in_place:
+            # The centre that the way there found, not the one that was expected: 2 px off made errors of 0.06 px.
+            centre = pairs.circles[:, :2] + found.q[:, :2].to(pairs.circles)
+            size = pairs.circles[:, 2:] * (1 + found.growth[:, None].to(pairs.circles))
+            arrived = torch.cat((centre, size), -1)
+            there = torch.where(arrived.isfinite(), arrived, there)
+        return both_ways(pairs, there, found, self.options)
+
+    def _filtered(self, images: Tensor, circles: Tensor) -> tuple[Crops, Tensor]:
+        """Crops of the images (m + 1, h, w) around ``circles`` (m + 1, 3), and their spline coefficients."""
         half = crop.half_size(float(circles[:, 2].max()), margin(self.options))
         crops = crop.cut(images, circles[:, :2], half, self.ignore)
         if interlace.is_interlaced(crops):
             crops = interlace.one_field(crops)
-        c = interpolate.coefficients(crops.images, self.options.pre_blur)
-        m = len(start)
-        f, g = crops.rows(0, m), crops.rows(1, m + 1)
-        found = solve(f, c[:-1], g, c[1:], circles[:-1], start.to(c), self.options)
-        arrived = circles[1:]
-        if not self.in_place:
-            # The centre that the way there found, not the one that was expected: 2 px off made errors of 0.06 px.
-            there = circles[:-1, :2] + found.q[:, :2].to(circles)
-            measured = torch.cat((there, circles[:-1, 2:] * (1 + found.growth[:, None].to(circles))), -1)
-            arrived = torch.where(measured.isfinite(), measured, arrived)
-        return both_ways((f, g), (c[:-1], c[1:]), (circles[:-1], arrived), found, self.options)
+        return crops, interpolate.coefficients(crops.images, self.options.pre_blur)
+
+    def _path(self, first: Tensor, near: Tensor) -> Tensor:
+        """The ball (m + 1, 3) where the unknowns ``near`` (m, k) lead it from ``first`` (3,): px, float64."""
+        steps = near.to("cpu", torch.float64)
+        grown = 1 + (steps[:, 5:6] if steps.shape[-1] == 6 else torch.zeros(len(steps), 1, dtype=torch.float64))
+        path = torch.cat((steps[:, :2].cumsum(0) + first[:2], grown.cumprod(0) * first[2]), -1)
+        return torch.cat((first[None], path))
 
     def _arrived(self, found: Correlation) -> Tensor:
         """The ball (m + 1, 3) where the increments lead it, from the last known frame: px, float64."""
@@ -208,8 +250,12 @@ class Follower:
         """Which of the images (m + 1, h, w) after the first repeat the one before (m,), while the ball moves."""
         dx, dy, wx, wy, wz = self._expected.tolist()
         front = math.hypot(dx - self.radius * wy, dy + self.radius * wx, self.radius * wz)
-        same = (images[1:] == images[:-1]).flatten(1).all(-1)
-        return (same & (max(front, math.hypot(dx, dy)) > MOVES_PX)).cpu().numpy()
+        if max(front, math.hypot(dx, dy)) <= MOVES_PX:
+            return np.zeros(len(images) - 1, dtype=bool)
+        same = (images[1:, ::SPARSE] == images[:-1, ::SPARSE]).flatten(1).all(-1)
+        if bool(same.any()):
+            same = (images[1:] == images[:-1]).flatten(1).all(-1)
+        return same.cpu().numpy()
 
     def _rescue(self, at: int) -> None:
         """Measure frame ``at`` against the last one in which the ball was seen, from scratch, and note its status."""
@@ -272,7 +318,7 @@ class Follower:
 
     def _correlate_one(self, pair: Tensor, here: Tensor, start: Tensor) -> Correlation:
         path = torch.stack((here, here + start[:2]))
-        return self._correlate(pair, torch.cat((path, torch.full((2, 1), self.radius)), -1), start[None])
+        return self._correlate(pair, torch.cat((path, torch.full((2, 1), self.radius)), -1), start[None])[0]
 
     def _found_again(self, at: int, position: Tensor, image: Tensor, found: Correlation) -> None:
         """Go on after a gap: position and orientation are known again, the increment that leads here is not."""
@@ -343,6 +389,12 @@ class Follower:
         disc = x**2 + y**2 <= 1
         x, y = centre[0] + self.radius * x[disc], centre[1] + self.radius * y[disc]
         return float(((x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)).double().mean())
+
+
+def _pairs(crops: Crops, c: Tensor, circles: Tensor) -> Pairs:
+    """Each of the successive images (m + 1) with the next; ``circles`` (m + 1, 3)."""
+    m = len(c) - 1
+    return Pairs(crops.rows(0, m), c[:-1], crops.rows(1, m + 1), c[1:], circles[:-1])
 
 
 def _leading(good: NDArray[np.bool_]) -> int:

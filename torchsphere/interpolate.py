@@ -1,8 +1,8 @@
 """Cubic B-spline interpolation of image crops: prefilter, sampling, gradient, optional Gaussian pre-blur.
 
 Prefilter and pre-blur are linear and act along rows and columns apart, so that both together are one small dense
-matrix per crop size, applied from the left and from the right. Sampling evaluates the spline exactly with four
-bilinear look-ups per point (C. Sigg and M. Hadwiger, GPU Gems 2, chapter 20), which Kornia's ``remap`` carries.
+matrix per crop size, applied from the left and from the right. Sampling evaluates the spline and its gradient exactly,
+from the sixteen nodes around each point.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import functools
 import math
 
 import torch
-from kornia.geometry.transform import remap
 from torch import Tensor
 
 #: Values of the centred cubic B-spline at the nodes -1, 0, 1.
@@ -75,6 +74,23 @@ def blur(images: Tensor, sigma: float) -> Tensor:
     return _separable(images, blur_matrix(height, sigma), blur_matrix(width, sigma))
 
 
+def blur_within(images: Tensor, sigma: float) -> Tensor:
+    """`blur` where no border is near: (n, h, w) -> smaller by the kernel's reach on every side.
+
+    Shifts and sums, the kernel being symmetric: a third of the time of two products with matrices.
+    """
+    kernel = gaussian_kernel(sigma).tolist()
+    reach = len(kernel) // 2
+    for axis in (1, 2):
+        left = images.shape[axis] - 2 * reach
+        total = images.narrow(axis, reach, left) * kernel[reach]
+        for step in range(1, reach + 1):
+            pair = images.narrow(axis, reach - step, left) + images.narrow(axis, reach + step, left)
+            total.add_(pair, alpha=kernel[reach + step])
+        images = total
+    return images
+
+
 def node_values(c: Tensor) -> Tensor:
     """The spline at its own nodes, (n, h, w) -> (n, h - 2, w - 2): the (blurred) image without its border."""
     side, middle, _ = NODE_WEIGHTS
@@ -95,25 +111,82 @@ def sample(c: Tensor, points: Tensor) -> Tensor:
 
     Points must lie at least 1 px inside the crop; differentiable with respect to ``points``.
     """
-    with torch.no_grad():
-        base = points.floor()
-    low, high, share = _look_ups(points - base)
-    x = torch.stack((base[..., 0] + low[..., 0], base[..., 0] + high[..., 0]), 1)
-    y = torch.stack((base[..., 1] + low[..., 1], base[..., 1] + high[..., 1]), 1)
-    # Four look-ups as four rows of one map: (low, low), (high, low), (low, high), (high, high) in (x, y).
-    looked_up = remap(c[:, None], x.repeat(1, 2, 1), y.repeat_interleave(2, 1), align_corners=True)[:, 0]
-    first = looked_up[:, 0] * share[..., 0] + looked_up[:, 1] * (1 - share[..., 0])
-    second = looked_up[:, 2] * share[..., 0] + looked_up[:, 3] * (1 - share[..., 0])
-    return first * share[..., 1] + second * (1 - share[..., 1])
+    base = _cells(c, points)
+    x, y = (points - base).unbind(-1)
+    (value,) = _weighted(c, base, (_spline(x),), ((0, _spline(y)),))
+    return value
 
 
-def _look_ups(t: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Offsets of the two linear look-ups that replace four nodes, and the weight of the first; ``t`` in [0, 1)."""
-    w0 = (1 - t) ** 3 / 6
-    w1 = (4 + t**2 * (3 * t - 6)) / 6
-    w3 = t**3 / 6
-    share = w0 + w1
-    return w1 / share - 1, w3 / (1 - share) + 1, share
+def sample_with_gradient(c: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
+    """`sample`, and the exact gradient (n, 2, p) of the spline there, grey levels per px.
+
+    The sixteen look-ups serve all three: half as much again as the value alone, where differentiation cost four times.
+    """
+    base = _cells(c, points)
+    x, y = (points - base).unbind(-1)
+    of_y = _spline(y)
+    value, *gradient = _weighted(c, base, (_spline(x), _slope(x)), ((0, of_y), (1, of_y), (0, _slope(y))))
+    return value, torch.stack(gradient, 1)
+
+
+def _cells(c: Tensor, points: Tensor) -> Tensor:
+    """First node (n, p, 2), as (x, y), of the cell that each point lies in; the last cell holds its far side, too."""
+    height, width = c.shape[-2:]
+    x, y = points.detach().floor().unbind(-1)
+    return torch.stack((x.clamp_max_(width - 3), y.clamp_max_(height - 3)), 1).mT
+
+
+Weights = tuple[Tensor, Tensor, Tensor, Tensor]
+
+
+def _weighted(
+    c: Tensor, base: Tensor, of_x: tuple[Weights, ...], outputs: tuple[tuple[int, Weights], ...]
+) -> list[Tensor]:
+    """Sums (n, p) over the sixteen nodes around each point, whose cell starts at ``base`` (n, p, 2).
+
+    Each of the ``outputs`` names the weights along x by their number in ``of_x``, and has its own along y. Look-ups
+    along a flat image with one index for all nodes: measured 0.005 ms per node and pair of 7000 points, half of what
+    four bilinear look-ups cost with the arithmetic that they need.
+    """
+    width = c.shape[-1]
+    column, row = base.unbind(-1)
+    index = ((row - 1) * width + (column - 1)).long()
+    levels = c.flatten(1)
+    sums: list[Tensor | None] = [None] * len(outputs)
+    for j in range(4):
+        nodes = [levels[:, j * width + i :].gather(1, index) for i in range(4)]
+        lines = [_sum_of_products(nodes, weights) for weights in of_x]
+        for k, (line, of_y) in enumerate(outputs):
+            part = sums[k]
+            sums[k] = lines[line] * of_y[j] if part is None else part.addcmul_(lines[line], of_y[j])
+    return [part for part in sums if part is not None]
+
+
+def _sum_of_products(values: list[Tensor], weights: Weights) -> Tensor:
+    total = values[0] * weights[0]
+    for value, weight in zip(values[1:], weights[1:], strict=True):
+        # In place: neither differentiation nor anyone else needs the partial sum.
+        total.addcmul_(value, weight)
+    return total
+
+
+def _spline(t: Tensor) -> Weights:
+    """Weights of the four nodes around a point at the share ``t`` of its cell."""
+    squared = t * t
+    last = squared * t / 6
+    rest = 1 - t
+    first = rest * rest * rest / 6
+    second = 2 / 3 - squared + 3 * last
+    return first, second, 1 - first - second - last, last
+
+
+def _slope(t: Tensor) -> Weights:
+    """Derivatives of `_spline`."""
+    last = 0.5 * t * t
+    rest = 1 - t
+    first = -0.5 * rest * rest
+    second = 3 * last - 2 * t
+    return first, second, -first - second - last, last
 
 
 @functools.lru_cache(maxsize=16)

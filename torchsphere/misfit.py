@@ -8,7 +8,6 @@ import torch
 import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
 
-from torchsphere import criterion
 from torchsphere.reference import Reference, scale
 
 #: Side of the window that energies are averaged over, and of the one in which the images are compared by
@@ -51,13 +50,13 @@ def _odd(share: float, reference: Reference) -> int:
 def spread_out(reference: Reference, values: Tensor) -> Tensor:
     """Values (n, c, p) of the points -> maps (n, c, side, side), 0 where there is no point."""
     maps = values.new_zeros(*values.shape[:2], reference.side * reference.side)
-    maps[..., _flat(reference)] = values
+    maps.scatter_(2, _flat(reference).expand_as(values), values)
     return maps.unflatten(-1, (reference.side, reference.side))
 
 
 def gather_back(reference: Reference, maps: Tensor) -> Tensor:
     """Values (n, c, p) at the points of maps (n, c, side, side)."""
-    return maps.flatten(-2)[..., _flat(reference)]
+    return maps.flatten(-2).index_select(2, _flat(reference))
 
 
 def _flat(reference: Reference) -> Tensor:
@@ -65,29 +64,53 @@ def _flat(reference: Reference) -> Tensor:
 
 
 def _smoothed(reference: Reference, values: Tensor, window: int) -> Tensor:
-    """Mean over a square window around each point, points that are not there counting as 0; (n, c, p)."""
-    maps = F.avg_pool2d(spread_out(reference, values), (window, 1), stride=1, padding=(window // 2, 0))
-    maps = F.avg_pool2d(maps, (1, window), stride=1, padding=(0, window // 2))
-    return gather_back(reference, maps)
+    """Sum over a square window around each point, points that are not there counting as 0; (n, c, p)."""
+    maps = F.pad(spread_out(reference, values), (window // 2,) * 4)
+    return gather_back(reference, _runs(_runs(maps, 2, window), 3, window))
 
 
-def inflation(reference: Reference, jacobian: Tensor, difference: Tensor, weights: Tensor, stated: Tensor) -> Tensor:
+def _runs(values: Tensor, axis: int, length: int) -> Tensor:
+    """Sums of ``length`` neighbours along an axis, which they shorten by ``length - 1``, from sums of 1, 2, 4 ...
+
+    Measured ten times faster than torch's pooling, a quarter of a pair's time by then.
+    """
+    left = values.shape[axis] - length + 1
+    total, at, size = None, 0, 1
+    while True:
+        if length & size:
+            part = values.narrow(axis, at, left)
+            total, at = part if total is None else total + part, at + size
+        if total is not None and at == length:
+            return total
+        shorter = values.shape[axis] - size
+        values = values.narrow(axis, 0, shorter) + values.narrow(axis, size, shorter)
+        size *= 2
+
+
+def inflation(
+    reference: Reference,
+    jacobian: Tensor,
+    factor: Tensor,
+    difference: Tensor,
+    weights: Tensor,
+    stated: Tensor,
+) -> Tensor:
     """Factors (n, k), float64, at least 1, by which correlated residuals widen the standard deviations in ``stated``.
 
-    ``jacobian`` (n, p, k) is that of the criterion, in px per px; ``stated`` (n, k, k) in px and rad.
+    ``jacobian`` (n, k, p) is that of the criterion, in px per px, ``factor`` (n, k, k) the Cholesky factor of its
+    operator; ``stated`` (n, k, k) in px and rad.
 
     The scores ``J^T W r`` of blocks of the region count as independent; their scatter gives a covariance that needs no
     model of the residual (the sandwich of Huber and White). Each mode has its own factor, since a misfit of a part of
     the ball weighs on some of them; what the blocks' number leaves open (`SCATTER`) does not count.
     """
     size = max(LEAST_BLOCK, math.ceil(BLOCK * float(reference.geometry.radius.mean())))
-    block = reference.places // size
-    across = -(-reference.side // size)
-    index = block[:, 1] * across + block[:, 0]
-    scores = jacobian.new_zeros(len(jacobian), across * across, jacobian.shape[-1])
-    scores.index_add_(1, index, jacobian * (weights * difference)[..., None])
-    scatter = (scores.mT @ scores).double()
-    inverse = torch.cholesky_inverse(criterion.cholesky(criterion.operator(jacobian, weights)))
+    # Sums over blocks: over their rows, then over their columns.
+    belongs = F.one_hot(torch.arange(reference.side) // size).to(jacobian)
+    maps = spread_out(reference, jacobian * (weights * difference)[:, None])
+    scores = (belongs.T @ maps @ belongs).flatten(2)
+    scatter = (scores @ scores.mT).double()
+    inverse = torch.cholesky_inverse(factor)
     unit = scale(reference, stated.shape[-1]).double()
     found = (inverse @ scatter @ inverse).diagonal(dim1=-2, dim2=-1) / unit.square()
     ratio = found / stated.diagonal(dim1=-2, dim2=-1) / SCATTER

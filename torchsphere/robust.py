@@ -13,10 +13,10 @@ import dataclasses
 import torch
 from torch import Tensor
 
-from torchsphere import criterion, interpolate, misfit, motion
+from torchsphere import criterion, interpolate, misfit, motion, turning
 from torchsphere.motion import Displacement
-from torchsphere.newton import How, Solution, gauss_newton, warp
-from torchsphere.reference import Reference
+from torchsphere.newton import How, Solution, gauss_newton, operator, warp
+from torchsphere.reference import IN_CLOSED_FORM, Reference
 
 #: A window is no noise when its residual's energy is above this many times that of the calmer part of the ball, its
 #: 0.3 quantile. Measured over clean pairs: 8 at most.
@@ -33,6 +33,10 @@ MISPLACED_PX, MISPLACED_PX_PER_DEG, LEAST_COSINE = 0.06, 0.027, 0.1
 
 #: Misplacement at which a point counts half, px. Measured at 10 to 20 deg: 0.2 to 0.5 px give about the same.
 TOLERATED_PX = 0.35
+
+#: Of the energies, which are means over windows, every so many are looked at to find that quantile: sorting all
+#: took as long as two iterations.
+THIN = 4
 
 #: Local coefficient that tells ball from occluder before gain, offset and motion are known well.
 FIRST_ZNCC = 0.6
@@ -62,31 +66,45 @@ def is_ball(
     """True (n, p) where a point may be the ball; ``seen`` (n, p): all weights; ``trusted``: of those believed."""
     difference = criterion.residual(reference.values, warped, trusted)
     energy = misfit.local_mean(reference, difference.square(), seen)
-    calm = torch.where(trusted > 0, energy, torch.nan).nanquantile(CALM, dim=-1, keepdim=True)
+    calm = _quantile(energy[:, ::THIN], trusted[:, ::THIN] > 0)
     value_gain, _ = interpolate.noise_gains(pre_blur)
     ceiling = MAX_CALM * 2 * value_gain * reference.noise.square()[:, None]
     calm = torch.minimum(calm, ceiling)
-    good = ~(energy > MAX_ENERGY * calm)
-    rows = torch.nonzero(~(good | (seen == 0)).all(-1))[:, 0]
+    excess = (energy - MAX_ENERGY * calm) * (seen > 0)
+    # Rows that are calm throughout, which most are, end here: a maximum is cheaper than any comparison.
+    rows = torch.nonzero(excess.amax(-1) > 0)[:, 0]
+    good = torch.ones_like(energy, dtype=torch.bool)
     if len(rows):
-        excess = (energy - MAX_ENERGY * calm)[rows]
-        good[rows] |= excess <= _foreshortening(reference.take(rows), seen[rows], q[rows], model)
+        excess = excess[rows]
+        good[rows] = (excess <= 0) | (excess <= _foreshortening(reference.take(rows), seen[rows], q[rows], model))
     return good
+
+
+def _quantile(values: Tensor, counted: Tensor) -> Tensor:
+    """The `CALM` quantile (n, 1) of those ``values`` (n, m) that are ``counted``; NaN where none is."""
+    count = counted.sum(-1, keepdim=True)
+    ordered = (values + torch.where(counted, 0.0, torch.inf)).sort(-1).values
+    found = ordered.gather(-1, (CALM * (count - 1)).round().long().clamp_min(0))
+    return torch.where(count > 0, found, torch.nan)
 
 
 def _misplacement(reference: Reference, q: Tensor, model: Displacement) -> Tensor:
     """``1 / cos - 1`` (n, p) of the steeper view of each point, before or after the motion ``q`` (n, k)."""
     radius = reference.geometry.radius[:, None]
-    moved = reference.points + motion.displacement(model, q, reference.points, reference.geometry) - q[:, None, :2]
-    height = torch.minimum(*(motion.depth(at, radius) for at in (reference.points, moved)))
-    return 1 / (height / radius).nan_to_num(0.0).clamp_min(LEAST_COSINE) - 1
+    if model in IN_CLOSED_FORM:
+        after = -turning.moved(q, reference.surface, exact=model is motion.finite)[:, 2]
+    else:
+        moved = reference.points + motion.displacement(model, q, reference.points, reference.geometry) - q[:, None, :2]
+        after = motion.depth(moved, radius).nan_to_num(0.0)
+    height = torch.minimum(-reference.surface[:, 2], after)
+    return radius / height.clamp_min(LEAST_COSINE * radius) - 1
 
 
 def _foreshortening(reference: Reference, seen: Tensor, q: Tensor, model: Displacement) -> Tensor:
     """Residual's energy (n, p) that the changing view of the texture alone may leave."""
     degrees = torch.rad2deg(q[:, 2:5].norm(dim=-1, keepdim=True))
     misplaced = (MISPLACED_PX + MISPLACED_PX_PER_DEG * degrees) * _misplacement(reference, q, model)
-    return misplaced.square() * misfit.local_mean(reference, reference.gradient.square().sum(-1), seen)
+    return misplaced.square() * misfit.local_mean(reference, reference.gradient.square().sum(1), seen)
 
 
 def by_view(reference: Reference, q: Tensor, model: Displacement) -> Reference:
@@ -100,19 +118,18 @@ def by_view(reference: Reference, q: Tensor, model: Displacement) -> Reference:
     return dataclasses.replace(reference, weights=reference.weights / (1 + (misplaced / TOLERATED_PX).square()))
 
 
-def doubtful(
-    reference: Reference, warped: Tensor, weights: Tensor, q: Tensor, model: Displacement, pre_blur: float
-) -> Tensor:
-    """True (n,) where a part of the pair is not explained by the motion ``q`` (n, k) of the whole."""
-    wrong = ~is_ball(reference, warped, weights, weights, q, model, pre_blur) & (weights > 0)
-    return wrong.sum(-1) > DOUBT * weights.sum(-1)
+def doubtful(reference: Reference, solution: Solution, model: Displacement, pre_blur: float) -> Tensor:
+    """True (n,) where a part of the pair is not explained by the motion of the whole that was found."""
+    warped, weights = solution.warped, solution.weights
+    right = weights * is_ball(reference, warped, weights, weights, solution.q, model, pre_blur)
+    return ((weights - right) > 0).sum(-1) > DOUBT * weights.sum(-1)
 
 
 def reconsider(
     reference: Reference,
     c_g: Tensor,
     shift: Tensor,
-    start: Tensor,
+    starts: tuple[Tensor, ...],
     solution: Solution,
     doubt: Tensor,
     model: Displacement,
@@ -121,6 +138,8 @@ def reconsider(
 ) -> tuple[Reference, Solution]:
     """The reference with the weights of what is the ball, and its solution, in the rows that are in ``doubt`` (n,).
 
+    ``starts`` (n, k) each: where the solution may have gone astray from.
+
     A row in which a small part only agrees is no match: it keeps its weights and counts as not converged.
     """
     rows = torch.nonzero(doubt)[:, 0]
@@ -128,14 +147,22 @@ def reconsider(
         return reference, solution
     q, converged = solution.q[rows], solution.converged[rows]
     part = reference.take(rows)
-    guesses = (torch.where(converged[:, None], q, start[rows]), start[rows])
-    partly, settled = _settle(part, c_g[rows], shift[rows], guesses, model, how, pre_blur)
+    guesses = (torch.where(converged[:, None], q, starts[0][rows]), *(start[rows] for start in starts))
+    partly, found, taken, settled = _settle(part, c_g[rows], shift[rows], guesses, model, how, pre_blur)
     enough = partly.weights.sum(-1) >= LEAST_SHARE * part.weights.sum(-1)
     weights = torch.where(enough[:, None], partly.weights, part.weights)
+    q = torch.where(enough[:, None], found, q)
+    part = dataclasses.replace(part, weights=weights)
+    warped, seen = warp(part, c_g[rows], shift[rows], q, model)
+    jacobian, factor = operator(part, part.gradient, q, model, seen)
     return dataclasses.replace(reference, weights=reference.weights.index_copy(0, rows, weights)), Solution(
-        solution.q.index_copy(0, rows, torch.where(enough[:, None], settled.q, q)),
-        solution.iterations.index_add(0, rows, settled.iterations),
-        solution.converged.index_copy(0, rows, enough & settled.converged),
+        solution.q.index_copy(0, rows, q),
+        solution.iterations.index_add(0, rows, taken),
+        solution.converged.index_copy(0, rows, enough & settled),
+        solution.warped.index_copy(0, rows, warped),
+        solution.weights.index_copy(0, rows, seen),
+        solution.jacobian.index_copy(0, rows, jacobian),
+        solution.factor.index_copy(0, rows, factor),
     )
 
 
@@ -147,8 +174,8 @@ def _settle(
     model: Displacement,
     how: How,
     pre_blur: float,
-) -> tuple[Reference, Solution]:
-    """Solve pairs on the points that agree -> the reference with their weights, and the solution.
+) -> tuple[Reference, Tensor, Tensor, Tensor]:
+    """Solve pairs on the points that agree -> the reference with their weights, increments, steps, what converged.
 
     ``guesses`` (n, k) each: of these the one that makes more of the ball look alike is taken.
     """
@@ -156,10 +183,10 @@ def _settle(
     reference = dataclasses.replace(full, weights=trusted)
     taken = torch.zeros(len(q), dtype=torch.long, device=q.device)
     if not bool(trusted.any()):
-        return reference, Solution(q, taken, torch.zeros_like(taken, dtype=torch.bool))
+        return reference, q, taken, torch.zeros_like(taken, dtype=torch.bool)
     few = How(STEPS, 10 * how.tolerance_px, how.exact)
     for _ in range(ROUNDS):
-        q, iterations, _ = gauss_newton(reference, c_g, shift, q, model, few)
+        q, iterations = gauss_newton(reference, c_g, shift, q, model, few)[:2]
         taken += iterations
         warped, seen = warp(full, c_g, shift, q, model)
         believed = full.weights * is_ball(full, warped, seen, trusted * (seen > 0), q, model, pre_blur)
@@ -168,8 +195,9 @@ def _settle(
         reference = dataclasses.replace(full, weights=trusted)
         if settled:
             break
-    q, iterations, converged = gauss_newton(reference, c_g, shift, q, model, how)
-    return reference, Solution(q, taken + iterations, converged & (taken + iterations <= how.max_iterations))
+    last = gauss_newton(reference, c_g, shift, q, model, how)
+    taken = taken + last.iterations
+    return reference, last.q, taken, last.converged & (taken <= how.max_iterations)
 
 
 def _first_judgement(

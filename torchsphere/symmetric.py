@@ -15,8 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchsphere.correlate import Correlation, Options, solve
-from torchsphere.crop import Crops
+from torchsphere.correlate import Correlation, Options, Pairs, solve
 
 #: Rotation from which a pair is measured both ways, rad. Below, the mean changes nothing that noise does not hide.
 SYMMETRIC_FROM = math.radians(1.0)
@@ -29,17 +28,11 @@ MAX_DISAGREEMENT = 0.05
 MAX_APART = 0.1
 
 
-def both_ways(
-    crops: tuple[Crops, Crops],
-    c: tuple[Tensor, Tensor],
-    circles: tuple[Tensor, Tensor],
-    found: Correlation,
-    options: Options,
-) -> Correlation:
+def both_ways(pairs: Pairs, there: Tensor, found: Correlation, options: Options) -> Correlation:
     """``found`` (f to g), with the mean of both directions in the rows that turn by `SYMMETRIC_FROM` or more.
 
-    Arguments as in `torchsphere.correlate.solve`; ``circles`` (n, 3) in both images. A row whose way back fails
-    takes its status from there; one whose ways disagree has not converged.
+    ``there`` (n, 3): the ball in the deformed images. A row whose way back fails takes its status from there; one whose
+    ways disagree has not converged.
     """
     turn = found.q[:, 2:].norm(dim=-1)
     chosen = torch.nonzero(turn >= SYMMETRIC_FROM)[:, 0]
@@ -47,10 +40,10 @@ def both_ways(
         return found
     forth = found.q[chosen]
     here = chosen.cpu()
-    (f, g), (c_f, c_g) = crops, c
-    back = solve(g.take(chosen), c_g[chosen], f.take(chosen), c_f[chosen], circles[1][here], -forth, options)
+    some = pairs.take(chosen)
+    back = solve(Pairs(some.g, some.c_g, some.f, some.c_f, there[here]), -forth, options)
     dx, dy, wx, wy, wz = (forth + back.q).unbind(-1)
-    radius = circles[0][here, 2].to(dx)
+    radius = some.circles[:, 2].to(dx)
     # How differently both ways move the front of the ball; translation and rotation alone are known less well.
     front = torch.stack((dx - radius * wy, dy + radius * wx, radius * wz), -1).norm(dim=-1)
     # A way back that failed is NaN, which is not apart: it keeps its own status.

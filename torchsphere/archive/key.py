@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from torchsphere.archive.scan import files_of
-from torchsphere.measure import Request
+from torchsphere.archive.settings import DEFAULTS
 from torchsphere.recording import open_recording
 from torchsphere.results import hash_files
 
@@ -36,9 +36,8 @@ class Key:
 def key_of(recording: Path, settings: Mapping[str, Any]) -> Key:
     """The key of a recording with its settings, from the file system's tables alone (but for mask images)."""
     stats = [None if stat is None else (stat.st_size, stat.st_mtime_ns) for stat in files_of(recording)]
-    defaults = {field.name: field.default for field in dataclasses.fields(Request)}
     # A setting that a later version adds leaves the keys of earlier results as they are.
-    told = {name: value for name, value in settings.items() if _plain(value) != _plain(defaults[name])}
+    told = {name: value for name, value in settings.items() if _plain(value) != _plain(DEFAULTS[name])}
     masks = [_mask_hash(text) for text in settings.get("ignore", ())]
     return Key(_hash(stats), _hash([told, masks]))
 

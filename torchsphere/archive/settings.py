@@ -65,6 +65,9 @@ NAMES: dict[str, str] = {
     if field.name not in ("input", "out", "overwrite")
 }
 
+#: What each of them is where nothing is said.
+DEFAULTS: dict[str, Any] = {field.name: field.default for field in dataclasses.fields(Request) if field.name in NAMES}
+
 
 def name_of(key: str) -> str:
     """The field's name for a column or an option, which may have hyphens; ValueError where there is none."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,9 +13,10 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from torchsphere.recording import tiff_chain
 from torchsphere.recording.grey import ALPHA_NOTE, GREY_NOTE, to_grey
 from torchsphere.recording.recording import MAX_PIXELS, Reader, Recording
-from torchsphere.recording.refusal import TIFF_SIGNATURES, library_failures, looks_like
+from torchsphere.recording.refusal import library_failures
 
 _TIME_UNITS_S = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6, "ns": 1e-9}
 _GREY, _RGB, _YCBCR = (0, 1), 2, 6  # PhotometricInterpretation
@@ -100,41 +100,8 @@ def open_tiff(path: Path) -> Recording:
 
 
 def count_pages(path: Path) -> int:
-    """Follow the chain of pages to its end; the library would stop quietly where a cut file ends.
-
-    Raises
-    ------
-    ValueError
-        Where the file is no TIFF.
-    OSError
-        Where the chain leaves the file.
-    """
-    size = path.stat().st_size
-    seen: set[int] = set()
-    with path.open("rb") as file:
-        head = file.read(16)
-        if head[:4] not in TIFF_SIGNATURES:
-            raise ValueError(f"{path}: looks like {looks_like(head)}, expected a TIFF; check the name")
-        order, big = "<" if head[:2] == b"II" else ">", head[2:4] in (b"+\0", b"\0+")
-        tag_count, pointer, tag_bytes, at = ("Q", "Q", 20, 8) if big else ("H", "I", 12, 4)
-        try:
-            (offset,) = struct.unpack_from(order + pointer, head, at)
-            while offset:
-                if offset in seen or offset >= size:
-                    raise OSError(
-                        f"{path}: page {len(seen)} lies outside the file or repeats another; "
-                        "it is cut or damaged, copy it again"
-                    )
-                seen.add(offset)
-                file.seek(offset)
-                (tags,) = struct.unpack(order + tag_count, file.read(struct.calcsize(tag_count)))
-                file.seek(offset + struct.calcsize("=" + tag_count) + min(tags, size) * tag_bytes)
-                (offset,) = struct.unpack(order + pointer, file.read(struct.calcsize(pointer)))
-        except struct.error:
-            raise OSError(f"{path}: ends within page {max(0, len(seen) - 1)}; the TIFF is cut, copy it again") from None
-    if not seen:
-        raise OSError(f"{path}: is a TIFF without a page; it was not finished when it was saved, export it again")
-    return len(seen)
+    """Number of pages, by the chain that leads from each to the next; raises as `tiff_chain.pages` does."""
+    return tiff_chain.count(path)
 
 
 def describe(path: Path, tif: tifffile.TiffFile, number: int) -> Page:
@@ -208,6 +175,11 @@ def _stack(path: Path, tif: tifffile.TiffFile, first: Page, count: int, size: in
             raise OSError(f"{path}: is cut: {there} of {whole // image_bytes} images are present; copy it again")
         offsets = at + image_bytes * np.arange(whole // image_bytes, dtype=np.int64)
         return len(offsets), _plain_reader(path, first, dtype, offsets)
+    with library_failures(path, "a TIFF"):
+        plain = tif.pages[0].aspage().is_memmappable
+    alike = tiff_chain.places_alike(path) if plain else None
+    if alike is not None and len(alike) == count and int(alike.max()) + image_bytes <= size:
+        return count, _plain_reader(path, first, dtype, alike)
     places = []
     for number in range(count):
         page = first if number == 0 else describe(path, tif, number)
