@@ -154,6 +154,20 @@ def test_a_ball_without_sense_is_refused(settings: dict, word: str) -> None:
         ball(**({"mass_kg": 1.0, "diameter_m": 2.0} | settings))
 
 
-def test_a_normal_along_the_flight_is_refused(motion: Kinematics) -> None:
-    with pytest.raises(ValueError, match="normal_deg"):
-        impact(motion, normal_deg=0.0)
+def test_a_normal_along_the_flight_gives_no_impact_but_says_why(motion: Kinematics) -> None:
+    result, reason = impact(motion, normal_deg=0.0)
+    assert result is None
+    assert "0 deg, which is the way that the ball flies" in reason
+
+
+def test_a_normal_that_is_no_number_is_refused(motion: Kinematics) -> None:
+    with pytest.raises(ValueError, match="normal_deg = nan"):
+        impact(motion, normal_deg=float("nan"))
+
+
+def test_a_ball_that_is_driven_on_has_no_impact(motion: Kinematics) -> None:
+    # From the seat of a cart that overtakes the ball, it comes backwards and the target drives it on.
+    overtaken = dataclasses.replace(motion, velocity_m_s=motion.velocity_m_s - 2 * np.abs(motion.velocity_m_s).max(0))
+    result, reason = impact(overtaken)
+    assert result is None
+    assert "driven on the way it flies" in reason

@@ -159,6 +159,15 @@ class Impact:
         return result | {"missing": list(self.missing)}
 
 
+_DRIVEN_ON = (
+    "In the contact that was found the ball is driven on the way it flies, not thrown back, as by no target at rest."
+)
+_NORMAL_AWAY = (
+    "The target's normal was given as {:g} deg, which is the way that the ball flies; "
+    "give the direction from target to ball."
+)
+
+
 @dataclass(frozen=True)
 class _State:
     """Motion before and after, and edges, of one motion (...) or of many drawn ones (s, ...)."""
@@ -189,7 +198,7 @@ def impact(
     Raises
     ------
     ValueError
-        If the normal is not finite, or its direction is that in which the ball comes.
+        If the normal is not finite.
     """
     if normal_deg is not None and not math.isfinite(normal_deg):
         raise ValueError(f"normal_deg = {normal_deg!r}: expected a finite angle in degrees")
@@ -209,21 +218,17 @@ def impact(
             None,
             f"The contact reaches the {'start' if when == 'before' else 'end'}: no flight {when} it was measured.",
         )
-    found = _assembled(motion, motion.draws, thing, normal_deg, int(earlier[-1]), int(later[0]))
-    return found, ""
+    edges = [int(earlier[-1]), int(later[0])]
+    central = _state(motion.velocity_m_s[edges], motion.spin_rad_s[edges], motion.contact_s, normal_deg)
+    if float((central.before * central.normal).sum()) >= 0:
+        return None, _DRIVEN_ON if normal_deg is None else _NORMAL_AWAY.format(normal_deg)
+    return _assembled(central, motion, motion.draws, edges, thing, normal_deg), ""
 
 
 def _assembled(
-    motion: Kinematics, draws: Draws, thing: Ball | None, normal_deg: float | None, i: int, j: int
+    central: _State, motion: Kinematics, draws: Draws, edges: list[int], thing: Ball | None, normal_deg: float | None
 ) -> Impact:
-    assert motion.contact_s is not None
-    velocity, spin = motion.velocity_m_s, motion.spin_rad_s
-    central = _state(velocity[[i, j]], spin[[i, j]], motion.contact_s, normal_deg)
-    drawn = _state(draws.velocity_m_s[:, [i, j]], draws.spin_rad_s[:, [i, j]], draws.contact_s, normal_deg)
-    if float((central.before * central.normal).sum()) >= 0:
-        raise ValueError(
-            f"normal_deg = {normal_deg}: the ball flies along it; expected the direction from target to ball"
-        )
+    drawn = _state(draws.velocity_m_s[:, edges], draws.spin_rad_s[:, edges], draws.contact_s, normal_deg)
     missing = []
 
     def estimate(function: Callable[[_State], Array], unit: str, turns: bool = False) -> Estimate:
