@@ -26,6 +26,7 @@ LAYERS = (
     ("drift", "steady"),
     ("track",),
     ("process", "plane", "baselines"),
+    ("likelihood",),
     ("contact",),
     ("smooth",),
     ("poses", "bandwidth", "local"),

@@ -6,20 +6,14 @@ contact interval. The likelihood is that of the innovations of a Kalman filter p
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from torchsphere.process import STATES, STEADY, transitions
-
-#: Variance of what is not known beforehand, in units of the noise's: less would matter, more would cost digits.
-UNKNOWN = 1e8
-
-#: Observations that the stated noise counts as: it is believed to some 15 %, and corrected where the data insist.
-STATED_COUNTS = 20.0
+from torchsphere.likelihood import Series, log_likelihood
 
 #: Lowest intensity, noise variance per frame^5: the memory of white jerk is then a hundred frames.
 QUIETEST = 1e-12
@@ -32,6 +26,10 @@ WHOLE_CONTACT = tuple(float(power) for power in range(-12, 9))
 #: First intervals: that many starts, and the longest as a power of two of the starts' distance. The best of each length
 #: is followed to its maximum: from the best of all alone, one shot in 16 had its end 6 frames off.
 STARTS, LONGEST = 16, 3
+
+#: Frames that are searched at once, and how far beyond the edges found so far the next look reaches, in the distance
+#: of the frames that they were found among.
+SEARCHED, REACH = 128, 4
 
 #: Steps of the intensities (powers of ten) in the refinement, coarse to fine, while the interval's steps are halved.
 INTENSITY_STEPS, FINEST_STEP = (1.5, 0.9, 0.5, 0.3, 0.2), 0.1
@@ -60,35 +58,6 @@ QUIET_PREFERRED = 1.0
 
 
 @dataclass(frozen=True)
-class Series:
-    """Poses of k degrees of freedom of n recordings, in units of their noise.
-
-    Attributes
-    ----------
-    times : Tensor
-        (n, t), frames, rising.
-    value : Tensor
-        (n, k, t); read where ``seen``.
-    variance : Tensor
-        Of the error of each value (n, k, t).
-    drift : Tensor
-        Variance (n, k, t - 1) of the errors that do not vanish with the next frame but stay in all later values.
-    seen : Tensor
-        (n, k, t), bool.
-    """
-
-    times: Tensor
-    value: Tensor
-    variance: Tensor
-    drift: Tensor
-    seen: Tensor
-
-    def repeated(self, count: int) -> Series:
-        """Each recording ``count`` times, one after the other."""
-        return Series(*(getattr(self, f.name).repeat_interleave(count, 0) for f in dataclasses.fields(self)))
-
-
-@dataclass(frozen=True)
 class Contact:
     """Contact intervals and intensities of n recordings: c equally likely sets of them, for k degrees of freedom.
 
@@ -114,6 +83,15 @@ class Contact:
     gain: Tensor
 
 
+class Best(NamedTuple):
+    """The likeliest of several: interval (n, 2), powers of ten of its intensities (n, k), likelihood (n,)."""
+
+    window: Tensor
+    flight: Tensor
+    contact: Tensor
+    top: Tensor
+
+
 def find(series: Series) -> Contact:
     """Contact and intensities from the likelihood; the recordings' own, searched for all at once."""
     none = series.times.new_zeros(len(series.times), 2)
@@ -131,29 +109,64 @@ def find(series: Series) -> Contact:
     return Contact(found, windows, 10.0**flight, 10.0**contact, noise, gain)
 
 
-def _best_interval(series: Series) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Interval (n, 2), intensities (n, k) and likelihood (n,) at the highest of the maxima that the starts lead to."""
+def _best_interval(series: Series) -> Best:
+    """The likeliest interval of each recording, with its intensities and its likelihood."""
+    if series.times.shape[1] <= SEARCHED:
+        return _highest(series)
+    each = [_in_long(series.row(number)) for number in range(len(series.times))]
+    return Best(*(torch.cat(values) for values in zip(*each, strict=True)))
+
+
+def _in_long(series: Series) -> Best:
+    """The likeliest interval of one long recording: sought among few of its frames, then among more, but nearer.
+
+    What is far from the contact says little about its edges, yet costs as much: at 300 frames the search among all
+    took ten seconds.
+    """
+    t = series.times.shape[1]
+    every = math.ceil(t / SEARCHED)
+    best = _highest(series.between(0, t, every))
+    while every > 1:
+        margin = max(REACH * every, SEARCHED // 3)
+        limits = best.window[0] + best.window.new_tensor([-margin, margin + 1])
+        start, stop = torch.searchsorted(series.times[0].contiguous(), limits).clamp(0, t).tolist()
+        finer = every // 2 if stop - start <= 2 * SEARCHED * (every // 2) else every
+        if finer == every:
+            # A contact too long for a look at each of its frames: its edges are known well enough.
+            break
+        part = series.between(start, stop, finer)
+        best = _climb(part, best, best.window.new_tensor([float(every)]))
+        every = finer
+    best = best._replace(window=_possible(series, best.window[:, None])[:, 0])
+    flight, contact, _ = _at(series, best.window, *_all_intensities(series))
+    best = best._replace(flight=flight, contact=contact)
+    step = best.window.new_tensor([2 * FINEST_STEP])
+    for size in INTENSITY_STEPS[2:4]:
+        best = _refined(series, best, step, size)
+    return best
+
+
+def _highest(series: Series) -> Best:
+    """The highest of the maxima that the starts lead to."""
     many = series.repeated(LONGEST + 1)
-    window, flight, contact = (v.flatten(0, 1) for v in _first(series))
-    window, flight, contact, top = _climb(many, window, flight, contact)
-    top, best = top.unflatten(0, (-1, LONGEST + 1)).max(-1)
-    rows = torch.arange(len(best), device=best.device) * (LONGEST + 1) + best
-    return window[rows], flight[rows], contact[rows], top
+    each = _climb(many, _first(series), _pitch(many))
+    top, number = each.top.unflatten(0, (-1, LONGEST + 1)).max(-1)
+    rows = torch.arange(len(number), device=number.device) * (LONGEST + 1) + number
+    return Best(each.window[rows], each.flight[rows], each.contact[rows], top)
 
 
-def _climb(series: Series, window: Tensor, flight: Tensor, contact: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """The maximum of the likelihood that a start leads to, as `_best_interval`."""
-    step = _pitch(series)
-    top = series.times.new_full((len(step),), -math.inf)
+def _climb(series: Series, best: Best, step: Tensor) -> Best:
+    """The maximum of the likelihood that a start leads to, with steps of the edges from ``step`` (n,) down."""
     for number in range(max(4, 2 + math.ceil(math.log2(float(step.max()) / FINEST_STEP)))):
         if number in (2, 5):
             # The intensities of one degree of freedom have several maxima, too.
-            flight, contact, _ = _at(series, window, *_all_intensities(series))
+            flight, contact, _ = _at(series, best.window, *_all_intensities(series))
+            best = best._replace(flight=flight, contact=contact)
         size = INTENSITY_STEPS[min(number, len(INTENSITY_STEPS) - 1)]
         for _ in range(2):
-            window, flight, contact, top = _refined(series, window, flight, contact, step, size)
+            best = _refined(series, best, step, size)
         step = (0.5 * step).clamp_min(FINEST_STEP)
-    return window, flight, contact, top
+    return best
 
 
 def _all_intensities(series: Series, without_contact: bool = False) -> tuple[Tensor, Tensor]:
@@ -176,105 +189,30 @@ def _posterior(series: Series, windows: Tensor, flight: Tensor, contact: Tensor)
     return fit - QUIET_PREFERRED * (flight - math.log10(QUIETEST)), noise
 
 
-def log_likelihood(series: Series, windows: Tensor, flight: Tensor, contact: Tensor) -> tuple[Tensor, Tensor]:
-    """Logarithm of the likelihood, up to a constant, and factor on the noise's standard deviation, (n, k, c, m) both.
-
-    Parameters
-    ----------
-    series : Series
-    windows : Tensor
-        Contact intervals (n, c, 2), frames.
-    flight, contact : Tensor
-        Powers of ten of m intensities each, (n, k, c, m) or (n, k, 1, m).
-
-    Notes
-    -----
-    The factor on the variance is integrated out, with an inverse gamma distribution of `STATED_COUNTS` before the data:
-    what remains of innovations ``e`` with variances ``s`` is Student's distribution of them all.
-    """
-    n, k, t = series.value.shape
-    c = windows.shape[1]
-    m = max(flight.shape[-1], contact.shape[-1])
-    moves = transitions(series.times, windows)
-
-    def arranged(values: Tensor) -> Tensor:
-        return values.expand(n, k, c, m).permute(0, 2, 1, 3).reshape(n * c, k * m, 1, 1)
-
-    q_flight, q_contact = 10.0 ** arranged(flight), 10.0 ** arranged(contact)
-    seen, variance, value = (
-        v.permute(2, 0, 1)[:, :, None, :, None].expand(t, n, c, k, m).reshape(t, n * c, k * m)
-        for v in (series.seen.double(), series.variance, series.value)
-    )
-    drift = series.drift.permute(2, 0, 1)[:, :, None, :, None].expand(t - 1, n, c, k, m).reshape(t - 1, n * c, k * m)
-    mean = series.times.new_zeros(n * c, k * m, STATES)
-    spread = torch.diag(series.times.new_tensor([UNKNOWN] * STEADY + [1.0] * (STATES - STEADY))).expand(
-        n * c, k * m, -1, -1
-    )
-    later = torch.arange(STEADY, STATES)
-    squares = logs = series.times.new_zeros(n * c, k * m)
-    for i in range(t):
-        if i:
-            matrix = moves.matrix[:, :, i - 1].reshape(n * c, STATES, STATES).mT
-            mean = mean @ matrix
-            spread = _both_sides(spread, matrix)
-            spread = spread + q_contact * moves.contact[:, :, i - 1].reshape(n * c, 1, STATES, STATES)
-            spread = spread + q_flight * moves.flight[:, :, i - 1].expand(n, c, -1, -1).reshape(
-                n * c, 1, STATES, STATES
-            )
-            spread[..., 0, 0] += drift[i - 1]
-            spread[..., later, later] += moves.idle[:, :, i - 1].reshape(n * c, 1, 1)
-        total = spread[..., 0, 0] + variance[i]
-        off = value[i] - mean[..., 0]
-        squares = squares + seen[i] * off**2 / total
-        logs = logs + seen[i] * total.log()
-        gain = seen[i][..., None] * spread[..., 0] / total[..., None]
-        mean = mean + gain * off[..., None]
-        spread = spread - gain[..., None] * spread[..., None, 0, :]
-    counts = seen.sum(0)
-    scale = (STATED_COUNTS + squares) / (STATED_COUNTS + counts)
-    fit = -0.5 * (logs + (STATED_COUNTS + counts) * scale.log())
-
-    def back(values: Tensor) -> Tensor:
-        return values.reshape(n, c, k, m).permute(0, 2, 1, 3)
-
-    return back(fit), back(scale.sqrt())
-
-
-def _both_sides(spread: Tensor, transposed: Tensor) -> Tensor:
-    """``F P F^T`` of (b, r, 4, 4) for ``F^T`` (b, 4, 4), as two large products instead of many small ones."""
-    b, r = spread.shape[:2]
-    for _ in range(2):
-        spread = (spread.reshape(b, r * STATES, STATES) @ transposed).reshape(b, r, STATES, STATES).mT
-    return spread.contiguous()
-
-
 def _pitch(series: Series) -> Tensor:
     """Distance (n,) of the starts of the first search, frames."""
     return ((series.times[:, -1] - series.times[:, 0]) / STARTS).clamp_min(1.0)
 
 
-def _first(series: Series) -> tuple[Tensor, Tensor, Tensor]:
-    """The likeliest interval of each of s lengths (n, s, 2), with intensities (n, s, k)."""
+def _first(series: Series) -> Best:
+    """The likeliest interval of each of s lengths, for each recording: n s of them."""
     pitch, begin = _pitch(series), series.times[:, 0]
     pairs = torch.cartesian_prod(torch.tensor(FIRST_FLIGHT), torch.tensor(FIRST_CONTACT)).to(series.times)
     flight, contact = pairs.T[:, None, None, None].expand(-1, *series.value.shape[:2], 1, -1)
-    found = []
-    for length in (2**j for j in range(LONGEST + 1)):
-        starts = torch.arange(STARTS - length + 1).to(series.times)
-        windows = begin[:, None, None] + pitch[:, None, None] * torch.stack((starts, starts + length), -1)
-        found.append(_best(_posterior(series, windows, flight, contact)[0], windows, flight, contact)[:3])
-    window, flight, contact = (torch.stack(values, 1) for values in zip(*found, strict=True))
-    return window, flight, contact
+    places = [(start, start + 2**j) for j in range(LONGEST + 1) for start in range(STARTS - 2**j + 1)]
+    windows = begin[:, None, None] + pitch[:, None, None] * torch.tensor(places).to(series.times)
+    counts = [STARTS - 2**j + 1 for j in range(LONGEST + 1)]
+    fits = _posterior(series, windows, flight, contact)[0].split(counts, 2)
+    each = [_best(fit, part, flight, contact) for fit, part in zip(fits, windows.split(counts, 1), strict=True)]
+    return Best(*(torch.stack(values, 1).flatten(0, 1) for values in zip(*each, strict=True)))
 
 
-def _refined(
-    series: Series, window: Tensor, flight: Tensor, contact: Tensor, step: Tensor, size: float
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Best neighbour of an interval (n, 2) and intensities (n, k), and its likelihood (n,)."""
+def _refined(series: Series, best: Best, step: Tensor, size: float) -> Best:
+    """The best neighbour of an interval and its intensities, by ``step`` (n,) frames and ``size`` powers of ten."""
     moves = torch.cartesian_prod(*2 * [series.times.new_tensor([0.0, -1.0, 1.0])])
     shifts = series.times.new_tensor(EDGE_MOVES)
-    windows = _possible(series, window[:, None] + step[:, None, None] * shifts)
-    scaled = flight[..., None, None] + size * moves[:, 0], contact[..., None, None] + size * moves[:, 1]
+    windows = _possible(series, best.window[:, None] + step[:, None, None] * shifts)
+    scaled = best.flight[..., None, None] + size * moves[:, 0], best.contact[..., None, None] + size * moves[:, 1]
     around = scaled[0].clamp(math.log10(QUIETEST), 8.0), scaled[1].clamp(-12.0, 12.0)
     fit, _ = _posterior(series, windows, *around)
     return _best(fit, windows, *around)
@@ -288,8 +226,8 @@ def _possible(series: Series, windows: Tensor) -> Tensor:
     return torch.stack((start, end), -1)
 
 
-def _best(fit: Tensor, windows: Tensor, flight: Tensor, contact: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Interval (n, 2), intensities (n, k) and likelihood (n,) where (n, k, c, m) is highest in all k together."""
+def _best(fit: Tensor, windows: Tensor, flight: Tensor, contact: Tensor) -> Best:
+    """Where the likelihood (n, k, c, m) is highest in all k together."""
     n, k, c, m = fit.shape
     per_window, which = fit.max(-1)
     top, place = per_window.sum(1).max(-1)
@@ -300,7 +238,7 @@ def _best(fit: Tensor, windows: Tensor, flight: Tensor, contact: Tensor) -> tupl
     def at_best(values: Tensor) -> Tensor:
         return values.expand(n, k, c, m)[rows[:, None], freedom, place[:, None]].gather(-1, chosen)[..., 0]
 
-    return windows[rows, place], at_best(flight), at_best(contact), top
+    return Best(windows[rows, place], at_best(flight), at_best(contact), top)
 
 
 def _windows(series: Series, window: Tensor, flight: Tensor, contact: Tensor) -> Tensor:

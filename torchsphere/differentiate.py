@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere import bandwidth, contact, local, smooth
-from torchsphere.contact import UNKNOWN, Contact
+from torchsphere.contact import Contact
+from torchsphere.likelihood import UNKNOWN
 from torchsphere.poses import joined, poses
 from torchsphere.process import STATES
 from torchsphere.smooth import FREEDOMS, Poses, Smoothed

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchsphere.contact import UNKNOWN, Contact, Series
+from torchsphere.contact import Contact
+from torchsphere.likelihood import UNKNOWN, Series
 from torchsphere.process import STATES, STEADY, Transitions, transitions
 
 #: Degrees of freedom (x, y, wx, wy, wz), and of the state.

@@ -1,0 +1,72 @@
+"""The bank of small Kalman filters against the dense joint covariance of all frames, and series that are thinned."""
+
+import math
+
+import torch
+
+from torchsphere.likelihood import STATED_COUNTS, UNKNOWN, Series, log_likelihood
+from torchsphere.process import STATES, STEADY, transitions
+
+#: Frame 4 is missing from the recording, and frame 6 was not measured in the second degree of freedom.
+TIMES = torch.tensor([[0.0, 1.0, 2.0, 3.0, 5.0, 6.0, 7.0, 8.5]], dtype=torch.float64)
+WINDOWS = torch.tensor([[[1.3, 5.6], [0.0, 0.0], [3.0, 3.7]]], dtype=torch.float64)
+
+
+def series() -> Series:
+    generator = torch.Generator().manual_seed(2)
+
+    def some(*shape: int) -> torch.Tensor:
+        return torch.rand(*shape, generator=generator, dtype=torch.float64)
+
+    seen = torch.ones(1, 2, 8, dtype=torch.bool)
+    seen[0, 1, 5] = False
+    return Series(TIMES, 30 * some(1, 2, 8), 0.5 + some(1, 2, 8), 0.1 * some(1, 2, 7), seen)
+
+
+def dense(own: Series, window: torch.Tensor, freedom: int, flight: float, contact: float) -> tuple[float, float]:
+    """Log-likelihood and noise factor from the joint covariance of all values that were seen."""
+    moves = transitions(own.times, window[None, None])
+    t = own.times.shape[1]
+    spread = torch.diag(torch.tensor([UNKNOWN] * STEADY + [1.0] * (STATES - STEADY), dtype=torch.float64))
+    joint = torch.zeros(t, t, dtype=torch.float64)
+    # Covariance of the state now with the values before: a column each.
+    with_past = torch.zeros(STATES, 0, dtype=torch.float64)
+    for i in range(t):
+        if i:
+            matrix = moves.matrix[0, 0, i - 1]
+            added = 10**flight * moves.flight[0, 0, i - 1] + 10**contact * moves.contact[0, 0, i - 1]
+            spread = matrix @ spread @ matrix.T + added
+            spread[0, 0] += own.drift[0, freedom, i - 1]
+            spread[STEADY:, STEADY:] += moves.idle[0, 0, i - 1]
+            with_past = matrix @ with_past
+        joint[i, :i] = joint[:i, i] = with_past[0]
+        joint[i, i] = spread[0, 0]
+        with_past = torch.cat((with_past, spread[:, :1]), 1)
+    joint += torch.diag(own.variance[0, freedom])
+    seen = own.seen[0, freedom]
+    joint, value = joint[seen][:, seen], own.value[0, freedom][seen]
+    counts = STATED_COUNTS + len(value)
+    scale = (STATED_COUNTS + float(value @ torch.linalg.solve(joint, value))) / counts
+    return -0.5 * (float(torch.logdet(joint)) + counts * math.log(scale)), math.sqrt(scale)
+
+
+def test_the_filters_give_the_likelihood_of_the_joint_covariance() -> None:
+    own = series()
+    flight = torch.tensor([-6.0, -2.0], dtype=torch.float64).expand(1, 2, 3, 2)
+    contact = torch.tensor([-1.0, 2.0], dtype=torch.float64).expand(1, 2, 3, 2)
+    fit, noise = log_likelihood(own, WINDOWS, flight, contact)
+    for freedom in range(2):
+        for place in range(3):
+            for m in range(2):
+                expected = dense(own, WINDOWS[0, place], freedom, float(flight[0, 0, 0, m]), float(contact[0, 0, 0, m]))
+                found = fit[0, freedom, place, m], noise[0, freedom, place, m]
+                # Of the 1e8 of what is unknown beforehand, double precision leaves about seven digits.
+                torch.testing.assert_close(torch.stack(found), torch.tensor(expected).double(), rtol=1e-5, atol=1e-5)
+
+
+def test_what_drifts_between_frames_that_are_left_out_is_added_up() -> None:
+    own = series()
+    thin = own.between(1, 8, 3)
+    assert thin.times.tolist() == [[1.0, 5.0, 8.5]]
+    torch.testing.assert_close(thin.drift, torch.stack((own.drift[..., 1:4].sum(-1), own.drift[..., 4:7].sum(-1)), -1))
+    torch.testing.assert_close(thin.value, own.value[..., [1, 4, 7]])
