@@ -2,6 +2,7 @@
 
 import csv
 import errno
+import math
 import os
 import shutil
 import subprocess
@@ -14,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 from archive_shots import BAD, calls, pretended, serial, write_array
 
-from torchsphere.archive import folder, manifest, records
+from torchsphere.archive import folder, manifest, records, summary
 from torchsphere.archive.run import Counts, in_shard, run
 from torchsphere.archive.work import Job, Outcome, settle
 
@@ -255,3 +256,12 @@ def test_a_claim_holds_against_the_same_process(tmp_path: Path) -> None:
         assert (first, second, other) == (True, False, True)
     with claims.claim("a") as again:
         assert again
+
+
+def test_the_table_tells_the_spin_of_an_impact_in_rad_per_s() -> None:
+    # A quarter of a turn per second, which the result folder states in revolutions.
+    impact = {"spin_rate_after": {"value": 0.25, "sd": 0.01, "unit": "rev/s"}}
+    row = summary.measured({"impact": impact})
+    assert row["spin_after_rad_s"] == pytest.approx(math.pi / 2)
+    assert row["sd_spin_after_rad_s"] == pytest.approx(0.02 * math.pi)
+    assert row["spin_before_rad_s"] is None

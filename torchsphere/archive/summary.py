@@ -12,14 +12,18 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-#: Columns from the impact, and its quantities in ``summary.json``; vectors are told by their lengths.
+#: ``summary.json`` tells the spin of an impact in rev/s, the table all spin in rad/s.
+_PER_REV = 2 * math.pi
+
+#: Columns from the impact, its quantities in ``summary.json``, and the column's units per unit there; vectors are told
+#: by their lengths.
 IMPACT = {
-    "speed_before_m_s": "speed_before",
-    "speed_after_m_s": "speed_after",
-    "spin_before_rad_s": "spin_rate_before",
-    "spin_after_rad_s": "spin_rate_after",
-    "peak_force_N": "peak_force",
-    "restitution": "restitution_normal",
+    "speed_before_m_s": ("speed_before", 1.0),
+    "speed_after_m_s": ("speed_after", 1.0),
+    "spin_before_rad_s": ("spin_rate_before", _PER_REV),
+    "spin_after_rad_s": ("spin_rate_after", _PER_REV),
+    "peak_force_N": ("peak_force", 1.0),
+    "restitution": ("restitution_normal", 1.0),
 }
 
 #: Columns and their types; what is not known is empty in the CSV and null in the Parquet file.
@@ -48,9 +52,11 @@ def measured(table: Mapping[str, Any]) -> dict[str, Any]:
         "warnings": len(table.get("warnings") or ()),
         "seconds": table.get("seconds"),
     }
-    for column, name in IMPACT.items():
+    for column, (name, factor) in IMPACT.items():
         estimate = impact.get(name) or {}
-        row[column], row[f"sd_{column}"] = _length(estimate.get("value"), estimate.get("sd"))
+        length, sd = _length(estimate.get("value"), estimate.get("sd"))
+        row[column] = None if length is None else factor * length
+        row[f"sd_{column}"] = None if sd is None else factor * sd
     return row
 
 
