@@ -3,7 +3,7 @@
 PYTHON ?= python3
 # What the demo needs, and what the checks and the tests need, beyond the plain installation.
 DEMO_EXTRAS ?= video
-TEST_EXTRAS ?= dev,video,render,baselines,dask
+TEST_EXTRAS ?= dev,docs,video,render,baselines,dask
 DEMO_OUT ?= demo-result
 
 VENV := .venv
@@ -11,7 +11,7 @@ BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test clean
+.PHONY: help setup demo docs test clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "make %-7s %s\n", $$1, $$2}' Makefile
@@ -22,15 +22,20 @@ demo: $(VENV)/installed-demo  ## track a synthetic shot and write the whole resu
 	$(BIN)/torchsphere demo --out $(DEMO_OUT) --overwrite
 	@echo "The result is in $(DEMO_OUT)/: open $(DEMO_OUT)/figures/motion.png, or read track.csv, kinematics.csv and summary.json."
 
-test: $(VENV)/installed-test  ## ruff, mypy and all tests
+docs: $(VENV)/installed-test  ## build the pages: docs/_build/index.html
+	# A link that leads nowhere, a command or an object that is gone: every warning is an error.
+	OMP_NUM_THREADS=1 $(BIN)/python -m sphinx -W --keep-going -q -E docs docs/_build
+
+test: $(VENV)/installed-test  ## ruff, mypy, the pages and all tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(MAKE) docs
 	# One thread each: processes whose threads compete for the cores slow each other down many times over.
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
 clean:  ## remove .venv, caches, builds and the demo's result
-	rm -rf $(VENV) $(DEMO_OUT) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(DEMO_OUT) docs/_build build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find torchsphere render experiments tests -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 
 # One pip call with the constraints, so that no other torch is ever fetched first.

@@ -49,6 +49,10 @@ def test_the_demo_recovers_its_motion_within_the_stated_uncertainty(tmp_path: Pa
     assert max(ratios) < 3
     names = {path.name for path in (tmp_path / "demo").iterdir()}
     assert {"track.csv", "track.parquet", "kinematics.csv", "summary.json", "figures", "shot.tif", "truth.csv"} <= names
+    # Its images lie in a temporary folder while they are measured.
+    summary = json.loads((tmp_path / "demo" / "summary.json").read_text())
+    assert summary["input"]["path"] == "synthetic example shot"
+    assert "<title>synthetic example shot: " in (tmp_path / "demo" / "report.html").read_text()
 
 
 def test_track_writes_the_promised_columns_with_the_first_row_empty(tmp_path: Path, short: Path) -> None:

@@ -304,3 +304,5 @@ def test_a_recording_in_which_the_ball_is_lost_is_reported_in_words_and_never_as
     assert "nan" not in text.split('id="data"')[0].lower().replace("nano", "")
     assert "not measured: no motion was measured" in text
     assert "steady motion" not in text
+    assert "No impact is reported: no motion was measured." in result.summary["warnings"]
+    assert not any("steady motion" in sentence for sentence in result.summary["warnings"])

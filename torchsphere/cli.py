@@ -252,11 +252,13 @@ class _Bar:
             self._bar.close()
 
 
-def _measured(request: Request, quiet: bool, extra: dict[str, Path] | None = None) -> Measurement:
+def _measured(
+    request: Request, quiet: bool, extra: dict[str, Path] | None = None, name: str | None = None
+) -> Measurement:
     if quiet:
-        return measure(request, None, extra)
+        return measure(request, None, extra, name=name)
     with contextlib.closing(_Bar()) as bar:
-        return measure(request, bar, extra)
+        return measure(request, bar, extra, name=name)
 
 
 def _track(options: dict[str, Any]) -> int:
@@ -351,7 +353,7 @@ def _demo(options: dict[str, Any]) -> int:
             overlay=importlib.util.find_spec("av") is not None,
             paraview=True,
         )
-        done = _measured(request, options["quiet"], {"shot.tif": images, "truth.csv": truth})
+        done = _measured(request, options["quiet"], {"shot.tif": images, "truth.csv": truth}, demo.NAME)
     _print_demo(shot, done, options["out"])
     return 0
 

@@ -18,6 +18,9 @@ from torchsphere.track import Track
 
 Array = NDArray[np.float64]
 
+#: What the result calls its input, whose file is a temporary one.
+NAME = "synthetic example shot"
+
 #: The paper's frontal impact (section 5): ball of 30 mm and 110 g at 36 000 frames/s.
 FRAME_RATE, DIAMETER_MM, MASS_G = 36_000.0, 30.0, 110.0
 

@@ -27,6 +27,7 @@ from torchsphere.perspective import Camera
 from torchsphere.recording import Recording, open_recording
 from torchsphere.report import draw, overlay, paraview, sampled
 from torchsphere.report.folder import read
+from torchsphere.report.words import NO_IMPACT
 from torchsphere.track import Track, track
 
 #: What may be said of the map, and what it means to `torchsphere.track`.
@@ -167,7 +168,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Measurement:
-    """What was measured of one recording, and where it was written."""
+    """What was measured of one recording; ``name`` is what to call it where its path would tell nothing."""
 
     recording: Recording
     track: Track
@@ -177,10 +178,19 @@ class Measurement:
     warnings: tuple[str, ...]
     seconds: float
     extra_files: Mapping[str, Path] = field(default_factory=dict)
+    name: str | None = None
 
 
-def measure(request: Request, progress: Progress | None = None, extra: Mapping[str, Path] | None = None) -> Measurement:
+def measure(
+    request: Request,
+    progress: Progress | None = None,
+    extra: Mapping[str, Path] | None = None,
+    *,
+    name: str | None = None,
+) -> Measurement:
     """Track the recording and write the result folder; files of ``extra`` (name -> source) are copied into it.
+
+    ``name`` stands in the summary in place of the input's path, where that is a temporary one.
 
     Raises
     ------
@@ -217,7 +227,8 @@ def measure(request: Request, progress: Progress | None = None, extra: Mapping[s
         motion = _kinematics(request, tracked, frame_rate, start)
         found, missing = _impact(request, tracked, motion)
         warnings = (*_warnings(request, recording, tracked, frame_rate, start), *missing)
-        done = Measurement(recording, tracked, motion, found, start, warnings, time.perf_counter() - began, extra or {})
+        seconds = time.perf_counter() - began
+        done = Measurement(recording, tracked, motion, found, start, warnings, seconds, extra or {}, name)
         _write(request, done, frame_rate, part, ignore)
     return done
 
@@ -268,6 +279,9 @@ def _impact(request: Request, tracked: Track, motion: Kinematics | None) -> tupl
     """The impact, if there is one, and in words what of it is not known, and why."""
     if motion is None:
         return None, ()
+    if not np.isfinite(tracked.increment[:, 0]).any():
+        # Without this, "one steady motion explains all frames" would be said of frames that show none.
+        return None, (f"{NO_IMPACT}no motion was measured.",)
     thing = None
     if request.mass_g is not None:
         thing = ball(
@@ -277,7 +291,7 @@ def _impact(request: Request, tracked: Track, motion: Kinematics | None) -> tupl
             inertia_kg_m2=request.inertia_kg_m2,
         )
     found, reason = impact(motion, thing, normal_deg=request.normal_deg)
-    return found, found.missing if found is not None else (f"No impact is reported: {reason}",)
+    return found, found.missing if found is not None else (f"{NO_IMPACT}{reason}",)
 
 
 def _warnings(
@@ -368,7 +382,7 @@ def _summary(request: Request, done: Measurement, frame_rate: float | None) -> d
     circle = tracked.circle
     return {
         "input": {
-            "path": str(request.input),
+            "path": done.name or str(request.input),
             "sha256": results.hash_files(recording.files),
             "kind": recording.kind,
             "frames": len(recording),

@@ -129,7 +129,7 @@ def warnings(result: ResultFolder) -> list[str]:
     """The summary's warnings but those that `absent` and `problems` say already."""
     said: tuple[str, ...] = ("The frame rate is not known", "No scale was given")
     if not _moved(result):
-        # Where nothing was measured, "one steady motion explains all frames" would be true and misleading.
+        # The verdict says it already: no motion was measured.
         said = (*said, NO_IMPACT)
     return [
         sentence

@@ -1,0 +1,120 @@
+"""Pictures of the tutorial and of the archives' page: ``python -m experiments.docs_pictures``.
+
+Renders the tutorial's shot, tracks it as the tutorial does, and photographs report and index in headless Chromium. The
+PNGs in ``docs/pictures/`` have 128 colours, so that each stays below 200 kB. Needs the extras render and dev, and the
+program chromium.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from PIL import Image, ImageChops
+
+from render import cli as render_cli
+from torchsphere import cli
+
+OUT = Path(__file__).parent.parent / "docs" / "pictures"
+
+#: Width of the browser's window and height of what is kept of the report, px; and the widest picture.
+WINDOW, KEPT_HEIGHT, WIDEST = 1180, 860, 1180
+
+#: Frame that the report shows: in the middle of the contact.
+SHOWN = 33
+
+
+def shoot(folder: Path) -> None:
+    """Render and track the tutorial's shot in ``folder``."""
+    shot, images = str(folder / "shot"), str(folder / "shot" / "frames.tif")
+    render = ["frontal-impact", "--samples", "16", "--out", shot, "--quiet"]
+    track = ["track", images, "--out", str(folder / "result"), "--diameter-mm", "30", "--mass-g", "110"]
+    for code in (
+        render_cli.main(render),
+        cli.main(["info", images, "--preview", str(folder / "ball.png")]),
+        cli.main([*track, "--normal-deg", "180"]),
+    ):
+        if code != 0:
+            raise RuntimeError("the tutorial's shot could not be made; see the sentence above")
+
+
+def archive(folder: Path) -> None:
+    """Three recordings as an archive: an impact, a flight, and one that shows no ball."""
+    images = tifffile.imread(folder / "shot" / "frames.tif")
+    shots = folder / "shots"
+    shots.mkdir()
+    # What is left of the images where the ball never comes.
+    empty = np.random.default_rng(0).integers(55, 66, images[:25].shape).astype(np.uint8)
+    for name, part in (("shot1", images), ("shot2", images[:25]), ("shot3", empty)):
+        tifffile.imwrite(shots / f"{name}.tif", np.ascontiguousarray(part), photometric="minisblack")
+    options = ["--fps", "36000", "--diameter-mm", "30", "--mass-g", "110", "--workers", "1", "--quiet"]
+    if cli.main(["batch", str(shots), "--out", str(folder / "results"), *options]) != 3:
+        raise RuntimeError("expected two recordings done and one failed")
+
+
+def save(picture: Image.Image, name: str) -> None:
+    """Write a picture without its white margins, with few colours."""
+    white = Image.new("RGB", picture.size, "white")
+    left, top, right, bottom = ImageChops.difference(picture.convert("RGB"), white).getbbox() or (0, 0, *picture.size)
+    right, bottom = min(right + 8, picture.width), min(bottom + 8, picture.height)
+    picture = picture.crop((max(left - 8, 0), max(top - 8, 0), right, bottom))
+    if picture.width > WIDEST:
+        picture = picture.resize((WIDEST, round(picture.height * WIDEST / picture.width)), Image.Resampling.LANCZOS)
+    few = picture.convert("RGB").quantize(128, dither=Image.Dither.NONE)
+    few.save(OUT / f"{name}.png", optimize=True)
+    print(f"{name}.png  {few.width} x {few.height} px, {(OUT / f'{name}.png').stat().st_size / 1e3:.0f} kB")
+
+
+def photograph(address: str, act: Callable[[Any], None], target: Path) -> None:
+    """The page at an address, after something was done in it, as ``target``."""
+    from playwright.sync_api import sync_playwright
+
+    program = shutil.which("chromium") or shutil.which("google-chrome")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": WINDOW, "height": KEPT_HEIGHT}, color_scheme="light")
+        page.goto(address)
+        page.wait_for_timeout(500)
+        act(page)
+        page.wait_for_timeout(300)
+        if not target.is_file():
+            page.screenshot(path=str(target))
+        browser.close()
+
+
+def main() -> None:
+    """Make all pictures."""
+    OUT.mkdir(exist_ok=True)
+    # Names as the tutorial has them, not those of a temporary folder.
+    with tempfile.TemporaryDirectory() as name, contextlib.chdir(name):
+        folder = Path()
+        shoot(folder)
+        archive(folder)
+
+        def seek(page: Any) -> None:
+            page.evaluate(f"const s = document.querySelector('#slider'); s.value = {SHOWN};")
+            page.dispatch_event("#slider", "input")
+
+        def of_orbit(page: Any) -> None:
+            seek(page)
+            page.wait_for_timeout(300)
+            page.locator("#orbit").screenshot(path=str(folder / "orbit.png"))
+
+        report, index = (Path(part).absolute().as_uri() for part in ("result/report.html", "results/index.html"))
+        photograph(report, seek, folder / "report.png")
+        photograph(report, of_orbit, folder / "orbit.png")
+        photograph(index, lambda page: None, folder / "index.png")
+        for picture in ("ball", "report", "orbit", "index"):
+            save(Image.open(folder / f"{picture}.png"), picture)
+        for picture in ("motion", "path"):
+            save(Image.open(folder / "result" / "figures" / f"{picture}.png"), picture)
+
+
+if __name__ == "__main__":
+    main()
