@@ -8,7 +8,6 @@ Measured by torchsphere with the frame-to-frame increments alone, and by transla
 under motion blur of 3 px the radius that torchsphere finds by itself is 54.35 px in place of 54, with a standard
 deviation of 1.2 px, and the spin after the impact is then 3.5 % too large. Lengths are by the camera's scale, as of one
 that is calibrated.
-Motion blur of 3 px makes it too large, and that biases spin about y and displacement along x.
 """
 
 from __future__ import annotations
