@@ -248,6 +248,17 @@ def shaded(made: Shot, amount: float = 0.5) -> Tensor:
     return made.images * (1 - amount * 0.5 * (1 + across))
 
 
+def lit(made: Shot, direction: tuple[float, float, float], around: float = 0.3) -> Tensor:
+    """The images as albedo of a matt ball under a distant lamp in that direction, and some light from all around."""
+    x, y = pixel_grid(made.images)
+    towards = torch.tensor(direction) / torch.tensor(direction).norm()
+    cx, cy = made.centres.float().T[..., None, None]
+    nx, ny = (x - cx) / made.radius, (y - cy) / made.radius
+    nz = -(1 - nx**2 - ny**2).clamp_min(0).sqrt()
+    facing = (towards[0] * nx + towards[1] * ny + towards[2] * nz).clamp_min(0)
+    return made.images * torch.where(nx**2 + ny**2 < 1, around + (1 - around) * facing, 1.0)
+
+
 def compressed(images: Tensor, step: float = 12.0) -> Tensor:
     """Blocks of 8 x 8 px whose cosine transform is rounded to multiples that grow with the frequency, as JPEG does."""
     k = torch.arange(8, dtype=torch.float32)

@@ -20,6 +20,7 @@ from shots import (
     flickered,
     highlight,
     increment_errors,
+    lit,
     noisy,
     rotation_matrix,
     shaded,
@@ -59,7 +60,7 @@ def test_a_ball_behind_a_bar_is_measured_by_what_is_left_of_it(level: float) -> 
     made = behind_a_bar(level, slope=0.2)
     measured = track(made.images, made.circle, sphere_map=False)
     errors, in_sd = errors_of(measured, made)
-    # The bounds promised; measured: every frame ok, 0.019 px and 0.026 deg at worst, 3.7 standard deviations.
+    # The bounds promised; measured: every frame ok, 0.012 px and 0.019 deg at worst, 2.4 standard deviations.
     assert (measured.status != "ok").mean() < 0.1
     assert errors[:, :2].max() < 0.1
     assert in_sd.max() < HONEST
@@ -125,6 +126,20 @@ def test_no_frame_is_ok_and_wrong(
     _, in_sd = errors_of(measured, made)
     assert (measured.status == "ok").mean() >= share
     assert in_sd.max() < HONEST
+
+
+@pytest.mark.parametrize("direction", [(-0.6, -0.4, -0.7), (0.5, 0.6, -0.3)], ids=["in front", "from the side"])
+def test_light_that_stays_while_the_ball_turns_is_not_taken_for_motion(direction: tuple[float, float, float]) -> None:
+    made = clean(n=12, start=(110.0, 120.0))
+    motion = [
+        np.nanmean(track(images, made.circle, sphere_map=False).increment, axis=0)
+        for images in (made.images, lit(made, direction))
+    ]
+    off = np.abs(motion[1] - motion[0])
+    # Of light from the side the ball's dark half is in no simple relation to its pattern. Where offset and gain alone
+    # are left open the two lamps are off by 0.004 and 0.008 px, and by 0.005 and 0.013 deg.
+    assert off[:2].max() < 0.0025
+    assert np.rad2deg(off[2:]).max() < 0.0035
 
 
 @pytest.mark.parametrize("quantum", [12.0, 20.0])

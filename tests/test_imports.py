@@ -15,8 +15,8 @@ PACKAGE = ROOT / "torchsphere"
 LAYERS = (
     ("recording", "inputs", "parallel"),
     ("source", "masks", "perspective"),
-    ("motion", "interpolate", "crop", "texture", "still", "turning"),
-    ("forward", "reference", "criterion", "interlace", "view"),
+    ("motion", "interpolate", "crop", "texture", "still", "turning", "criterion"),
+    ("forward", "reference", "interlace", "view"),
     ("covariance", "outline", "locate", "newton", "misfit", "search", "trust"),
     ("robust", "schur"),
     ("correlate", "circle", "bundle", "register"),

@@ -2,8 +2,9 @@
 
 The criterion is the paper's equation (3): the squared difference between the reference image ``f`` and the deformed
 image ``g`` at the displaced points, gain and offset chosen so that mean and standard deviation agree over the region
-of interest (ZNSSD). The operator is that of equations (7) to (10). Inside, rotations are multiplied by the radius, so
-that all unknowns are px and the operator is well scaled.
+of interest (ZNSSD). The operator is that of equations (7) to (10). Beyond the paper, models of a turning ball leave open
+what light that does not turn with it may change (`criterion.nuisances`). Inside, rotations are multiplied by the
+radius, so that all unknowns are px and the operator is well scaled.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from torchsphere.newton import (
     warp_with_gradient,
 )
 from torchsphere.perspective import Camera
-from torchsphere.reference import IN_CLOSED_FORM, Reference, build_reference
+from torchsphere.reference import IN_CLOSED_FORM, Reference, build_reference, nuisances
 
 STATUSES = ("ok", "weak_texture", "low_correlation", "not_converged", "out_of_frame", "lost")
 OK, WEAK_TEXTURE, LOW_CORRELATION, NOT_CONVERGED, OUT_OF_FRAME, LOST = range(6)
@@ -387,7 +388,7 @@ def radius_evidence(
     difference = criterion.residual(reference.values, warped, weights)
     of_radius = (_radius_mode(reference, q, model) * gradient).sum(1, keepdim=True)
     jacobian, factor = operator(reference, gradient, q, model, weights)
-    slope = criterion.project(of_radius, reference.values, weights)
+    slope = criterion.project(of_radius, nuisances(reference, model, weights), weights)
     shared = ((jacobian * weights[:, None]) @ slope.mT).double()
     left = (slope - torch.cholesky_solve(shared, factor).to(jacobian).mT @ jacobian)[:, 0]
     # Of fast turns the exact models tell no radius at all: errors of 0.3 px of 50 at 7 deg and 3 radii's distance.

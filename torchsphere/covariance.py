@@ -7,7 +7,7 @@ from torch import Tensor
 
 from torchsphere import criterion, interpolate, motion, turning
 from torchsphere.motion import Displacement
-from torchsphere.reference import IN_CLOSED_FORM, Reference, scale, slopes
+from torchsphere.reference import IN_CLOSED_FORM, Reference, nuisances, scale, slopes
 
 #: Least ratio, in the worst combination of modes, of the gradients' energy to what noise alone would give. Noise has
 #: 1, a speckle of 10 grey levels under noise of 2 has 3.5, one of 190 grey levels has 700.
@@ -38,7 +38,8 @@ def increment_covariance(
     of the gradients blurred once more, and the residual's variance is divided by what the blur leaves of a pixel's.
     """
     k = q.shape[-1]
-    blurred = criterion.project(slopes(reference.blurred_gradient, q, model, reference), reference.values, weights)
+    moved = slopes(reference.blurred_gradient, q, model, reference)
+    blurred = criterion.project(moved, nuisances(reference, model, weights), weights)
     carried = criterion.operator(blurred, weights)
     value_gain, _ = interpolate.noise_gains(pre_blur)
     freedom = (weights.sum(-1) - k - 2).clamp_min(1)

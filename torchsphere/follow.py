@@ -157,37 +157,49 @@ class Follower:
         off = away[:, :2].norm(dim=-1) + RADIUS_COUNTS * away[:, 2].abs()
         turn = found.q[:, 2:].norm(dim=-1).double().cpu().clamp_min(0.01)
         if good and float((off * turn)[:good].max()) > CENTRE_TOLERANCE_PX_RAD:
-            found, _ = self._correlate(images[: good + 1], actual[: good + 1], found.q[:good].double().cpu())
+            again = found.q[:good].double().cpu()
+            found, _ = self._correlate(images[: good + 1], actual[: good + 1], again, approached=True)
             good = _leading(found.status == "ok")
         if good:
             self._keep(found, good, images[good : good + 1])
         return good
 
-    def _correlate(self, images: Tensor, circles: Tensor, start: Tensor) -> tuple[Correlation, Tensor]:
+    def _correlate(
+        self, images: Tensor, circles: Tensor, start: Tensor, *, approached: bool = False
+    ) -> tuple[Correlation, Tensor]:
         """Correlate successive ``images`` (m + 1, h, w) of the ball at ``circles``, from increments ``start`` (m, 5).
 
         Returns the motion, and the circles that the regions lay on in the end. Every image but the first and the last
-        serves as deformed image and then as reference: it is filtered once.
+        serves as deformed image and then as reference: it is filtered once. With ``approached`` circles and start are
+        known well, and better than a rough look can tell: an occluder deceives that by a px and more.
         """
         crops, c = self._filtered(images, circles)
-        rough, start = _pairs(crops, c, circles), start.to(c)
-
-        def brought_near(a: int, b: int) -> tuple[Tensor, Tensor]:
-            return approach(rough.rows(a, b), start[a:b], self.options)
-
-        near, steps = (torch.cat(parts) for parts in zip(*self._shared(brought_near, len(start)), strict=True))
-        if not self.in_place:
-            # The path that was expected is off by up to a few px at its end; the region has to be on the ball.
-            circles, before = self._path(circles[0], near), circles
-            if float((circles - before).abs().max()) > SLACK_PX:
-                crops, c = self._filtered(images, circles)
-        pairs, there = _pairs(crops, c, circles), circles[1:]
+        pairs, start = _pairs(crops, c, circles), start.to(c)
+        near, steps = start, torch.zeros(len(start), dtype=torch.long, device=c.device)
+        if not approached:
+            near, steps = self._brought_near(pairs, start)
+            if not self.in_place:
+                # The path that was expected is off by up to a few px at its end; the region has to be on the ball.
+                circles, before = self._path(circles[0], near), circles
+                if float((circles - before).abs().max()) > SLACK_PX:
+                    crops, c = self._filtered(images, circles)
+                pairs = _pairs(crops, c, circles)
+        there = circles[1:]
 
         def measured(a: int, b: int) -> Correlation:
             return self._measured(pairs.rows(a, b), near[a:b], start[a:b], there[a:b])
 
         found = Correlation.joined(self._shared(measured, len(start)))
         return dataclasses.replace(found, iterations=found.iterations + steps), circles
+
+    def _brought_near(self, pairs: Pairs, start: Tensor) -> tuple[Tensor, Tensor]:
+        """Unknowns (m, k) near those sought, and the steps (m,) that it took."""
+
+        def brought_near(a: int, b: int) -> tuple[Tensor, Tensor]:
+            return approach(pairs.rows(a, b), start[a:b], self.options)
+
+        near, steps = (torch.cat(parts) for parts in zip(*self._shared(brought_near, len(start)), strict=True))
+        return near, steps
 
     def _measured(self, pairs: Pairs, near: Tensor, start: Tensor, there: Tensor) -> Correlation:
         """Motion of the pairs from ``near``, in both directions where they turn fast; the ball is ``there`` (m, 3)."""

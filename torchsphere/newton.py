@@ -10,7 +10,7 @@ from torch import Tensor
 
 from torchsphere import criterion, interpolate, motion, turning
 from torchsphere.motion import Displacement
-from torchsphere.reference import IN_CLOSED_FORM, Reference, scale, slopes
+from torchsphere.reference import IN_CLOSED_FORM, Reference, nuisances, scale, slopes
 
 #: Steps after which a point that has left sight or crop stays out, so that the sum is over fixed points and settles:
 #: at 20 deg per frame, points that came and went kept one row in ten from converging.
@@ -157,7 +157,7 @@ def operator(
     reference: Reference, gradient: Tensor, q: Tensor, model: Displacement, weights: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Jacobian (n, k, p) that belongs to the criterion, and the Cholesky factor (n, k, k) of its operator."""
-    jacobian = criterion.project(slopes(gradient, q, model, reference), reference.values, weights)
+    jacobian = criterion.project(slopes(gradient, q, model, reference), nuisances(reference, model, weights), weights)
     return jacobian, criterion.cholesky(criterion.operator(jacobian, weights))
 
 

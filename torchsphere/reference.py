@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchsphere import crop, interpolate, motion, turning
+from torchsphere import criterion, crop, interpolate, motion, turning
 from torchsphere.motion import Displacement, Geometry
 from torchsphere.perspective import Camera, view_of
 
@@ -163,3 +163,13 @@ def slopes(gradient: Tensor, q: Tensor, model: Displacement, reference: Referenc
         modes = motion.modes(model, q, reference.points, reference.geometry)
         found = torch.einsum("npck,ncp->nkp", modes, gradient)
     return found / scale(reference, q.shape[-1])[..., None]
+
+
+def nuisances(reference: Reference, model: Displacement, weights: Tensor) -> Tensor:
+    """What may change besides the motion (n, m, p): see `criterion.nuisances`.
+
+    The printed criterion, equation (3), knows no light: the printed modes and translations alone are measured with it.
+    """
+    turns = model in (*IN_CLOSED_FORM, *motion.EXACT)
+    normals = reference.surface / reference.geometry.radius[:, None, None] if turns else None
+    return criterion.nuisances(reference.values, weights, normals)

@@ -145,8 +145,8 @@ def reconsider(
     rows = torch.nonzero(doubt)[:, 0]
     if len(rows) == 0:
         return reference, solution
-    q, converged = solution.q[rows], solution.converged[rows]
     part = reference.take(rows)
+    q, converged = solution.q[rows], solution.converged[rows]
     guesses = (torch.where(converged[:, None], q, starts[0][rows]), *(start[rows] for start in starts))
     partly, found, taken, settled = _settle(part, c_g[rows], shift[rows], guesses, model, how, pre_blur)
     enough = partly.weights.sum(-1) >= LEAST_SHARE * part.weights.sum(-1)

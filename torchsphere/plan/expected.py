@@ -6,6 +6,7 @@ an example of the image with the motion blur of the test.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from torchsphere import criterion, crop, interpolate, motion, robust
 from torchsphere.correlate import Options, margin
 from torchsphere.plan.example_image import Example, blurred, rescaled, white_noise
-from torchsphere.reference import Reference, build_reference, scale, slopes
+from torchsphere.reference import Reference, build_reference, nuisances, scale, slopes
 
 #: Largest motion blur, px: section 3.3 of the paper.
 MOST_BLUR_PX = 5.0
@@ -195,9 +196,10 @@ def _reference(
 
 
 def _gram(reference: Reference, gradient: torch.Tensor, q: torch.Tensor) -> torch.Tensor:
-    """Operators (m, 5, 5) of the images' gradients, all with offset and gain of the first."""
-    values = reference.values[:1].expand_as(reference.values)
-    jacobian = criterion.project(slopes(gradient, q, motion.finite, reference), values, reference.weights)
+    """Operators (m, 5, 5) of the images' gradients, all with offset, gain and light of the first."""
+    first = dataclasses.replace(reference, values=reference.values[:1].expand_as(reference.values))
+    known = nuisances(first, motion.finite, reference.weights)
+    jacobian = criterion.project(slopes(gradient, q, motion.finite, reference), known, reference.weights)
     return criterion.operator(jacobian, reference.weights)
 
 
