@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render import rotation
+from render.outline import circle, outline, visible
+from render.scene import Setup
 from render.shot import Shot
 
 #: Columns that a tracker's table has as well, in its order.
@@ -24,6 +26,9 @@ MOTION = (
     *("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", "ax_m_s2", "ay_m_s2", "az_m_s2"),
     *("fx_N", "fy_N", "fz_N", "wx_rad_s", "wy_rad_s", "wz_rad_s"),
 )
+
+#: What is seen of the ball: the circle that fits its outline best, and the share of its area that can be seen.
+SEEN = ("outline_x_px", "outline_y_px", "outline_radius_px", "visible")
 
 
 def truth(shot: Shot) -> dict[str, NDArray[Any]]:
@@ -40,7 +45,9 @@ def truth(shot: Shot) -> dict[str, NDArray[Any]]:
         Columns (n,) by name. `x_px, y_px` is where the camera sees the ball's centre, `radius_px` the ball's radius
         times the scale at the centre's depth (on the optical axis, without distortion). `d*_px` and `w*_rad` are the
         increments from the frame before, NaN in the first: ``A_i = exp([w]x) A_(i-1)``. `q*` is the orientation since
-        the first frame, ``A_i A_0^T``, without jumps of sign. Force is mass times acceleration.
+        the first frame, ``A_i A_0^T``, without jumps of sign. Force is mass times acceleration. `outline_*` is the
+        circle that fits the outline best, NaN where the camera does not see so far aside; `visible` the share of the
+        area within the outline that is in the image and that no still object hides, at the frame's time.
     """
     times, setup = shot.times_s, shot.setup
     state = shot.trajectory.state(times)
@@ -54,8 +61,17 @@ def truth(shot: Shot) -> dict[str, NDArray[Any]]:
         *turned.T,
     )
     motion = (state.position_m, state.velocity_m_s, state.acceleration_m_s2, state.force_N, state.spin_rad_s)
-    columns = (*tracked, *(column for vectors in motion for column in vectors.T))
-    return dict(zip((*TRACKED, *MOTION), columns, strict=True))
+    columns = (*tracked, *(column for vectors in motion for column in vectors.T), *_seen(setup, state.position_m).T)
+    return dict(zip((*TRACKED, *MOTION, *SEEN), columns, strict=True))
+
+
+def _seen(setup: Setup, centres_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The columns (n, 4) of `SEEN`."""
+    camera, radius_m, objects = setup.camera, setup.ball.radius_m, setup.background.objects
+    rows = [
+        (*circle(outline(camera, centre, radius_m)), visible(camera, centre, radius_m, objects)) for centre in centres_m
+    ]
+    return np.array(rows)
 
 
 def write_truth(path: Path, columns: dict[str, NDArray[Any]]) -> None:

@@ -35,8 +35,8 @@ LAYERS = (
     ("impact", "instruments", "plan"),
     ("results", "report", "demo"),
     ("measure", "plan_cli", "report_cli"),
-    ("archive",),
-    ("batch_cli",),
+    ("archive", "benchmark"),
+    ("batch_cli", "benchmark_cli"),
     ("cli",),
     ("__main__",),
 )

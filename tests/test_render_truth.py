@@ -1,15 +1,25 @@
 """The truth table: against an independent computation of every column."""
 
 import csv
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rendering import needs_mitsuba, picture, steady
+from rendering import outline as touched
+from scipy import ndimage
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from render import preset
+from render.background import Background, StillObject
+from render.camera import Camera
+from render.outline import circle, outline, visible
+from render.pattern import Pattern
+from render.scene import Quality, Setup
 from render.trajectory import Table
-from render.truth import MOTION, TRACKED, truth, write_truth
+from render.truth import MOTION, SEEN, TRACKED, truth, write_truth
 
 #: The columns that a tracker's result has as well, in its order, and those that it cannot have: status, sd_*, zncc.
 TRACK_CSV = (
@@ -19,9 +29,9 @@ TRACK_CSV = (
 MEASURED = ("status", "sd_dx_px", "sd_dy_px", "sd_wx_rad", "sd_wy_rad", "sd_wz_rad", "zncc", "iterations")
 
 
-def test_columns_are_those_of_a_track_in_its_order_and_then_the_motion() -> None:
+def test_columns_are_those_of_a_track_in_its_order_then_the_motion_and_what_is_seen() -> None:
     columns = list(truth(preset.load("example")))
-    assert columns == [*TRACKED, *MOTION]
+    assert columns == [*TRACKED, *MOTION, *SEEN]
     assert list(TRACKED) == [
         c for c in TRACK_CSV if not c.startswith("sd_") and c not in ("status", "zncc", "iterations")
     ]
@@ -93,3 +103,82 @@ def test_a_single_frame_has_no_increment() -> None:
     assert len(columns["frame"]) == 1
     assert np.isnan(columns["dx_px"]).all()
     assert columns["qw"].tolist() == [1.0]
+
+
+def resampled(points: np.ndarray, count: int) -> np.ndarray:
+    """Points of a closed line at even distances along it."""
+    closed = np.vstack([points, points[:1]])
+    along = np.concatenate(([0.0], np.hypot(*np.diff(closed, axis=0).T).cumsum()))
+    at = np.linspace(0.0, along[-1], count, endpoint=False)
+    return np.column_stack([np.interp(at, along, column) for column in closed.T])
+
+
+@pytest.mark.parametrize(
+    ("camera", "centre_m"),
+    [
+        (Camera(), (0.011, -0.004, 0.3)),
+        (Camera("pinhole", focal_px=500.0), (-0.0525, -0.003, 0.15)),
+        (Camera("pinhole", focal_px=700.0, principal_px=(-80.0, 60.0)), (0.14, 0.02, 0.21)),
+        (Camera("pinhole", focal_px=2000.0, distortion=(-1.5, 0.0, 0.0)), (-0.0525, -0.012, 0.6)),
+    ],
+    ids=["orthographic", "perspective", "off-axis", "distorted"],
+)
+def test_the_outlines_circle_is_the_least_squares_fit_to_a_dense_outline(
+    camera: Camera, centre_m: tuple[float, float, float]
+) -> None:
+    centre = np.array(centre_m)
+    points = resampled(touched(camera, centre, 0.015, count=20000), 5000)
+    start = (*points.mean(axis=0), 50.0)
+    fitted = least_squares(lambda c: np.hypot(*(points - c[:2]).T) - c[2], start, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    # The dense line's own corners cut 1e-6 px.
+    assert np.allclose(circle(outline(camera, centre, 0.015)), fitted.x, rtol=0, atol=2e-4)
+
+
+def test_a_whole_ball_is_seen_wholly_and_one_outside_not_at_all() -> None:
+    camera = Camera(width=200, height=120, scale_px_per_mm=2.0)
+    assert visible(camera, np.zeros(3), 0.015, ()) == 1.0
+    assert visible(camera, np.array([0.07, 0.0, 0.0]), 0.015, ()) == 0.0
+    assert visible(camera, np.array([0.05, 0.0, 0.0]), 0.015, ()) == pytest.approx(0.5, abs=1e-3)
+
+
+ORTHOGRAPHIC = Camera(width=600, height=360, scale_px_per_mm=7.0)
+PINHOLE = Camera("pinhole", width=600, height=360, focal_px=1000.0)
+POST = (0.006, 0.006, 0.03)
+
+
+@needs_mitsuba
+@pytest.mark.parametrize(
+    ("camera", "centre_m", "thing"),
+    [
+        (ORTHOGRAPHIC, (0.004, 0.002, 0.0), StillObject(centre_m=(0.0, 0.0, 0.05))),
+        (
+            ORTHOGRAPHIC,
+            (0.036, 0.012, 0.0),
+            StillObject(centre_m=(0.030, 0.0, -0.04), size_m=(0.01, 0.03, 0.01), turn_deg=(10.0, 25.0, 35.0)),
+        ),
+        (ORTHOGRAPHIC, (0.0, 0.0, 0.0), StillObject("bar", (0.004, 0.0, -0.05), (0.014, 0.014, 0.02))),
+        (PINHOLE, (0.01, 0.0, 0.15), StillObject("bar", (0.008, 0.0, 0.08), POST, (80.0, 0.0, 20.0))),
+        (
+            dataclasses.replace(PINHOLE, distortion=(-0.2, 0.0, 0.0)),
+            (0.037, 0.01, 0.15),
+            StillObject(centre_m=(0.030, 0.0, 0.145), size_m=(0.004, 0.2, 0.05)),
+        ),
+    ],
+    ids=["behind", "turned box, border", "bar along the view", "bar, pinhole", "pressed in, distorted, border"],
+)
+def test_the_visible_share_is_that_of_the_renderers_image(
+    camera: Camera, centre_m: tuple[float, float, float], thing: StillObject
+) -> None:
+    # A white ball and a black object before darkness, so that light comes from what is seen of the ball alone.
+    ball = Pattern(kind="plain", brightest=1.0)
+    black = Background(kind="dark", objects=(dataclasses.replace(thing, albedo=0.0),))
+    image = picture(Setup(pattern=ball, camera=camera, background=black, quality=Quality(16)), steady(centre_m))
+    # The object shades the ball, but smoothly: a pixel is the ball's where it has half of its surroundings' light.
+    seen = image > 0.5 * np.maximum(ndimage.maximum_filter(image, 7), 1.0)
+    edge = touched(camera, np.array(centre_m), 0.015)
+    x, y = edge.T
+    area = 0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
+    found = visible(camera, np.array(centre_m), 0.015, (thing,))
+    assert (found == 1.0) == (thing.centre_m[2] == 0.05)
+    # Edges of 200 px and more in length, right to a few hundredths of a pixel, over areas of 30 000.
+    assert found == pytest.approx(seen.sum() / area, abs=0.003)

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 from tqdm import tqdm
 
-from torchsphere import __version__, batch_cli, demo, motion, plan_cli, report_cli
+from torchsphere import __version__, batch_cli, benchmark_cli, demo, motion, plan_cli, report_cli
 from torchsphere.kinematics import METHODS
 from torchsphere.measure import Measurement, Request, circle_text, measure
 from torchsphere.recording import Recording, open_recording
@@ -61,6 +61,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_info(commands)
     _add_track(commands)
     batch_cli.add(commands)
+    benchmark_cli.add(commands)
     plan_cli.add(commands)
     report_cli.add(commands)
     return parser

@@ -2,8 +2,8 @@
 
 The criterion is the paper's equation (3): the squared difference between the reference image ``f`` and the deformed
 image ``g`` at the displaced points, gain and offset chosen so that mean and standard deviation agree over the region
-of interest (ZNSSD). The operator is that of equations (7) to (10). Beyond the paper, models of a turning ball leave open
-what light that does not turn with it may change (`criterion.nuisances`). Inside, rotations are multiplied by the
+of interest (ZNSSD). The operator is that of equations (7) to (10). Beyond the paper, models of a turning ball leave
+open what light that does not turn with it may change (`criterion.nuisances`). Inside, rotations are multiplied by the
 radius, so that all unknowns are px and the operator is well scaled.
 """
 

@@ -1,0 +1,198 @@
+"""The commands ``torchsphere benchmark make``, ``run``, ``score`` and ``table``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from torchsphere.benchmark import folder, standing, table, trackers
+from torchsphere.benchmark.folder import Benchmark
+from torchsphere.benchmark.make import make
+from torchsphere.benchmark.run import Outcome, folder_of, run
+from torchsphere.benchmark.standing import Standing
+
+HELP = "Measure a ball tracker, torchsphere or any other, against recordings with exact truth."
+#: Exit code where a tracker failed on a suite; its other results are written.
+SOME_FAILED = 3
+SIZES = ("smoke", "standard", "full")
+
+
+def add(commands: Any) -> None:
+    """Add the command to those of ``torchsphere``."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        "benchmark", help=HELP, description=HELP, epilog="docs/benchmark.md says what the files and scores mean."
+    )
+    actions = parser.add_subparsers(required=True, metavar="ACTION", parser_class=type(parser))
+    _add_make(actions)
+    _add_run(actions)
+    _add_score(actions)
+    _add_table(actions)
+
+
+def _action(actions: Any, name: str, run_it: Callable[[dict[str, Any]], int], text: str, example: str) -> Any:
+    parser = actions.add_parser(
+        name, help=text, description=text, epilog=f"example:  torchsphere benchmark {example}", allow_abbrev=False
+    )
+    parser.set_defaults(command=run_it)
+    return parser
+
+
+def _add_make(actions: Any) -> None:
+    text = "Render the suites: images, truth, checksums (extra 'render')."
+    parser = _action(actions, "make", _make, text, "make --out bench --size smoke")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the benchmark")
+    parser.add_argument("--size", choices=SIZES, default="standard", help="how many frames (%(default)s)")
+    parser.add_argument("--suite", action="append", metavar="NAME", help="only this suite, or a suite's .toml (all)")
+    parser.add_argument("--seed", type=int, metavar="N", help="other patterns, noise and backdrops (the suites' own)")
+    parser.add_argument("--workers", type=int, metavar="N", help="processes that render at once (one per core)")
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier benchmark")
+    parser.add_argument("--quiet", action="store_true", help="no progress, no closing sentence")
+
+
+def _add_run(actions: Any) -> None:
+    text = "Run trackers on the suites and score them; exit code 3 where a tracker failed on a suite."
+    parser = _action(actions, "run", _run, text, "run bench --tracker torchsphere --tracker ecc --out mine")
+    _add_folder(parser)
+    parser.add_argument(
+        "--tracker",
+        action="append",
+        metavar="NAME",
+        help=f"{', '.join(trackers.names())}, 'all' of these, or module:function; may be repeated (torchsphere)",
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for predictions and scores.csv")
+    parser.add_argument("--keep", action="store_true", help="do not run again what was run before on these images")
+
+
+def _add_score(actions: Any) -> None:
+    text = "Score predictions that were made elsewhere: a folder with a SUITE.csv per suite, or one file with --suite."
+    parser = _action(actions, "score", _score, text, "score bench predictions --name mine --out mine.csv")
+    _add_folder(parser)
+    parser.add_argument("predictions", type=Path, metavar="PREDICTIONS", help="folder, or the file of one suite")
+    parser.add_argument("--name", metavar="TEXT", help="what the tracker is called (the folder's or file's name)")
+    parser.add_argument("--out", type=Path, metavar="FILE.csv", help="write the scores, for 'table'")
+
+
+def _add_table(actions: Any) -> None:
+    text = "Join scores into a leaderboard in Markdown."
+    parser = _action(actions, "table", _table, text, "table scores.csv mine.csv --out LEADERBOARD.md")
+    parser.add_argument("scores", type=Path, nargs="+", metavar="SCORES.csv", help="what 'run' or 'score' wrote")
+    parser.add_argument("--out", type=Path, metavar="FILE.md", help="write it there instead of printing it")
+
+
+def _add_folder(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("benchmark", type=Path, metavar="DIR", help="what 'make' made")
+    parser.add_argument("--suite", action="append", metavar="NAME", help="only this suite; may be repeated (all)")
+    parser.add_argument("--quiet", action="store_true", help="no progress, no table, no notes")
+
+
+def _make(options: dict[str, Any]) -> int:
+    quiet = options["quiet"]
+    with tqdm(unit="frame", file=sys.stderr, leave=False, desc="rendering", disable=quiet) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        try:
+            made = make(
+                options["suite"],
+                options["size"],
+                options["out"],
+                overwrite=options["overwrite"],
+                seed=options["seed"],
+                progress=progress,
+                workers=options["workers"],
+            )
+        except ModuleNotFoundError as error:
+            # It says what to install; the command line would tell to install all of torchsphere again.
+            raise ValueError(str(error)) from error
+    _say(quiet, f"{len(made.suites)} suites of size {made.size}, {made.checksum}; in {options['out']}")
+    return 0
+
+
+def _run(options: dict[str, Any]) -> int:
+    made, out, quiet = folder.read_benchmark(options["benchmark"]), options["out"], options["quiet"]
+    asked = dict.fromkeys(options["tracker"] or ["torchsphere"])
+    names = trackers.names() if "all" in asked else tuple(asked)
+    entries = [trackers.resolve(name) for name in names]
+    suites = _suites(made, options["suite"])
+    truth = standing.truths(made.suite(name) for name in suites)
+    with tqdm(total=len(entries) * len(suites), unit="run", file=sys.stderr, leave=False, disable=quiet) as bar:
+
+        def started(tracker: str, suite: str) -> None:
+            bar.set_description(f"{tracker} on {suite}")
+            bar.update()
+
+        try:
+            outcomes = run(made, entries, out, suites=suites, keep=options["keep"], started=started)
+        except KeyboardInterrupt:
+            sentence = "interrupted; predictions that were made are kept, and the same command with --keep goes on"
+            print(f"torchsphere: {sentence}", file=sys.stderr)  # noqa: T201  (the command line)
+            return 130
+    rows = [row for name in names for row in standing.standings(made, out / folder_of(name), name, truth)]
+    standing.write(out / "scores.csv", rows)
+    _tell(rows, quiet)
+    kept, failed = sum(o.kept for o in outcomes), [o for o in outcomes if o.failed]
+    _say(quiet, f"{len(outcomes) - kept} run, {kept} kept from before, {len(failed)} failed; see {out / 'scores.csv'}")
+    return _failures(failed)
+
+
+def _failures(failed: Sequence[Outcome]) -> int:
+    """Exit code, and a sentence on stderr for each failure."""
+    for outcome in failed:
+        sentence = f"{outcome.tracker} failed on {outcome.suite}: {outcome.failed}"
+        print(f"torchsphere: {sentence}", file=sys.stderr)  # noqa: T201  (the command line)
+    return SOME_FAILED if failed else 0
+
+
+def _score(options: dict[str, Any]) -> int:
+    made, path, quiet = folder.read_benchmark(options["benchmark"]), options["predictions"], options["quiet"]
+    name = options["name"] or (path.resolve().name if path.is_dir() else path.stem)
+    if path.is_dir():
+        truth = standing.truths(made.suite(suite) for suite in _suites(made, options["suite"]))
+        rows = standing.standings(made, path, name, truth)
+    else:
+        asked = options["suite"] or [path.stem]
+        if len(asked) != 1:
+            raise ValueError(f"{path}: is the file of one suite, but {len(asked)} were given by --suite; give one")
+        rows = [standing.of_file(made.suite(asked[0]), path, name)]
+    if options["out"] is not None:
+        standing.write(options["out"], rows)
+    _tell(rows, quiet)
+    return 0
+
+
+def _table(options: dict[str, Any]) -> int:
+    rows = [row for path in options["scores"] for row in standing.read(path)]
+    text = "# Leaderboard\n\n" + table.markdown(table.board(rows))
+    if options["out"] is None:
+        print(text, end="")  # noqa: T201  (the command line)
+    else:
+        options["out"].parent.mkdir(parents=True, exist_ok=True)
+        options["out"].write_text(text, encoding="utf-8")
+    return 0
+
+
+def _suites(made: Benchmark, asked: Sequence[str] | None) -> list[str]:
+    """Names of the suites that were asked for, each once; ValueError for one that is not there."""
+    return [made.suite(name).name for name in dict.fromkeys(asked)] if asked else [suite.name for suite in made]
+
+
+def _tell(rows: Sequence[Standing], quiet: bool) -> None:
+    """Print the table over all suites, and the notes on what was missing to stderr."""
+    if quiet:
+        return
+    for row in rows:
+        if row.notes:
+            print(f"torchsphere: {row.tracker} on {row.suite}: {row.notes}", file=sys.stderr)  # noqa: T201
+    print(table.summary(table.board(rows)), end="")  # noqa: T201  (the command line)
+
+
+def _say(quiet: bool, sentence: str) -> None:
+    if not quiet:
+        print(sentence)  # noqa: T201  (the command line)
