@@ -36,6 +36,21 @@ def test_grey_video_is_bit_exact_forwards_and_backwards(tmp_path: Path, pixels: 
         assert "25 frames/s" in " ".join(recording.notes)
 
 
+def test_steps_back_within_what_is_held_do_not_decode_from_the_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    images = RNG.integers(0, 256, (150, 16, 16)).astype(np.uint8)
+    with open_recording(write_video(tmp_path / "long.avi", images, "gray")) as recording:
+        opened = []
+        really = av.open
+        monkeypatch.setattr(av, "open", lambda *args, **options: opened.append(1) or really(*args, **options))
+        for start, stop in ((0, 32), (31, 63), (40, 41), (10, 20), (62, 140), (100, 150), (90, 95)):
+            np.testing.assert_array_equal(recording.images(start, stop), images[start:stop])
+        assert len(opened) == 1
+        np.testing.assert_array_equal(recording.images(3, 5), images[3:5])
+        assert len(opened) == 2
+
+
 def test_rgb_becomes_grey(tmp_path: Path) -> None:
     colour = RNG.integers(0, 256, (2, 32, 48, 3)).astype(np.uint8)
     recording = open_recording(write_video(tmp_path / "a.avi", colour, "bgr24", "rawvideo"))
