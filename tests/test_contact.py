@@ -37,3 +37,18 @@ def test_long_recordings_found_together_are_what_each_is_alone(monkeypatch: pyte
     both, alone = contact.find(series.repeated(2)), contact.find(series)
     for row in range(2):
         np.testing.assert_allclose(both.windows[row], alone.windows[0], atol=1e-6)
+
+
+def test_a_short_recording_beside_a_long_one_is_searched_as_it_is_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(test_smooth, "FRAMES", 80)
+    short = pulse(3, NOISES_M[0])
+    monkeypatch.setattr(test_smooth, "FRAMES", 1400)
+    long = pulse(4, NOISES_M[0])
+    both = poses([short.track, long.track], [np.arange(80.0), np.arange(1400.0)]).series()
+    found = contact.find(both)
+    for row, shot in enumerate((short, long)):
+        windows = found.windows[row].numpy()
+        off = windows.mean(0) - shot.edges_s * test_smooth.RATE
+        assert found.found[row]
+        assert windows.std(0).max() < 0.05 * LENGTH
+        assert np.abs(off / windows.std(0)).max() < 3

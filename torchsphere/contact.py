@@ -123,13 +123,15 @@ def _in_long(series: Series) -> Best:
     What is far from the contact says little about its edges, yet costs as much: at 300 frames the search among all
     took ten seconds.
     """
-    t = series.times.shape[1]
+    # Beside longer ones a recording ends before its row does.
+    seen = torch.nonzero(series.seen[0].any(0))
+    t = int(seen[-1]) + 1 if len(seen) else series.times.shape[1]
     every = math.ceil(t / SEARCHED)
     best = _highest(series.between(0, t, every))
     while every > 1:
         margin = max(REACH * every, SEARCHED // 3)
         limits = best.window[0] + best.window.new_tensor([-margin, margin + 1])
-        start, stop = torch.searchsorted(series.times[0].contiguous(), limits).clamp(0, t).tolist()
+        start, stop = torch.searchsorted(series.times[0, :t].contiguous(), limits).clamp(0, t).tolist()
         finer = every // 2 if stop - start <= 2 * SEARCHED * (every // 2) else every
         if finer == every:
             # A contact too long for a look at each of its frames: its edges are known well enough.
