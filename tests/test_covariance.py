@@ -5,7 +5,7 @@ import pytest
 import torch
 from shots import noisy, pair
 
-from torchsphere import correlate
+from torchsphere import correlate, reference
 
 N = 80
 MOTION = (1.37, -0.22, 0.2, 0.5, 0.2)
@@ -61,3 +61,18 @@ def test_a_smaller_region_is_known_less_well() -> None:
     # more than noise); on any pattern at least by 1.5.
     assert (sd[0][[0, 1, 2, 3]] > 1.5 * sd[1][[0, 1, 2, 3]]).all()
     assert (sd[1][[0, 1, 2, 3]] > 1.5 * sd[2][[0, 1, 2, 3]]).all()
+
+
+def test_every_second_pixel_tells_as_much_as_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    f, g, circle = pair(MOTION)
+    f, g = noisy(f.expand(N, -1, -1), 4.0, 11), noisy(g.expand(N, -1, -1), 4.0, 12)
+    half = correlate(f, g, circle)
+    monkeypatch.setattr(reference, "MANY", 10**9)
+    whole = correlate(f, g, circle)
+    # The same noise in both, so that the ratio of the scatters is known far better than either of them.
+    scatter = half.q.double().std(0) / whole.q.double().std(0)
+    assert ((scatter > 0.96) & (scatter < 1.04)).all(), scatter
+    # And it says so: half the points, whose noise has less in common.
+    stated = (half.covariance / whole.covariance).diagonal(dim1=1, dim2=2).mean(0).sqrt()
+    assert ((stated > 0.96) & (stated < 1.04)).all(), stated
+    assert not torch.equal(half.q, whole.q)

@@ -46,7 +46,7 @@ def test_the_spline_goes_through_the_nodes_exactly(pre_blur: float) -> None:
     c = interpolate.coefficients(IMAGES, pre_blur)
     blurred = interpolate.blur(IMAGES, pre_blur)
     # Rounding of float64 at 100 grey levels.
-    torch.testing.assert_close(interpolate.node_values(c), blurred[:, 1:-1, 1:-1], atol=1e-9, rtol=0)
+    torch.testing.assert_close(interpolate.nodes(c)[:, 0], blurred[:, 1:-1, 1:-1], atol=1e-9, rtol=0)
     y, x = torch.meshgrid(torch.arange(1, 22), torch.arange(1, 22), indexing="ij")
     nodes = torch.stack((x, y), -1).reshape(1, -1, 2).expand(2, -1, -1).double()
     at_nodes = interpolate.sample(c, nodes).reshape(2, 21, 21)
@@ -87,7 +87,7 @@ def test_the_gradient_at_the_nodes_is_the_slope_of_the_samples(pre_blur: float) 
     y, x = torch.meshgrid(torch.arange(2, 21), torch.arange(2, 21), indexing="ij")
     nodes = torch.stack((x, y), -1).reshape(1, -1, 2).expand(2, -1, -1).double()
     h = 1e-4
-    for axis, gradient in enumerate(interpolate.node_gradient(c)):
+    for axis, gradient in enumerate(interpolate.nodes(c)[:, 1:].unbind(1)):
         step = h * torch.eye(2, dtype=torch.float64)[axis]
         slope = (interpolate.sample(c, nodes + step) - interpolate.sample(c, nodes - step)) / (2 * h)
         # The third derivative jumps at a node, by up to 1000 levels per px^3: times h^2 / 6, and rounding: 1e-13 / h.
@@ -122,11 +122,10 @@ def test_noise_gains_are_what_white_noise_keeps(pre_blur: float) -> None:
     noise = torch.randn(1, 400, 400, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
     c = interpolate.coefficients(noise, pre_blur)
     of_value, of_slope = interpolate.noise_gains(pre_blur)
-    values = interpolate.node_values(c)[:, 20:-20, 20:-20]
-    slopes = torch.stack(interpolate.node_gradient(c))[..., 20:-20, 20:-20]
+    values, *slopes = interpolate.nodes(c)[..., 20:-20, 20:-20].unbind(1)
     # 130 000 pixels, of which a blur of 1.5 px leaves 130 000 / (4 pi 1.5^2) = 4600 independent: sd 2 %, three of them.
     assert float(values.var()) == pytest.approx(of_value, rel=0.06)
-    assert float(slopes.var()) == pytest.approx(of_slope, rel=0.06)
+    assert float(torch.stack(slopes).var()) == pytest.approx(of_slope, rel=0.06)
 
 
 def test_without_blur_a_value_keeps_all_its_noise() -> None:

@@ -49,3 +49,14 @@ def test_an_error_in_a_share_is_raised_and_the_number_of_threads_given_back(thre
     with pytest.raises(ArithmeticError, match="a share failed"), parallel.sharing(CPU) as run:
         run(part, 100)
     assert torch.get_num_threads() == threads
+
+
+def test_operations_with_a_thread_each_leave_the_shares_as_many_as_before(threads: int) -> None:
+    with parallel.one_each():
+        assert torch.get_num_threads() == 1
+        with parallel.sharing(CPU) as run:
+            assert len(run(lambda start, stop: None, 100)) == threads
+        with parallel.one_each(), parallel.sharing(CPU) as run:
+            assert len(run(lambda start, stop: None, 100)) == threads
+        assert torch.get_num_threads() == 1
+    assert torch.get_num_threads() == threads

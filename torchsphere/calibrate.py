@@ -40,6 +40,10 @@ PRE_BLUR_PX = 0.7
 #: Largest change of the outline's radius that the correlation may make, as a share of it.
 MAX_CHANGE = 0.03
 
+#: Change of the radius, as a share of it, from which the frames are followed anew: the increments adapt to a smaller
+#: one to first order, and the path is off by 0.02 px after 65 frames.
+FOLLOWED_ANEW = 5e-4
+
 #: Pairs taken at once.
 BATCH = 16
 
@@ -77,8 +81,9 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
             radius, sd_correction = known, math.inf
             break
         radius = by_both
-        followed = Follower(source, dataclasses.replace(found, radius=radius), ignore, options).run(stop)
-        frames = np.flatnonzero(followed.status[:stop] == "ok")
+        if abs(radius - followed.radius) > FOLLOWED_ANEW * radius:
+            followed = Follower(source, dataclasses.replace(found, radius=radius), ignore, options).run(stop)
+            frames = np.flatnonzero(followed.status[:stop] == "ok")
     better = dataclasses.replace(found, radius=radius, sd_radius=1 / math.hypot(1 / sd, 1 / sd_correction))
     return _recentred(source, better, followed, frames, ignore)
 

@@ -36,7 +36,7 @@ from torchsphere.newton import (
     warp_with_gradient,
 )
 from torchsphere.perspective import Camera
-from torchsphere.reference import IN_CLOSED_FORM, Reference, build_reference, nuisances
+from torchsphere.reference import IN_CLOSED_FORM, Filtered, Reference, build_reference, enough, nuisances
 
 STATUSES = ("ok", "weak_texture", "low_correlation", "not_converged", "out_of_frame", "lost")
 OK, WEAK_TEXTURE, LOW_CORRELATION, NOT_CONVERGED, OUT_OF_FRAME, LOST = range(6)
@@ -224,10 +224,10 @@ def correlate_pairs(
     half = crop.half_size(float(circles[:, 2].max()), margin(options))
     crops_f = crop.cut(f, circles[:, :2], half, ignore)
     crops_g = crop.cut(g, circles[:, :2] + start[:, :2].to(circles), half, ignore)
-    c_f, c_g = (interpolate.coefficients(c.images, options.pre_blur) for c in (crops_f, crops_g))
-    pairs = Pairs(crops_f, c_f, crops_g, c_g, circles)
-    near, steps = approach(pairs, start.to(c_f), options)
-    found = solve(pairs, near, options, start.to(c_f))
+    pairs = Pairs(*(Filtered.of(crops, options.pre_blur) for crops in (crops_f, crops_g)), circles)
+    start = start.to(pairs.g.c)
+    near, steps = approach(pairs, start, options)
+    found = solve(pairs, near, options, start)
     return dataclasses.replace(found, iterations=found.iterations + steps)
 
 
@@ -241,32 +241,28 @@ class Pairs(NamedTuple):
 
     Attributes
     ----------
-    f, c_f, g, c_g : Crops, Tensor, Crops, Tensor
-        Crops of the reference and of the deformed images, and their spline coefficients (n, s, s).
+    f, g : Filtered
+        Crops of the reference and of the deformed images.
     circles : Tensor
         The ball in the reference images (n, 3), px, float64 on the CPU.
     """
 
-    f: crop.Crops
-    c_f: Tensor
-    g: crop.Crops
-    c_g: Tensor
+    f: Filtered
+    g: Filtered
     circles: Tensor
 
     @property
     def shift(self) -> Tensor:
         """From the ball's centre in the reference image to the deformed image's crop (n, 2), px."""
-        return (self.circles[:, :2] - self.g.origin).to(self.c_g)
+        return (self.circles[:, :2] - self.g.crops.origin).to(self.g.c)
 
     def rows(self, start: int, stop: int) -> Pairs:
         """Pairs ``start`` to ``stop - 1``."""
-        some = slice(start, stop)
-        f, g = self.f.rows(start, stop), self.g.rows(start, stop)
-        return Pairs(f, self.c_f[some], g, self.c_g[some], self.circles[some])
+        return Pairs(self.f.rows(start, stop), self.g.rows(start, stop), self.circles[start:stop])
 
     def take(self, rows: Tensor) -> Pairs:
         """The given rows (m,) alone."""
-        return Pairs(self.f.take(rows), self.c_f[rows], self.g.take(rows), self.c_g[rows], self.circles[rows.cpu()])
+        return Pairs(self.f.take(rows), self.g.take(rows), self.circles[rows.cpu()])
 
 
 def approach(pairs: Pairs, start: Tensor, options: Options) -> tuple[Tensor, Tensor]:
@@ -275,14 +271,15 @@ def approach(pairs: Pairs, start: Tensor, options: Options) -> tuple[Tensor, Ten
     Returns them and the steps (n,) that it took. Small balls have no points to spare and stay where they are.
     """
     radius = options.roi * float(pairs.circles[:, 2].max())
-    if math.pi * radius**2 < EVERY * FEWEST or options.max_iterations <= APPROACH_STEPS:
+    points = math.pi * (radius / enough(radius, options.pre_blur)) ** 2
+    if points < EVERY * FEWEST or options.max_iterations <= APPROACH_STEPS:
         return start, torch.zeros(len(start), dtype=torch.long, device=start.device)
     model = motion.MODELS[options.model]
     model = motion.finite if model is motion.rigid else model
     exact = bool((start[:, 2:].norm(dim=-1) >= math.radians(GRADIENT_FROM_DEG)).any())
     reference, first = _reference(pairs, start, model, options, every=EVERY)
     how = How(options.max_iterations, options.tolerance_px, exact or options.jacobian == "autograd")
-    return bring_near(reference, pairs.c_g, pairs.shift, first, model, how)
+    return bring_near(reference, pairs.g.c, pairs.shift, first, model, how)
 
 
 def solve(pairs: Pairs, near: Tensor, options: Options, start: Tensor | None = None) -> Correlation:
@@ -313,7 +310,7 @@ def _solve(pairs: Pairs, near: Tensor, start: Tensor, options: Options, again_fr
     """`solve` with one model for all rows; those that turn by ``again_from``, rad, or more are to be solved again."""
     model = motion.MODELS[options.model]
     reference, first = _reference(pairs, near, model, options)
-    c_g, shift = pairs.c_g, pairs.shift
+    c_g, shift = pairs.g.c, pairs.shift
     how = How(options.max_iterations, options.tolerance_px, options.jacobian == "autograd")
     solution = gauss_newton(reference, c_g, shift, first, model, how)
     visible = (solution.weights > 0).sum(-1)
@@ -335,10 +332,11 @@ def _reference(
 ) -> tuple[Reference, Tensor]:
     """The reference, weighted for a motion like ``start``, and that as the model's unknowns (n, k)."""
     first = _as_unknowns(start, model)
+    spacing = enough(options.roi * float(pairs.circles[:, 2].max()), options.pre_blur)
     reference = build_reference(
-        pairs.f, pairs.c_f, pairs.circles, options.roi, options.pre_blur, options.camera, every=every
+        pairs.f, pairs.circles, options.roi, options.pre_blur, options.camera, spacing=spacing, every=every
     )
-    reference = _where_target_is_usable(reference, pairs.g, pairs.shift, first, model)
+    reference = _where_target_is_usable(reference, pairs.g.crops, pairs.shift, first, model)
     return robust.by_view(reference, first, model) if model in motion.EXACT else reference, first
 
 
@@ -379,8 +377,9 @@ def radius_evidence(
         (n,) each; the pairs' common correction of the radius is ``sum(score) / sum(information)``, px.
     """
     model = motion.MODELS[options.model]
-    c_f, c_g = (interpolate.coefficients(c.images, options.pre_blur) for c in crops)
-    reference = build_reference(crops[0], c_f, circles, options.roi, options.pre_blur, options.camera)
+    f, c_g = Filtered.of(crops[0], options.pre_blur), interpolate.coefficients(crops[1].images, options.pre_blur)
+    spacing = enough(options.roi * float(circles[:, 2].max()), options.pre_blur)
+    reference = build_reference(f, circles, options.roi, options.pre_blur, options.camera, spacing=spacing)
     shift = (circles[:, :2] - crops[1].origin).to(c_g)
     q = _as_unknowns(q.to(c_g), model)
     # The exact Jacobian: at the limb, where the radius shows, the reference's gradient is off by a third at 5 deg.
@@ -422,13 +421,13 @@ def _conclude(
     wider = misfit.inflation(reference, jacobian, factor, difference, weights, spread)
     spread = spread * wider[:, :, None] * wider[:, None, :]
     carried = covariance.texture_carries_modes(reference, difference, weights, q, model, gram, options.pre_blur)
-    area = torch.pi * (options.roi * reference.geometry.radius) ** 2
+    points = torch.pi * (options.roi * reference.geometry.radius / reference.spacing) ** 2
     status = torch.full((len(q),), OK, device=q.device)
     for wrong, code in (
         (coefficient < options.min_zncc, LOW_CORRELATION),
         (~converged, NOT_CONVERGED),
         (~carried, WEAK_TEXTURE),
-        (visible < options.min_visible * area, OUT_OF_FRAME),
+        (visible < options.min_visible * points, OUT_OF_FRAME),
     ):
         status = torch.where(wrong, code, status)
     good = status == OK

@@ -18,6 +18,10 @@ MIN_TEXTURE_SIGNAL = 3.0
 MAX_CONDITION = 15.0
 
 
+#: Every how many points the noise's way into the increment is summed over, which takes a sixth of a pair's time
+#: otherwise: the standard deviations then scatter by 2 to 3 % (R = 30 to 75 px).
+THINNED = 4
+
 #: Every how many points geometry alone is summed over: it changes slowly from one to the next.
 THIN = 8
 
@@ -36,11 +40,13 @@ def increment_covariance(
     Without pre-blur it is ``2 sigma^2 M^-1``, the variance of the residual times the inverse of the ``operator``. The
     pre-blur correlates the noise of neighbouring pixels: ``M^-1 N M^-1`` takes its place, where ``N`` is the operator
     of the gradients blurred once more, and the residual's variance is divided by what the blur leaves of a pixel's.
+    Points at a distance have less of their noise in common: ``N`` shrinks by another factor of their density.
     """
     k = q.shape[-1]
-    moved = slopes(reference.blurred_gradient, q, model, reference)
-    blurred = criterion.project(moved, nuisances(reference, model, weights), weights)
-    carried = criterion.operator(blurred, weights)
+    few = reference.thinned(THINNED)
+    some = weights[:, ::THINNED]
+    blurred = criterion.project(slopes(few.blurred_gradient, q, model, few), nuisances(few, model, some), some)
+    carried = THINNED * criterion.operator(blurred, some) / reference.spacing**2
     value_gain, _ = interpolate.noise_gains(pre_blur)
     freedom = (weights.sum(-1) - k - 2).clamp_min(1)
     variance = torch.linalg.vecdot(weights * difference, difference).double() / freedom / value_gain

@@ -16,11 +16,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere import circle, crop, interlace, interpolate, locate, motion, outline, parallel, search
+from torchsphere import circle, crop, interlace, locate, motion, outline, parallel, search
 from torchsphere.circle import MIN_SUPPORT, Circle
 from torchsphere.correlate import STATUSES, Correlation, Options, Pairs, approach, margin, solve
-from torchsphere.crop import Crops
-from torchsphere.reference import SLACK_PX
+from torchsphere.reference import SLACK_PX, Filtered
 from torchsphere.rescue import ranked
 from torchsphere.source import Source
 from torchsphere.symmetric import both_ways
@@ -28,6 +27,10 @@ from torchsphere.symmetric import both_ways
 #: Pairs correlated at once. Measured on one thread: 8, 16 and 32 are within a tenth of each other, 64 leaves the
 #: processor's cache; on two, which share a batch out, 32 takes 2.2 ms per frame and 16 takes 2.9.
 BATCH = 32
+
+#: Pairs of a batch from which the change of the increment from one to the next is believed as well. Fewer pairs of a
+#: ball that trembles by 0.3 px would lead the path further astray than it goes without.
+TREND_FROM = 16
 
 #: First guesses that a search over rotations may try at full size.
 TRIED = 3
@@ -109,7 +112,8 @@ class Follower:
         self._shared: parallel.Run = lambda part, rows: [part(0, rows)]
         self._first = self._last = first.frame
         self._image = source.images(first.frame, first.frame + 1)
-        self._expected, self._growth = torch.zeros(5, dtype=torch.float64), 0.0
+        self._expected = self._trend = torch.zeros(5, dtype=torch.float64)
+        self._growth = 0.0
         outline_circle = torch.tensor([first.x, first.y, first.radius], dtype=torch.float64)
         self._plain = outline.is_plain(self._image[0], outline_circle)
 
@@ -141,14 +145,15 @@ class Follower:
         return self
 
     def _advance(self, count: int) -> int:
-        """Correlate the next ``count`` pairs from the expected increment -> how many of the first ones succeeded."""
-        start = self._last + 1
-        images = torch.cat((self._image, self.source.images(start, start + count)))
+        """Correlate the next ``count`` pairs from the expected increments -> how many of the first ones succeeded."""
+        # The last image is read once more: to put it in front of the others would copy all of them.
+        images = self.source.images(self._last, self._last + 1 + count)
         steps = torch.arange(count + 1, dtype=torch.float64)[:, None]
-        moving = torch.zeros(2, dtype=torch.float64) if self.in_place else self._expected[:2]
-        path = torch.from_numpy(self.position[self._last]) + steps * moving
+        expected = self._expected + steps[1:] * self._trend
+        moving = torch.zeros_like(expected[:, :2]) if self.in_place else expected[:, :2]
+        path = torch.from_numpy(self.position[self._last]) + torch.cat((torch.zeros_like(moving[:1]), moving.cumsum(0)))
         predicted = torch.cat((path, self.radius * (1 + self._growth) ** steps), -1)
-        found, centred = self._correlate(images, predicted, self._expected.expand(count, 5))
+        found, centred = self._correlate(images, predicted, expected)
         actual = self._arrived(found)
         strayed = (actual - predicted)[:-1, :2].norm(dim=-1) >= PREDICTION_TOLERANCE * self.radius
         believed = ~(strayed.numpy() | self._repeats(images))
@@ -173,17 +178,17 @@ class Follower:
         serves as deformed image and then as reference: it is filtered once. With ``approached`` circles and start are
         known well, and better than a rough look can tell: an occluder deceives that by a px and more.
         """
-        crops, c = self._filtered(images, circles)
-        pairs, start = _pairs(crops, c, circles), start.to(c)
-        near, steps = start, torch.zeros(len(start), dtype=torch.long, device=c.device)
+        filtered = self._filtered(images, circles)
+        pairs, start = _pairs(filtered, circles), start.to(filtered.c)
+        near, steps = start, torch.zeros(len(start), dtype=torch.long, device=start.device)
         if not approached:
             near, steps = self._brought_near(pairs, start)
             if not self.in_place:
                 # The path that was expected is off by up to a few px at its end; the region has to be on the ball.
                 circles, before = self._path(circles[0], near), circles
                 if float((circles - before).abs().max()) > SLACK_PX:
-                    crops, c = self._filtered(images, circles)
-                pairs = _pairs(crops, c, circles)
+                    filtered = self._filtered(images, circles)
+                pairs = _pairs(filtered, circles)
         there = circles[1:]
 
         def measured(a: int, b: int) -> Correlation:
@@ -212,13 +217,13 @@ class Follower:
             there = torch.where(arrived.isfinite(), arrived, there)
         return both_ways(pairs, there, found, self.options)
 
-    def _filtered(self, images: Tensor, circles: Tensor) -> tuple[Crops, Tensor]:
-        """Crops of the images (m + 1, h, w) around ``circles`` (m + 1, 3), and their spline coefficients."""
+    def _filtered(self, images: Tensor, circles: Tensor) -> Filtered:
+        """Crops of the images (m + 1, h, w) around ``circles`` (m + 1, 3)."""
         half = crop.half_size(float(circles[:, 2].max()), margin(self.options))
         crops = crop.cut(images, circles[:, :2], half, self.ignore)
         if interlace.is_interlaced(crops):
             crops = interlace.one_field(crops)
-        return crops, interpolate.coefficients(crops.images, self.options.pre_blur)
+        return Filtered.of(crops, self.options.pre_blur)
 
     def _path(self, first: Tensor, near: Tensor) -> Tensor:
         """The ball (m + 1, 3) where the unknowns ``near`` (m, k) lead it from ``first`` (3,): px, float64."""
@@ -249,14 +254,17 @@ class Follower:
         self.zncc[after] = found.zncc[:count].cpu().numpy()
         self.iterations[after] = found.iterations[:count].cpu().numpy()
         self.status[after] = "ok"
-        self._go_on_from(
-            self._last + count, image, self.increment[self._last + count - 1], float(found.growth[count - 1])
-        )
+        measured = self.increment[rows]
+        self._go_on_from(self._last + count, image, measured[-1], float(found.growth[count - 1]))
+        if count >= TREND_FROM:
+            times = np.arange(1 - count, 1)
+            self._trend, self._expected = (torch.from_numpy(v) for v in np.polyfit(times, measured, 1))
 
     def _go_on_from(self, frame: int, image: Tensor, increment: NDArray[np.float64], growth: float = 0.0) -> None:
         """Take ``frame`` as the last in which the ball was seen, and what comes next as moving by ``increment``."""
         self._last, self._image = frame, image
         self._expected, self._growth = torch.from_numpy(np.nan_to_num(increment)), growth
+        self._trend = torch.zeros_like(self._expected)
 
     def _repeats(self, images: Tensor) -> NDArray[np.bool_]:
         """Which of the images (m + 1, h, w) after the first repeat the one before (m,), while the ball moves."""
@@ -403,10 +411,10 @@ class Follower:
         return float(((x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)).double().mean())
 
 
-def _pairs(crops: Crops, c: Tensor, circles: Tensor) -> Pairs:
+def _pairs(images: Filtered, circles: Tensor) -> Pairs:
     """Each of the successive images (m + 1) with the next; ``circles`` (m + 1, 3)."""
-    m = len(c) - 1
-    return Pairs(crops.rows(0, m), c[:-1], crops.rows(1, m + 1), c[1:], circles[:-1])
+    m = len(circles) - 1
+    return Pairs(images.rows(0, m), images.rows(1, m + 1), circles[:-1])
 
 
 def _leading(good: NDArray[np.bool_]) -> int:

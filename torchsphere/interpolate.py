@@ -16,6 +16,10 @@ from torch import Tensor
 #: Values of the centred cubic B-spline at the nodes -1, 0, 1.
 NODE_WEIGHTS = (1 / 6, 4 / 6, 1 / 6)
 
+#: Pixels beyond which one does not change a spline coefficient by 1e-9 of its value: each is worth 0.27 of the one
+#: before. And rows of a filter's matrix that are applied at once.
+SPLINE_REACH, BLOCK = 16, 24
+
 #: Gaussian pre-blur, px. Measured on the example shot with `finite` (four patterns, spots of 4 px, 0.57 deg per frame,
 #: true circle), largest bias and mean standard deviation of x: 0.0034 px at 0.6; 0.0014 and 0.0043 at 0.9; 0.0006 and
 #: 0.0045 at 1.05. What is finer than this blur aliases; what is coarser is lost for the noise.
@@ -58,20 +62,33 @@ def prefilter_matrix(size: int, pre_blur: float) -> Tensor:
     return torch.linalg.solve(spline, blur_matrix(size, pre_blur))
 
 
-def _separable(images: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
-    return rows.to(images) @ images @ columns.to(images).T
+def _separable(images: Tensor, rows: Tensor, columns: Tensor, reach: int) -> Tensor:
+    """``rows @ images @ columns^T`` for matrices that hold nothing further than ``reach`` from their diagonal.
+
+    Block by block: measured two thirds of the time of the whole products at 121 px.
+    """
+    rows, columns = rows.to(images), columns.to(images)
+    images = torch.cat([columns[a:b, c:d] @ images.mT[:, c:d] for a, b, c, d in _blocks(len(columns), reach)], 1)
+    return torch.cat([rows[a:b, c:d] @ images.mT[:, c:d] for a, b, c, d in _blocks(len(rows), reach)], 1)
+
+
+def _blocks(size: int, reach: int) -> list[tuple[int, int, int, int]]:
+    """Rows from, to, and columns from, to, of the blocks along the diagonal of a banded matrix (size, size)."""
+    limits = [(first, min(first + BLOCK, size)) for first in range(0, size, BLOCK)]
+    return [(a, b, max(0, a - reach), min(size, b + reach)) for a, b in limits]
 
 
 def coefficients(images: Tensor, pre_blur: float = PRE_BLUR_PX) -> Tensor:
     """B-spline coefficients (n, h, w) of the pre-blurred ``images`` (n, h, w), mirrored at the border."""
     height, width = images.shape[-2:]
-    return _separable(images, prefilter_matrix(height, pre_blur), prefilter_matrix(width, pre_blur))
+    reach = SPLINE_REACH + math.ceil(4 * pre_blur)
+    return _separable(images, prefilter_matrix(height, pre_blur), prefilter_matrix(width, pre_blur), reach)
 
 
 def blur(images: Tensor, sigma: float) -> Tensor:
     """Gaussian blur of ``images`` (n, h, w) by ``sigma`` px, mirrored at the border."""
     height, width = images.shape[-2:]
-    return _separable(images, blur_matrix(height, sigma), blur_matrix(width, sigma))
+    return _separable(images, blur_matrix(height, sigma), blur_matrix(width, sigma), math.ceil(4 * sigma))
 
 
 def blur_within(images: Tensor, sigma: float) -> Tensor:
@@ -91,19 +108,23 @@ def blur_within(images: Tensor, sigma: float) -> Tensor:
     return images
 
 
-def node_values(c: Tensor) -> Tensor:
-    """The spline at its own nodes, (n, h, w) -> (n, h - 2, w - 2): the (blurred) image without its border."""
-    side, middle, _ = NODE_WEIGHTS
-    rows = middle * c[:, 1:-1] + side * (c[:, :-2] + c[:, 2:])
-    return middle * rows[:, :, 1:-1] + side * (rows[:, :, :-2] + rows[:, :, 2:])
+def nodes(c: Tensor) -> Tensor:
+    """The spline and its exact gradient at its own nodes, (n, h, w) -> (n, 3, h - 2, w - 2).
 
-
-def node_gradient(c: Tensor) -> tuple[Tensor, Tensor]:
-    """Exact derivative of the spline along x and y at its nodes, each (n, h - 2, w - 2), grey levels per px."""
+    That is the (blurred) image without its border, and its derivatives along x and y in grey levels per px.
+    """
     side, middle, _ = NODE_WEIGHTS
-    rows = middle * c[:, 1:-1] + side * (c[:, :-2] + c[:, 2:])
-    columns = middle * c[:, :, 1:-1] + side * (c[:, :, :-2] + c[:, :, 2:])
-    return 0.5 * (rows[:, :, 2:] - rows[:, :, :-2]), 0.5 * (columns[:, 2:] - columns[:, :-2])
+    ratio = middle / side
+
+    def weighed(values: Tensor, factor: float, out: Tensor | None = None) -> Tensor:
+        return torch.add(values[..., :-2] + values[..., 2:], values[..., 1:-1], alpha=ratio, out=out).mul_(factor)
+
+    found = c.new_empty(len(c), 3, c.shape[-2] - 2, c.shape[-1] - 2)
+    rows = weighed(c.mT, side).mT
+    weighed(rows, side, found[:, 0])
+    torch.sub(rows[..., 2:], rows[..., :-2], out=found[:, 1]).mul_(0.5)
+    weighed(c[:, 2:] - c[:, :-2], 0.5 * side, found[:, 2])
+    return found
 
 
 def sample(c: Tensor, points: Tensor) -> Tensor:

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from torchsphere import results
+from torchsphere import parallel, results
 from torchsphere.circle import Circle
 from torchsphere.drift import STEP_PER_RADIUS
 from torchsphere.follow import Progress
@@ -224,12 +224,13 @@ def measure(
             **options,
         )
         frame_rate = request.fps or recording.frame_rate
-        motion = _kinematics(request, tracked, frame_rate, start)
-        found, missing = _impact(request, tracked, motion)
-        warnings = (*_warnings(request, recording, tracked, frame_rate, start), *missing)
-        seconds = time.perf_counter() - began
-        done = Measurement(recording, tracked, motion, found, start, warnings, seconds, extra or {}, name)
-        _write(request, done, frame_rate, part, ignore)
+        with parallel.one_each():
+            motion = _kinematics(request, tracked, frame_rate, start)
+            found, missing = _impact(request, tracked, motion)
+            warnings = (*_warnings(request, recording, tracked, frame_rate, start), *missing)
+            seconds = time.perf_counter() - began
+            done = Measurement(recording, tracked, motion, found, start, warnings, seconds, extra or {}, name)
+            _write(request, done, frame_rate, part, ignore)
     return done
 
 

@@ -44,7 +44,8 @@ def local_zncc(reference: Reference, warped: Tensor, weights: Tensor) -> Tensor:
 
 
 def _odd(share: float, reference: Reference) -> int:
-    return 2 * (max(LEAST_WINDOW, math.ceil(share * float(reference.geometry.radius.mean()))) // 2) + 1
+    side = max(LEAST_WINDOW, share * float(reference.geometry.radius.mean())) / reference.spacing
+    return 2 * (math.ceil(side) // 2) + 1
 
 
 def spread_out(reference: Reference, values: Tensor) -> Tensor:
@@ -104,7 +105,7 @@ def inflation(
     model of the residual (the sandwich of Huber and White). Each mode has its own factor, since a misfit of a part of
     the ball weighs on some of them; what the blocks' number leaves open (`SCATTER`) does not count.
     """
-    size = max(LEAST_BLOCK, math.ceil(BLOCK * float(reference.geometry.radius.mean())))
+    size = math.ceil(max(LEAST_BLOCK, BLOCK * float(reference.geometry.radius.mean())) / reference.spacing)
     # Sums over blocks: over their rows, then over their columns.
     belongs = F.one_hot(torch.arange(reference.side) // size).to(jacobian)
     maps = spread_out(reference, jacobian * (weights * difference)[:, None])

@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import ContextVar
 from typing import Any
 
 import torch
@@ -20,6 +21,22 @@ LEAST_ROWS = 4
 
 Run = Callable[[Callable[[int, int], Any], int], list[Any]]
 
+#: Threads that torch might use before `one_each` left it one.
+_ALLOWED: ContextVar[int | None] = ContextVar("allowed", default=None)
+
+
+@contextlib.contextmanager
+def one_each() -> Iterator[None]:
+    """Torch's operations with a thread each, as suits small arrays; `sharing` has as many threads as before."""
+    count = torch.get_num_threads()
+    token = _ALLOWED.set(_ALLOWED.get() or count)
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(count)
+        _ALLOWED.reset(token)
+
 
 @contextlib.contextmanager
 def sharing(device: torch.device) -> Iterator[Run]:
@@ -28,21 +45,17 @@ def sharing(device: torch.device) -> Iterator[Run]:
     On a GPU, or where torch may use one thread, one call gets all rows. Torch's number of threads is what it was
     afterwards.
     """
-    count = torch.get_num_threads() if device.type == "cpu" else 1
+    count = (_ALLOWED.get() or torch.get_num_threads()) if device.type == "cpu" else 1
     if count == 1:
         yield lambda part, n: [part(0, n)]
         return
-    torch.set_num_threads(1)
-    try:
-        with ThreadPoolExecutor(count) as pool:
+    with one_each(), ThreadPoolExecutor(count) as pool:
 
-            def run(part: Callable[[int, int], Any], n: int) -> list[Any]:
-                shares = max(1, min(count, n // LEAST_ROWS))
-                limits = [round(n * i / shares) for i in range(shares + 1)]
-                if shares == 1:
-                    return [part(0, n)]
-                return list(pool.map(part, limits[:-1], limits[1:]))
+        def run(part: Callable[[int, int], Any], n: int) -> list[Any]:
+            shares = max(1, min(count, n // LEAST_ROWS))
+            limits = [round(n * i / shares) for i in range(shares + 1)]
+            if shares == 1:
+                return [part(0, n)]
+            return list(pool.map(part, limits[:-1], limits[1:]))
 
-            yield run
-    finally:
-        torch.set_num_threads(count)
+        yield run

@@ -36,7 +36,7 @@ TOLERATED_PX = 0.35
 
 #: Of the energies, which are means over windows, every so many are looked at to find that quantile: sorting all
 #: took as long as two iterations.
-THIN = 4
+THIN = 16
 
 #: Local coefficient that tells ball from occluder before gain, offset and motion are known well.
 FIRST_ZNCC = 0.6

@@ -41,7 +41,7 @@ def both_ways(pairs: Pairs, there: Tensor, found: Correlation, options: Options)
     forth = found.q[chosen]
     here = chosen.cpu()
     some = pairs.take(chosen)
-    back = solve(Pairs(some.g, some.c_g, some.f, some.c_f, there[here]), -forth, options)
+    back = solve(Pairs(some.g, some.f, there[here]), -forth, options)
     dx, dy, wx, wy, wz = (forth + back.q).unbind(-1)
     radius = some.circles[:, 2].to(dx)
     # How differently both ways move the front of the ball; translation and rotation alone are known less well.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere import circle as circles
-from torchsphere import drift
+from torchsphere import drift, parallel
 from torchsphere.calibrate import calibrate
 from torchsphere.circle import Circle
 from torchsphere.correlate import Options
@@ -136,7 +136,8 @@ def track(
     settings = Options(**options)
     source = Source.open(recording, device, dtype)
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
-    first, settings = _first_circle(source, circle, mask, refine, settings)
+    with parallel.one_each():
+        first, settings = _first_circle(source, circle, mask, refine, settings)
     measured = Follower(source, first, mask, settings, progress=progress, in_place=in_place).run(source.count)
     # A ball that cannot leave its place is where the circle says, unless a map is asked for.
     asked = False if in_place and sphere_map is None else sphere_map

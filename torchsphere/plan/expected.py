@@ -15,10 +15,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from torchsphere import criterion, crop, interpolate, motion, robust
+from torchsphere import criterion, crop, motion, robust
 from torchsphere.correlate import Options, margin
 from torchsphere.plan.example_image import Example, blurred, rescaled, white_noise
-from torchsphere.reference import Reference, build_reference, nuisances, scale, slopes
+from torchsphere.reference import Filtered, Reference, build_reference, nuisances, scale, slopes
 
 #: Largest motion blur, px: section 3.3 of the paper.
 MOST_BLUR_PX = 5.0
@@ -186,10 +186,9 @@ def _reference(
     circles = torch.tensor([circle], dtype=torch.float64).expand(len(images), -1)
     half = crop.half_size(circle[2], margin(options))
     crops = crop.cut(images, circles[:, :2], half)
-    c = interpolate.coefficients(crops.images, options.pre_blur)
-    reference = build_reference(crops, c, circles, options.roi, options.pre_blur)
+    reference = build_reference(Filtered.of(crops, options.pre_blur), circles, options.roi, options.pre_blur)
     # The ball is followed, so the translation does not matter; the turn hides points and weighs others less.
-    q = torch.tensor([[0.0, 0.0, *setup.increment[2:]]]).to(c).expand(len(images), -1)
+    q = torch.tensor([[0.0, 0.0, *setup.increment[2:]]]).to(images).expand(len(images), -1)
     visible = motion.displacement(motion.finite, q, reference.points, reference.geometry).isfinite().all(-1)
     reference.weights.mul_(visible)
     return robust.by_view(reference, q, motion.finite), q

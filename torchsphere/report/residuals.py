@@ -15,7 +15,7 @@ from torchsphere import criterion, crop, interlace, interpolate, motion
 from torchsphere.correlate import Options, margin
 from torchsphere.newton import warp
 from torchsphere.perspective import Camera
-from torchsphere.reference import build_reference
+from torchsphere.reference import Filtered, build_reference
 
 #: Radius of the ball, px, up to which a map has the images' own pixels; a larger ball's are means of several, so that a
 #: map costs a ms or so whatever the camera. A map is looked at at the size of a thumb.
@@ -73,8 +73,8 @@ def residual_maps(pairs: Pairs, ignore: Tensor | None, options: Options) -> NDAr
     camera = None if options.camera is None else options.camera.reduced(k)
     # In means of pixels the pattern is finer, so that without this blur their own aliasing is most of what is left.
     pre_blur = max(options.pre_blur, interpolate.PRE_BLUR_PX) if k > 1 else options.pre_blur
-    c_f, c_g = (interpolate.coefficients(c.images, pre_blur) for c in (crops_f, crops_g))
-    reference = build_reference(crops_f, c_f, circles, options.roi, pre_blur, camera)
+    reference = build_reference(Filtered.of(crops_f, pre_blur), circles, options.roi, pre_blur, camera)
+    c_g = interpolate.coefficients(crops_g.images, pre_blur)
     model = motion.MODELS["finite" if options.model == "rigid" else options.model]
     q = pairs.motion[:, : motion.degrees_of_freedom(model)].clone()
     q[:, :2] /= k
