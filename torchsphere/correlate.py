@@ -224,7 +224,7 @@ def correlate_pairs(
     half = crop.half_size(float(circles[:, 2].max()), margin(options))
     crops_f = crop.cut(f, circles[:, :2], half, ignore)
     crops_g = crop.cut(g, circles[:, :2] + start[:, :2].to(circles), half, ignore)
-    pairs = Pairs(*(Filtered.of(crops, options.pre_blur) for crops in (crops_f, crops_g)), circles)
+    pairs = Pairs(Filtered.of(crops_f, options.pre_blur), Filtered.of(crops_g, options.pre_blur), circles)
     start = start.to(pairs.g.c)
     near, steps = approach(pairs, start, options)
     found = solve(pairs, near, options, start)
