@@ -6,7 +6,7 @@ from torchsphere.impact import Ball, Impact, ball, impact
 from torchsphere.kinematics import Kinematics, kinematics, kinematics_of_many
 from torchsphere.perspective import Camera
 from torchsphere.recording import Recording, open_recording
-from torchsphere.track import Track, track
+from torchsphere.track import Track, track, track_many
 
 __version__ = "0.1.0"
 
@@ -26,4 +26,5 @@ __all__ = [
     "kinematics_of_many",
     "open_recording",
     "track",
+    "track_many",
 ]

@@ -19,6 +19,7 @@ from torchsphere import crop, outline
 from torchsphere.circle import MIN_SUPPORT, Circle
 from torchsphere.correlate import GRADIENT_FROM_DEG, Options, margin, radius_evidence
 from torchsphere.follow import Follower
+from torchsphere.joint import ALONE, Solver
 from torchsphere.source import Source
 
 #: Frames used: to follow the ball, and to look at its outline.
@@ -48,7 +49,7 @@ FOLLOWED_ANEW = 5e-4
 BATCH = 16
 
 
-def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Options) -> Circle:
+def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Options, solver: Solver = ALONE) -> Circle:
     """The circle in the frame in which it was found, with radius and centre from the frames that follow it.
 
     A plain ball, or one that cannot be followed, keeps its circle.
@@ -59,7 +60,7 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
         # give it within 0.15 px at up to 5 deg per frame, where the exact one's evidence runs away.
         options = dataclasses.replace(options, model="rigid", finite_from_deg=GRADIENT_FROM_DEG)
     stop = min(found.frame + FRAMES, source.count)
-    followed = Follower(source, found, ignore, options).run(stop)
+    followed = Follower(source, found, ignore, options, solver=solver).run(stop)
     frames = np.flatnonzero(followed.status[:stop] == "ok")
     if len(frames) < 3:
         return found
@@ -82,7 +83,9 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
             break
         radius = by_both
         if abs(radius - followed.radius) > FOLLOWED_ANEW * radius:
-            followed = Follower(source, dataclasses.replace(found, radius=radius), ignore, options).run(stop)
+            followed = Follower(source, dataclasses.replace(found, radius=radius), ignore, options, solver=solver).run(
+                stop
+            )
             frames = np.flatnonzero(followed.status[:stop] == "ok")
     better = dataclasses.replace(found, radius=radius, sd_radius=1 / math.hypot(1 / sd, 1 / sd_correction))
     return _recentred(source, better, followed, frames, ignore)

@@ -154,6 +154,16 @@ class Correlation:
         fields = {name: torch.cat([getattr(part, name) for part in parts]) for name in names}
         return cls(status=np.concatenate([part.status for part in parts]), **fields)
 
+    def split(self, sizes: Sequence[int]) -> list[Correlation]:
+        """Parts of so many rows each, one after the other."""
+        names = ("q", "covariance", "zncc", "iterations", "growth", "sd_growth")
+        fields = [getattr(self, name).split(sizes) for name in names]
+        status = np.split(self.status, np.cumsum(sizes)[:-1])
+        return [
+            Correlation(status=own, **dict(zip(names, part, strict=True)))
+            for own, *part in zip(status, *fields, strict=True)
+        ]
+
     def replaced(self, rows: Tensor, other: Correlation) -> Correlation:
         """The same with the rows (m,) taken from ``other``."""
         status = self.status.copy()
@@ -255,6 +265,14 @@ class Pairs(NamedTuple):
     def shift(self) -> Tensor:
         """From the ball's centre in the reference image to the deformed image's crop (n, 2), px."""
         return (self.circles[:, :2] - self.g.crops.origin).to(self.g.c)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Pairs]) -> Pairs:
+        """The pairs of all parts, whose crops have one size, one after the other."""
+        if len(parts) == 1:
+            return parts[0]
+        f, g, circles = zip(*parts, strict=True)
+        return cls(Filtered.joined(f), Filtered.joined(g), torch.cat(circles))
 
     def rows(self, start: int, stop: int) -> Pairs:
         """Pairs ``start`` to ``stop - 1``."""

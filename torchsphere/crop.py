@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -30,6 +31,13 @@ class Crops:
     images: Tensor
     usable: Tensor | None
     origin: Tensor
+
+    @classmethod
+    def joined(cls, parts: Sequence[Crops]) -> Crops:
+        """The crops of all parts, which are of one size and all masked or none, one after the other."""
+        masks = [part.usable for part in parts if part.usable is not None]
+        usable = torch.cat(masks) if masks else None
+        return cls(torch.cat([part.images for part in parts]), usable, torch.cat([part.origin for part in parts]))
 
     def rows(self, start: int, stop: int) -> Crops:
         """Crops ``start`` to ``stop - 1``."""

@@ -18,7 +18,8 @@ from torch import Tensor
 
 from torchsphere import circle, crop, interlace, locate, motion, outline, parallel, search
 from torchsphere.circle import MIN_SUPPORT, Circle
-from torchsphere.correlate import STATUSES, Correlation, Options, Pairs, approach, margin, solve
+from torchsphere.correlate import STATUSES, Correlation, Options, Pairs, margin
+from torchsphere.joint import ALONE, Solver
 from torchsphere.reference import SLACK_PX, Filtered
 from torchsphere.rescue import ranked
 from torchsphere.source import Source
@@ -92,8 +93,9 @@ class Follower:
         *,
         progress: Progress | None = None,
         in_place: bool = False,
+        solver: Solver = ALONE,
     ) -> None:
-        self.in_place = in_place
+        self.in_place, self._solver = in_place, solver
         self.source, self.ignore, self.options, self.progress = source, ignore, options, progress
         n = source.count
         self.position: NDArray[np.float64] = np.full((n, 2), np.nan)
@@ -201,21 +203,21 @@ class Follower:
         """Unknowns (m, k) near those sought, and the steps (m,) that it took."""
 
         def brought_near(a: int, b: int) -> tuple[Tensor, Tensor]:
-            return approach(pairs.rows(a, b), start[a:b], self.options)
+            return self._solver.approach(pairs.rows(a, b), start[a:b], self.options)
 
         near, steps = (torch.cat(parts) for parts in zip(*self._shared(brought_near, len(start)), strict=True))
         return near, steps
 
     def _measured(self, pairs: Pairs, near: Tensor, start: Tensor, there: Tensor) -> Correlation:
         """Motion of the pairs from ``near``, in both directions where they turn fast; the ball is ``there`` (m, 3)."""
-        found = solve(pairs, near, self.options, start)
+        found = self._solver.solve(pairs, near, self.options, start)
         if not self.in_place:
             # The centre that the way there found, not the one that was expected: 2 px off made errors of 0.06 px.
             centre = pairs.circles[:, :2] + found.q[:, :2].to(pairs.circles)
             size = pairs.circles[:, 2:] * (1 + found.growth[:, None].to(pairs.circles))
             arrived = torch.cat((centre, size), -1)
             there = torch.where(arrived.isfinite(), arrived, there)
-        return both_ways(pairs, there, found, self.options)
+        return both_ways(pairs, there, found, self.options, self._solver)
 
     def _filtered(self, images: Tensor, circles: Tensor) -> Filtered:
         """Crops of the images (m + 1, h, w) around ``circles`` (m + 1, 3)."""

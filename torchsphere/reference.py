@@ -51,6 +51,12 @@ class Filtered(NamedTuple):
         c = interpolate.coefficients(crops.images, pre_blur)
         return cls(crops, c, interpolate.nodes(c))
 
+    @classmethod
+    def joined(cls, parts: Sequence[Filtered]) -> Filtered:
+        """The images of all parts, whose crops have one size, one after the other."""
+        crops, c, nodes = zip(*parts, strict=True)
+        return cls(crop.Crops.joined(crops), torch.cat(c), torch.cat(nodes))
+
     def rows(self, start: int, stop: int) -> Filtered:
         """Images ``start`` to ``stop - 1``."""
         return Filtered(self.crops.rows(start, stop), self.c[start:stop], self.nodes[start:stop])
