@@ -129,8 +129,8 @@ def arguments(source: Path, out: Path, **more: Any) -> dict[str, Any]:
     from torchsphere.archive import settings
 
     none = dict.fromkeys(settings.NAMES)
-    fixed = {"source": source, "out": out, "config": None, "scheduler": None, "workers": 2, "shard": None}
-    return {**none, **COMMON, **fixed, "retry_failed": False, "quiet": True, **more}
+    fixed = {"source": source, "out": out, "config": None, "scheduler": None, "workers": 2, "together": None}
+    return {**none, **COMMON, **fixed, "shard": None, "retry_failed": False, "quiet": True, **more}
 
 
 if __name__ == "__main__":

@@ -148,6 +148,7 @@ REFUSED = {
     "shard of zero": ["shots", "--shard", "0/2"],
     "shard in words": ["shots", "--shard", "half"],
     "two engines": ["shots", "--scheduler", "tcp://h:1", "--workers", "2"],
+    "batches of an engine that has none": ["shots", "--scheduler", "tcp://h:1", "--together", "2"],
     "other files": ["shots", "--out", "thesis"],
     "a file": ["shots", "--out", "thesis/chapter.txt"],
     "the recordings' folder": ["shots", "--out", "shots"],
@@ -189,7 +190,7 @@ def test_a_missing_dask_is_named_with_its_extra(
 def test_every_core_that_may_be_used_is(shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[int] = []
 
-    def engine(jobs: Any, workers: int, measure: Any) -> Any:
+    def engine(jobs: Any, workers: int, measure: Any, lanes: int) -> Any:
         seen.append(workers)
         return serial(jobs)
 

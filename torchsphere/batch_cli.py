@@ -18,7 +18,7 @@ from tqdm import tqdm
 from torchsphere.archive import dask_engine, folder, manifest, processes, settings
 from torchsphere.archive.run import Counts, Engine, Interrupted, run
 from torchsphere.archive.work import Measure
-from torchsphere.measure import measure
+from torchsphere.measure import measure, measure_jointly
 
 HELP = "Measure an archive: all recordings of a folder or a manifest, one result folder each; only what is new."
 EXAMPLE = "torchsphere batch shots --out results --diameter-mm 30 --mass-g 110 --workers 8"
@@ -40,6 +40,9 @@ def add(commands: Any) -> None:
     parser.add_argument("source", type=Path, metavar="MANIFEST_OR_FOLDER", help="manifest .csv, .toml, or a folder")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
     parser.add_argument("--workers", type=_count, metavar="N", help="processes (one per core, or per GPU)")
+    parser.add_argument(
+        "--together", type=_count, metavar="N", help="recordings that a GPU measures at once, in common batches (1)"
+    )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="or the workers of a Dask scheduler, tcp://host:8786")
     parser.add_argument("--shard", type=_shard, metavar="K/N", help="only part K of N, for job arrays")
     parser.add_argument("--retry-failed", action="store_true", help="measure again what failed in an earlier run")
@@ -70,7 +73,7 @@ def _setting(name: str) -> Callable[[str], Any]:
 
 def _count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of processes, 1 or more")
+        raise argparse.ArgumentTypeError(f"{text!r} is no number, 1 or more")
     return int(text)
 
 
@@ -98,6 +101,8 @@ def command(options: dict[str, Any], measurement: Measure = measure) -> int:
     common = _absolute(settings.joined(common, given))
     if options["scheduler"] is not None and options["workers"] is not None:
         raise ValueError("--workers and --scheduler were both given; a scheduler has workers of its own, leave one out")
+    if options["scheduler"] is not None and options["together"] is not None:
+        raise ValueError("--together and --scheduler were both given; a Dask worker has one thread, leave one out")
     archive = manifest.read(source, common, out)
     engine = _engine(options, any(item.settings.get("device") == "cuda" for item in archive.items), measurement)
     claims = folder.prepare(out)
@@ -148,7 +153,10 @@ def _engine(options: Mapping[str, Any], on_gpu: bool, measurement: Measure) -> E
     if workers is None:
         # Processes that share a GPU would each hold its context and its memory.
         workers = max(1, torch.cuda.device_count()) if on_gpu else _cores()
-    return functools.partial(processes.run, workers=workers, measure=measurement)
+    lanes = options["together"] or 1
+    if lanes > 1 and measurement is measure:
+        measurement = measure_jointly
+    return functools.partial(processes.run, workers=workers, measure=measurement, lanes=lanes)
 
 
 def _cores() -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import platform
 import shutil
@@ -21,6 +22,7 @@ from torchsphere.circle import Circle
 from torchsphere.drift import STEP_PER_RADIUS
 from torchsphere.follow import Progress
 from torchsphere.impact import Impact, ball, impact
+from torchsphere.joint import ALONE, Solver, together
 from torchsphere.kinematics import METHODS, ORDER, ROTATION_PER_RADIUS, WINDOW, Kinematics, kinematics
 from torchsphere.masks import read_ignore
 from torchsphere.perspective import Camera
@@ -28,7 +30,7 @@ from torchsphere.recording import Recording, open_recording
 from torchsphere.report import draw, overlay, paraview, sampled
 from torchsphere.report.folder import read
 from torchsphere.report.words import NO_IMPACT
-from torchsphere.track import Track, track
+from torchsphere.track import Track, track_with
 
 #: What may be said of the map, and what it means to `torchsphere.track`.
 MAP_CHOICES: dict[str, bool | None] = {"auto": None, "on": True, "off": False}
@@ -187,10 +189,12 @@ def measure(
     extra: Mapping[str, Path] | None = None,
     *,
     name: str | None = None,
+    solver: Solver = ALONE,
 ) -> Measurement:
     """Track the recording and write the result folder; files of ``extra`` (name -> source) are copied into it.
 
-    ``name`` stands in the summary in place of the input's path, where that is a temporary one.
+    ``name`` stands in the summary in place of the input's path, where that is a temporary one; ``solver`` is what
+    measures the pairs.
 
     Raises
     ------
@@ -212,7 +216,8 @@ def measure(
         if request.roi is not None:
             options["roi"] = request.roi
         ignore = read_ignore(request.ignore, recording.shape[1:]) if request.ignore else None
-        tracked = track(
+        tracked = track_with(
+            solver,
             part,
             request.circle,
             ignore=ignore,
@@ -232,6 +237,18 @@ def measure(
             done = Measurement(recording, tracked, motion, found, start, warnings, seconds, extra or {}, name)
             _write(request, done, frame_rate, part, ignore)
     return done
+
+
+@functools.cache
+def _of_this_process() -> Solver:
+    return together()
+
+
+def measure_jointly(
+    request: Request, progress: Progress | None = None, extra: Mapping[str, Path] | None = None
+) -> Measurement:
+    """`measure` for the threads of a process: the pairs of their recordings come into common batches."""
+    return measure(request, progress, extra, solver=_of_this_process())
 
 
 def _frames(asked: tuple[int | None, int | None], count: int) -> tuple[int, int]:

@@ -139,7 +139,7 @@ def track(
         If there are fewer than two images, no ball is found, the circle does not fit the image, or an option is out
         of its range.
     """
-    return _track(
+    return track_with(
         ALONE,
         recording,
         circle,
@@ -186,11 +186,11 @@ def track_many(
         raise ValueError(f"circles: expected one for each of {len(recordings)} recordings, got {len(given)}")
     solver = together()
     with parallel.one_each(), ThreadPoolExecutor(AT_ONCE, initializer=torch.set_num_threads, initargs=(1,)) as pool:
-        tracks = [pool.submit(_track, solver, *each, **settings) for each in zip(recordings, given, strict=True)]
+        tracks = [pool.submit(track_with, solver, *each, **settings) for each in zip(recordings, given, strict=True)]
         return [found.exception() or found.result() for found in tracks]  # type: ignore[misc]
 
 
-def _track(
+def track_with(
     solver: Solver,
     recording: Any,
     circle: Any = None,
@@ -204,6 +204,7 @@ def _track(
     dtype: torch.dtype = torch.float32,
     **options: Any,
 ) -> Track:
+    """`track`, its pairs measured by ``solver``."""
     settings = Options(**options)
     source = Source.open(recording, device, dtype)
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,6 +26,9 @@ OF_IMAGES: dict[str, Callable[[ResultFolder], Figure]] = {
     "residuals": image_figures.residual_figure,
 }
 
+#: Matplotlib draws for one thread at a time.
+_DRAWING = threading.Lock()
+
 
 def draw(folder: Path) -> None:
     """Draw figures and report of the result in ``folder``, and replace earlier ones; no number is touched.
@@ -36,6 +40,11 @@ def draw(folder: Path) -> None:
     ValueError
         If ``folder`` is no result folder, or one that is damaged.
     """
+    with _DRAWING:
+        _draw(folder)
+
+
+def _draw(folder: Path) -> None:
     result = read(folder)
     new = Path(tempfile.mkdtemp(prefix=".drawing.", dir=folder))
     try:
