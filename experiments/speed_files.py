@@ -123,7 +123,7 @@ def timed(module, name, key):
     setattr(module, name, wrapper)
 timed(measure, "open_recording", "open_s")
 timed(track, "_first_circle", "circle_s")
-timed(measure, "track_with", "track_s")
+timed(measure, "track", "track_s")
 request = measure.Request(input=Path(sys.argv[1]), out=Path(sys.argv[2]), fps=20000.0, diameter_mm=30.0, mass_g=110.0,
                           map="off")
 done = measure.measure(request)

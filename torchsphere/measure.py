@@ -30,7 +30,7 @@ from torchsphere.recording import Recording, open_recording
 from torchsphere.report import draw, overlay, paraview, sampled
 from torchsphere.report.folder import read
 from torchsphere.report.words import NO_IMPACT
-from torchsphere.track import Track, track_with
+from torchsphere.track import Track, track
 
 #: What may be said of the map, and what it means to `torchsphere.track`.
 MAP_CHOICES: dict[str, bool | None] = {"auto": None, "on": True, "off": False}
@@ -216,8 +216,7 @@ def measure(
         if request.roi is not None:
             options["roi"] = request.roi
         ignore = read_ignore(request.ignore, recording.shape[1:]) if request.ignore else None
-        tracked = track_with(
-            solver,
+        tracked = track(
             part,
             request.circle,
             ignore=ignore,
@@ -226,6 +225,7 @@ def measure(
             in_place=request.in_place,
             sphere_map=MAP_CHOICES[request.map],
             progress=progress,
+            solver=solver,
             **options,
         )
         frame_rate = request.fps or recording.frame_rate

@@ -22,8 +22,8 @@ SETTLE_AFTER = 5
 #: 0.01 px, from where two steps on all points do instead of three or more.
 EVERY, APPROACH_STEPS, APPROACHED_PX, FEWEST = 4, 10, 0.05, 400
 
-#: Steps from one look at how far all rows are to the next. A GPU has to come to rest for it, which costs more than steps
-#: that rows no longer need; on a CPU it costs nothing.
+#: Steps from one look at how far all rows are to the next. A GPU has to come to rest for it, which costs more than
+#: steps that rows no longer need; on a CPU it costs nothing.
 LOOK_EVERY, LOOK_EVERY_ON_GPU = 1, 4
 
 #: Modes are taken anew after a step that moves a point of the ball by more than this, px: a ten-thousandth of the

@@ -93,6 +93,7 @@ def track(
     sphere_map: bool | None = None,
     progress: Progress | None = None,
     dtype: torch.dtype = torch.float32,
+    solver: Solver = ALONE,
     **options: Any,
 ) -> Track:
     """Follow the ball through a recording.
@@ -126,6 +127,8 @@ def track(
         Called as ``progress(done, total)`` with numbers of frames; once more from 0 where a map of the ball is made.
     dtype : torch.dtype
         ``torch.float32`` or ``torch.float64``.
+    solver : Solver
+        What measures the pairs; `track_many` gives those of several recordings to one.
     **options
         Fields of `torchsphere.correlate.Options`: ``model``, ``roi``, ``pre_blur`` ...
 
@@ -139,72 +142,6 @@ def track(
         If there are fewer than two images, no ball is found, the circle does not fit the image, or an option is out
         of its range.
     """
-    return track_with(
-        ALONE,
-        recording,
-        circle,
-        ignore=ignore,
-        device=device,
-        refine=refine,
-        in_place=in_place,
-        sphere_map=sphere_map,
-        progress=progress,
-        dtype=dtype,
-        **options,
-    )
-
-
-def track_many(
-    recordings: Sequence[Any], circles: Sequence[Any] | None = None, **settings: Any
-) -> list[Track | Exception]:
-    """Follow the ball through several recordings at once, their pairs in common batches.
-
-    Meant for a GPU, which the batches of one short recording do not fill; on a CPU, processes of their own are faster.
-    The increments differ from those of `track` by less than the tolerance of the iteration.
-
-    Parameters
-    ----------
-    recordings : sequence
-        Each as for `track`; all are in memory at once if they are arrays.
-    circles : sequence, optional
-        One for each recording, as for `track`; by default they are found.
-    **settings
-        Arguments of `track`, the same for all recordings.
-
-    Returns
-    -------
-    list of Track or Exception
-        In the order of the recordings; in place of a track what `track` would have raised.
-
-    Raises
-    ------
-    ValueError
-        If there is not one circle per recording.
-    """
-    given = [None] * len(recordings) if circles is None else list(circles)
-    if len(given) != len(recordings):
-        raise ValueError(f"circles: expected one for each of {len(recordings)} recordings, got {len(given)}")
-    solver = together()
-    with parallel.one_each(), ThreadPoolExecutor(AT_ONCE, initializer=torch.set_num_threads, initargs=(1,)) as pool:
-        tracks = [pool.submit(track_with, solver, *each, **settings) for each in zip(recordings, given, strict=True)]
-        return [found.exception() or found.result() for found in tracks]  # type: ignore[misc]
-
-
-def track_with(
-    solver: Solver,
-    recording: Any,
-    circle: Any = None,
-    *,
-    ignore: Any = None,
-    device: str | torch.device | None = None,
-    refine: bool = False,
-    in_place: bool = False,
-    sphere_map: bool | None = None,
-    progress: Progress | None = None,
-    dtype: torch.dtype = torch.float32,
-    **options: Any,
-) -> Track:
-    """`track`, its pairs measured by ``solver``."""
     settings = Options(**options)
     source = Source.open(recording, device, dtype)
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
@@ -247,6 +184,42 @@ def track_with(
         circle=motion.circle,
         settings=used,
     )
+
+
+def track_many(
+    recordings: Sequence[Any], circles: Sequence[Any] | None = None, **settings: Any
+) -> list[Track | Exception]:
+    """Follow the ball through several recordings at once, their pairs in common batches.
+
+    Meant for a GPU, which the batches of one short recording do not fill; on a CPU, processes of their own are faster.
+    The increments differ from those of `track` by less than the tolerance of the iteration.
+
+    Parameters
+    ----------
+    recordings : sequence
+        Each as for `track`; all are in memory at once if they are arrays.
+    circles : sequence, optional
+        One for each recording, as for `track`; by default they are found.
+    **settings
+        Arguments of `track`, the same for all recordings.
+
+    Returns
+    -------
+    list of Track or Exception
+        In the order of the recordings; in place of a track what `track` would have raised.
+
+    Raises
+    ------
+    ValueError
+        If there is not one circle per recording.
+    """
+    given = [None] * len(recordings) if circles is None else list(circles)
+    if len(given) != len(recordings):
+        raise ValueError(f"circles: expected one for each of {len(recordings)} recordings, got {len(given)}")
+    solver = together()
+    with parallel.one_each(), ThreadPoolExecutor(AT_ONCE, initializer=torch.set_num_threads, initargs=(1,)) as pool:
+        tracks = [pool.submit(track, *each, solver=solver, **settings) for each in zip(recordings, given, strict=True)]
+        return [found.exception() or found.result() for found in tracks]  # type: ignore[misc]
 
 
 def _first_circle(
