@@ -2,8 +2,11 @@
 
 import csv
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -335,6 +338,21 @@ def test_a_result_that_fails_half_way_leaves_nothing(tmp_path: Path, short: Path
     arguments = ["track", str(short), "--out", str(tmp_path / "out"), "--circle", CIRCLE, "--quiet"]
     assert "no space left" in refused(arguments, capsys)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_request_to_end_leaves_nothing_half_written(tmp_path: Path, short: Path, monkeypatch) -> None:
+    def ended(folder: Path) -> None:
+        assert folder.is_dir()
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(60)
+
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr("torchsphere.report.draw.draw", ended)
+    with pytest.raises(SystemExit) as stop:
+        main(["track", str(short), "--out", str(tmp_path / "out"), "--circle", CIRCLE, "--quiet"])
+    assert stop.value.code == 143
+    assert not list(tmp_path.iterdir())
+    assert signal.getsignal(signal.SIGTERM) is before
 
 
 def test_the_module_runs_as_a_program(tmp_path: Path) -> None:

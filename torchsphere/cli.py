@@ -6,10 +6,12 @@ import argparse
 import contextlib
 import dataclasses
 import importlib.util
+import signal
 import sys
 import tempfile
+import threading
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -35,7 +37,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = vars(_parser().parse_args(arguments))
     command = options.pop("command")
     try:
-        return int(command(options))
+        with _ending_in_order():
+            return int(command(options))
     except (ValueError, OSError) as error:
         print(f"torchsphere: {_sentence(error)}", file=sys.stderr)
     except ModuleNotFoundError as error:
@@ -44,6 +47,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("torchsphere: interrupted; nothing was written", file=sys.stderr)
         return 130
     return 1
+
+
+@contextlib.contextmanager
+def _ending_in_order() -> Iterator[None]:
+    """Make a request to end (SIGTERM), as job schedulers send it, an exception, so that what was begun is cleaned up.
+
+    Unfinished folders are removed, and processes that were started end, too. The exit code is the shells' own, 143.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, _: Any) -> NoReturn:
+        sys.exit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _sentence(error: Exception) -> str:
