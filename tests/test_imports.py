@@ -28,6 +28,7 @@ LAYERS = (
     ("track",),
     ("process", "plane", "baselines"),
     ("likelihood",),
+    ("weigh",),
     ("contact",),
     ("smooth",),
     ("poses", "bandwidth", "local"),

@@ -23,9 +23,12 @@ def series() -> Series:
     return Series(TIMES, 30 * some(1, 2, 8), 0.5 + some(1, 2, 8), 0.1 * some(1, 2, 7), seen)
 
 
-def dense(own: Series, window: torch.Tensor, freedom: int, flight: float, contact: float) -> tuple[float, float]:
+def dense(
+    own: Series, window: torch.Tensor, freedom: int, flight: float, contact: float, smooth: bool
+) -> tuple[float, float]:
     """Log-likelihood and noise factor from the joint covariance of all values that were seen."""
     moves = transitions(own.times, window[None, None])
+    process = moves.smooth if smooth else moves.rough
     t = own.times.shape[1]
     spread = torch.diag(torch.tensor([UNKNOWN] * STEADY + [1.0] * (STATES - STEADY), dtype=torch.float64))
     joint = torch.zeros(t, t, dtype=torch.float64)
@@ -34,7 +37,7 @@ def dense(own: Series, window: torch.Tensor, freedom: int, flight: float, contac
     for i in range(t):
         if i:
             matrix = moves.matrix[0, 0, i - 1]
-            added = 10**flight * moves.flight[0, 0, i - 1] + 10**contact * moves.contact[0, 0, i - 1]
+            added = 10**flight * moves.flight[0, 0, i - 1] + 10**contact * process[0, 0, i - 1]
             spread = matrix @ spread @ matrix.T + added
             spread[0, 0] += own.drift[0, freedom, i - 1]
             spread[STEADY:, STEADY:] += moves.idle[0, 0, i - 1]
@@ -52,16 +55,28 @@ def dense(own: Series, window: torch.Tensor, freedom: int, flight: float, contac
 
 def test_the_filters_give_the_likelihood_of_the_joint_covariance() -> None:
     own = series()
-    flight = torch.tensor([-6.0, -2.0], dtype=torch.float64).expand(1, 2, 3, 2)
-    contact = torch.tensor([-1.0, 2.0], dtype=torch.float64).expand(1, 2, 3, 2)
-    fit, noise = log_likelihood(own, WINDOWS, flight, contact)
+    flight = torch.tensor([-6.0, -2.0, -6.0, -2.0], dtype=torch.float64).expand(1, 2, 3, 4)
+    contact = torch.tensor([-1.0, 2.0, -2.0, 1.0], dtype=torch.float64).expand(1, 2, 3, 4)
+    smooth = torch.tensor([False, False, True, True])
+    fit, noise = log_likelihood(own, WINDOWS, flight, contact, smooth)
     for freedom in range(2):
         for place in range(3):
-            for m in range(2):
-                expected = dense(own, WINDOWS[0, place], freedom, float(flight[0, 0, 0, m]), float(contact[0, 0, 0, m]))
+            for m in range(4):
+                powers = float(flight[0, 0, 0, m]), float(contact[0, 0, 0, m])
+                expected = dense(own, WINDOWS[0, place], freedom, *powers, bool(smooth[m]))
                 found = fit[0, freedom, place, m], noise[0, freedom, place, m]
                 # Of the 1e8 of what is unknown beforehand, double precision leaves about seven digits.
                 torch.testing.assert_close(torch.stack(found), torch.tensor(expected).double(), rtol=1e-5, atol=1e-5)
+
+
+def test_the_rough_process_alone_is_what_it_is_beside_the_smooth_one() -> None:
+    own = series()
+    flight = torch.tensor([-6.0, -2.0], dtype=torch.float64).expand(1, 2, 3, 2)
+    contact = torch.tensor([-1.0, 2.0], dtype=torch.float64).expand(1, 2, 3, 2)
+    alone = log_likelihood(own, WINDOWS, flight, contact)
+    beside = log_likelihood(own, WINDOWS, flight, contact, torch.tensor([False, False]))
+    for one, other in zip(alone, beside, strict=True):
+        torch.testing.assert_close(one, other)
 
 
 def test_what_drifts_between_frames_that_are_left_out_is_added_up() -> None:

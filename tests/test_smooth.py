@@ -7,13 +7,17 @@ import numpy as np
 import pytest
 
 import torchsphere as ts
+from torchsphere.impact import ball, impact
 from torchsphere.kinematics import Kinematics, kinematics_of_many
 from torchsphere.orientation import chain
 
 #: The pulse of PHYSICS.md, section 4: 29 kN, 14 frames, 50 kfps, 110 g. A pixel of 0.1 mm.
 RATE, MASS_KG, PEAK_N, FRAMES, LENGTH, M_PER_PX = 50e3, 0.11, 29e3, 80, 14.0, 1e-4
 NOISES_M = (1.5e-6, 7.5e-6)
-SHOTS = 4
+SHOTS = 24
+
+#: Most that the peak of any of the shots may be off by, N.
+PEAK_OFF_N = 500
 
 
 @dataclass(frozen=True)
@@ -108,23 +112,34 @@ def covered(shots: tuple[list[Pulse], list[Kinematics]], name: str, part: bool) 
 def test_bands_of_95_percent_hold_nine_of_ten_values_in_flight_and_contact(
     shots: tuple[list[Pulse], list[Kinematics]], name: str, part: bool
 ) -> None:
-    # Errors of a flight are one error of its fit, so that 4 shots are but 8 flights per axis: 0.9 less 2 sd of these.
-    assert covered(shots, name, part) >= (0.9 if part else 0.82)
+    # That they hold no more than 98 of 100 takes more shots than a test has: the errors of a flight, and of a force
+    # that is none, are one error each, so that of 24 shots a share is known to 2 percent. Of 64 shots the shares are
+    # 96 to 98 (velocity, force) and 93 to 96 (spin). Bands too wide show in their widths, below.
+    assert covered(shots, name, part) >= 0.9
 
 
+@pytest.mark.parametrize("name", ["velocity_m_s", "force_N"])
 def test_bands_in_contact_are_no_wider_than_half_as_much_again_as_the_errors(
-    shots: tuple[list[Pulse], list[Kinematics]],
+    shots: tuple[list[Pulse], list[Kinematics]], name: str
 ) -> None:
     made, found = shots
-    off = np.concatenate([(k.force_N - p.force_N)[p.touching, 0] for p, k in zip(made, found, strict=True)])
-    sd = np.concatenate([k.sd_force_N[p.touching, 0] for p, k in zip(made, found, strict=True)])
-    assert np.sqrt((sd**2).mean()) < 1.6 * np.sqrt((off**2).mean())
+    off = np.concatenate(
+        [(getattr(k, name) - getattr(p, name))[p.touching, 0] for p, k in zip(made, found, strict=True)]
+    )
+    sd = np.concatenate([getattr(k, f"sd_{name}")[p.touching, 0] for p, k in zip(made, found, strict=True)])
+    assert np.sqrt((off**2).mean()) < np.sqrt((sd**2).mean()) < 1.5 * np.sqrt((off**2).mean())
 
 
-def test_the_peak_force_is_right_to_half_a_kilonewton(shots: tuple[list[Pulse], list[Kinematics]]) -> None:
-    off = np.array([np.abs(k.force_N[:, 0]).max() - PEAK_N for k in shots[1]])
-    assert abs(off.mean()) < 500
-    assert np.sqrt((off**2).mean()) < 500
+def test_the_peak_force_of_every_shot_is_right_to_half_a_kilonewton(
+    shots: tuple[list[Pulse], list[Kinematics]],
+) -> None:
+    found = [impact(motion, ball(MASS_KG, 150 * M_PER_PX), normal_deg=180.0)[0] for motion in shots[1]]
+    peaks = [one.peak_force for one in found if one is not None and one.peak_force is not None]
+    assert len(peaks) == SHOTS
+    off = np.array([float(peak.value) - PEAK_N for peak in peaks])
+    assert np.abs(off).max() < PEAK_OFF_N
+    # It is stated to be off by no more than twice what it is off by, and by no less than that.
+    assert 0.5 < np.sqrt(np.mean((off / [float(peak.sd) for peak in peaks]) ** 2)) < 1.1
 
 
 def test_the_contact_is_found_within_three_of_its_standard_deviations(

@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 
 from torchsphere.likelihood import UNKNOWN
-from torchsphere.process import STATES, STEADY, transitions
+from torchsphere.process import ABSENT, STATES, STEADY, transitions
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def cutoff(weights: Array, offsets: Array, derivative: int) -> float:
 
 
 def smoother_weights(
-    times: Array, variance: Array, window: tuple[float, float], flight: float, contact: float, at: int
+    times: Array, variance: Array, window: tuple[float, float], flight: float, contact: tuple[float, bool], at: int
 ) -> tuple[Array, slice]:
     """Weights (2, w) of the poses in velocity and acceleration at frame ``at``, and which frames they are of.
 
@@ -49,15 +49,20 @@ def smoother_weights(
         (n,), frames; variance of the poses, infinite where there is none.
     window : tuple of float
         Contact interval.
-    flight, contact : float
-        Intensities.
+    flight : float
+        Its intensity.
+    contact : tuple
+        Its intensity, and whether that is of the smooth process.
     at : int
         Frame.
     """
     part = slice(max(at - REACH, 0), at + REACH + 1)
     moves = transitions(torch.from_numpy(times[None, part]), torch.tensor([[window]], dtype=torch.float64))
     matrices = moves.matrix[0, 0].numpy()
-    added = (contact * moves.contact[0, 0] + flight * moves.flight[0, 0]).numpy()
+    intensity, smooth = contact
+    own, other = (moves.smooth, moves.rough) if smooth else (moves.rough, moves.smooth)
+    # The rough process' snap is none, but must not be known exactly.
+    added = (intensity * own[0, 0] + flight * moves.flight[0, 0] + (0 if smooth else ABSENT) * other[0, 0]).numpy()
     later = np.arange(STEADY, STATES)
     added[:, later, later] += moves.idle[0, 0].numpy()[:, None]
     impulses, noise = np.eye(len(times[part])), variance[part]

@@ -1,7 +1,8 @@
 """When the ball is in contact, and how strongly its motion may change then and in flight: maximum likelihood.
 
-Every degree of freedom has an intensity in flight, one in contact and a factor on its stated noise; all share the
-contact interval. The likelihood is that of the innovations of a Kalman filter per degree of freedom.
+Every degree of freedom has an intensity in flight, a process and an intensity in contact, and a factor on its stated
+noise; all share the contact interval. The likelihood is that of the innovations of a Kalman filter per degree of
+freedom. The interval is sought with the rough process, and its place then weighed with both.
 """
 
 from __future__ import annotations
@@ -13,10 +14,16 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from torchsphere.likelihood import Series, log_likelihood
-
-#: Lowest intensity, noise variance per frame^5: the memory of white jerk is then a hundred frames.
-QUIETEST = 1e-12
+from torchsphere.likelihood import Series
+from torchsphere.weigh import (
+    FINEST_STEP,
+    QUIETEST,
+    both_processes,
+    candidates,
+    intensities,
+    possible,
+    posterior,
+)
 
 #: Intensities of the first search, powers of ten, in flight and in contact; and all that are possible, coarsely.
 FIRST_FLIGHT, FIRST_CONTACT = (-11.0, -8.0, -5.0), (-9.0, -4.0, -1.5, 0.5, 2.5, 4.5)
@@ -32,29 +39,13 @@ STARTS, LONGEST = 16, 3
 SEARCHED, REACH = 128, 4
 
 #: Steps of the intensities (powers of ten) in the refinement, coarse to fine, while the interval's steps are halved.
-INTENSITY_STEPS, FINEST_STEP = (1.5, 0.9, 0.5, 0.3, 0.2), 0.1
+INTENSITY_STEPS = (1.5, 0.9, 0.5, 0.3, 0.2)
 
 #: Moves of the edges, in steps: the far ones, because the likelihood has more than one maximum.
 EDGE_MOVES = (
     (0, 0),
     *((a * d, b * d) for d in (1, 3) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1))),
 )
-
-#: Shortest contact, frames.
-SHORTEST = 0.5
-
-#: Intervals per edge that stand for its uncertainty, and their distance in standard deviations of the edge.
-EDGE_PLACES, EDGE_SPACING = 5, 0.9
-
-#: Possible intervals and intensities that stand for all: what the data leave open of them widens the bands.
-CANDIDATES = 32
-
-#: Powers of ten of the intensities that are weighed against each other, around the best.
-AROUND_FLIGHT, AROUND_CONTACT = (-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0), tuple(0.5 * i for i in range(-5, 6))
-
-#: Logarithm of how much less likely ten times the intensity in flight is before the data. Only gravity and drag act
-#: there, so where weak changes in contact could be taken for a restless flight, they are not.
-QUIET_PREFERRED = 1.0
 
 
 @dataclass(frozen=True)
@@ -68,7 +59,9 @@ class Contact:
     windows : Tensor
         Intervals (n, c, 2), frames; of length 0 where none was found.
     flight, contact : Tensor
-        Intensities (n, c, k): variance of the noise per frame^5 and frame^7.
+        Intensities (n, c, k): variance of the noise per frame^5, and per frame^7 or, of the smooth process, frame^9.
+    smooth : Tensor
+        (n, c, k), True where the contact's process is the smooth one.
     noise : Tensor
         Factor (n, c, k) on the stated standard deviation of the noise.
     gain : Tensor
@@ -79,6 +72,7 @@ class Contact:
     windows: Tensor
     flight: Tensor
     contact: Tensor
+    smooth: Tensor
     noise: Tensor
     gain: Tensor
 
@@ -104,9 +98,10 @@ def find(series: Series) -> Contact:
     window = torch.where(found[:, None], window, none)
     flight = torch.where(found[:, None], flight, quiet[0])
     contact = torch.where(found[:, None], contact, -math.inf)
-    windows = torch.where(found[:, None, None], _windows(series, window, flight, contact), 0.0)
-    flight, contact, noise = _intensities(series, window, flight, contact)
-    return Contact(found, windows, 10.0**flight, 10.0**contact, noise, gain)
+    best = both_processes(series, window, flight, contact)
+    windows, kinds = candidates(series, best)
+    windows = torch.where(found[:, None, None], windows, 0.0)
+    return Contact(found, windows, *intensities(series, windows, best, kinds), gain)
 
 
 def _best_interval(series: Series) -> Best:
@@ -139,7 +134,7 @@ def _in_long(series: Series) -> Best:
         part = series.between(start, stop, finer)
         best = _climb(part, best, best.window.new_tensor([float(every)]))
         every = finer
-    best = best._replace(window=_possible(series, best.window[:, None])[:, 0])
+    best = best._replace(window=possible(series, best.window[:, None])[:, 0])
     flight, contact, _ = _at(series, best.window, *_all_intensities(series))
     best = best._replace(flight=flight, contact=contact)
     step = best.window.new_tensor([2 * FINEST_STEP])
@@ -181,14 +176,8 @@ def _all_intensities(series: Series, without_contact: bool = False) -> tuple[Ten
 
 def _at(series: Series, window: Tensor, flight: Tensor, contact: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Best of the intensities (n, k) at one interval (n, 2) each, and the likelihood (n,)."""
-    fit = _posterior(series, window[:, None], flight, contact)[0]
+    fit = posterior(series, window[:, None], flight, contact)[0]
     return _best(fit, window[:, None], flight, contact)[1:]
-
-
-def _posterior(series: Series, windows: Tensor, flight: Tensor, contact: Tensor) -> tuple[Tensor, Tensor]:
-    """As `log_likelihood`, with what is likely before the data."""
-    fit, noise = log_likelihood(series, windows, flight, contact)
-    return fit - QUIET_PREFERRED * (flight - math.log10(QUIETEST)), noise
 
 
 def _pitch(series: Series) -> Tensor:
@@ -204,7 +193,7 @@ def _first(series: Series) -> Best:
     places = [(start, start + 2**j) for j in range(LONGEST + 1) for start in range(STARTS - 2**j + 1)]
     windows = begin[:, None, None] + pitch[:, None, None] * torch.tensor(places).to(series.times)
     counts = [STARTS - 2**j + 1 for j in range(LONGEST + 1)]
-    fits = _posterior(series, windows, flight, contact)[0].split(counts, 2)
+    fits = posterior(series, windows, flight, contact)[0].split(counts, 2)
     each = [_best(fit, part, flight, contact) for fit, part in zip(fits, windows.split(counts, 1), strict=True)]
     return Best(*(torch.stack(values, 1).flatten(0, 1) for values in zip(*each, strict=True)))
 
@@ -213,19 +202,11 @@ def _refined(series: Series, best: Best, step: Tensor, size: float) -> Best:
     """The best neighbour of an interval and its intensities, by ``step`` (n,) frames and ``size`` powers of ten."""
     moves = torch.cartesian_prod(*2 * [series.times.new_tensor([0.0, -1.0, 1.0])])
     shifts = series.times.new_tensor(EDGE_MOVES)
-    windows = _possible(series, best.window[:, None] + step[:, None, None] * shifts)
+    windows = possible(series, best.window[:, None] + step[:, None, None] * shifts)
     scaled = best.flight[..., None, None] + size * moves[:, 0], best.contact[..., None, None] + size * moves[:, 1]
     around = scaled[0].clamp(math.log10(QUIETEST), 8.0), scaled[1].clamp(-12.0, 12.0)
-    fit, _ = _posterior(series, windows, *around)
+    fit, _ = posterior(series, windows, *around)
     return _best(fit, windows, *around)
-
-
-def _possible(series: Series, windows: Tensor) -> Tensor:
-    """Intervals within the recording, no shorter than the shortest."""
-    begin, stop = series.times[:, :1], series.times[:, -1:]
-    start = torch.minimum(torch.maximum(windows[..., 0], begin), stop - SHORTEST)
-    end = torch.minimum(torch.maximum(windows[..., 1], start + SHORTEST), stop)
-    return torch.stack((start, end), -1)
 
 
 def _best(fit: Tensor, windows: Tensor, flight: Tensor, contact: Tensor) -> Best:
@@ -241,48 +222,3 @@ def _best(fit: Tensor, windows: Tensor, flight: Tensor, contact: Tensor) -> Best
         return values.expand(n, k, c, m)[rows[:, None], freedom, place[:, None]].gather(-1, chosen)[..., 0]
 
     return Best(windows[rows, place], at_best(flight), at_best(contact), top)
-
-
-def _windows(series: Series, window: Tensor, flight: Tensor, contact: Tensor) -> Tensor:
-    """Intervals (n, c, 2) around the best, each as often as it is likely."""
-
-    def fits(windows: Tensor) -> Tensor:
-        return log_likelihood(series, windows, flight[..., None, None], contact[..., None, None])[0].sum((1, 3))
-
-    pitch = torch.full_like(window, 0.5)
-    for _ in range(3):
-        cross = torch.cat((torch.diag_embed(pitch), -torch.diag_embed(pitch), torch.zeros_like(pitch)[:, None]), 1)
-        around = fits(window[:, None] + cross)
-        drop = 2 * around[:, 4:] - around[:, :2] - around[:, 2:4]
-        # An edge whose likelihood falls by 1/2 within a standard deviation; a flat one is known to a few frames only.
-        pitch = (pitch / (drop.clamp_min(1e-6)).sqrt()).clamp(0.5 * FINEST_STEP, 3.0)
-    places = EDGE_SPACING * (torch.arange(EDGE_PLACES).to(series.times) - EDGE_PLACES // 2)
-    windows = _possible(series, window[:, None] + pitch[:, None] * torch.cartesian_prod(places, places))
-    chosen = _as_often(fits(windows).softmax(-1))
-    # Spread over the cells of the grid, so that the edges' standard deviation has no steps.
-    fill = torch.quasirandom.SobolEngine(2, scramble=True, seed=0).draw(CANDIDATES).to(pitch) - 0.5
-    moved = windows.gather(1, chosen[..., None].expand(-1, -1, 2)) + EDGE_SPACING * pitch[:, None] * fill
-    return _possible(series, moved)
-
-
-def _intensities(series: Series, window: Tensor, flight: Tensor, contact: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Powers of ten of the intensities, and factors on the noise (n, c, k), each as often as it is likely."""
-    pairs = torch.cartesian_prod(torch.tensor(AROUND_FLIGHT), torch.tensor(AROUND_CONTACT)).to(series.times)
-    flight = (flight[..., None, None] + pairs[:, 0]).clamp_min(math.log10(QUIETEST))
-    contact = contact[..., None, None] + pairs[:, 1]
-    fit, noise = _posterior(series, window[:, None], flight, contact)
-    chosen = _as_often(fit[:, :, 0].softmax(-1))
-    generator = torch.Generator().manual_seed(0)
-    # The degrees of freedom's own, in any combination.
-    mixed = torch.rand(chosen.shape, generator=generator).to(chosen.device).argsort(-1)
-    chosen = chosen.gather(-1, mixed)
-    flight, contact, noise = (v[:, :, 0].gather(-1, chosen).mT for v in (flight, contact, noise))
-    return flight, contact, noise
-
-
-def _as_often(weights: Tensor) -> Tensor:
-    """Numbers (..., c) of choices that each occur as often as their ``weights`` (..., m) ask for, in rising order."""
-    places = (torch.arange(CANDIDATES, device=weights.device) + 0.5) / CANDIDATES
-    sums = weights.cumsum(-1).contiguous()
-    places = places.to(sums).expand(*weights.shape[:-1], -1).contiguous()
-    return torch.searchsorted(sums, places).clamp_max(weights.shape[-1] - 1)

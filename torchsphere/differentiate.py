@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from torchsphere import bandwidth, contact, local, smooth
@@ -106,13 +107,20 @@ def _edges(states: Smoothed, row: int, begin: float) -> tuple[Array, Array]:
 
 def _about(all_poses: Poses, found: Contact, states: Smoothed, row: int, n: int) -> dict[str, Any]:
     """Method, parameters and bandwidth, per frame."""
-    flight, touching, factor = (v[row].median(0).values for v in (found.flight, found.contact, found.noise))
+    flight, factor = (v[row].median(0).values for v in (found.flight, found.noise))
+    share = found.smooth[row].double().mean(0)
+    kinds = [torch.where(found.smooth[row] == kind, found.contact[row], torch.nan) for kind in (False, True)]
+    rough, smooth = (kind.nanmedian(0).values.nan_to_num() for kind in kinds)
+    touching = torch.where(share > 0.5, smooth, rough)
     about: dict[str, Any] = {
         "method": "smoother",
-        "process": "white jerk in flight; in contact white snap from a jerk of unknown size",
+        "process": "white jerk in flight; in contact rough (white snap) or smooth (white crackle), as the data say",
+        "share_smooth": share.tolist(),
         "intensity_flight": flight.tolist(),
-        "intensity_contact": touching.tolist(),
-        "intensity_unit": "variance of a pose's error per frame^5 (flight) and frame^7 (contact); x, y, wx, wy, wz",
+        "intensity_contact_rough": rough.tolist(),
+        "intensity_contact_smooth": smooth.tolist(),
+        "intensity_unit": "variance of a pose's error per frame^5 (flight), frame^7 (rough) and frame^9 (smooth); "
+        "x, y, wx, wy, wz",
         "noise_over_stated": factor.tolist(),
         "contact_found": bool(found.found[row]),
         "log_likelihood_gain_of_contact": float(found.gain[row]),
@@ -124,13 +132,15 @@ def _about(all_poses: Poses, found: Contact, states: Smoothed, row: int, n: int)
     if about["contact_found"]:
         places["contact"] = int(np.abs(times - np.mean(window)).argmin())
     for name, group in (("translation", slice(0, 2)), ("rotation", slice(2, FREEDOMS))):
-        freedom = group.start + int((touching + flight)[group].argmax())
+        # The degree of freedom that moves most; over a contact's length both processes give a force the same units.
+        strength = torch.where(share > 0.5, smooth * (window[1] - window[0]) ** 2, rough) + flight
+        freedom = group.start + int(strength[group].argmax())
         seen = all_poses.seen[row, :n, freedom].numpy()
         if seen.sum() < STATES:
             continue
         noise = np.where(seen, variance[:, freedom], np.inf)
         for regime, at in places.items():
-            own = float(flight[freedom]), float(touching[freedom])
+            own = float(flight[freedom]), (float(touching[freedom]), bool(share[freedom] > 0.5))
             weights, part = bandwidth.smoother_weights(times, noise, window, *own, at)
             offsets = times[part] - times[at]
             passed = [bandwidth.cutoff(weights[k], offsets, k + 1) for k in (0, 1)]

@@ -317,17 +317,32 @@ def _peak(motion: Kinematics, draws: Draws, mass: float) -> tuple[Estimate, Esti
     direction = motion.acceleration_m_s2[at] / _length(motion.acceleration_m_s2[at])
     drawn = mass * draws.acceleration_m_s2 @ direction
     value, moment = float(size[at]), float(motion.time_s[at])
-    sd_moment = float(np.std(motion.time_s[np.where(outside, -np.inf, drawn).argmax(1)]))
     if 0 < at < len(size) - 1 and np.isfinite(size[[at - 1, at + 1]]).all():
-        curve = np.polynomial.Polynomial.fit(motion.time_s[at - 1 : at + 2], size[at - 1 : at + 2], 2)
-        top = curve.deriv().roots() if curve.degree() == 2 else np.array([])
-        if len(top) == 1 and motion.time_s[at - 1] < top[0] < motion.time_s[at + 1]:
-            value, moment = max(value, float(curve(top[0]))), float(top[0])
-    spread = float(np.std(drawn[:, at]))
+        near = slice(at - 1, at + 2)
+        own, top = _vertex(motion.time_s[near], size[near])
+        value, moment = max(value, float(top)), float(own)
+    # Between the frames as well: all motions may have their largest value in the same one.
+    places = np.where(outside, -np.inf, drawn).argmax(1).clip(1, len(size) - 2)
+    around = places[:, None] + np.arange(-1, 2)
+    moments, _ = _vertex(motion.time_s[around], np.take_along_axis(drawn, around, 1))
+    spread, sd_moment = float(np.std(drawn[:, at])), float(np.nanstd(moments))
     return (
         Estimate(np.asarray(value), np.asarray(spread), "N"),
         Estimate(np.asarray(moment), np.asarray(sd_moment), "s"),
     )
+
+
+def _vertex(time: Array, value: Array) -> tuple[Array, Array]:
+    """Time and value at the top of parabolas through three points (..., 3): the highest point where there is no top."""
+    slopes = np.diff(value) / np.diff(time)
+    bend = (slopes[..., 1] - slopes[..., 0]) / (time[..., 2] - time[..., 0])
+    highest = value.argmax(-1)[..., None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        top = 0.5 * (time[..., 0] + time[..., 1]) - 0.5 * slopes[..., 0] / bend
+    is_top = (bend < 0) & (top > time[..., 0]) & (top < time[..., 2])
+    moment = np.where(is_top, top, np.take_along_axis(time, highest, -1)[..., 0])
+    off = moment - time[..., 0]
+    return moment, value[..., 0] + slopes[..., 0] * off + bend * off * (moment - time[..., 1])
 
 
 def _state(velocity: Array, spin: Array, edges: Array, normal_deg: float | None) -> _State:

@@ -1,10 +1,16 @@
-"""How a ball may move between frames: nearly steady in flight, a smooth force in contact.
+"""How a ball may move between frames: nearly steady in flight, a rough or a smooth force in contact.
 
-A degree of freedom has the state (pose, rate, acceleration, jerk). In flight its jerk is white noise of small
+A degree of freedom has the state (pose, rate, acceleration, jerk, snap). In flight its jerk is white noise of small
 intensity: the acceleration stays nearly what it is. From the start of the contact the jerk is a state of its own, of
-unknown size, and its derivative is white noise; at the end it is gone. White jerk in contact, too, leaves each frame's
-force too free of its neighbours': measured on the half-sine pulse of 29 kN and 14 frames, its bands were 2 to 4 times
-too wide (all samples within 95 %), and the data less likely by 2 to 4 in the logarithm.
+unknown size, and is gone at the end. In the rough process its derivative, the snap, is white noise. In the smooth one
+the snap is a state, too, and its derivative, the crackle, is white.
+
+Which of the two it is, the data say: of a half-sine of 14 frames the smooth one is likelier by 1 and 3 in the logarithm
+(noise of 7.5 and 1.5 um at 29 kN), of one of 40 frames by 5 and 9; of a triangle, a plateau, two peaks, a fast rise and
+Hertz' law of contact the rough one by 2 to 6. The smooth one alone held but 64 to 87 % of the forces of the first four,
+the rough one alone stated bands of a half-sine 1.8 times too wide (contact's edges known, 16 shots each). White jerk in
+contact leaves each frame's force too free of its neighbours': of the half-sines less likely by 3 to 30, with bands 2 to
+4 times too wide; a process smoother still is less likely, too.
 """
 
 from __future__ import annotations
@@ -15,8 +21,12 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-#: Pose, rate and acceleration, which flight has, too; and jerk.
-STEADY, STATES = 3, 4
+#: Pose, rate and acceleration, which flight has, too; jerk; and snap, which the rough process has not.
+STEADY, ROUGH, STATES = 3, 4, 5
+
+#: Intensity of the white crackle of a rough process, noise variance per frame^9: a smoother cannot do with a state that
+#: is known exactly, and this one moves no pose by 1e-6 of the noise within a thousand frames.
+ABSENT = 1e-40
 
 
 @dataclass(frozen=True)
@@ -26,19 +36,23 @@ class Transitions:
     Attributes
     ----------
     matrix : Tensor
-        (n, c, t - 1, 4, 4) of the state. The jerk is no part of it in flight.
-    contact : Tensor
-        Covariance (n, c, t - 1, 4, 4) that the contact adds, per unit intensity of its white snap.
+        (n, c, t - 1, 5, 5) of the state. Jerk and snap are no part of it in flight.
+    rough, smooth : Tensor
+        Covariance (n, c, t - 1, 5, 5) that the contact adds, per unit intensity of its white snap, or white crackle.
     flight : Tensor
-        Covariance (n, 1, t - 1, 4, 4) that white jerk adds, per unit intensity, in flight and contact.
+        Covariance (n, 1, t - 1, 5, 5) that white jerk adds, per unit intensity, in flight and contact.
     idle : Tensor
-        (n, c, t - 1), True where the jerk means nothing after the transition and may have any variance.
+        (n, c, t - 1), True where jerk and snap mean nothing after the transition and may have any variance.
+    touching : list of bool
+        Whether between frame i and the next there is any contact.
     """
 
     matrix: Tensor
-    contact: Tensor
+    rough: Tensor
+    smooth: Tensor
     flight: Tensor
     idle: Tensor
+    touching: list[bool]
 
 
 def transitions(times: Tensor, windows: Tensor) -> Transitions:
@@ -64,21 +78,28 @@ def transitions(times: Tensor, windows: Tensor) -> Transitions:
 
     middle, finish = integrator(inside), steady(last, ends | ~touching)
     matrix = finish @ middle @ steady(first, starts | ~touching)
-    # The size of the first jerk is tied to the intensity by the contact's own duration: no number of its own to find.
-    powers = 2 * (STATES - torch.arange(STATES, device=times.device)) - 1
-    size = torch.where(starts, end - start, 0.0)[..., None] ** powers
-    jump = torch.diag_embed(size) @ (unit - steady_states)
-    added = white_noise(inside, STATES) + middle @ jump @ middle.mT
+
+    def added(order: int) -> Tensor:
+        # The size of the first jerk and snap is tied to the intensity by the contact's own duration: no number of its
+        # own to find.
+        size = torch.zeros(*starts.shape, STATES, dtype=times.dtype, device=times.device)
+        for i in range(STEADY, order):
+            size[..., i] = torch.where(starts, end - start, 0.0) ** (2 * (order - i) - 1)
+        within = white_noise(inside, order) + middle @ torch.diag_embed(size) @ middle.mT
+        return finish @ within @ finish.mT
+
     return Transitions(
         matrix=matrix,
-        contact=finish @ added @ finish.mT,
+        rough=added(ROUGH),
+        smooth=added(STATES),
         flight=white_noise(after - before, STEADY),
         idle=ends | ~touching,
+        touching=touching.any(1).any(0).tolist(),
     )
 
 
 def integrator(duration: Tensor) -> Tensor:
-    """State after ``duration`` (...) per state before, (..., 4, 4): Taylor's series."""
+    """State after ``duration`` (...) per state before, (..., 5, 5): Taylor's series."""
     result = torch.zeros(*duration.shape, STATES, STATES, dtype=duration.dtype, device=duration.device)
     for i in range(STATES):
         for j in range(i, STATES):
@@ -87,7 +108,7 @@ def integrator(duration: Tensor) -> Tensor:
 
 
 def white_noise(duration: Tensor, order: int) -> Tensor:
-    """Covariance (..., 4, 4) that white noise of unit intensity adds to ``order`` integrals over ``duration`` (...)."""
+    """Covariance (..., 5, 5) that white noise of unit intensity adds to ``order`` integrals over ``duration`` (...)."""
     result = torch.zeros(*duration.shape, STATES, STATES, dtype=duration.dtype, device=duration.device)
     for i in range(order):
         for j in range(order):

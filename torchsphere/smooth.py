@@ -1,9 +1,9 @@
 """Rauch-Tung-Striebel smoother on positions and orientations together, batched over recordings and contact intervals.
 
-The state of a frame is pose, rate, acceleration and jerk of the five degrees of freedom (x, y, wx, wy, wz). The pose is
-the difference to a reference trajectory, for the rotation as a vector in the tangent space: ``A = exp([phi]x) A_ref``.
-As the reference goes through the measured poses themselves, the differences are as small as the errors (1e-4 rad), and
-one pass is exact to their square: nothing has to be linearised again.
+The state of a frame is pose, rate and acceleration of the five degrees of freedom (x, y, wx, wy, wz), in contact also
+jerk and snap. The pose is the difference to a reference trajectory, for the rotation as a vector in the tangent space:
+``A = exp([phi]x) A_ref``. As the reference goes through the measured poses themselves, the differences are as small as
+the errors (1e-4 rad), and one pass is exact to their square: nothing has to be linearised again.
 
 From frame to frame ``phi' = Ad phi + J (v dt + a dt^2 / 2 + j dt^3 / 6) - s``, with the reference's step ``s``, its
 rotation ``Ad`` and left Jacobian ``J``. What the turning of the axis within a step adds, ``dt^3/12 a x w``, is below
@@ -22,11 +22,11 @@ from torch import Tensor
 
 from torchsphere.contact import Contact
 from torchsphere.likelihood import UNKNOWN, Series
-from torchsphere.process import STATES, STEADY, Transitions, transitions
+from torchsphere.process import ABSENT, STATES, STEADY, Transitions, transitions
 
-#: Degrees of freedom (x, y, wx, wy, wz), and of the state.
+#: Degrees of freedom (x, y, wx, wy, wz), and numbers in the state of a flight and of a contact.
 FREEDOMS = 5
-SIZE = STATES * FREEDOMS
+FLIGHT, SIZE = STEADY * FREEDOMS, STATES * FREEDOMS
 
 
 @dataclass(frozen=True)
@@ -84,11 +84,14 @@ class Smoothed:
     Attributes
     ----------
     mean : Tensor
-        (n, c, t, 20): pose, rate, acceleration, jerk of the five degrees of freedom each.
+        (n, c, t, 15): pose, rate, acceleration of the five degrees of freedom each.
     covariance : Tensor
-        (n, c, t, 20, 20).
-    gain, rest : Tensor
-        (n, c, t - 1, 20, 20): what the next state says of this one, and the covariance that it leaves.
+        (n, c, t, 15, 15).
+    whole : list of Tensor
+        Mean (n c, s) of each frame's whole state, which in contact is larger.
+    gain, rest : list of Tensor
+        What the next state says of this one, (n c, s, s') with s' the next one's size, and the covariance (n c, s, s)
+        that it leaves. The last is that of the last frame.
     windows : Tensor
         Intervals (n, c, 2) in frames.
     unit : Tensor
@@ -97,34 +100,39 @@ class Smoothed:
 
     mean: Tensor
     covariance: Tensor
-    gain: Tensor
-    rest: Tensor
+    whole: list[Tensor]
+    gain: list[Tensor]
+    rest: list[Tensor]
     windows: Tensor
     unit: Tensor
 
     def average(self) -> tuple[Tensor, Tensor]:
-        """Mean (n, t, 4, 5) and covariance (n, t, 20, 20) over the contact intervals: px, rad and frames."""
+        """Mean (n, t, 3, 5) and covariance (n, t, 15, 15) over the contact intervals: px, rad and frames."""
         mean = self.mean.mean(1)
         off = self.mean - mean[:, None]
         spread = (self.covariance + off[..., :, None] * off[..., None, :]).mean(1)
-        scale = self.unit.repeat(1, STATES)[:, None]
-        return (mean * scale).unflatten(-1, (STATES, FREEDOMS)), spread * scale[..., None] * scale[..., None, :]
+        scale = self.unit.repeat(1, STEADY)[:, None]
+        return (mean * scale).unflatten(-1, (STEADY, FREEDOMS)), spread * scale[..., None] * scale[..., None, :]
 
     def draw(self, count: int, seed: int = 0) -> tuple[Tensor, Tensor]:
-        """States (count, n, t, 4, 5) and contact intervals (count, n, 2) as likely as the data leave them."""
-        n, c, t, _ = self.mean.shape
+        """States (count, n, t, 3, 5) and contact intervals (count, n, 2) as likely as the data leave them."""
+        n, c = self.windows.shape[:2]
         generator = torch.Generator().manual_seed(seed)
         rows = torch.arange(n, device=self.mean.device)
         place = (torch.arange(count, device=rows.device) % c)[:, None].expand(-1, n)
-        noise = torch.randn(t, count, n, SIZE, generator=generator, dtype=torch.float64).to(self.mean.device)
-        last, rest = root(self.covariance[:, :, -1]), root(self.rest)
-        states = [self.mean[rows, place, -1] + (last[rows, place] @ noise[-1][..., None])[..., 0]]
-        for i in range(t - 2, -1, -1):
-            above = states[-1] - self.mean[rows, place, i + 1]
-            moved = self.gain[rows, place, i] @ above[..., None] + rest[rows, place, i] @ noise[i][..., None]
-            states.append(self.mean[rows, place, i] + moved[..., 0])
-        drawn = torch.stack(states[::-1], 2) * self.unit.repeat(1, STATES)[:, None]
-        return drawn.unflatten(-1, (STATES, FREEDOMS)), self.windows[rows, place]
+        number = rows * c + place
+        states: list[Tensor] = []
+        for i in range(len(self.whole) - 1, -1, -1):
+            mean, rest = self.whole[i], root(self.rest[i])
+            noise = torch.randn(count, n, mean.shape[-1], 1, generator=generator, dtype=torch.float64).to(rest.device)
+            moved = rest[number] @ noise
+            if states:
+                above = states[-1] - self.whole[i + 1][number]
+                moved = moved + self.gain[i][number] @ above[..., None]
+            states.append(mean[number] + moved[..., 0])
+        drawn = torch.stack([state[..., :FLIGHT] for state in states[::-1]], 2)
+        drawn = drawn * self.unit.repeat(1, STEADY)[:, None]
+        return drawn.unflatten(-1, (STEADY, FREEDOMS)), self.windows[rows, place]
 
 
 def smooth(poses: Poses, contact: Contact) -> Smoothed:
@@ -132,57 +140,66 @@ def smooth(poses: Poses, contact: Contact) -> Smoothed:
     n, c, _ = contact.noise.shape
     moves = _Moves(poses, contact, transitions(poses.times, contact.windows), c)
     means, spreads = _forward(poses, contact, moves, c)
-    smoothed, covariance, gain, rest = _backward(means, spreads, moves)
+    whole, covariance, gain, rest = _backward(means, spreads, moves)
 
     def back(values: list[Tensor]) -> Tensor:
         return torch.stack(values, 1).unflatten(0, (n, c))
 
-    return Smoothed(back(smoothed), back(covariance), back(gain), back(rest), contact.windows, poses.unit)
+    mean = back([value[:, :FLIGHT] for value in whole])
+    return Smoothed(mean, back(covariance), whole, gain, rest, contact.windows, poses.unit)
 
 
 class _Moves:
-    """Matrix, offset and covariance of the transition from frame i to the next, of all n c rows."""
+    """Matrix, offset and covariance of the transition from frame i to the next, of all n c rows.
+
+    Where none of the rows is in contact the states have no jerk and snap: most frames cost a fifth.
+    """
 
     def __init__(self, poses: Poses, contact: Contact, moves: Transitions, c: int) -> None:
         self._step = (poses.step / poses.unit[:, None]).repeat_interleave(c, 0)
         self._turn, self._jacobian = (v.repeat_interleave(c, 0) for v in _turning(poses.step[..., 2:]))
         self._moves, self._c = moves, c
-        scale = contact.noise**2
-        self._contact = (scale * contact.contact).flatten(0, 1)
-        self._flight = (scale * contact.flight).flatten(0, 1)
+        intensity = (contact.noise**2 * contact.contact).flatten(0, 1)
+        smooth = contact.smooth.flatten(0, 1)
+        self._rough = torch.where(smooth, 0.0, intensity)
+        self._smooth = torch.where(smooth, intensity, ABSENT)
+        self._flight = (contact.noise**2 * contact.flight).flatten(0, 1)
         self._drift = (poses.drift / poses.unit[:, None] ** 2).repeat_interleave(c, 0)
+        #: Kinds of state that each frame has: its own if the transition to it touches.
+        self._kinds = [STEADY, *(STATES if touching else STEADY for touching in moves.touching)]
 
     def at(self, i: int) -> tuple[Tensor, Tensor, Tensor]:
-        """Matrix (b, 20, 20), offset (b, 20), covariance (b, 20, 20)."""
-        matrix, idle = self._moves.matrix[:, :, i].flatten(0, 1), self._moves.idle[:, :, i].flatten(0, 1)
-        added = _spread_out(self._moves.contact[:, :, i].flatten(0, 1), self._contact)
-        flight = self._moves.flight[:, :, i].expand(-1, self._c, -1, -1).flatten(0, 1)
-        added = added + _spread_out(flight, self._flight)
-        whole = _spread_out(matrix, torch.ones_like(self._flight))
+        """Matrix (b, s', s), offset (b, s'), covariance (b, s', s'), with s and s' the sizes of both states."""
+        before, after = self._kinds[i : i + 2]
+        block = self._moves.matrix[:, :, i, :after, :before].flatten(0, 1)
+        flight = self._moves.flight[:, :, i, :after, :after].expand(-1, self._c, -1, -1).flatten(0, 1)
+        whole, added = _spread_out(block, torch.ones_like(self._flight)), _spread_out(flight, self._flight)
+        if after > STEADY:
+            for kind, intensity in ((self._moves.rough, self._rough), (self._moves.smooth, self._smooth)):
+                added = added + _spread_out(kind[:, :, i].flatten(0, 1), intensity)
         # The rotation's step is that of a vector, seen from the tangent space at its end.
-        along = torch.eye(SIZE, dtype=whole.dtype, device=whole.device).repeat(len(whole), 1, 1)
+        along = torch.eye(after * FREEDOMS, dtype=whole.dtype, device=whole.device).repeat(len(whole), 1, 1)
         along[:, 2:FREEDOMS, 2:FREEDOMS] = self._jacobian[:, i]
         whole, added = along @ whole, along @ added @ along.mT
         whole[:, 2:FREEDOMS, 2:FREEDOMS] = self._turn[:, i]
         added[:, :FREEDOMS, :FREEDOMS] += torch.diag_embed(self._drift[:, i])
-        later = torch.arange(STEADY * FREEDOMS, SIZE)
-        added[:, later, later] += idle[:, None].to(whole)
-        offset = torch.zeros(len(whole), SIZE, dtype=whole.dtype, device=whole.device)
+        later = torch.arange(FLIGHT, after * FREEDOMS)
+        added[:, later, later] += self._moves.idle[:, :, i].flatten(0, 1)[:, None].to(whole)
+        offset = torch.zeros(len(whole), after * FREEDOMS, dtype=whole.dtype, device=whole.device)
         offset[:, :FREEDOMS] = -self._step[:, i]
         return whole, offset, added
 
 
 def _forward(poses: Poses, contact: Contact, moves: _Moves, c: int) -> tuple[list[Tensor], list[Tensor]]:
-    """Kalman filter: means (b, 20) and covariances (b, 20, 20) of every frame given all frames up to it."""
+    """Kalman filter: means (b, s) and covariances (b, s, s) of every frame given all frames up to it."""
     unit = (poses.unit[:, None] / contact.noise).flatten(0, 1)
     noise = poses.covariance.repeat_interleave(c, 0) / unit[:, None, :, None] / unit[:, None, None, :]
     both = (poses.seen[..., :, None] & poses.seen[..., None, :]).repeat_interleave(c, 0)
     noise = torch.where(both, noise, torch.eye(FREEDOMS, dtype=noise.dtype, device=noise.device))
     seen = poses.seen.to(noise).repeat_interleave(c, 0)
     rows, t = seen.shape[:2]
-    mean = torch.zeros(rows, SIZE, dtype=noise.dtype, device=noise.device)
-    start = [UNKNOWN] * STEADY * FREEDOMS + [1.0] * (STATES - STEADY) * FREEDOMS
-    spread = torch.diag(torch.tensor(start, dtype=noise.dtype, device=noise.device)).repeat(rows, 1, 1)
+    mean = torch.zeros(rows, FLIGHT, dtype=noise.dtype, device=noise.device)
+    spread = UNKNOWN * torch.eye(FLIGHT, dtype=noise.dtype, device=noise.device).repeat(rows, 1, 1)
     unity = torch.eye(SIZE, dtype=noise.dtype, device=noise.device)
     means, spreads = [], []
     for i in range(t):
@@ -190,12 +207,13 @@ def _forward(poses: Poses, contact: Contact, moves: _Moves, c: int) -> tuple[lis
             matrix, offset, added = moves.at(i - 1)
             mean = (matrix @ mean[..., None])[..., 0] + offset
             spread = matrix @ spread @ matrix.mT + added
-        observed = unity[:FREEDOMS] * seen[:, i, :, None]
+        size = mean.shape[-1]
+        observed = unity[:FREEDOMS, :size] * seen[:, i, :, None]
         total = observed @ spread @ observed.mT + noise[:, i]
         gain = torch.linalg.solve(total, observed @ spread).mT
         # The reference goes through the measured pose: what was observed of the difference is 0.
         mean = mean - (gain @ (observed @ mean[..., None]))[..., 0]
-        keep = unity - gain @ observed
+        keep = unity[:size, :size] - gain @ observed
         spread = keep @ spread @ keep.mT + gain @ noise[:, i] @ gain.mT
         means.append(mean)
         spreads.append(spread)
@@ -205,24 +223,25 @@ def _forward(poses: Poses, contact: Contact, moves: _Moves, c: int) -> tuple[lis
 def _backward(
     means: list[Tensor], spreads: list[Tensor], moves: _Moves
 ) -> tuple[list[Tensor], list[Tensor], list[Tensor], list[Tensor]]:
-    """Means and covariances given all frames, gains and remaining covariances."""
+    """Given all frames: means, covariances of pose, rate and acceleration; gains and remaining covariances."""
     mean, spread = means[-1], spreads[-1]
     unity = torch.eye(SIZE, dtype=mean.dtype, device=mean.device)
-    smoothed, covariance = [mean], [spread]
+    smoothed, covariance, rests = [mean], [spread[:, :FLIGHT, :FLIGHT]], [spread]
     gains: list[Tensor] = []
-    rests: list[Tensor] = []
     for i in range(len(means) - 2, -1, -1):
         matrix, offset, added = moves.at(i)
         expected = (matrix @ means[i][..., None])[..., 0] + offset
         ahead = matrix @ spreads[i] @ matrix.mT + added
         gain = _solve(ahead, matrix @ spreads[i]).mT
-        keep = unity - gain @ matrix
+        keep = unity[: gain.shape[1], : gain.shape[1]] - gain @ matrix
         # A sum of squares: a difference of covariances would lose what the unknown start makes large.
         rest = keep @ spreads[i] @ keep.mT + gain @ added @ gain.mT
         mean = means[i] + (gain @ (mean - expected)[..., None])[..., 0]
         spread = rest + gain @ spread @ gain.mT
-        for values, value in zip((smoothed, covariance, gains, rests), (mean, spread, gain, rest), strict=True):
-            values.append(value)
+        smoothed.append(mean)
+        covariance.append(spread[:, :FLIGHT, :FLIGHT])
+        gains.append(gain)
+        rests.append(rest)
     return smoothed[::-1], covariance[::-1], gains[::-1], rests[::-1]
 
 
@@ -241,9 +260,9 @@ def root(covariance: Tensor) -> Tensor:
 
 
 def _spread_out(block: Tensor, factor: Tensor) -> Tensor:
-    """Kronecker product (b, 20, 20) of (b, 4, 4) and the diagonal (b, 5)."""
+    """Kronecker product (b, 5 r, 5 s) of (b, r, s) and the diagonal (b, 5)."""
     product = block[:, :, None, :, None] * torch.diag_embed(factor)[:, None, :, None, :]
-    return product.reshape(len(block), SIZE, SIZE)
+    return product.flatten(3, 4).flatten(1, 2)
 
 
 def _turning(step: Tensor) -> tuple[Tensor, Tensor]:

@@ -1,0 +1,56 @@
+"""Which process the data choose for a force of known shape, in each degree of freedom."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+
+from torchsphere import contact
+from torchsphere.likelihood import Series
+
+FRAMES, START, LENGTH = 80, 20.3, 40.0
+
+#: Largest acceleration, noise standard deviations per frame^2: 29 kN on 110 g at 50 kfps, seen to 7.5 um.
+TOP = 14.0
+
+
+def half_sine(share: np.ndarray) -> np.ndarray:
+    return np.sin(np.pi * share)
+
+
+def triangle(share: np.ndarray) -> np.ndarray:
+    return 1 - np.abs(2 * share - 1)
+
+
+def moved(shape: Callable[[np.ndarray], np.ndarray], seed: int) -> np.ndarray:
+    """Positions (t,) of what a force of that shape moves, in units of their noise."""
+    fine = (np.arange(FRAMES * 100) + 0.5) / 100
+    share = (fine - START) / LENGTH
+    acceleration = np.where((share > 0) & (share < 1), TOP * shape(np.clip(share, 0, 1)), 0.0)
+    # Each hundredth of a frame adds its own step: right to 1e-3 of the noise.
+    position = (np.cumsum(acceleration) / 100).cumsum() / 100
+    return np.concatenate(([0.0], position))[::100][:FRAMES] + np.random.default_rng(seed).normal(size=FRAMES)
+
+
+def share_smooth(*shapes: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    value = torch.from_numpy(np.stack([moved(shape, seed) for seed, shape in enumerate(shapes)]))[None]
+    own = Series(
+        times=torch.arange(float(FRAMES), dtype=torch.float64)[None],
+        value=value,
+        variance=torch.ones_like(value),
+        drift=torch.zeros_like(value[..., 1:]),
+        seen=torch.ones_like(value, dtype=torch.bool),
+    )
+    found = contact.find(own)
+    assert bool(found.found[0])
+    return np.asarray(found.smooth[0].double().mean(0))
+
+
+@pytest.mark.parametrize(("shape", "smooth"), [(half_sine, 1.0), (triangle, 0.0)])
+def test_a_half_sine_is_found_smooth_and_a_triangle_rough(shape: Callable, smooth: float) -> None:
+    np.testing.assert_allclose(share_smooth(shape, shape), smooth, atol=0.1)
+
+
+def test_a_rough_force_is_not_taken_for_smooth_because_that_beside_it_is() -> None:
+    assert share_smooth(triangle, half_sine, half_sine, half_sine)[0] < 0.1
