@@ -110,6 +110,15 @@ def test_the_radius_uncertainty_enters_scale_velocity_and_spin(falling: ts.Track
     assert added == pytest.approx(0.21, rel=1e-6)
 
 
+def test_what_the_radius_does_may_change_along_a_flight_by_its_own_size(falling: ts.Track) -> None:
+    exact = ts.kinematics(falling, frame_rate=1000.0, m_per_px=5e-4)
+    circle = dataclasses.replace(falling.circle, sd_radius=0.2)
+    motion = ts.kinematics(dataclasses.replace(falling, circle=circle), frame_rate=1000.0, m_per_px=5e-4)
+    added = np.sqrt(motion.sd_angular_acceleration_rad_s2[4, 2] ** 2 - exact.sd_angular_acceleration_rad_s2[4, 2] ** 2)
+    # 2.1 % of a spin of 10 rad/s, in 8 ms.
+    assert added == pytest.approx(0.21 / 8e-3, rel=1e-5)
+
+
 @pytest.mark.parametrize("given", [{"diameter_m": 0.02}, {"m_per_px": 5e-4}])
 def test_an_uncertain_length_widens_velocity_and_force_by_its_share(falling: ts.Track, given: dict) -> None:
     exact = ts.kinematics(falling, frame_rate=1000.0, mass_kg=0.1, **given)

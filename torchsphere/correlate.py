@@ -21,7 +21,7 @@ import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere import covariance, criterion, crop, interpolate, misfit, motion, robust, turning
+from torchsphere import covariance, criterion, crop, interpolate, light, misfit, motion, robust, turning
 from torchsphere.inputs import as_images, as_mask, as_rows, check_circle
 from torchsphere.motion import Displacement
 from torchsphere.newton import (
@@ -324,25 +324,42 @@ def solve(pairs: Pairs, near: Tensor, options: Options, start: Tensor | None = N
     return found.replaced(rows, _solve(pairs.take(rows), better, start[rows], exactly))
 
 
-def _solve(pairs: Pairs, near: Tensor, start: Tensor, options: Options, again_from: float = math.inf) -> Correlation:
-    """`solve` with one model for all rows; those that turn by ``again_from``, rad, or more are to be solved again."""
+def _solve(
+    pairs: Pairs, near: Tensor, start: Tensor, options: Options, again_from: float = math.inf, *, uneven: bool = False
+) -> Correlation:
+    """`solve` with one model for all rows; those that turn by ``again_from``, rad, or more are to be solved again.
+
+    With ``uneven``, light that changes unevenly over the ball is allowed for; rows that show it are solved so by
+    themselves.
+    """
     model = motion.MODELS[options.model]
     reference, first = _reference(pairs, near, model, options)
+    reference = dataclasses.replace(reference, uneven_light=uneven)
     c_g, shift = pairs.g.c, pairs.shift
     how = How(options.max_iterations, options.tolerance_px, options.jacobian == "autograd")
     solution = gauss_newton(reference, c_g, shift, first, model, how)
     visible = (solution.weights > 0).sum(-1)
+    lit = light.is_uneven(reference, solution, model)
     # Judging takes a few steps of its own.
     if options.robust and model in (motion.rigid, *motion.EXACT) and options.max_iterations > robust.STEPS:
         doubt = ~solution.converged | robust.doubtful(reference, solution, model, options.pre_blur)
         # What is not explained of a large turn so far is no occluder.
         turned = solution.q[:, 2:5].norm(dim=-1) >= again_from
         doubt = doubt & ~(solution.converged & turned)
+        if not uneven:
+            # What looks like an occluder may be light; only what that does not explain is left out.
+            lit = lit | (doubt & light.judgeable(solution, model))
+            doubt = doubt & ~lit
         guesses = (first, _as_unknowns(start, model))
         reference, solution = robust.reconsider(
             reference, c_g, shift, guesses, solution, doubt, model, how, options.pre_blur
         )
-    return _conclude(reference, solution, visible, model, options)
+    found = _conclude(reference, solution, visible, model, options)
+    rows = torch.nonzero(lit)[:, 0]
+    if len(rows) == 0:
+        return found
+    again = _solve(pairs.take(rows), solution.q[rows], start[rows], options, again_from, uneven=True)
+    return found.replaced(rows, dataclasses.replace(again, iterations=again.iterations + found.iterations[rows]))
 
 
 def _reference(
@@ -432,8 +449,9 @@ def _conclude(
     ``visible`` (n,) is the number of points in sight, whether they agree or not.
     """
     q, iterations, converged, warped, weights, jacobian, factor = solution
-    difference = criterion.residual(reference.values, warped, weights)
     coefficient = criterion.zncc(reference.values, warped, weights)
+    warped = light.relit(reference, warped, weights, model)
+    difference = criterion.residual(reference.values, warped, weights)
     gram = criterion.operator(jacobian, weights)
     spread = covariance.increment_covariance(reference, difference, weights, q, model, gram, options.pre_blur)
     wider = misfit.inflation(reference, jacobian, factor, difference, weights, spread)

@@ -30,7 +30,7 @@ def zncc(values: Tensor, warped: Tensor, weights: Tensor) -> Tensor:
     return torch.where(power > 1e-9, torch.linalg.vecdot(f, g) / power.clamp_min(1e-9), 0.0)
 
 
-def nuisances(values: Tensor, weights: Tensor, normals: Tensor | None = None) -> Tensor:
+def nuisances(values: Tensor, weights: Tensor, normals: Tensor | None = None, blurred: Tensor | None = None) -> Tensor:
     """What may change besides the motion (n, m, p): offset, gain of the image ``values`` (n, p), and the light.
 
     Parameters
@@ -43,10 +43,43 @@ def nuisances(values: Tensor, weights: Tensor, normals: Tensor | None = None) ->
         and places of distant lamps. Without it, three spots made a spin 2.3 % too large and shifted the ball by 0.005
         px per frame; with it 0.5 % and 0.001 px. (The pattern times the normal would hold the pattern's part of the
         change, too; measured on balls in flat light it costs a bias of 0.001 px per frame, more than it mends.)
+    blurred : Tensor, optional
+        For light that changes unevenly (pairs that `light.is_uneven` picks out): spherical harmonics of the normal up
+        to the third order, alone and times the image, take the normal's place. The irradiance of a sphere is smooth
+        (Ramamoorthi and Hanrahan, J. Opt. Soc. Am. A 18 (2001) 2448, doi:10.1364/JOSAA.18.002448), and it multiplies
+        the pattern before both are blurred, which shifts the pattern towards the light: `blurred` (n, 3, p) is the
+        change of the normal along the image's gradient times the variance of the blur. Without it, light that falls by
+        a tenth at one limb moved the ball by 0.002 px.
     """
     image = centred(values, weights)[:, None]
-    known = (torch.ones_like(image), image)
-    return torch.cat(known if normals is None else (*known, normals), 1)
+    if normals is None or blurred is None:
+        known = (torch.ones_like(image), image)
+        return torch.cat(known if normals is None else (*known, normals), 1)
+    # Of the size of the others: the operator of all is regularised as a whole.
+    size = (_power(image[:, 0], weights) / weights.sum(-1, keepdim=True).clamp_min(1)).sqrt().clamp_min(1e-6)[:, None]
+    light, changes = harmonics(normals, blurred)
+    return torch.cat((torch.ones_like(image), image / size, light, (image * light + changes) / size), 1)
+
+
+def harmonics(normals: Tensor, change: Tensor) -> tuple[Tensor, Tensor]:
+    """Spherical harmonics (n, 15, p) of the orders 1 to 3 of unit vectors (n, 3, p), up to factors, and their changes.
+
+    The latter to first order in the ``change`` (n, 3, p) of the vectors.
+    """
+    (x, y, z), (a, b, c) = normals.unbind(1), change.unbind(1)
+    along, across, both = 5 * z * z - 1, x * x - y * y, x * y
+    turned = 2 * (x * a - y * b)
+    values = (
+        *(x, y, z, both, x * z, y * z, across, 3 * z * z - 1),
+        *(x * along, y * along, z * (along - 2), z * across, both * z),
+        *(x * (across - 2 * y * y), y * (across + 2 * x * x)),
+    )
+    changes = (
+        *(a, b, c, a * y + b * x, a * z + c * x, b * z + c * y, turned, 6 * z * c),
+        *(a * along + 10 * x * z * c, b * along + 10 * y * z * c, 3 * c * along, c * across + z * turned),
+        *(z * (a * y + b * x) + c * both, 3 * (a * across - 2 * b * both), 3 * (b * across + 2 * a * both)),
+    )
+    return torch.stack(values, 1), torch.stack(changes, 1)
 
 
 def project(slopes: Tensor, nuisance: Tensor, weights: Tensor) -> Tensor:

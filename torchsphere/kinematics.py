@@ -256,8 +256,9 @@ def _in_si(
     velocity, spin = to_si.rates(motion.rate)
     acceleration, angular = to_si.rates(motion.acceleration, 2)
     sd_velocity, sd_spin = map(np.abs, to_si.rates(shared.sd(motion.rate, np.hypot(motion.sd_rate, shared.steady))))
-    changing = shared.steady_change(time_s * frame_rate, None if motion.interval is None else motion.interval[0])
-    own_acceleration = shared.sd(motion.acceleration, np.hypot(motion.sd_acceleration, changing))
+    contact = None if motion.interval is None else motion.interval[0]
+    changing = shared.steady_change(time_s * frame_rate, contact, motion.rate)
+    own_acceleration = shared.sd(motion.acceleration, np.hypot(motion.sd_acceleration, changing), motion.rate[:, 4])
     sd_acceleration, sd_angular = map(np.abs, to_si.rates(own_acceleration, 2))
     position = (_filled(track.position) + motion.offset) * scale.m_per_px * axes[:2]
     sd_circle = np.nan_to_num([track.circle.sd_x, track.circle.sd_y])

@@ -105,14 +105,18 @@ def inflation(
     model of the residual (the sandwich of Huber and White). Each mode has its own factor, since a misfit of a part of
     the ball weighs on some of them; what the blocks' number leaves open (`SCATTER`) does not count.
     """
-    size = math.ceil(max(LEAST_BLOCK, BLOCK * float(reference.geometry.radius.mean())) / reference.spacing)
-    # Sums over blocks: over their rows, then over their columns.
-    belongs = F.one_hot(torch.arange(reference.side) // size).to(jacobian)
-    maps = spread_out(reference, jacobian * (weights * difference)[:, None])
-    scores = (belongs.T @ maps @ belongs).flatten(2)
+    scores = block_sums(reference, jacobian * (weights * difference)[:, None])
     scatter = (scores @ scores.mT).double()
     inverse = torch.cholesky_inverse(factor)
     unit = scale(reference, stated.shape[-1]).double()
     found = (inverse @ scatter @ inverse).diagonal(dim1=-2, dim2=-1) / unit.square()
     ratio = found / stated.diagonal(dim1=-2, dim2=-1) / SCATTER
     return ratio.nan_to_num(1.0, 1.0, 1.0).clamp_min(1.0).sqrt()
+
+
+def block_sums(reference: Reference, values: Tensor) -> Tensor:
+    """Sums (n, c, b) of the points' values (n, c, p) over the blocks."""
+    size = math.ceil(max(LEAST_BLOCK, BLOCK * float(reference.geometry.radius.mean())) / reference.spacing)
+    # Over their rows, then over their columns.
+    belongs = F.one_hot(torch.arange(reference.side) // size).to(values)
+    return (belongs.T @ spread_out(reference, values) @ belongs).flatten(2)

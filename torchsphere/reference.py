@@ -94,6 +94,10 @@ class Reference:
         Points along a side of that grid.
     spacing : float
         Distance of its points, px.
+    pre_blur : float
+        Standard deviation of the blur that the values have been through, px.
+    uneven_light : bool
+        Allow for light that changes unevenly over the ball, see `criterion.nuisances`.
     """
 
     points: Tensor
@@ -107,6 +111,8 @@ class Reference:
     places: Tensor
     side: int
     spacing: float
+    pre_blur: float
+    uneven_light: bool = False
 
     def take(self, rows: Tensor) -> Reference:
         """The given rows (m,) alone."""
@@ -197,6 +203,7 @@ def build_reference(
         places=places.to(c.device),
         side=side,
         spacing=spacing,
+        pre_blur=pre_blur,
     )
 
 
@@ -242,4 +249,9 @@ def nuisances(reference: Reference, model: Displacement, weights: Tensor) -> Ten
     """
     turns = model in (*IN_CLOSED_FORM, *motion.EXACT)
     normals = reference.surface / reference.geometry.radius[:, None, None] if turns else None
-    return criterion.nuisances(reference.values, weights, normals)
+    if normals is None or not reference.uneven_light:
+        return criterion.nuisances(reference.values, weights, normals)
+    along = reference.pre_blur**2 * reference.gradient / reference.geometry.radius[:, None, None]
+    # Along the surface: the normal stays of unit length. The limb itself has no gradient to follow.
+    inwards = (normals[:, :2] * along).sum(1, keepdim=True) / -normals[:, 2:].clamp_max(-0.1)
+    return criterion.nuisances(reference.values, weights, normals, torch.cat((along, inwards), 1))

@@ -13,7 +13,7 @@ import dataclasses
 import torch
 from torch import Tensor
 
-from torchsphere import criterion, interpolate, misfit, motion, turning
+from torchsphere import criterion, interpolate, light, misfit, motion, turning
 from torchsphere.motion import Displacement
 from torchsphere.newton import How, Solution, gauss_newton, operator, warp
 from torchsphere.reference import IN_CLOSED_FORM, Reference
@@ -120,7 +120,7 @@ def by_view(reference: Reference, q: Tensor, model: Displacement) -> Reference:
 
 def doubtful(reference: Reference, solution: Solution, model: Displacement, pre_blur: float) -> Tensor:
     """True (n,) where a part of the pair is not explained by the motion of the whole that was found."""
-    warped, weights = solution.warped, solution.weights
+    warped, weights = light.relit(reference, solution.warped, solution.weights, model), solution.weights
     right = weights * is_ball(reference, warped, weights, weights, solution.q, model, pre_blur)
     return ((weights - right) > 0).sum(-1) > DOUBT * weights.sum(-1)
 

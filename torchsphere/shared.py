@@ -35,41 +35,67 @@ class Shared:
         By the radius, px per frame for each rad per frame of rotation.
     rotation : float
         Of all rotations by the radius, relative.
+    centre : ndarray
+        Of the point that is followed from the ball's centre (2,), px. It turns with the ball about z.
     """
 
     steady: Array
     scale: float
     step: float
     rotation: float
+    centre: Array
 
     @staticmethod
     def of(track: Track, scale: Scale) -> Shared:
         """What the frames of a track share; a circle without an uncertainty adds none, and the summary says so."""
         sd_radius = float(np.nan_to_num(track.circle.sd_radius))
+        sd_centre = np.nan_to_num([track.circle.sd_x, track.circle.sd_y])
+        # Steps that are off alike lead away from the centre; on average over the recording half of the way. A map keeps
+        # to it, and so does a ball that stays in its place.
+        kept = track.settings.get("in_place") or track.settings.get("sphere_map", {}).get("used")
+        strayed = 0.0 if kept else track.sd_steady[:2] * len(track.increment) / 2
         return Shared(
             steady=track.sd_steady,
             scale=scale.sd_m_per_px / scale.m_per_px,
             step=STEP_PER_RADIUS * sd_radius,
             rotation=ROTATION_PER_RADIUS * sd_radius / track.circle.radius,
+            centre=np.hypot(sd_centre, strayed),
         )
 
-    def sd(self, values: Array, own: Array) -> Array:
-        """Standard deviations (n, 5) of rates or accelerations, with what each has of its ``own``."""
-        # The error of a step goes with the rotation: that of x with the one about y.
-        of_radius = self.step * np.nan_to_num(values[:, [3, 2]])
-        steps = np.hypot(np.hypot(own[:, :2], of_radius), self.scale * values[:, :2])
-        return np.concatenate((steps, np.hypot(own[:, 2:], self.rotation * values[:, 2:])), 1)
+    def sd(self, values: Array, own: Array, spin: Array | None = None) -> Array:
+        """Standard deviations (n, 5) of rates or accelerations, with what each has of its ``own``.
 
-    def steady_change(self, frames: Array, contact: Array | None) -> Array:
+        ``spin`` (n,) is that about z, for accelerations.
+        """
+        # A point off the centre goes round it.
+        of_centre = np.abs(values[:, 4:]) * self.centre[::-1]
+        if spin is not None:
+            of_centre = np.hypot(of_centre, spin[:, None] ** 2 * self.centre)
+        of_scale = self.scale * values[:, :2]
+        found = np.hypot(own, self._of_radius(values))
+        found[:, :2] = np.hypot(np.hypot(found[:, :2], np.nan_to_num(of_centre)), of_scale)
+        return found
+
+    def _of_radius(self, values: Array) -> Array:
+        """Standard deviations (n, 5) of rates or accelerations by the radius alone."""
+        # The error of a step goes with the rotation: that of x with the one about y.
+        size = np.abs(np.nan_to_num(values))
+        return np.concatenate((self.step * size[:, [3, 2]], self.rotation * size[:, 2:]), 1)
+
+    def steady_change(self, frames: Array, contact: Array | None, rate: Array) -> Array:
         """Standard deviation (n, 5) of the steady error's change per frame, at the times ``frames`` (n,).
 
-        Along a flight it may change by its own size; in the contact, start and end (2,) in frames, it becomes another.
+        Along a flight it may change by its own size, and so may what the radius does at the ``rate`` (n, 5): both come
+        from the texture at the limb, which is another one after a while. (Radii off by 0.5 of 40 px moved the steps of
+        two rendered flights by 0.003 to 0.009 px, and by 0.006 px more at the end than at the beginning.) In the
+        contact, start and end (2,) in frames, the steady error becomes another.
         """
         begin, stop = frames[[0, -1]]
         start, end = (stop, stop) if contact is None else contact
         lengths = np.maximum([start - begin, (end - start) / np.sqrt(2), stop - end], 1.0)
-        part = (frames > start).astype(int) + (frames >= end)
-        return self.steady / lengths[np.where(start < end, part, 0)][:, None]
+        part = np.where(start < end, (frames > start).astype(int) + (frames >= end), 0)
+        in_flight = (part != 1)[:, None] * self._of_radius(rate)
+        return np.hypot(self.steady, in_flight) / lengths[part][:, None]
 
     def draw(self, rate: Array, acceleration: Array, frames: Array, edges: Array) -> tuple[Array, Array]:
         """Drawn rates and accelerations (s, n, 5), each with a scale, a radius and steady errors of its own.
@@ -82,11 +108,15 @@ class Shared:
         length = np.maximum(edges[:, 1:] - edges[:, :1], 1e-9)
         after = np.nan_to_num(np.clip((frames - edges[:, :1]) / length, 0, 1))[..., None]
         scale, step, rotation = generator.normal(size=(3, len(rate), 1, 1))
+        centre = self.centre * generator.normal(size=(len(rate), 1, 2))
+        across = centre[..., ::-1] * [-1, 1]
 
         def disturbed(values: Array) -> Array:
             of_radius = self.step * step * np.nan_to_num(values[..., [3, 2]])
-            moved = (values[..., :2] + of_radius) * (1 + self.scale * scale)
+            of_centre = across * np.nan_to_num(values[..., 4:])
+            moved = (values[..., :2] + of_radius + of_centre) * (1 + self.scale * scale)
             return np.concatenate((moved, values[..., 2:] * (1 + self.rotation * rotation)), -1)
 
         becoming = (steady[1] - steady[0]) / length[..., None] * ((after > 0) & (after < 1))
+        becoming[..., :2] -= centre * np.nan_to_num(rate[..., 4:]) ** 2
         return disturbed(rate + steady[0] * (1 - after) + steady[1] * after), disturbed(acceleration + becoming)

@@ -23,7 +23,7 @@ from torchsphere.inputs import as_mask, check_circle
 from torchsphere.joint import ALONE, Solver, together
 from torchsphere.perspective import sphere_of_outline
 from torchsphere.source import Source
-from torchsphere.steady import sd_steady
+from torchsphere.steady import fineness, sd_steady
 
 #: Change of the radius by the map, as a share of it, after which frames that were not measured are tried again.
 WRONG_RADIUS = 0.004
@@ -161,6 +161,7 @@ def track(
         first = dataclasses.replace(motion.circle, frame=first.frame)
         measured = followed(first)
         motion = drift.bound(source, measured, first, mask, asked, settings.model)
+    fine = fineness(source.images(first.frame, first.frame + 1)[0], motion.circle, mask)
     used = dataclasses.asdict(settings) | {
         "circle_given": circle is not None,
         "circle_refined": circle is None or refine,
@@ -180,7 +181,7 @@ def track(
         status=measured.status,
         radius=measured.size * (motion.circle.radius / first.radius),
         sd_growth=measured.sd_growth,
-        sd_steady=sd_steady(motion.covariance, motion.about_map["used"]),
+        sd_steady=sd_steady(motion.increment, motion.circle.radius, fine, on_map=motion.about_map["used"]),
         circle=motion.circle,
         settings=used,
     )

@@ -183,7 +183,7 @@ def _track(poses: Array, covariance: Array, setup: Setup, seed: int) -> Track:
         status=np.full(n, "ok"),
         radius=np.full(n, setup.radius_px),
         sd_growth=np.zeros(n - 1),
-        sd_steady=sd_steady(covariance[None], on_map=False),
+        sd_steady=sd_steady(increment, setup.radius_px, on_map=False),
         circle=Circle(0.0, 0.0, setup.radius_px),
         settings={},
     )

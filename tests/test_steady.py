@@ -1,0 +1,100 @@
+"""What all steps of a flight are off by alike: what it depends on, and that it is as large as stated."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from shots import noisy, pair, speckle
+
+import torchsphere as ts
+from torchsphere import steady
+
+
+def steps(*step: float) -> np.ndarray:
+    return np.tile(np.array(step, dtype=float), (20, 1))
+
+
+def test_a_whole_number_of_pixels_aliases_nothing_and_a_quarter_most() -> None:
+    whole, quarter = (steady.sd_steady(steps(d, 3.0, 0.0, 0.0, 0.0), 50.0, on_map=False) for d in (2.0, 2.25))
+    np.testing.assert_allclose(whole[:2], 0.0007, rtol=1e-6)
+    assert quarter[0] == pytest.approx(np.hypot(0.0015, 0.0007), rel=1e-6)
+    # x and the rotation about y go together; y and the rotation about x do not know of it.
+    np.testing.assert_allclose(quarter[[1, 2, 4]], whole[[1, 2, 4]], rtol=1e-12)
+    assert quarter[3] == pytest.approx(quarter[0] / 50.0, rel=1e-12)
+
+
+def test_a_turn_counts_with_the_square_of_the_fineness_and_up_to_a_degree() -> None:
+    def of_turn(degrees: float, fine: float) -> float:
+        sd = steady.sd_steady(steps(0, 0, 0, np.radians(degrees), 0), 50.0, fine, on_map=False)
+        return float(np.sqrt(sd[0] ** 2 - 0.0007**2))
+
+    assert of_turn(0.5, 0.4) == pytest.approx(0.5 * 0.029 * 0.16, rel=1e-6)
+    assert of_turn(0.5, 0.2) == pytest.approx(of_turn(0.5, 0.4) / 4, rel=1e-6)
+    assert of_turn(3.0, 0.4) == pytest.approx(2 * of_turn(0.5, 0.4), rel=1e-6)
+
+
+def test_steps_that_were_not_measured_do_not_count() -> None:
+    some = steps(0.25, 0.1, 0.001, 0.002, 0.0)
+    gaps = np.concatenate((some, np.full((7, 5), np.nan)))
+    expected = steady.sd_steady(some, 40.0, on_map=False)
+    np.testing.assert_allclose(steady.sd_steady(gaps, 40.0, on_map=False), expected, rtol=1e-12)
+    assert np.isfinite(steady.sd_steady(gaps[-7:], 40.0, on_map=False)).all()
+
+
+def test_the_fineness_is_that_of_the_texture_whatever_the_light_and_the_noise() -> None:
+    f, _, (x, y, radius) = pair((0, 0, 0, 0, 0))
+    circle = ts.Circle(x, y, radius)
+    fine = steady.fineness(f, circle)
+    assert steady.fineness(0.5 * f + 20, circle) == pytest.approx(fine, rel=1e-9)
+    assert steady.fineness(noisy(f, 4.0, 1), circle) == pytest.approx(fine, rel=0.03)
+    # The same speckle half as large is four times as fine, but for what the pre-blur takes away of it.
+    f, _, (x, y, radius) = pair((0, 0, 0, 0, 0), radius=25.0, pattern=speckle(0, 50.0), centre=(40.1, 39.7))
+    assert steady.fineness(f, ts.Circle(x, y, radius)) > 1.5 * fine
+
+
+def test_a_plain_ball_has_a_fineness_within_bounds() -> None:
+    assert 0 <= steady.fineness(torch.full((100, 100), 90.0), ts.Circle(50.0, 50.0, 30.0)) <= steady.FINEST
+
+
+@pytest.mark.parametrize("step", [(0.25, 0.4), (0.7, 0.15)])
+def test_steps_at_the_same_place_between_pixels_err_alike_and_no_more_than_stated(step: tuple[float, float]) -> None:
+    found = []
+    for seed in range(4):
+        f, g, circle = pair((*step, 0.0, 0.0, 0.0), seed=seed)
+        found.append(ts.correlate(f, g, circle).q[0].numpy())
+    stated = steady.sd_steady(steps(*step, 0, 0, 0), 50.0, steady.fineness(f, ts.Circle(*circle)), on_map=False)
+    error = np.mean(found, 0) - [*step, 0, 0, 0]
+    assert (np.abs(error) < 3 * stated).all()
+
+
+def test_a_point_off_the_centre_goes_round_it_with_the_spin_about_z() -> None:
+    n = 20
+    circle = ts.Circle(50.0, 40.0, 20.0, 0.3, 0.4, 0.0)
+    increment = np.tile([2.0, 0.0, 0.0, 0.0, 0.05], (n - 1, 1))
+    turn = 0.05 * np.arange(n)
+    orientation = np.zeros((n, 3, 3))
+    orientation[:, 2, 2] = 1.0
+    orientation[:, :2, :2] = np.moveaxis(np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]), 2, 0)
+    track = ts.Track(
+        position=np.stack((50.0 + 2.0 * np.arange(n), np.full(n, 40.0)), 1),
+        increment=increment,
+        covariance=np.tile(np.diag([1e-4, 1e-4, 1e-8, 1e-8, 1e-8]), (n - 1, 1, 1)),
+        orientation=orientation,
+        zncc=np.ones(n),
+        iterations=np.ones(n, dtype=np.int64),
+        status=np.full(n, "ok"),
+        radius=np.full(n, 20.0),
+        sd_growth=np.zeros(n - 1),
+        sd_steady=np.zeros(5),
+        circle=circle,
+        settings={},
+    )
+    exact = dataclasses.replace(track, circle=ts.Circle(50.0, 40.0, 20.0, 0.0, 0.0, 0.0))
+    wide, own = (ts.kinematics(t, frame_rate=1.0, m_per_px=1.0) for t in (track, exact))
+    added = np.sqrt(wide.sd_velocity_m_s[9] ** 2 - own.sd_velocity_m_s[9] ** 2)
+    # 0.05 rad per frame times what the centre is off by in the other direction.
+    np.testing.assert_allclose(added, [0.05 * 0.4, 0.05 * 0.3], rtol=1e-6)
+    # And towards the centre, the square of it.
+    added = np.sqrt(wide.sd_acceleration_m_s2[9] ** 2 - own.sd_acceleration_m_s2[9] ** 2)
+    np.testing.assert_allclose(added, [0.0025 * 0.3, 0.0025 * 0.4], rtol=1e-4)
