@@ -25,6 +25,9 @@ from torchsphere.track import Track
 
 INCREMENTS = ("dx_px", "dy_px", "wx_rad", "wy_rad", "wz_rad")
 
+#: Rows of a table that are put into words at once.
+CSV_ROWS = 1000
+
 TRACK_COLUMNS = (
     *("frame", "time_s", "status", "x_px", "y_px", "radius_px"),
     *INCREMENTS,
@@ -97,9 +100,7 @@ def write_track(folder: Path, track: Track, frame_rate: float | None, first_fram
             strict=True,
         )
     )
-    times = [""] * n if frame_rate is None else list(_numbers(columns["time_s"]))
-    texts = {name: list(_numbers(column)) for name, column in columns.items()} | {"time_s": times}
-    _write_csv(folder / "track.csv", texts)
+    _write_csv(folder / "track.csv", columns if frame_rate is not None else columns | {"time_s": np.full(n, "")})
     covariance = np.concatenate((np.full((1, 25), np.nan), track.covariance.reshape(-1, 25)))
     table = {
         name: pa.array(column.tolist() if column.dtype.kind == "U" else column) for name, column in columns.items()
@@ -121,7 +122,7 @@ def write_kinematics(folder: Path, motion: Kinematics) -> None:
     columns = {"time_s": motion.time_s}
     columns |= {name: value[:, k] for names, value, _ in vectors for k, name in enumerate(names)}
     columns |= {f"sd_{name}": sd[:, k] for names, _, sd in vectors for k, name in enumerate(names)}
-    _write_csv(folder / "kinematics.csv", {name: list(_numbers(column)) for name, column in columns.items()})
+    _write_csv(folder / "kinematics.csv", columns)
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
@@ -152,11 +153,15 @@ def _numbers(column: NDArray[Any]) -> Iterable[str]:
     return (format(value, ".10g") for value in column.tolist())
 
 
-def _write_csv(path: Path, columns: dict[str, list[str]]) -> None:
+def _write_csv(path: Path, columns: dict[str, NDArray[Any]]) -> None:
+    n = len(next(iter(columns.values())))
     with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         writer.writerow(columns)
-        writer.writerows(zip(*columns.values(), strict=True))
+        for start in range(0, n, CSV_ROWS):
+            # A text takes ten times the memory of its number: never all of a long recording at once.
+            block = [_numbers(column[start : start + CSV_ROWS]) for column in columns.values()]
+            writer.writerows(zip(*block, strict=True))
 
 
 def _jsonable(value: Any) -> Any:

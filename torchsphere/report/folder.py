@@ -154,7 +154,8 @@ def read(path: Path) -> ResultFolder:
 
 def _columns(path: Path, texts: tuple[str, ...] = ()) -> dict[str, NDArray[Any]]:
     """Columns by name: strings where named in ``texts``, otherwise float64 with NaN where a cell is empty."""
-    head = path.read_text(encoding="utf-8").split("\n", 1)[0].strip().split(",")
+    with path.open(encoding="utf-8") as stream:
+        head = stream.readline().strip().split(",")
     types = {name: pa.string() if name in texts else pa.float64() for name in head}
     table = csv.read_csv(path, convert_options=csv.ConvertOptions(column_types=types))
     return {name: table[name].to_numpy(zero_copy_only=False) for name in head}
