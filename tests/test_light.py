@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import torch
-from shots import noisy, pair
+from shots import noisy, pair, shot
 
-from torchsphere import correlate, criterion, light
+from torchsphere import correlate, criterion, light, track
 
 MOTION = (0.3, 0.2, 0.1, 0.25, 0.1)
 PATTERNS = range(4)
@@ -74,3 +74,23 @@ def test_the_changes_of_the_harmonics_are_their_derivative() -> None:
     ahead, back = (criterion.harmonics(normals + s * step * change, change)[0] for s in (1, -1))
     expected = criterion.harmonics(normals, change)[1]
     torch.testing.assert_close((ahead - back) / (2 * step), expected, atol=1e-7, rtol=1e-7)
+
+
+def test_near_a_target_the_steps_are_kept_unless_a_map_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    # A map would be made of any ball that turns, and says that it was called for.
+    monkeypatch.setattr("torchsphere.drift.MAP_FROM", 0.0)
+    monkeypatch.setattr("torchsphere.drift.mapped.poses_on_map", lambda *_: "called for")
+    film = shot(n=9, noise=1.0)
+    columns = torch.arange(film.images.shape[-1], dtype=torch.float64)
+    across = ((columns - film.centres[:, :1]) / film.radius).clamp(0, 1)
+    deepening = 1 - 0.08 * torch.arange(9)[:, None] * across**3
+    near = film.images * deepening[:, None].to(film.images)
+
+    def reason(images: torch.Tensor, sphere_map: bool | None) -> str:
+        about = track(images, film.circle, sphere_map=sphere_map).settings["sphere_map"]
+        assert not about["used"]
+        return str(about["reason"])
+
+    assert reason(film.images, None) == "called for"
+    assert reason(near, None).startswith("not made: something near the ball takes light from one side of it in ")
+    assert reason(near, True) == "called for"

@@ -130,6 +130,8 @@ class Correlation:
     growth, sd_growth : Tensor
         Relative change (n,) of the ball's size in the image and its standard deviation; 0 with models that do not know
         it, NaN like `q`.
+    uneven_light : Tensor
+        (n,), True where light that changes unevenly over the ball was allowed for: see `torchsphere.light`.
     status : ndarray
         Strings (n,), each one of `STATUSES`.
     """
@@ -140,6 +142,7 @@ class Correlation:
     iterations: Tensor
     growth: Tensor
     sd_growth: Tensor
+    uneven_light: Tensor
     status: NDArray[np.str_]
 
     @property
@@ -150,13 +153,13 @@ class Correlation:
     @classmethod
     def joined(cls, parts: Sequence[Correlation]) -> Correlation:
         """The rows of all parts, one after the other."""
-        names = ("q", "covariance", "zncc", "iterations", "growth", "sd_growth")
+        names = ("q", "covariance", "zncc", "iterations", "growth", "sd_growth", "uneven_light")
         fields = {name: torch.cat([getattr(part, name) for part in parts]) for name in names}
         return cls(status=np.concatenate([part.status for part in parts]), **fields)
 
     def split(self, sizes: Sequence[int]) -> list[Correlation]:
         """Parts of so many rows each, one after the other."""
-        names = ("q", "covariance", "zncc", "iterations", "growth", "sd_growth")
+        names = ("q", "covariance", "zncc", "iterations", "growth", "sd_growth", "uneven_light")
         fields = [getattr(self, name).split(sizes) for name in names]
         status = np.split(self.status, np.cumsum(sizes)[:-1])
         return [
@@ -170,7 +173,7 @@ class Correlation:
         status[rows.cpu().numpy()] = other.status
         merged = {
             name: getattr(self, name).index_copy(0, rows, getattr(other, name))
-            for name in ("q", "covariance", "zncc", "iterations", "growth", "sd_growth")
+            for name in ("q", "covariance", "zncc", "iterations", "growth", "sd_growth", "uneven_light")
         }
         return Correlation(status=status, **merged)
 
@@ -480,6 +483,7 @@ def _conclude(
         zncc=coefficient,
         iterations=iterations,
         growth=full_q[:, 5],
+        uneven_light=torch.full_like(good, reference.uneven_light),
         sd_growth=torch.where(good, spread[:, 5, 5].sqrt() if q.shape[-1] == 6 else 0.0, torch.nan),
         status=np.array(STATUSES)[status.cpu().numpy()],
     )

@@ -78,6 +78,8 @@ class Follower:
         Radius (n,) of the ball in each frame, px; the same throughout but with the model `pinhole6`.
     sd_growth : ndarray
         Standard deviation (n - 1,) of its relative change from each frame to the next.
+    uneven_light : ndarray
+        (n,), True for a frame into which an object took light from one side of the ball.
     repeated : list of int
         Frames that repeat the image before them although the ball moves.
     rotation : ndarray
@@ -107,6 +109,7 @@ class Follower:
         self.status: NDArray[np.str_] = np.full(n, "lost", dtype=f"<U{max(map(len, STATUSES))}")
         self.size: NDArray[np.float64] = np.full(n, np.nan)
         self.sd_growth: NDArray[np.float64] = np.full(n - 1, np.nan)
+        self.uneven_light: NDArray[np.bool_] = np.zeros(n, dtype=bool)
         self.repeated: list[int] = []
         self.position[first.frame] = first.x, first.y
         self.size[first.frame] = first.radius
@@ -254,6 +257,7 @@ class Follower:
         self.position[after], self.size[after] = arrived[:, :2], arrived[:, 2]
         self.rotation[after] = self.increment[rows, 2:]
         self.zncc[after] = found.zncc[:count].cpu().numpy()
+        self.uneven_light[after] = found.uneven_light[:count].cpu().numpy()
         self.iterations[after] = found.iterations[:count].cpu().numpy()
         self.status[after] = "ok"
         measured = self.increment[rows]

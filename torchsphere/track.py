@@ -121,8 +121,8 @@ def track(
         Make a map of the ball's texture from all frames together and take every pose from it, the outline included:
         no drift, and about twice the precision, for about a second per frame up to 36 frames and a fifth beyond. By
         default where the ball turns by more than 90 deg in all, or so fast that the uncertainty of a radius that was
-        found would show. Where the images do not allow it, nothing changes and
-        ``settings`` says why.
+        found would show, unless something near the ball takes light from one side of it. Where the images do not
+        allow it, nothing changes and ``settings`` says why.
     progress : callable, optional
         Called as ``progress(done, total)`` with numbers of frames; once more from 0 where a map of the ball is made.
     dtype : torch.dtype
