@@ -21,7 +21,8 @@ SLACK_PX = 3.0
 
 #: Distance of neighbouring points, px, where every second pixel is taken like the black squares of a chessboard. A blur
 #: of so many px, and more, leaves nothing to learn from the others: standard deviations of all five components agree
-#: to 2 % with those from all pixels (R = 50, speckle 2.5 to 4 px, noise 0.5 to 8 grey levels, 0 to 5 deg per frame).
+#: to 2 % with those from all pixels up to 2 deg per frame, to 5 % at 5 and 10 deg (R = 50, speckle 2.5 to 4 px, noise
+#: 0.5 to 8 grey levels).
 #: Every second pixel of every second row costs 3 to 45 %. Balls with fewer points keep them all.
 CHESSBOARD, BLURRED_PX, MANY = math.sqrt(2), 0.7, 2000
 
