@@ -28,6 +28,7 @@ from torchsphere.newton import (
     APPROACH_STEPS,
     EVERY,
     FEWEST,
+    Approach,
     How,
     Solution,
     bring_near,
@@ -239,9 +240,9 @@ def correlate_pairs(
     crops_g = crop.cut(g, circles[:, :2] + start[:, :2].to(circles), half, ignore)
     pairs = Pairs(Filtered.of(crops_f, options.pre_blur), Filtered.of(crops_g, options.pre_blur), circles)
     start = start.to(pairs.g.c)
-    near, steps = approach(pairs, start, options)
-    found = solve(pairs, near, options, start)
-    return dataclasses.replace(found, iterations=found.iterations + steps)
+    near = approach(pairs, start, options)
+    found = solve(pairs, near.near, options, start)
+    return dataclasses.replace(found, iterations=found.iterations + near.steps)
 
 
 def margin(options: Options) -> float:
@@ -286,15 +287,15 @@ class Pairs(NamedTuple):
         return Pairs(self.f.take(rows), self.g.take(rows), self.circles[rows.cpu()])
 
 
-def approach(pairs: Pairs, start: Tensor, options: Options) -> tuple[Tensor, Tensor]:
-    """Increments (n, k) brought from ``start`` (n, 5) to within a hundredth of a px on a part of the points.
+def approach(pairs: Pairs, start: Tensor, options: Options) -> Approach:
+    """Unknowns brought from ``start`` (n, 5) to within a hundredth of a px on a part of the points.
 
-    Returns them and the steps (n,) that it took. Small balls have no points to spare and stay where they are.
+    Small balls have no points to spare and stay where they are.
     """
     radius = options.roi * float(pairs.circles[:, 2].max())
     points = math.pi * (radius / enough(radius, options.pre_blur)) ** 2
     if points < EVERY * FEWEST or options.max_iterations <= APPROACH_STEPS:
-        return start, torch.zeros(len(start), dtype=torch.long, device=start.device)
+        return Approach.none(start)
     model = motion.MODELS[options.model]
     model = motion.finite if model is motion.rigid else model
     exact = bool((start[:, 2:].norm(dim=-1) >= math.radians(GRADIENT_FROM_DEG)).any())

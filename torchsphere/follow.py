@@ -20,6 +20,7 @@ from torchsphere import circle, crop, interlace, locate, motion, outline, parall
 from torchsphere.circle import MIN_SUPPORT, Circle
 from torchsphere.correlate import STATUSES, Correlation, Options, Pairs, margin
 from torchsphere.joint import ALONE, Solver
+from torchsphere.newton import Approach
 from torchsphere.reference import SLACK_PX, Filtered
 from torchsphere.rescue import ranked
 from torchsphere.source import Source
@@ -160,6 +161,7 @@ class Follower:
         predicted = torch.cat((path, self.radius * (1 + self._growth) ** steps), -1)
         found, centred = self._correlate(images, predicted, expected)
         actual = self._arrived(found)
+        images, predicted = images[: len(actual)], predicted[: len(actual)]
         strayed = (actual - predicted)[:-1, :2].norm(dim=-1) >= PREDICTION_TOLERANCE * self.radius
         believed = ~(strayed.numpy() | self._repeats(images))
         good = _leading((found.status == "ok") & believed)
@@ -179,37 +181,49 @@ class Follower:
     ) -> tuple[Correlation, Tensor]:
         """Correlate successive ``images`` (m + 1, h, w) of the ball at ``circles``, from increments ``start`` (m, 5).
 
-        Returns the motion, and the circles that the regions lay on in the end. Every image but the first and the last
-        serves as deformed image and then as reference: it is filtered once. With ``approached`` circles and start are
-        known well, and better than a rough look can tell: an occluder deceives that by a px and more.
+        Returns the motion of those pairs that are worth it, the first ones, and the circles that the regions lay on in
+        the end. Every image but the first and the last serves as deformed image and then as reference: it is filtered
+        once. With ``approached`` circles and start are known well, and better than a rough look can tell: an occluder
+        deceives that by a px and more.
         """
         filtered = self._filtered(images, circles)
         pairs, start = _pairs(filtered, circles), start.to(filtered.c)
-        near, steps = start, torch.zeros(len(start), dtype=torch.long, device=start.device)
+        approach = Approach.none(start)
         if not approached:
-            near, steps = self._brought_near(pairs, start)
+            approach = self._brought_near(pairs, start)
             if not self.in_place:
                 # The path that was expected is off by up to a few px at its end; the region has to be on the ball.
-                circles, before = self._path(circles[0], near), circles
-                if float((circles - before).abs().max()) > SLACK_PX:
-                    filtered = self._filtered(images, circles)
+                circles, before = self._path(circles[0], approach.near), circles
+                count = self._worth_solving(approach, circles - before)
+                circles = circles[: count + 1]
+                if float((circles - before[: count + 1]).abs().max()) > SLACK_PX:
+                    filtered = self._filtered(images[: count + 1], circles)
                 pairs = _pairs(filtered, circles)
-        there = circles[1:]
+        near, there = approach.near, circles[1:]
 
         def measured(a: int, b: int) -> Correlation:
             return self._measured(pairs.rows(a, b), near[a:b], start[a:b], there[a:b])
 
-        found = Correlation.joined(self._shared(measured, len(start)))
-        return dataclasses.replace(found, iterations=found.iterations + steps), circles
+        found = Correlation.joined(self._shared(measured, len(there)))
+        return dataclasses.replace(found, iterations=found.iterations + approach.steps[: len(there)]), circles
 
-    def _brought_near(self, pairs: Pairs, start: Tensor) -> tuple[Tensor, Tensor]:
-        """Unknowns (m, k) near those sought, and the steps (m,) that it took."""
+    def _brought_near(self, pairs: Pairs, start: Tensor) -> Approach:
+        """From ``start`` (m, 5) to near the increments sought."""
 
-        def brought_near(a: int, b: int) -> tuple[Tensor, Tensor]:
+        def brought_near(a: int, b: int) -> Approach:
             return self._solver.approach(pairs.rows(a, b), start[a:b], self.options)
 
-        near, steps = (torch.cat(parts) for parts in zip(*self._shared(brought_near, len(start)), strict=True))
-        return near, steps
+        return Approach.joined(self._shared(brought_near, len(start)))
+
+    def _worth_solving(self, approach: Approach, off: Tensor) -> int:
+        """How many of a batch's first rows may be confirmed, the circles being ``off`` (m + 1, 3) what was expected.
+
+        Behind an impact nothing is where it was expected. To solve those rows, and to judge what does not agree in each
+        of them, took three quarters of the time of a shot of 70 frames, only to give them up.
+        """
+        on_path = (off[:-1, :2].norm(dim=-1) < PREDICTION_TOLERANCE * self.radius).numpy()
+        # The first row that does not come to rest is tried: an occluder may be the cause, which judging leaves out.
+        return min(_leading(on_path), 1 + _leading(approach.at_rest.cpu().numpy()), len(on_path))
 
     def _measured(self, pairs: Pairs, near: Tensor, start: Tensor, there: Tensor) -> Correlation:
         """Motion of the pairs from ``near``, in both directions where they turn fast; the ball is ``there`` (m, 3)."""
@@ -418,7 +432,7 @@ class Follower:
 
 
 def _pairs(images: Filtered, circles: Tensor) -> Pairs:
-    """Each of the successive images (m + 1) with the next; ``circles`` (m + 1, 3)."""
+    """Each of the first images with the next; ``circles`` (m + 1, 3) of the ball in them."""
     m = len(circles) - 1
     return Pairs(images.rows(0, m), images.rows(1, m + 1), circles[:-1])
 

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from torchsphere.correlate import Correlation, Options, Pairs, approach, solve
+from torchsphere.newton import Approach
 
 #: Calls that go into one batch at most: 64 of 32 pairs each take some 3 GB at R = 50 px.
 MOST = 64
@@ -31,7 +32,7 @@ class Solver:
         As `torchsphere.correlate.approach` and `torchsphere.correlate.solve`.
     """
 
-    approach: Callable[[Pairs, Tensor, Options], tuple[Tensor, Tensor]] = approach
+    approach: Callable[[Pairs, Tensor, Options], Approach] = approach
     solve: Callable[[Pairs, Tensor, Options, Tensor | None], Correlation] = solve
 
 
@@ -43,15 +44,13 @@ def together() -> Solver:
     """A solver for threads that each follow a recording: it puts their pairs into common batches."""
     meeting = Meeting()
 
-    def approached(pairs: Pairs, start: Tensor, options: Options) -> tuple[Tensor, Tensor]:
-        def of_all(calls: Sequence[tuple[Pairs, Tensor]]) -> list[tuple[Tensor, Tensor]]:
+    def approached(pairs: Pairs, start: Tensor, options: Options) -> Approach:
+        def of_all(calls: Sequence[tuple[Pairs, Tensor]]) -> list[Approach]:
             both, starts = _joined(calls)
-            near, steps = approach(both, starts, options)
-            sizes = [len(call[1]) for call in calls]
-            return list(zip(near.split(sizes), steps.split(sizes), strict=True))
+            return approach(both, starts, options).split([len(call[1]) for call in calls])
 
-        near, steps = meeting.call(("approach", *_kind(pairs, start, options)), of_all, (pairs, start))
-        return near, steps
+        near: Approach = meeting.call(("approach", *_kind(pairs, start, options)), of_all, (pairs, start))
+        return near
 
     def solved(pairs: Pairs, near: Tensor, options: Options, start: Tensor | None = None) -> Correlation:
         def of_all(calls: Sequence[tuple[Pairs, Tensor, Tensor]]) -> list[Correlation]:

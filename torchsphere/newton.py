@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -48,6 +49,39 @@ class How(NamedTuple):
     exact: bool
 
 
+class Approach(NamedTuple):
+    """Where n pairs have been brought to on a few of their points.
+
+    Attributes
+    ----------
+    near : Tensor
+        Unknowns (n, k), px and rad; those of a row that did not come to rest are where it started.
+    steps : Tensor
+        Steps taken (n,).
+    at_rest : Tensor
+        (n,), True where the iteration came to rest.
+    """
+
+    near: Tensor
+    steps: Tensor
+    at_rest: Tensor
+
+    @classmethod
+    def none(cls, start: Tensor) -> Approach:
+        """For pairs that stay at ``start`` (n, k)."""
+        steps = torch.zeros(len(start), dtype=torch.long, device=start.device)
+        return cls(start, steps, torch.ones_like(steps, dtype=torch.bool))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Approach]) -> Approach:
+        """The rows of all parts, one after the other."""
+        return cls(*(torch.cat(values) for values in zip(*parts, strict=True)))
+
+    def split(self, sizes: Sequence[int]) -> list[Approach]:
+        """Parts of so many rows each, one after the other."""
+        return [Approach(*values) for values in zip(*(v.split(sizes) for v in self), strict=True)]
+
+
 class Solution(NamedTuple):
     """Where n pairs have come to.
 
@@ -76,14 +110,11 @@ class Solution(NamedTuple):
 
 def bring_near(
     reference: Reference, c_g: Tensor, shift: Tensor, start: Tensor, model: Displacement, how: How
-) -> tuple[Tensor, Tensor]:
-    """Increments (n, k) brought near from ``start`` on a thin reference, and the steps (n,) that it took.
-
-    A row that does not come to rest stays where it started.
-    """
+) -> Approach:
+    """Unknowns brought near from ``start`` (n, k) on a thin reference."""
     quick = How(min(APPROACH_STEPS, how.max_iterations), max(APPROACHED_PX, how.tolerance_px), how.exact)
     near = gauss_newton(reference, c_g, shift, start, model, quick)
-    return torch.where(near.converged[:, None], near.q, start), near.iterations
+    return Approach(torch.where(near.converged[:, None], near.q, start), near.iterations, near.converged)
 
 
 def gauss_newton(
