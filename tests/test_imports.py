@@ -14,8 +14,8 @@ PACKAGE = ROOT / "torchsphere"
 #: The data's way. A module imports from lines above its own, never from its own or from one below.
 LAYERS = (
     ("recording", "inputs", "parallel"),
-    ("source", "masks", "perspective"),
-    ("motion", "interpolate", "crop", "texture", "still", "turning", "criterion"),
+    ("source", "masks", "perspective", "interpolate"),
+    ("motion", "crop", "texture", "still", "turning", "criterion"),
     ("forward", "reference", "interlace", "view"),
     ("covariance", "outline", "locate", "newton", "misfit", "search", "trust"),
     ("light", "schur"),

@@ -10,7 +10,7 @@ from torchsphere import texture
 
 def directions(count: int, seed: int = 0) -> torch.Tensor:
     generator = torch.Generator().manual_seed(seed)
-    return torch.nn.functional.normalize(torch.randn(count, 3, generator=generator, dtype=torch.float64), dim=-1)
+    return torch.nn.functional.normalize(torch.randn(3, count, generator=generator, dtype=torch.float64), dim=0)
 
 
 def smooth_coefficients(cells: int) -> torch.Tensor:
@@ -28,7 +28,7 @@ def test_a_map_of_ones_is_one_in_every_direction() -> None:
 
 
 def test_every_face_is_used_and_no_coefficient_belongs_to_two_faces() -> None:
-    axes = torch.cat((torch.eye(3), -torch.eye(3))).double()
+    axes = torch.cat((torch.eye(3), -torch.eye(3)), 1).double()
     index = texture.stencil(axes, 20).index
     faces = index // (23 * 23)
     assert (faces == faces[:, :1]).all()
@@ -38,24 +38,24 @@ def test_every_face_is_used_and_no_coefficient_belongs_to_two_faces() -> None:
 def test_the_gradient_is_the_values_own_change() -> None:
     coefficients, places = smooth_coefficients(12), directions(300)
     # Away from the seams, across which a random map jumps.
-    sorted_parts = places.abs().sort(-1).values
-    places = places[sorted_parts[:, 2] - sorted_parts[:, 1] > 0.01]
-    _, gradient = texture.stencil_and_gradient(coefficients, places, 12)
+    sorted_parts = places.abs().sort(0).values
+    places = places[:, sorted_parts[2] - sorted_parts[1] > 0.01]
+    _, gradient = texture.stencil(places, 12).value_and_gradient(coefficients)
     step = 1e-6
     for k in range(3):
-        nudge = torch.zeros(3, dtype=torch.float64)
+        nudge = torch.zeros(3, 1, dtype=torch.float64)
         nudge[k] = step
         there, back = (texture.stencil(places + sign * nudge, 12).value(coefficients) for sign in (1, -1))
         # Central differences of a cubic: curvature times the step squared, and rounding over the step.
-        torch.testing.assert_close(gradient[:, k], (there - back) / (2 * step), atol=1e-7, rtol=1e-6)
+        torch.testing.assert_close(gradient[k], (there - back) / (2 * step), atol=1e-7, rtol=1e-6)
 
 
 def test_the_value_depends_on_the_direction_not_on_its_length() -> None:
     coefficients, places = smooth_coefficients(12), directions(100)
     one, three = (texture.stencil(scale * places, 12).value(coefficients) for scale in (1.0, 3.0))
     torch.testing.assert_close(one, three, atol=1e-12, rtol=0)
-    _, gradient = texture.stencil_and_gradient(coefficients, places, 12)
-    assert float((gradient * places).sum(-1).abs().max()) < 1e-12
+    _, gradient = texture.stencil(places, 12).value_and_gradient(coefficients)
+    assert float((gradient * places).sum(0).abs().max()) < 1e-12
 
 
 @pytest.mark.parametrize("radius", [10.0, 50.0, 60.0])
@@ -67,3 +67,15 @@ def test_cells_are_as_wide_as_asked_where_the_camera_looks_straight_at_them(radi
 
 def test_a_large_balls_map_is_coarser_rather_than_out_of_memory() -> None:
     assert texture.cells_for(200.0, 1.0) == texture.MOST_CELLS
+
+
+def test_adding_values_to_the_coefficients_is_the_value_backwards() -> None:
+    coefficients, places = smooth_coefficients(12), directions(400)
+    look = texture.stencil(places, 12)
+    amounts = torch.randn(400, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
+    total = torch.zeros_like(coefficients)
+    look.add(total, amounts)
+    # The two scalar products of an operator and its adjoint.
+    assert float(total @ coefficients) == pytest.approx(float(amounts @ look.value(coefficients)), rel=1e-12)
+    whole = (coefficients[look.index] * look.weight).sum(-1)
+    torch.testing.assert_close(look.value(coefficients), whole, atol=1e-12, rtol=0)

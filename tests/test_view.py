@@ -59,7 +59,7 @@ def test_every_ray_belongs_to_a_pixel_and_their_weights_sum_to_one() -> None:
     pixels = window(at)
     whole = pixels.gather(pixels.part)
     torch.testing.assert_close(whole, torch.ones_like(whole), atol=1e-12, rtol=0)
-    middle = pixels.gather(pixels.part[:, None] * pixels.rays)
+    middle = pixels.gather((pixels.part * pixels.rays).T)
     torch.testing.assert_close(middle, pixels.pixels, atol=1e-12, rtol=0)
 
 
@@ -106,7 +106,7 @@ def test_it_looks_like_the_ray_caster_where_the_texture_is_smooth() -> None:
     places = torch.nn.functional.normalize(
         torch.randn(20_000, 3, generator=torch.Generator().manual_seed(3)).double(), dim=-1
     )
-    look = texture.stencil(places, cells)
+    look = texture.stencil(places.T, cells)
     design = torch.zeros(len(places), texture.size(cells), dtype=torch.float64).scatter_add(1, look.index, look.weight)
     levels = 120 + places @ torch.tensor([50.0, -30.0, 20.0], dtype=torch.float64)
     coefficients = torch.linalg.lstsq(

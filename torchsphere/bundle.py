@@ -192,9 +192,9 @@ def _map_step(
     """The ball with its map brought up to date with poses that have moved; near the limb that is no linear change."""
     of_map = torch.zeros(texture.size(ball.cells), dtype=torch.float64)
     for window, pose in zip(windows, poses, strict=True):
-        levels, index, weight = view.touched(window, pose, ball)
+        levels, look, light = view.touched(window, pose, ball)
         weighted = trust.weights(window, pose, ball, profile) * (window.levels - levels)
-        of_map.index_add_(0, index.flatten(), (weighted[window.owner][:, None] * weight).flatten())
+        look.add(of_map, weighted[window.owner] * light)
     coefficients = ball.coefficients.numpy().copy()
     pull = of_map.numpy() - schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ coefficients)
     coefficients[elimination.seen] += elimination.map.solve(pull[elimination.seen])
@@ -219,8 +219,8 @@ def _map_equations(
     count = texture.size(ball.cells)
     normal, gradient = sparse.csr_matrix((count, count)), np.zeros(count)
     for window, pose in zip(windows, poses, strict=True):
-        levels, index, weight = view.touched(window, pose, ball)
-        design = schur.design_matrix(window, index, weight, ball.cells)
+        levels, look, light = view.touched(window, pose, ball)
+        design = schur.design_matrix(window, look, light)
         weighted = design.multiply(trust.weights(window, pose, ball, profile).numpy()[:, None]).tocsr()
         normal = normal + weighted.T @ design
         gradient += weighted.T @ (window.levels - levels).numpy()
@@ -240,7 +240,7 @@ def _shaded(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profi
         for window, pose in zip(windows, poses, strict=True):
             now = view.linearised(window, pose, ball)
             design, lights = (
-                schur.design_matrix(window, now.index, now.weight, ball.cells),
+                schur.design_matrix(window, now.look, now.light),
                 view.lights(window, pose, ball).numpy(),
             )
             weights = trust.weights(window, pose, ball, profile).numpy()
@@ -289,7 +289,7 @@ def _pull(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile
         weighted = trust.weights(window, pose, ball, profile) * rest
         squares += float(weighted @ rest)
         of_poses[schur.columns_of(i, n)] += (now.slopes.T @ weighted).numpy()
-        of_map.index_add_(0, now.index.flatten(), (weighted[window.owner][:, None] * now.weight).flatten())
+        now.look.add(of_map, weighted[window.owner] * now.light)
     coefficients = ball.coefficients.numpy()
     rough = schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ coefficients)
     return _Pull(of_map.numpy() - rough, of_poses, squares + float(coefficients @ rough))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -24,6 +25,9 @@ SPLINE_REACH, BLOCK = 16, 24
 #: true circle), largest bias and mean standard deviation of x: 0.0034 px at 0.6; 0.0014 and 0.0043 at 0.9; 0.0006 and
 #: 0.0045 at 1.05. What is finer than this blur aliases; what is coarser is lost for the noise.
 PRE_BLUR_PX = 1.0
+
+#: Of the four nodes around each point, along one axis.
+Weights = tuple[Tensor, Tensor, Tensor, Tensor]
 
 
 def gaussian_kernel(sigma: float) -> Tensor:
@@ -134,7 +138,7 @@ def sample(c: Tensor, points: Tensor) -> Tensor:
     """
     base = _cells(c, points)
     x, y = (points - base).unbind(-1)
-    (value,) = _weighted(c, base, (_spline(x),), ((0, _spline(y)),))
+    (value,) = _weighted(c, base, (spline_weights(x),), ((0, spline_weights(y)),))
     return value
 
 
@@ -145,8 +149,10 @@ def sample_with_gradient(c: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
     """
     base = _cells(c, points)
     x, y = (points - base).unbind(-1)
-    of_y = _spline(y)
-    value, *gradient = _weighted(c, base, (_spline(x), _slope(x)), ((0, of_y), (1, of_y), (0, _slope(y))))
+    of_y = spline_weights(y)
+    value, *gradient = _weighted(
+        c, base, (spline_weights(x), slope_weights(x)), ((0, of_y), (1, of_y), (0, slope_weights(y)))
+    )
     return value, torch.stack(gradient, 1)
 
 
@@ -155,9 +161,6 @@ def _cells(c: Tensor, points: Tensor) -> Tensor:
     height, width = c.shape[-2:]
     x, y = points.detach().floor().unbind(-1)
     return torch.stack((x.clamp_max_(width - 3), y.clamp_max_(height - 3)), 1).mT
-
-
-Weights = tuple[Tensor, Tensor, Tensor, Tensor]
 
 
 def _weighted(
@@ -176,14 +179,15 @@ def _weighted(
     sums: list[Tensor | None] = [None] * len(outputs)
     for j in range(4):
         nodes = [levels[:, j * width + i :].gather(1, index) for i in range(4)]
-        lines = [_sum_of_products(nodes, weights) for weights in of_x]
+        lines = [sum_of_products(nodes, weights) for weights in of_x]
         for k, (line, of_y) in enumerate(outputs):
             part = sums[k]
             sums[k] = lines[line] * of_y[j] if part is None else part.addcmul_(lines[line], of_y[j])
     return [part for part in sums if part is not None]
 
 
-def _sum_of_products(values: list[Tensor], weights: Weights) -> Tensor:
+def sum_of_products(values: Sequence[Tensor], weights: Weights) -> Tensor:
+    """Sum of four values times their weights, element by element."""
     total = values[0] * weights[0]
     for value, weight in zip(values[1:], weights[1:], strict=True):
         # In place: neither differentiation nor anyone else needs the partial sum.
@@ -191,7 +195,7 @@ def _sum_of_products(values: list[Tensor], weights: Weights) -> Tensor:
     return total
 
 
-def _spline(t: Tensor) -> Weights:
+def spline_weights(t: Tensor) -> Weights:
     """Weights of the four nodes around a point at the share ``t`` of its cell."""
     squared = t * t
     last = squared * t / 6
@@ -201,8 +205,8 @@ def _spline(t: Tensor) -> Weights:
     return first, second, 1 - first - second - last, last
 
 
-def _slope(t: Tensor) -> Weights:
-    """Derivatives of `_spline`."""
+def slope_weights(t: Tensor) -> Weights:
+    """Derivatives of `spline_weights`."""
     last = 0.5 * t * t
     rest = 1 - t
     first = -0.5 * rest * rest

@@ -17,6 +17,7 @@ from scipy.sparse.linalg import SuperLU, splu
 from torch import Tensor
 
 from torchsphere import texture, trust, view
+from torchsphere.texture import Stencil
 from torchsphere.trust import Profile
 from torchsphere.view import Ball, Pose, Window
 
@@ -41,11 +42,12 @@ class Elimination:
     reduced_inverse: Array
 
 
-def design_matrix(window: Window, index: Tensor, weight: Tensor, cells: int) -> sparse.csr_matrix:
-    """Derivative (p, m) of the grey levels by the map's coefficients."""
+def design_matrix(window: Window, look: Stencil, light: Tensor) -> sparse.csr_matrix:
+    """Derivative (p, m) of the grey levels by the map's coefficients: see `view.touched`."""
+    index, weight = look.index, light[:, None] * look.weight
     rows = window.owner[:, None].expand_as(index)
     entries = (weight.numpy().ravel(), (rows.numpy().ravel(), index.numpy().ravel()))
-    return sparse.coo_matrix(entries, shape=(len(window.pixels), texture.size(cells))).tocsr()
+    return sparse.coo_matrix(entries, shape=(len(window.pixels), texture.size(look.cells))).tocsr()
 
 
 def with_prior(normal: sparse.csr_matrix, seen: NDArray[np.int64], cells: int) -> sparse.csr_matrix:
@@ -81,7 +83,7 @@ def eliminate(windows: list[Window], poses: list[Pose], ball: Ball, profile: Pro
     coupling, own = np.zeros((count, total)), np.zeros((total, total))
     for i, (window, pose) in enumerate(zip(windows, poses, strict=True)):
         now = view.linearised(window, pose, ball)
-        design, slopes = design_matrix(window, now.index, now.weight, ball.cells), now.slopes.numpy()
+        design, slopes = design_matrix(window, now.look, now.light), now.slopes.numpy()
         weights = trust.weights(window, pose, ball, profile).numpy()
         weighted = design.multiply(weights[:, None]).tocsr()
         normal = normal + weighted.T @ design

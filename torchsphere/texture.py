@@ -9,10 +9,13 @@ both sides rather than imposed.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+
+from torchsphere.interpolate import Weights, slope_weights, spline_weights, sum_of_products
 
 #: Cells along a face at most: memory and time go with the fourth power of what they resolve. A ball of 64 px has them.
 MOST_CELLS = 100
@@ -20,22 +23,78 @@ MOST_CELLS = 100
 
 @dataclass(frozen=True)
 class Stencil:
-    """Which coefficients make the map's value in given directions, and with what weights.
+    """Where directions meet the map, and how much each of the sixteen coefficients around has to say there.
+
+    Each of the sixteen is looked up for all directions at once: measured a tenth of the time of one look-up with all
+    their numbers.
 
     Attributes
     ----------
-    index : Tensor
-        Numbers of the coefficients (..., 16).
-    weight : Tensor
-        Their weights (..., 16); the value is ``(coefficients[index] * weight).sum(-1)``.
+    corner : Tensor
+        Number (q,) of the first of the sixteen; they lie in four rows of four.
+    offset : tuple of Tensor
+        Place (q,) in the cell along the rows, and across them, 0 to 1.
+    x, y : tuple of Tensor
+        Spline weights (q,) along the rows, and across them: four each.
+    face : Tensor
+        Number (q,) of the face: 0 to 2 for the positive, 3 to 5 for the negative half axes.
+    parts : tuple of Tensor
+        Components (q,) of the direction: along the face's axis, and along the two that follow it in turn.
+    cells : int
+        Cells along the side of a face.
     """
 
-    index: Tensor
-    weight: Tensor
+    corner: Tensor
+    offset: tuple[Tensor, Tensor]
+    x: Weights
+    y: Weights
+    face: Tensor
+    parts: tuple[Tensor, Tensor, Tensor]
+    cells: int
+
+    @property
+    def _width(self) -> int:
+        return self.cells + 3
+
+    @property
+    def index(self) -> Tensor:
+        """Numbers of the coefficients (q, 16)."""
+        return torch.stack([self.corner + k for k in self._offsets()], -1)
+
+    @property
+    def weight(self) -> Tensor:
+        """Their weights (q, 16); the value is ``(coefficients[index] * weight).sum(-1)``."""
+        return torch.stack([across * along for across in self.y for along in self.x], -1)
+
+    def _offsets(self) -> list[int]:
+        return [row * self._width + column for row in range(4) for column in range(4)]
 
     def value(self, coefficients: Tensor) -> Tensor:
-        """Values (...) of the map with the ``coefficients`` (m,)."""
-        return torch.linalg.vecdot(coefficients[self.index], self.weight)
+        """Values (q,) of the map with the ``coefficients`` (m,)."""
+        rows = [sum_of_products(row, self.x) for row in self._rows(coefficients)]
+        return sum_of_products(rows, self.y)
+
+    def value_and_gradient(self, coefficients: Tensor) -> tuple[Tensor, Tensor]:
+        """`value`, and its derivative (3, q) by the direction."""
+        along, across = (slope_weights(t) for t in self.offset)
+        rows, slopes = [], []
+        for row in self._rows(coefficients):
+            rows.append(sum_of_products(row, self.x))
+            slopes.append(sum_of_products(row, along))
+        by_u, by_v = sum_of_products(slopes, self.y), sum_of_products(rows, across)
+        return sum_of_products(rows, self.y), _chain(by_u, by_v, self)
+
+    def _rows(self, coefficients: Tensor) -> Iterator[list[Tensor]]:
+        for row in range(4):
+            yield [coefficients[row * self._width + k :].index_select(0, self.corner) for k in range(4)]
+
+    def add(self, total: Tensor, values: Tensor) -> None:
+        """Add the ``values`` (q,) to the ``total`` (m,) of the coefficients that they come from: `value` backwards."""
+        offsets = iter(self._offsets())
+        for across in self.y:
+            row = values * across
+            for along in self.x:
+                total[next(offsets) :].index_add_(0, self.corner, row * along)
 
 
 def cells_for(radius: float, spacing_px: float) -> int:
@@ -51,24 +110,13 @@ def size(cells: int) -> int:
 
 
 def stencil(directions: Tensor, cells: int) -> Stencil:
-    """Coefficients and weights of the map's values in the ``directions`` (..., 3), of any length."""
-    face, place, _ = _place(directions, cells)
-    index, t = _corner(face, place, cells)
-    x, y = _spline(t).unbind(-2)
-    return Stencil(index, (y[..., :, None] * x[..., None, :]).flatten(-2))
-
-
-def stencil_and_gradient(coefficients: Tensor, directions: Tensor, cells: int) -> tuple[Stencil, Tensor]:
-    """The `stencil`, and the derivative (..., 3) of the map's value by the direction."""
-    face, place, parts = _place(directions, cells)
-    index, t = _corner(face, place, cells)
-    x, y = _spline(t).unbind(-2)
-    slope_x, slope_y = _spline_slope(t).unbind(-2)
-    levels = coefficients[index].unflatten(-1, (4, 4))
-    by_u = torch.linalg.vecdot(torch.linalg.vecdot(levels, slope_x[..., None, :]), y)
-    by_v = torch.linalg.vecdot(torch.linalg.vecdot(levels, x[..., None, :]), slope_y)
-    look = Stencil(index, (y[..., :, None] * x[..., None, :]).flatten(-2))
-    return look, _chain(by_u, by_v, face, parts, cells)
+    """Where the ``directions`` (3, q), of any length, meet the map."""
+    face, u, v, parts = _place(directions, cells)
+    column, row = (t.floor().clamp(0, cells - 1) for t in (u, v))
+    width = cells + 3
+    corner = (face * width + row.long()) * width + column.long()
+    x, y = u - column, v - row
+    return Stencil(corner, (x, y), spline_weights(x), spline_weights(y), face, parts, cells)
 
 
 def roughness(coefficients: Tensor, cells: int) -> Tensor:
@@ -77,43 +125,41 @@ def roughness(coefficients: Tensor, cells: int) -> Tensor:
     return torch.cat([torch.diff(faces, n=2, dim=axis).flatten() for axis in (1, 2)])
 
 
-def _place(directions: Tensor, cells: int) -> tuple[Tensor, Tensor, tuple[Tensor, Tensor, Tensor]]:
-    """Face (...), place on it (..., 2) in cells, and the three components (forwards, right, up) that gave them."""
-    axis = directions.abs().argmax(-1)
-    forwards, right, up = (directions.gather(-1, ((axis + i) % 3)[..., None])[..., 0] for i in range(3))
-    face = axis + 3 * (forwards < 0)
-    angles = torch.stack((torch.atan2(right, forwards.abs()), torch.atan2(up, forwards.abs())), -1)
-    return face, (angles * (4 / math.pi) + 1) * (0.5 * cells), (forwards, right, up)
+def _place(directions: Tensor, cells: int) -> tuple[Tensor, Tensor, Tensor, tuple[Tensor, Tensor, Tensor]]:
+    """Face (q,), place on it (q,) twice in cells, and the components along its axis and the next two."""
+    x, y, z = directions.unbind(0)
+    along, across, inwards = x.abs(), y.abs(), z.abs()
+    by_x = (along >= across) & (along >= inwards)
+    by_y = ~by_x & (across >= inwards)
 
+    def chosen(if_x: Tensor, if_y: Tensor, if_z: Tensor) -> Tensor:
+        return torch.where(by_x, if_x, torch.where(by_y, if_y, if_z))
 
-def _corner(face: Tensor, place: Tensor, cells: int) -> tuple[Tensor, Tensor]:
-    """Numbers (..., 16) of the coefficients around a place, and the place's offset (..., 2) in its cell."""
-    base = place.floor().clamp(0, cells - 1)
-    column, row = base.long().unbind(-1)
-    width = cells + 3
-    steps = torch.arange(4, device=place.device)
-    within = (steps[:, None] * width + steps).flatten()
-    return ((face * width + row) * width + column)[..., None] + within, place - base
-
-
-def _spline(t: Tensor) -> Tensor:
-    """Weights (..., 4) of the cubic B-spline at the offset ``t`` (...)."""
-    return torch.stack(((1 - t) ** 3, 4 + t**2 * (3 * t - 6), 1 + 3 * t * (1 + t * (1 - t)), t**3), -1) / 6
-
-
-def _spline_slope(t: Tensor) -> Tensor:
-    return torch.stack((-((1 - t) ** 2), t * (3 * t - 4), 1 + t * (2 - 3 * t), t**2), -1) / 2
-
-
-def _chain(by_u: Tensor, by_v: Tensor, face: Tensor, parts: tuple[Tensor, Tensor, Tensor], cells: int) -> Tensor:
-    """Derivative by the direction (..., 3) from the derivatives by the place on the face."""
-    forwards, right, up = parts
+    forwards, right, up = chosen(x, y, z), chosen(y, z, x), chosen(z, x, y)
+    # Two for the third axis, less one or two for the others; three more on its negative side.
+    face = 2 - by_y.long() - 2 * by_x.long() + 3 * (forwards < 0)
     height = forwards.abs()
-    rate = 2 * cells / math.pi
-    of_right = rate * by_u / (right.square() + height.square())
-    of_up = rate * by_v / (up.square() + height.square())
+    u, v = ((torch.atan2(part, height) * (4 / math.pi) + 1) * (0.5 * cells) for part in (right, up))
+    return face, u, v, (forwards, right, up)
+
+
+def _chain(by_u: Tensor, by_v: Tensor, look: Stencil) -> Tensor:
+    """Derivative by the direction (3, q) from the derivatives (q,) by the place on the face."""
+    forwards, right, up = look.parts
+    squared = forwards.square()
+    rate = 2 * look.cells / math.pi
+    of_right = rate * by_u / (right.square() + squared)
+    of_up = rate * by_v / (up.square() + squared)
     of_forwards = -(of_right * right + of_up * up) * forwards.sign()
-    by_parts = torch.stack((of_forwards, of_right * height, of_up * height), -1)
-    # Component i of (forwards, right, up) is component (axis + i) mod 3 of the direction.
-    back = (torch.arange(3, device=face.device) - (face % 3)[..., None]) % 3
-    return by_parts.gather(-1, back)
+    height = forwards.abs()
+    first, second, third = of_forwards, of_right * height, of_up * height
+    axis = look.face % 3
+    by_x, by_y = axis == 0, axis == 1
+    # Along the face's axis and the two that follow it in turn, back to x, y and z.
+    return torch.stack(
+        (
+            torch.where(by_x, first, torch.where(by_y, third, second)),
+            torch.where(by_x, second, torch.where(by_y, first, third)),
+            torch.where(by_x, third, torch.where(by_y, second, first)),
+        )
+    )

@@ -17,6 +17,7 @@ from kornia.geometry.liegroup import So3
 from torch import Tensor
 
 from torchsphere import texture
+from torchsphere.texture import Stencil
 
 #: Points and weights of the Gauss rules over a pixel, px from its centre.
 FEW = (torch.tensor([-1.0, 1.0], dtype=torch.float64) / (2 * math.sqrt(3)), torch.full((2,), 0.5, dtype=torch.float64))
@@ -41,6 +42,9 @@ DEEPEST = 0.1
 #: Width around the outline that is looked at, px: the edge's blur and what a pose may still be off by.
 MARGIN_PX = 2.0
 
+#: Distance, in standard deviations, beyond which a Gaussian is nothing: 1e-15 of it is left.
+REACH_OF_BLUR = 8.0
+
 #: Functions of the shading, see `shading_basis`.
 SHADES = 4
 
@@ -58,7 +62,7 @@ class Window:
     trust : Tensor
         (p,), 1 where the pixel may be used and 0 where not; what hides the ball lowers it later.
     rays, part : Tensor
-        Where the rays of all pixels meet the image (q, 2), px, and their weights (q,).
+        Where the rays of all pixels meet the image (2, q), px, and their weights (q,).
     owner : Tensor
         Number (q,) of the pixel that a ray belongs to.
     """
@@ -145,8 +149,8 @@ def _rays(pixels: Tensor, many: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         of_pixel = torch.outer(weights, weights).flatten()
         number = torch.nonzero(chosen)[:, 0]
         rays = (pixels[number][:, None] + offsets).flatten(0, 1)
-        parts.append((rays, of_pixel.repeat(len(number)), number.repeat_interleave(len(offsets))))
-    rays, part, owner = (torch.cat(column) for column in zip(*parts, strict=True))
+        parts.append((rays.T, of_pixel.repeat(len(number)), number.repeat_interleave(len(offsets))))
+    rays, part, owner = (torch.cat(column, -1) for column in zip(*parts, strict=True))
     return rays, part, owner
 
 
@@ -157,18 +161,18 @@ def coverage(window: Window, centre: Tensor, radius: float, blur: float) -> tupl
     taken at the four corners.
     """
     offset = window.pixels - centre
-    distance = offset.norm(dim=-1).clamp_min(1e-9)
-    # An edge along a row or column of pixels is the limit of a slightly tilted one.
-    a, b = ((offset.abs() / distance[:, None]).clamp_min(0.03) / 2).unbind(-1)
+    distance = offset.square().sum(-1).sqrt().clamp_min(1e-9)
     # A straight edge in place of the circle would make the disc larger by pi times the variance of blur and pixel.
     inwards = radius - (blur**2 + 1 / 12) / (2 * radius) - distance
+    share, slope = (inwards > 0).to(inwards), torch.zeros_like(inwards)
+    # Most pixels are further from the edge than half their diagonal and the Gaussian's reach.
+    near = torch.nonzero(inwards.abs() < 0.75 + REACH_OF_BLUR * blur)[:, 0]
+    # An edge along a row or column of pixels is the limit of a slightly tilted one.
+    a, b = ((offset[near].abs() / distance[near, None]).clamp_min(0.03) / 2).unbind(-1)
     corners = ((a + b, 1), (a - b, -1), (b - a, -1), (-a - b, 1))
-    share, slope = torch.zeros_like(a), torch.zeros_like(a)
-    for shift, sign in corners:
-        twice, once = _integrals(inwards + shift, blur)
-        share += sign * twice
-        slope += sign * once
-    return share / (4 * a * b), slope / (4 * a * b)
+    each = [[sign * part for part in _integrals(inwards[near] + shift, blur)] for shift, sign in corners]
+    share[near], slope[near] = (sum(parts) / (4 * a * b) for parts in zip(*each, strict=True))
+    return share, slope
 
 
 def _integrals(x: Tensor, blur: float) -> tuple[Tensor, Tensor]:
@@ -180,12 +184,13 @@ def _integrals(x: Tensor, blur: float) -> tuple[Tensor, Tensor]:
 
 
 def surface(window: Window, centre: Tensor, radius: float) -> Tensor:
-    """Points (q, 3) of the unit sphere that the rays meet, camera axes."""
-    across = window.rays - centre
-    distance = across.norm(dim=-1, keepdim=True).clamp_min(1e-9)
-    across = across * (LIMB * radius / distance).clamp_max(1.0) / radius
-    depth = (1 - across.square().sum(-1, keepdim=True)).sqrt()
-    return torch.cat((across, -depth), -1)
+    """Points (3, q) of the unit sphere that the rays meet, camera axes."""
+    across = window.rays - centre[:, None]
+    squared = across.square().sum(0)
+    # A ray beyond the limb is taken there.
+    across = across * (LIMB * torch.rsqrt(squared.clamp_min((LIMB * radius) ** 2)))
+    depth = (1 - across.square().sum(0)).sqrt()
+    return torch.cat((across, -depth[None]))
 
 
 def parts_in_sight(window: Window, centre: Tensor, radius: float) -> Tensor:
@@ -193,19 +198,19 @@ def parts_in_sight(window: Window, centre: Tensor, radius: float) -> Tensor:
 
     A ray's turn comes within `TURN_PX`, about its share of a pixel, so that nothing jumps when the ball moves.
     """
-    beyond = (window.rays - centre).norm(dim=-1) - radius
+    beyond = (window.rays - centre[:, None]).square().sum(0).sqrt() - radius
     met = window.part * (torch.special.ndtr(-beyond / TURN_PX) + 1e-9)
     return met / window.gather(met)[window.owner]
 
 
 def shading_basis(normals: Tensor) -> Tensor:
-    """One, and the normals' components: (..., 4).
+    """One, and the normals' components: (3, q) -> (4, q).
 
     A matt ball under light from one side and from all around. Terms of second order would hold attached shadows too (R.
     Basri and D. Jacobs, IEEE Trans. Pattern Anal. Mach. Intell. 25 (2003) 218, doi:10.1109/TPAMI.2003.1177153), but
     recordings that turn the ball by less than a radian do not tell them from its texture.
     """
-    return torch.cat((torch.ones_like(normals[..., :1]), normals), -1)
+    return torch.cat((torch.ones_like(normals[:1]), normals))
 
 
 def appearance(window: Window, pose: Pose, ball: Ball) -> Tensor:
@@ -213,15 +218,15 @@ def appearance(window: Window, pose: Pose, ball: Ball) -> Tensor:
     return touched(window, pose, ball)[0]
 
 
-def touched(window: Window, pose: Pose, ball: Ball) -> tuple[Tensor, Tensor, Tensor]:
-    """`appearance` (p,), with the coefficients of the map (q, 16) that each ray touches, and their weights."""
+def touched(window: Window, pose: Pose, ball: Ball) -> tuple[Tensor, Stencil, Tensor]:
+    """`appearance` (p,), where each ray meets the map, and what a unit of the map there adds to its pixel (q,)."""
     points = surface(window, pose.centre, ball.radius)
-    look = texture.stencil(points @ pose.orientation, ball.cells)
-    light = parts_in_sight(window, pose.centre, ball.radius) * (shading_basis(points) @ ball.shading)
+    look = texture.stencil(pose.orientation.T @ points, ball.cells)
+    light = parts_in_sight(window, pose.centre, ball.radius) * (ball.shading @ shading_basis(points))
     share, _ = coverage(window, pose.centre, ball.radius, ball.edge_blur)
     lit = window.gather(light * look.value(ball.coefficients))
     levels = pose.gain * (share * lit + (1 - share) * window.behind) + pose.offset
-    return levels, look.index, (pose.gain * share[window.owner] * light)[:, None] * look.weight
+    return levels, look, pose.gain * share[window.owner] * light
 
 
 @dataclass(frozen=True)
@@ -234,29 +239,33 @@ class Linearised:
         Grey levels (p,).
     slopes : Tensor
         Derivatives (p, 7) by dx, dy (px), by the rotations times the radius (px), by radius and edge blur.
-    index, weight : Tensor
-        Coefficients of the map (q, 16) that each ray touches, and what a unit of each adds to the ray's pixel.
+    look : Stencil
+        Where each ray meets the map.
+    light : Tensor
+        What a unit of the map there adds to the ray's pixel (q,).
     """
 
     levels: Tensor
     slopes: Tensor
-    index: Tensor
-    weight: Tensor
+    look: Stencil
+    light: Tensor
 
 
 def linearised(window: Window, pose: Pose, ball: Ball) -> Linearised:
     """The model at a pose, with its derivatives by all that an adjustment changes."""
     points = surface(window, pose.centre, ball.radius)
-    look, gradient = texture.stencil_and_gradient(ball.coefficients, points @ pose.orientation, ball.cells)
-    light = parts_in_sight(window, pose.centre, ball.radius) * (shading_basis(points) @ ball.shading)
+    look = texture.stencil(pose.orientation.T @ points, ball.cells)
+    value, gradient = look.value_and_gradient(ball.coefficients)
+    light = parts_in_sight(window, pose.centre, ball.radius) * (ball.shading @ shading_basis(points))
     share, edge = coverage(window, pose.centre, ball.radius, ball.edge_blur)
-    lit = window.gather(light * look.value(ball.coefficients))
+    lit = window.gather(light * value)
     step = lit - window.behind
     away = window.pixels - pose.centre
     outwards = away / away.norm(dim=-1, keepdim=True).clamp_min(1e-9)
-    of_texture = _of_texture(points, gradient @ pose.orientation.T / ball.radius) * light[:, None]
+    of_texture = _of_texture(points, pose.orientation @ (gradient * (light / ball.radius)))
     slopes = torch.zeros(len(step), 7, dtype=torch.float64)
-    slopes[:, :6] = share[:, None] * window.gather(of_texture)
+    for unknown, change in enumerate(of_texture):
+        slopes[:, unknown] = share * window.gather(change)
     slopes[:, :2] += (edge * step)[:, None] * outwards
     slopes[:, 5] += edge * step
     wider, _ = coverage(window, pose.centre, ball.radius, ball.edge_blur + 0.01)
@@ -264,39 +273,38 @@ def linearised(window: Window, pose: Pose, ball: Ball) -> Linearised:
     return Linearised(
         levels=pose.gain * (share * lit + (1 - share) * window.behind) + pose.offset,
         slopes=pose.gain * slopes,
-        index=look.index,
-        weight=(pose.gain * share[window.owner] * light)[:, None] * look.weight,
+        look=look,
+        light=pose.gain * share[window.owner] * light,
     )
 
 
 def lights(window: Window, pose: Pose, ball: Ball) -> Tensor:
     """Derivative (p, 4) of `appearance` by the shading."""
     points = surface(window, pose.centre, ball.radius)
-    level = texture.stencil(points @ pose.orientation, ball.cells).value(ball.coefficients)
+    level = texture.stencil(pose.orientation.T @ points, ball.cells).value(ball.coefficients)
     share, _ = coverage(window, pose.centre, ball.radius, ball.edge_blur)
     part = parts_in_sight(window, pose.centre, ball.radius)
-    return (pose.gain * share)[:, None] * window.gather((part * level)[:, None] * shading_basis(points))
+    return (pose.gain * share)[:, None] * window.gather((part * level * shading_basis(points)).T)
 
 
-def _of_texture(points: Tensor, slope: Tensor) -> Tensor:
-    """Change (q, 6) of the map's value along each ray by dx, dy, wx, wy, wz and the radius, px.
+def _of_texture(points: Tensor, slope: Tensor) -> list[Tensor]:
+    """Changes (q,) of the map's value along each ray by dx, dy, wx, wy, wz and the radius, px.
 
-    ``points`` (q, 3) of the unit sphere and ``slope`` (q, 3) of the value there, per px, both in camera axes. What a
+    ``points`` (3, q) of the unit sphere and ``slope`` (3, q) of the value there, per px, both in camera axes. What a
     pixel sees of the surface moves against the ball: by -(1, 0, -x / z) for dx, by -w x P for a rotation; and for a
     larger radius the surface comes nearer by R / s and shrinks with respect to the ball.
     """
-    x, y, z = points.unbind(-1)
-    sx, sy, sz = slope.unbind(-1)
-    columns = (
+    x, y, z = points.unbind(0)
+    # Rays that were drawn back to the limb follow the ball, and so near to it depth is no linear function any more.
+    sx, sy, sz = (slope * (-z > DEEPEST)).unbind(0)
+    return [
         sz * x / z - sx,
         sz * y / z - sy,
         sy * z - sz * y,
         sz * x - sx * z,
         sx * y - sy * x,
         sz / z - (sx * x + sy * y + sz * z),
-    )
-    # Rays that were drawn back to the limb follow the ball, and so near to it depth is no linear function any more.
-    return torch.stack(columns, -1).where((-z > DEEPEST)[:, None], 0.0)
+    ]
 
 
 def moved(pose: Pose, step: Tensor, radius: float) -> Pose:
