@@ -60,3 +60,40 @@ def test_operations_with_a_thread_each_leave_the_shares_as_many_as_before(thread
             assert len(run(lambda start, stop: None, 100)) == threads
         assert torch.get_num_threads() == 1
     assert torch.get_num_threads() == threads
+
+
+def test_each_result_comes_in_order_from_threads_with_a_single_torch_thread(threads: int) -> None:
+    # Calls wait for each other in groups as large as the number of threads, so that all of them are needed.
+    meeting = threading.Barrier(threads, timeout=30)
+
+    def product(a: int, b: int) -> tuple[int, int, int]:
+        meeting.wait()
+        return a * b, threading.get_ident(), torch.get_num_threads()
+
+    found = list(parallel.each(product, range(12), range(100, 112)))
+    assert [value for value, _, _ in found] == [a * (100 + a) for a in range(12)]
+    assert len({name for _, name, _ in found}) == threads
+    assert {count for _, _, count in found} == {1}
+    assert torch.get_num_threads() == threads
+
+
+def test_what_is_shared_out_already_gets_no_threads_of_its_own() -> None:
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        with parallel.sharing(CPU) as run:
+            inner = run(lambda start, stop: len({*parallel.each(lambda _: threading.get_ident(), range(8))}), 8)
+        assert inner == [1, 1]
+    finally:
+        torch.set_num_threads(before)
+
+
+def test_an_error_in_one_of_many_is_raised_where_they_are_taken(threads: int) -> None:
+    def failing(i: int) -> int:
+        if i == 3:
+            raise ValueError("the fourth")
+        return i
+
+    with pytest.raises(ValueError, match="the fourth"):
+        list(parallel.each(failing, range(6)))
+    assert torch.get_num_threads() == threads

@@ -73,8 +73,7 @@ def test_adding_values_to_the_coefficients_is_the_value_backwards() -> None:
     coefficients, places = smooth_coefficients(12), directions(400)
     look = texture.stencil(places, 12)
     amounts = torch.randn(400, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
-    total = torch.zeros_like(coefficients)
-    look.add(total, amounts)
+    total = look.add(amounts)
     # The two scalar products of an operator and its adjoint.
     assert float(total @ coefficients) == pytest.approx(float(amounts @ look.value(coefficients)), rel=1e-12)
     whole = (coefficients[look.index] * look.weight).sum(-1)

@@ -19,7 +19,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.sparse.linalg import cg
 
-from torchsphere import schur, texture, trust, view
+from torchsphere import parallel, schur, texture, trust, view
 from torchsphere.trust import Profile
 from torchsphere.view import Ball, Pose, Window
 
@@ -125,7 +125,7 @@ def adjust(
     poses, profile = trust.first_gains(windows, poses), trust.level_profile(radius)
     for _ in range(GAIN_ROUNDS):
         ball = _first_map(windows, poses, ball, profile)
-        poses = [trust.levelled(w, p, ball, profile) for w, p in zip(windows, poses, strict=True)]
+        poses = trust.all_levelled(windows, poses, ball, profile)
     state = Bundle(ball, poses, np.zeros((0, 0)), profile, windows, settled=False)
     for spacing, settled in zip(SPACINGS_PX, SETTLED_PX, strict=True):
         cells = texture.cells_for(radius, spacing)
@@ -146,9 +146,9 @@ def _rounds(state: Bundle, settled: float) -> Bundle:
     """Rounds of elimination and steps until a fresh step moves no pose by more than ``settled`` px."""
     for _ in range(ROUNDS):
         ball = state.ball
-        poses = [trust.levelled(w, p, ball, state.profile) for w, p in zip(state.windows, state.poses, strict=True)]
+        poses = trust.all_levelled(state.windows, state.poses, ball, state.profile)
         profile = trust.profile(state.windows, poses, ball)
-        windows = [trust.doubt(w, p, ball, profile) for w, p in zip(state.windows, poses, strict=True)]
+        windows = trust.all_doubted(state.windows, poses, ball, profile)
         elimination = schur.eliminate(windows, poses, ball, profile)
         poses, ball, move = _iterate(windows, poses, ball, profile, elimination)
         state = Bundle(ball, poses, elimination.reduced_inverse, profile, windows, move < settled)
@@ -190,13 +190,16 @@ def _map_step(
     windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile, elimination: schur.Elimination
 ) -> Ball:
     """The ball with its map brought up to date with poses that have moved; near the limb that is no linear change."""
-    of_map = torch.zeros(texture.size(ball.cells), dtype=torch.float64)
-    for window, pose in zip(windows, poses, strict=True):
+
+    def of_map(window: Window, pose: Pose) -> Array:
         levels, look, light = view.touched(window, pose, ball)
         weighted = trust.weights(window, pose, ball, profile) * (window.levels - levels)
-        look.add(of_map, weighted[window.owner] * light)
+        return look.add(weighted[window.owner] * light).numpy()
+
     coefficients = ball.coefficients.numpy().copy()
-    pull = of_map.numpy() - schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ coefficients)
+    pull = -schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ coefficients)
+    for own in parallel.each(of_map, windows, poses):
+        pull += own
     coefficients[elimination.seen] += elimination.map.solve(pull[elimination.seen])
     return replace(ball, coefficients=torch.from_numpy(coefficients))
 
@@ -218,12 +221,16 @@ def _map_equations(
 ) -> tuple[sparse.csr_matrix, Array]:
     count = texture.size(ball.cells)
     normal, gradient = sparse.csr_matrix((count, count)), np.zeros(count)
-    for window, pose in zip(windows, poses, strict=True):
+
+    def of_one(window: Window, pose: Pose) -> tuple[sparse.csr_matrix, Array]:
         levels, look, light = view.touched(window, pose, ball)
         design = schur.design_matrix(window, look, light)
         weighted = design.multiply(trust.weights(window, pose, ball, profile).numpy()[:, None]).tocsr()
-        normal = normal + weighted.T @ design
-        gradient += weighted.T @ (window.levels - levels).numpy()
+        return weighted.T @ design, weighted.T @ (window.levels - levels).numpy()
+
+    for own_normal, own_gradient in parallel.each(of_one, windows, poses):
+        normal = normal + own_normal
+        gradient += own_gradient
     return normal, gradient
 
 
@@ -281,18 +288,22 @@ class _Pull:
 
 def _pull(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> _Pull:
     n, squares = len(windows), 0.0
-    of_map = torch.zeros(texture.size(ball.cells), dtype=torch.float64)
-    of_poses = np.zeros(5 * n + schur.SHARED)
-    for i, (window, pose) in enumerate(zip(windows, poses, strict=True)):
+    of_map, of_poses = np.zeros(texture.size(ball.cells)), np.zeros(5 * n + schur.SHARED)
+
+    def of_one(window: Window, pose: Pose) -> tuple[Array, Array, float]:
         now = view.linearised(window, pose, ball)
         rest = window.levels - now.levels
         weighted = trust.weights(window, pose, ball, profile) * rest
-        squares += float(weighted @ rest)
-        of_poses[schur.columns_of(i, n)] += (now.slopes.T @ weighted).numpy()
-        now.look.add(of_map, weighted[window.owner] * now.light)
+        own = now.look.add(weighted[window.owner] * now.light)
+        return own.numpy(), (now.slopes.T @ weighted).numpy(), float(weighted @ rest)
+
+    for i, (own_map, own_pose, own_squares) in enumerate(parallel.each(of_one, windows, poses)):
+        of_map += own_map
+        of_poses[schur.columns_of(i, n)] += own_pose
+        squares += own_squares
     coefficients = ball.coefficients.numpy()
     rough = schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ coefficients)
-    return _Pull(of_map.numpy() - rough, of_poses, squares + float(coefficients @ rough))
+    return _Pull(of_map - rough, of_poses, squares + float(coefficients @ rough))
 
 
 def _step(

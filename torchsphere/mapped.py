@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere import bundle, register, still, view
+from torchsphere import bundle, parallel, register, still, view
 from torchsphere.bundle import Bundle
 from torchsphere.circle import Circle
 from torchsphere.interpolate import PRE_BLUR_PX, noise_gains
@@ -172,19 +172,33 @@ def _register_all(
     """Registration of every known frame; the keyframes' own come from the adjustment."""
     corrected = dict(zip(keys, adjusted.poses, strict=True))
     ball, profile = adjusted.ball, adjusted.profile
-    found = {}
-    for done, i in enumerate([i for i in known if i not in corrected], len(keys) + 1):
-        if progress is not None:
-            progress(done, len(known))
+
+    def guessed(i: int) -> Pose:
         near = keys[int(np.argmin(np.abs(np.array(keys) - i)))]
         # The drift up to here is about that of the nearest keyframe.
         turn = corrected[near].orientation @ starts[near].orientation.T
         centre = starts[i].centre + corrected[near].centre - starts[near].centre
-        guess = Pose(centre, turn @ starts[i].orientation, corrected[near].gain, corrected[near].offset)
-        registration = register.register(window(i, guess, ball.radius), guess, ball, profile)
-        moved = float((registration.pose.centre - centre).norm()) < MAX_MOVE * ball.radius
-        if registration.converged and moved and registration.misfit < MAX_FRAME_MISFIT:
-            found[i] = registration
+        return Pose(centre, turn @ starts[i].orientation, corrected[near].gain, corrected[near].offset)
+
+    def registered(guess: Pose, own: Window) -> Registration | None:
+        registration = register.register(own, guess, ball, profile)
+        moved = float((registration.pose.centre - guess.centre).norm()) < MAX_MOVE * ball.radius
+        good = registration.converged and moved and registration.misfit < MAX_FRAME_MISFIT
+        return registration if good else None
+
+    found = {}
+    others = [i for i in known if i not in corrected]
+    for first in range(0, len(others), KEYFRAMES):
+        # As many images at once as the adjustment had in memory.
+        some = others[first : first + KEYFRAMES]
+        guesses = [guessed(i) for i in some]
+        windows = [window(i, guess, ball.radius) for i, guess in zip(some, guesses, strict=True)]
+        each = parallel.each(registered, guesses, windows)
+        for done, (i, registration) in enumerate(zip(some, each, strict=True), len(keys) + first + 1):
+            if progress is not None:
+                progress(done, len(known))
+            if registration is not None:
+                found[i] = registration
     for key, on_map, pose in zip(keys, adjusted.windows, adjusted.poses, strict=True):
         own = register.own_covariance(on_map, pose, ball, profile)
         found[key] = Registration(pose, own, True, 1.0)

@@ -1,4 +1,4 @@
-"""Rows of a batch shared out among threads, each with torch's own threads switched off.
+"""Rows of a batch, or images, shared out among threads, each with torch's own threads switched off.
 
 Torch shares each operation out by itself; on arrays as small as a batch's that costs more than it gives, and where
 other programs use the cores, too, its threads wait for each other: measured ten times slower with two threads than
@@ -9,16 +9,17 @@ lock.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import ContextVar
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 
 #: Fewer rows than this are not worth a thread of their own: by then the calls take as long as the arithmetic.
 LEAST_ROWS = 4
 
+Result = TypeVar("Result")
 Run = Callable[[Callable[[int, int], Any], int], list[Any]]
 
 #: Threads that torch might use before `one_each` left it one.
@@ -38,6 +39,24 @@ def one_each() -> Iterator[None]:
         _ALLOWED.reset(token)
 
 
+def _allowed() -> int:
+    """Threads that torch might use, but for `one_each`."""
+    return _ALLOWED.get() or torch.get_num_threads()
+
+
+def each(function: Callable[..., Result], *columns: Iterable[Any]) -> Iterator[Result]:
+    """Like `map`, on as many threads as torch may use: for functions that take milliseconds, on the CPU.
+
+    Results come in order. Arguments are all taken at once, and results wait for whoever takes them.
+    """
+    count = _allowed()
+    if count == 1:
+        yield from map(function, *columns)
+        return
+    with one_each(), ThreadPoolExecutor(count) as pool:
+        yield from pool.map(function, *columns)
+
+
 @contextlib.contextmanager
 def sharing(device: torch.device) -> Iterator[Run]:
     """A function that calls ``part(start, stop)`` for shares of ``n`` rows, on as many threads as torch may use.
@@ -45,7 +64,7 @@ def sharing(device: torch.device) -> Iterator[Run]:
     On a GPU, or where torch may use one thread, one call gets all rows. Torch's number of threads is what it was
     afterwards.
     """
-    count = (_ALLOWED.get() or torch.get_num_threads()) if device.type == "cpu" else 1
+    count = _allowed() if device.type == "cpu" else 1
     if count == 1:
         yield lambda part, n: [part(0, n)]
         return

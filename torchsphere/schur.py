@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import SuperLU, splu
 from torch import Tensor
 
-from torchsphere import texture, trust, view
+from torchsphere import parallel, texture, trust, view
 from torchsphere.texture import Stencil
 from torchsphere.trust import Profile
 from torchsphere.view import Ball, Pose, Window
@@ -81,15 +81,19 @@ def eliminate(windows: list[Window], poses: list[Pose], ball: Ball, profile: Pro
     total = 5 * n + SHARED
     normal = sparse.csr_matrix((count, count))
     coupling, own = np.zeros((count, total)), np.zeros((total, total))
-    for i, (window, pose) in enumerate(zip(windows, poses, strict=True)):
+
+    def of_one(window: Window, pose: Pose) -> tuple[sparse.csr_matrix, Array, Array]:
         now = view.linearised(window, pose, ball)
         design, slopes = design_matrix(window, now.look, now.light), now.slopes.numpy()
         weights = trust.weights(window, pose, ball, profile).numpy()
         weighted = design.multiply(weights[:, None]).tocsr()
-        normal = normal + weighted.T @ design
+        return weighted.T @ design, weighted.T @ slopes, slopes.T @ (weights[:, None] * slopes)
+
+    for i, (of_map, between, of_pose) in enumerate(parallel.each(of_one, windows, poses)):
+        normal = normal + of_map
         columns = columns_of(i, n)
-        coupling[:, columns] += weighted.T @ slopes
-        own[np.ix_(columns, columns)] += slopes.T @ (weights[:, None] * slopes)
+        coupling[:, columns] += between
+        own[np.ix_(columns, columns)] += of_pose
     seen = np.flatnonzero(normal.diagonal() > 0)
     factor = _factor(with_prior(normal, seen, ball.cells))
     coupling = coupling[seen]

@@ -88,13 +88,15 @@ class Stencil:
         for row in range(4):
             yield [coefficients[row * self._width + k :].index_select(0, self.corner) for k in range(4)]
 
-    def add(self, total: Tensor, values: Tensor) -> None:
-        """Add the ``values`` (q,) to the ``total`` (m,) of the coefficients that they come from: `value` backwards."""
+    def add(self, values: Tensor) -> Tensor:
+        """Sums (m,) of the ``values`` (q,) over the coefficients that they come from: `value` backwards."""
+        total = values.new_zeros(size(self.cells))
         offsets = iter(self._offsets())
         for across in self.y:
             row = values * across
             for along in self.x:
                 total[next(offsets) :].index_add_(0, self.corner, row * along)
+        return total
 
 
 def cells_for(radius: float, spacing_px: float) -> int:

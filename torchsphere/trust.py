@@ -12,7 +12,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
 
-from torchsphere import view
+from torchsphere import parallel, view
 from torchsphere.view import Ball, Pose, Window
 
 #: Limits of the rings that the residual is taken over, px from the outline.
@@ -49,10 +49,10 @@ def profile(windows: list[Window], poses: list[Pose], ball: Ball) -> Profile:
     """Mean square of the trusted residuals per ring."""
     limits = ball.radius + torch.tensor(RINGS_PX, dtype=torch.float64)
     total, count = torch.zeros(len(limits) + 1, dtype=torch.float64), torch.zeros(len(limits) + 1, dtype=torch.float64)
-    for window, pose in zip(windows, poses, strict=True):
+    levels = parallel.each(lambda window, pose: view.appearance(window, pose, ball), windows, poses)
+    for window, pose, seen in zip(windows, poses, levels, strict=True):
         ring = torch.bucketize((window.pixels - pose.centre).norm(dim=-1), limits)
-        rest = window.levels - view.appearance(window, pose, ball)
-        total.index_add_(0, ring, window.trust * rest.square())
+        total.index_add_(0, ring, window.trust * (window.levels - seen).square())
         count.index_add_(0, ring, window.trust)
     floor = 1 / 12  # what rounding alone leaves
     return Profile(limits, (total / count.clamp_min(1)).clamp_min(floor))
@@ -62,6 +62,11 @@ def weights(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Tensor:
     """Weight (p,) of each pixel: its trust over the variance of its ring."""
     distance = (window.pixels - pose.centre).norm(dim=-1)
     return window.trust / profile.variance[torch.bucketize(distance, profile.limits)]
+
+
+def all_doubted(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> list[Window]:
+    """`doubt` of each window."""
+    return list(parallel.each(lambda window, pose: doubt(window, pose, ball, profile), windows, poses))
 
 
 def doubt(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Window:
@@ -84,6 +89,11 @@ def first_gains(windows: list[Window], poses: list[Pose]) -> list[Pose]:
     means = torch.stack([(w.trust * w.levels).sum() / w.trust.sum().clamp_min(1) for w in windows])
     gains = means / means.mean().clamp_min(1e-6)
     return [replace(pose, gain=max(float(gain), 0.1)) for pose, gain in zip(poses, gains, strict=True)]
+
+
+def all_levelled(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> list[Pose]:
+    """`levelled` of each pose."""
+    return list(parallel.each(lambda window, pose: levelled(window, pose, ball, profile), windows, poses))
 
 
 def levelled(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Pose:
