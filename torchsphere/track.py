@@ -162,6 +162,7 @@ def track(
         measured = followed(first)
         motion = drift.bound(source, measured, first, mask, asked, settings.model)
     fine = fineness(source.images(first.frame, first.frame + 1)[0], motion.circle, mask)
+    steps, lit = int(np.isfinite(measured.increment[:, 0]).sum()), int(measured.uneven_light.sum())
     used = dataclasses.asdict(settings) | {
         "circle_given": circle is not None,
         "circle_refined": circle is None or refine,
@@ -181,7 +182,9 @@ def track(
         status=measured.status,
         radius=measured.size * (motion.circle.radius / first.radius),
         sd_growth=measured.sd_growth,
-        sd_steady=sd_steady(motion.increment, motion.circle.radius, fine, on_map=motion.about_map["used"]),
+        sd_steady=sd_steady(
+            motion.increment, motion.circle.radius, fine, on_map=motion.about_map["used"], lit=lit / max(steps, 1)
+        ),
         circle=motion.circle,
         settings=used,
     )
