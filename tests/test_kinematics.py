@@ -110,6 +110,16 @@ def test_the_radius_uncertainty_enters_scale_velocity_and_spin(falling: ts.Track
     assert added == pytest.approx(0.21, rel=1e-6)
 
 
+def test_an_uncertain_centre_widens_the_spin_about_z_of_a_ball_that_tilts() -> None:
+    n = 11
+    increment = np.tile([1.0, 0.0, 0.01, 0.02, 0.0], (n - 1, 1))
+    exact = made_track(increment, np.array([0.01, 0.01, 1e-4, 1e-4, 1e-4]), ts.Circle(50.0, 40.0, 20.0, 0.0, 0.0, 0.0))
+    uncertain = dataclasses.replace(exact, circle=dataclasses.replace(exact.circle, sd_x=0.4, sd_y=0.1))
+    wide, own = (ts.kinematics(t, frame_rate=1000.0, m_per_px=5e-4).sd_spin_rad_s[5, 2] for t in (uncertain, exact))
+    # 10 rad/s about x times 0.4 px, 20 rad/s about y times 0.1 px, 0.85 of it over 20 px.
+    assert np.sqrt(wide**2 - own**2) == pytest.approx(0.85 * np.hypot(10 * 0.4, 20 * 0.1) / 20, rel=1e-6)
+
+
 def test_what_the_radius_does_may_change_along_a_flight_by_its_own_size(falling: ts.Track) -> None:
     exact = ts.kinematics(falling, frame_rate=1000.0, m_per_px=5e-4)
     circle = dataclasses.replace(falling.circle, sd_radius=0.2)

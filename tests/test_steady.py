@@ -8,7 +8,7 @@ import torch
 from shots import noisy, pair, speckle
 
 import torchsphere as ts
-from torchsphere import steady
+from torchsphere import shared, steady
 
 
 def steps(*step: float) -> np.ndarray:
@@ -153,3 +153,19 @@ def test_a_point_off_the_centre_goes_round_it_with_the_spin_about_z() -> None:
     # And towards the centre, the square of it.
     added = np.sqrt(wide.sd_acceleration_m_s2[9] ** 2 - own.sd_acceleration_m_s2[9] ** 2)
     np.testing.assert_allclose(added, [0.0025 * 0.3, 0.0025 * 0.4], rtol=1e-4)
+
+
+@pytest.mark.parametrize("off", [(0.4, 0.0), (0.0, 0.4), (-0.3, 0.3)])
+def test_a_circle_off_the_centre_turns_a_tilting_ball_about_z(off: tuple[float, float]) -> None:
+    tilt, step = (0.6, -0.4), (1.2, 0.4)
+    added = []
+    for seed in range(4):
+        f, g, (x, y, radius) = pair((*step, *tilt, 0.0), seed=seed)
+        right, wrong = (
+            ts.correlate(f, g, (x + share * off[0], y + share * off[1], radius), start=[*step, 0, 0, 0]).q[0, 4]
+            for share in (0, 1)
+        )
+        added.append(float(wrong - right))
+    expected = shared.ABOUT_Z_PER_CENTRE * float(np.radians(tilt) @ off) / radius
+    # Four patterns scatter by a tenth of it.
+    assert np.mean(added) == pytest.approx(expected, rel=0.1)
