@@ -113,8 +113,8 @@ def test_bands_of_95_percent_hold_nine_of_ten_values_in_flight_and_contact(
     shots: tuple[list[Pulse], list[Kinematics]], name: str, part: bool
 ) -> None:
     # That they hold no more than 98 of 100 takes more shots than a test has: the errors of a flight, and of a force
-    # that is none, are one error each, so that of 24 shots a share is known to 2 percent. Of 64 shots the shares are
-    # 96 to 98 (velocity, force) and 93 to 96 (spin). Bands too wide show in their widths, below.
+    # that is none, are one error each, so that of 24 shots a share is known to 2 percent. Of 96 other shots the
+    # shares are 94 to 98 (velocity, spin) and 96 to 99 (force). Bands too wide show in their widths, below.
     assert covered(shots, name, part) >= 0.9
 
 

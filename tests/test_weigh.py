@@ -1,5 +1,6 @@
 """Which process the data choose for a force of known shape, in each degree of freedom."""
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -33,16 +34,24 @@ def moved(shape: Callable[[np.ndarray], np.ndarray], seed: int) -> np.ndarray:
     return np.concatenate(([0.0], position))[::100][:FRAMES] + np.random.default_rng(seed).normal(size=FRAMES)
 
 
-def share_smooth(*shapes: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+def series(*shapes: Callable[[np.ndarray], np.ndarray]) -> Series:
+    """One recording with a degree of freedom of each shape."""
     value = torch.from_numpy(np.stack([moved(shape, seed) for seed, shape in enumerate(shapes)]))[None]
-    own = Series(
+    return Series(
         times=torch.arange(float(FRAMES), dtype=torch.float64)[None],
         value=value,
         variance=torch.ones_like(value),
         drift=torch.zeros_like(value[..., 1:]),
         seen=torch.ones_like(value, dtype=torch.bool),
     )
-    found = contact.find(own)
+
+
+def no_force(share: np.ndarray) -> np.ndarray:
+    return 0 * share
+
+
+def share_smooth(*shapes: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    found = contact.find(series(*shapes))
     assert bool(found.found[0])
     return np.asarray(found.smooth[0].double().mean(0))
 
@@ -54,3 +63,15 @@ def test_a_half_sine_is_found_smooth_and_a_triangle_rough(shape: Callable, smoot
 
 def test_a_rough_force_is_not_taken_for_smooth_because_that_beside_it_is() -> None:
     assert share_smooth(triangle, half_sine, half_sine, half_sine)[0] < 0.1
+
+
+def test_a_flight_that_is_weighed_beside_a_contact_is_what_it_is_alone() -> None:
+    touched, free = series(half_sine, half_sine), series(no_force, no_force)
+    values = ((getattr(touched, f.name), getattr(free, f.name)) for f in dataclasses.fields(Series))
+    beside, alone = contact.find(Series(*map(torch.cat, values))), contact.find(free)
+    assert beside.found.tolist() == [True, False]
+    assert not alone.windows.any()
+    assert not beside.windows[1].any()
+    # Where nothing touches, neither process does anything: all that is left are the intensities of flight.
+    np.testing.assert_allclose(alone.flight[0], beside.flight[1], rtol=1e-12)
+    np.testing.assert_allclose(alone.noise[0], beside.noise[1], rtol=1e-12)

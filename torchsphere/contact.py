@@ -23,6 +23,7 @@ from torchsphere.weigh import (
     intensities,
     possible,
     posterior,
+    without_contact,
 )
 
 #: Intensities of the first search, powers of ten, in flight and in contact; and all that are possible, coarsely.
@@ -98,8 +99,11 @@ def find(series: Series) -> Contact:
     window = torch.where(found[:, None], window, none)
     flight = torch.where(found[:, None], flight, quiet[0])
     contact = torch.where(found[:, None], contact, -math.inf)
-    best = both_processes(series, window, flight, contact)
-    windows, kinds = candidates(series, best)
+    if found.any():
+        best = both_processes(series, window, flight, contact)
+        windows, kinds = candidates(series, best)
+    else:
+        best, windows, kinds = without_contact(window, flight)
     windows = torch.where(found[:, None, None], windows, 0.0)
     return Contact(found, windows, *intensities(series, windows, best, kinds), gain)
 
