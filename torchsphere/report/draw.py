@@ -63,7 +63,7 @@ def _figures(result: ResultFolder, folder: Path) -> None:
     for name, make in drawn.items():
         figure = make(result)
         figure.savefig(folder / f"{name}.png")
-        # The layout is found: to find it again took a quarter of the time of drawing.
+        # The layout is found: to find it again took a tenth of the time of drawing.
         figure.set_layout_engine("none")
         # Without its date, so that the same result gives the same file.
         figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
