@@ -2,7 +2,7 @@
 
 Pairs of images know the step between two poses; all images together know the map that explains every one of them, and
 with it the poses, the radius and the blur of the outline. The map's coefficients are thousands, but enter linearly and
-touch their neighbours only, so they are schur exactly (Schur complement); what remains are five unknowns per image
+touch their neighbours only, so they are eliminated exactly (Schur complement); what remains are five unknowns per image
 and two in common. Its inverse is the covariance of all poses with the map's own uncertainty in it.
 
 The way to it is Gauss-Newton: the elimination is costly and is renewed rarely, the residuals are always exact.
