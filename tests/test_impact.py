@@ -122,7 +122,7 @@ def test_there_is_no_impact_without_scale_contact_flight_or_smoother(motion: Kin
     cases = {
         "scale": None,
         "contact": dataclasses.replace(motion, contact_s=None, sd_contact_s=None),
-        "smoother": dataclasses.replace(motion, draws=None),
+        "smoother": dataclasses.replace(motion, about={"method": "differences"}),
         "reaches the start": dataclasses.replace(motion, contact_s=np.array([-1.0, motion.contact_s[1]])),
         "reaches the end": dataclasses.replace(motion, contact_s=np.array([motion.contact_s[0], 1.0])),
     }

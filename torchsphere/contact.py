@@ -35,9 +35,12 @@ WHOLE_CONTACT = tuple(float(power) for power in range(-12, 9))
 #: is followed to its maximum: from the best of all alone, one shot in 16 had its end 6 frames off.
 STARTS, LONGEST = 16, 3
 
-#: Frames that are searched at once, and how far beyond the edges found so far the next look reaches, in the distance
-#: of the frames that they were found among.
-SEARCHED, REACH = 128, 4
+#: Frames that are searched at once, how far beyond the edges found so far the next look reaches, in the distance of the
+#: frames that they were found among, and down to which part of that distance edges are sought among them.
+SEARCHED, REACH, WITHIN = 128, 4, 0.25
+
+#: Frames before and after the contact that tell its edges; those in flight keep in mind a hundred at most.
+TELLING = 128
 
 #: Steps of the intensities (powers of ten) in the refinement, coarse to fine, while the interval's steps are halved.
 INTENSITY_STEPS = (1.5, 0.9, 0.5, 0.3, 0.2)
@@ -100,12 +103,20 @@ def find(series: Series) -> Contact:
     flight = torch.where(found[:, None], flight, quiet[0])
     contact = torch.where(found[:, None], contact, -math.inf)
     if found.any():
-        best = both_processes(series, window, flight, contact)
-        windows, kinds = candidates(series, best)
+        near = _near(series, window, found)
+        best = both_processes(near, window, flight, contact)
+        windows, kinds = candidates(near, best)
     else:
         best, windows, kinds = without_contact(window, flight)
     windows = torch.where(found[:, None, None], windows, 0.0)
     return Contact(found, windows, *intensities(series, windows, best, kinds), gain)
+
+
+def _near(series: Series, window: Tensor, found: Tensor) -> Series:
+    """The frames around all contacts that were found, where that spares any."""
+    first, last = window[found, 0].min() - TELLING, window[found, 1].max() + TELLING
+    inside = ((series.times >= first) & (series.times <= last)).any(0).nonzero()[:, 0]
+    return series.between(int(inside[0]), int(inside[-1]) + 1)
 
 
 def _best_interval(series: Series) -> Best:
@@ -126,7 +137,7 @@ def _in_long(series: Series) -> Best:
     seen = torch.nonzero(series.seen[0].any(0))
     t = int(seen[-1]) + 1 if len(seen) else series.times.shape[1]
     every = math.ceil(t / SEARCHED)
-    best = _highest(series.between(0, t, every))
+    best = _highest(series.between(0, t, every), finest=WITHIN * every)
     while every > 1:
         margin = max(REACH * every, SEARCHED // 3)
         limits = best.window[0] + best.window.new_tensor([-margin, margin + 1])
@@ -136,7 +147,8 @@ def _in_long(series: Series) -> Best:
             # A contact too long for a look at each of its frames: its edges are known well enough.
             break
         part = series.between(start, stop, finer)
-        best = _climb(part, best, best.window.new_tensor([float(every)]))
+        finest = FINEST_STEP if finer == 1 else WITHIN * finer
+        best = _climb(part, best, best.window.new_tensor([float(every)]), finest)
         every = finer
     best = best._replace(window=possible(series, best.window[:, None])[:, 0])
     flight, contact, _ = _at(series, best.window, *_all_intensities(series))
@@ -147,18 +159,18 @@ def _in_long(series: Series) -> Best:
     return best
 
 
-def _highest(series: Series) -> Best:
+def _highest(series: Series, finest: float = FINEST_STEP) -> Best:
     """The highest of the maxima that the starts lead to."""
     many = series.repeated(LONGEST + 1)
-    each = _climb(many, _first(series), _pitch(many))
+    each = _climb(many, _first(series), _pitch(many), finest)
     top, number = each.top.unflatten(0, (-1, LONGEST + 1)).max(-1)
     rows = torch.arange(len(number), device=number.device) * (LONGEST + 1) + number
     return Best(each.window[rows], each.flight[rows], each.contact[rows], top)
 
 
-def _climb(series: Series, best: Best, step: Tensor) -> Best:
-    """The maximum of the likelihood that a start leads to, with steps of the edges from ``step`` (n,) down."""
-    for number in range(max(4, 2 + math.ceil(math.log2(float(step.max()) / FINEST_STEP)))):
+def _climb(series: Series, best: Best, step: Tensor, finest: float) -> Best:
+    """The maximum of the likelihood that a start leads to, with steps of the edges from ``step`` (n,) to ``finest``."""
+    for number in range(max(4, 2 + math.ceil(math.log2(float(step.max()) / finest)))):
         if number in (2, 5):
             # The intensities of one degree of freedom have several maxima, too.
             flight, contact, _ = _at(series, best.window, *_all_intensities(series))
@@ -166,7 +178,7 @@ def _climb(series: Series, best: Best, step: Tensor) -> Best:
         size = INTENSITY_STEPS[min(number, len(INTENSITY_STEPS) - 1)]
         for _ in range(2):
             best = _refined(series, best, step, size)
-        step = (0.5 * step).clamp_min(FINEST_STEP)
+        step = (0.5 * step).clamp_min(finest)
     return best
 
 

@@ -21,10 +21,34 @@ from torchsphere.track import Track
 #: Motions drawn from what the data leave possible, for quantities that depend on many frames at once.
 DRAWS = 400
 
+#: They are made of all frames of a recording of up to so many, and of a longer one of so many before and after the
+#: contact: what depends on many frames at once is the impact.
+DRAWN_WHOLE, DRAWN_AROUND = 256, 100
+
 #: Largest standard deviation of a smoothed value, in those of a pose's error, that says anything about it.
 MEANINGLESS = 0.3 * UNKNOWN**0.5
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Motions (s of them) around a contact, as likely as the data leave them, in px, rad and frames.
+
+    Attributes
+    ----------
+    rate, acceleration : ndarray
+        (s, m, 5).
+    interval : ndarray
+        Start and end of the contact (s, 2).
+    span : slice
+        Which m of the recording's frames they are of.
+    """
+
+    rate: Array
+    acceleration: Array
+    interval: Array
+    span: slice
 
 
 @dataclass(frozen=True)
@@ -37,8 +61,8 @@ class Motion:
         Of the position from the measured one (n, 2).
     rate, acceleration, sd_rate, sd_acceleration : ndarray
         (n, 5); NaN where not known.
-    drawn : tuple of ndarray or None
-        Rates and accelerations (s, n, 5) and contact intervals (s, 2) as likely as the data leave them.
+    drawn : Drawn or None
+        None where no contact was found or sought.
     interval : tuple of ndarray or None
         Start and end (2,) of the contact and their standard deviations.
     about : dict
@@ -51,7 +75,7 @@ class Motion:
     sd_offset: Array
     sd_rate: Array
     sd_acceleration: Array
-    drawn: tuple[Array, Array, Array] | None
+    drawn: Drawn | None
     interval: tuple[Array, Array] | None
     about: dict[str, Any]
 
@@ -61,10 +85,9 @@ def smoothed(tracks: Sequence[Track], times: Sequence[Array]) -> list[Motion]:
     begins = [moments[0] for moments in times]
     all_poses = poses(tracks, [moments - begin for moments, begin in zip(times, begins, strict=True)])
     found = contact.find(all_poses.series())
-    states = smooth.smooth(all_poses, found)
-    mean, covariance = (v.numpy() for v in states.average())
-    sd = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1)).reshape(*mean.shape)
-    draws, windows = (v.numpy() for v in states.draw(DRAWS))
+    states = smooth.smooth(all_poses, found, DRAWS, _span(all_poses, found))
+    mean = states.mean.numpy()
+    sd = states.covariance.diagonal(dim1=-2, dim2=-1).sqrt().numpy().reshape(*mean.shape)
     motions = []
     for row, (moments, begin) in enumerate(zip(times, begins, strict=True)):
         part = slice(0, len(moments))
@@ -72,10 +95,7 @@ def smoothed(tracks: Sequence[Track], times: Sequence[Array]) -> list[Motion]:
         hidden = np.where(unknown, np.nan, 1.0)
         lasting = np.sqrt(all_poses.drift[row, : len(moments) - 1].numpy().cumsum(0))
         lasting = np.concatenate((np.zeros((1, FREEDOMS)), lasting))[:, :2]
-        drawn = draws[:, row, part, 1] * hidden, draws[:, row, part, 2] * hidden
         is_there = bool(found.found[row])
-        edges = windows[:, row] + begin if is_there else np.full((DRAWS, 2), np.nan)
-        interval = _edges(states, row, begin) if is_there else None
         motions.append(
             Motion(
                 offset=mean[row, part, 0, :2] * hidden[:, :2],
@@ -84,12 +104,32 @@ def smoothed(tracks: Sequence[Track], times: Sequence[Array]) -> list[Motion]:
                 sd_offset=np.hypot(sd[row, part, 0, :2], lasting) * hidden[:, :2],
                 sd_rate=sd[row, part, 1] * hidden,
                 sd_acceleration=sd[row, part, 2] * hidden,
-                drawn=(*drawn, edges),
-                interval=interval,
+                drawn=_drawn(states, row, begin, hidden) if is_there else None,
+                interval=_edges(states, row, begin) if is_there else None,
                 about=_about(all_poses, found, states, row, len(moments)),
             )
         )
     return motions
+
+
+def _span(all_poses: Poses, found: Contact) -> slice:
+    """Frames whose states are drawn: around the contacts of all recordings."""
+    t = all_poses.times.shape[1]
+    if not found.found.any():
+        return slice(0, 0)
+    if t <= DRAWN_WHOLE:
+        return slice(0, t)
+    times, windows = all_poses.times[found.found], found.windows[found.found]
+    limits = torch.stack((windows[..., 0].amin(1) - DRAWN_AROUND, windows[..., 1].amax(1) + DRAWN_AROUND), 1)
+    places = torch.searchsorted(times, limits)
+    return slice(int(places[:, 0].min()), int(places[:, 1].max()))
+
+
+def _drawn(states: Smoothed, row: int, begin: float, hidden: Array) -> Drawn:
+    """What was drawn of one recording; ``hidden`` (n, 5) is NaN where nothing is known, and 1 elsewhere."""
+    first, stop, _ = states.span.indices(len(hidden))
+    rate, acceleration = (states.drawn[:, row, : stop - first, k].numpy() * hidden[first:stop] for k in (1, 2))
+    return Drawn(rate, acceleration, states.drawn_windows[:, row].numpy() + begin, slice(first, stop))
 
 
 def _unknown(all_poses: Poses, states: Smoothed, sd: Array, row: int) -> NDArray[np.bool_]:

@@ -204,12 +204,13 @@ def impact(
         raise ValueError(f"normal_deg = {normal_deg!r}: expected a finite angle in degrees")
     if motion is None:
         return None, "Frame rate or scale are not known, so no impact can be stated; give both."
-    if motion.draws is None:
+    if "contact_found" not in motion.about:
         return None, f"The method {motion.about['method']!r} finds no contact; use the smoother."
-    if motion.contact_s is None or motion.sd_contact_s is None:
+    if motion.contact_s is None or motion.sd_contact_s is None or motion.draws is None:
         return None, "No contact was found: one steady motion explains all frames as well."
     margin = CLEAR * motion.sd_contact_s
-    known = np.isfinite(motion.velocity_m_s).all(1)
+    known = np.zeros(len(motion.time_s), dtype=bool)
+    known[motion.draws.span] = np.isfinite(motion.velocity_m_s[motion.draws.span]).all(1)
     earlier = np.flatnonzero(known & (motion.time_s <= motion.contact_s[0] - margin[0]))
     later = np.flatnonzero(known & (motion.time_s >= motion.contact_s[1] + margin[1]))
     if len(earlier) == 0 or len(later) == 0:
@@ -228,7 +229,8 @@ def impact(
 def _assembled(
     central: _State, motion: Kinematics, draws: Draws, edges: list[int], thing: Ball | None, normal_deg: float | None
 ) -> Impact:
-    drawn = _state(draws.velocity_m_s[:, edges], draws.spin_rad_s[:, edges], draws.contact_s, normal_deg)
+    at = [edge - draws.span.start for edge in edges]
+    drawn = _state(draws.velocity_m_s[:, at], draws.spin_rad_s[:, at], draws.contact_s, normal_deg)
     missing = []
 
     def estimate(function: Callable[[_State], Array], unit: str, turns: bool = False) -> Estimate:
@@ -310,21 +312,22 @@ def _peak(motion: Kinematics, draws: Draws, mass: float) -> tuple[Estimate, Esti
     """
     assert motion.contact_s is not None
     start, end = motion.contact_s
-    size = mass * np.where(np.isfinite(motion.acceleration_m_s2).all(1), _length(motion.acceleration_m_s2), -np.inf)
-    outside = (motion.time_s < start) | (motion.time_s > end)
+    time_s, acceleration = motion.time_s[draws.span], motion.acceleration_m_s2[draws.span]
+    size = mass * np.where(np.isfinite(acceleration).all(1), _length(acceleration), -np.inf)
+    outside = (time_s < start) | (time_s > end)
     inside = size if outside.all() else np.where(outside, -np.inf, size)
     at = int(inside.argmax())
-    direction = motion.acceleration_m_s2[at] / _length(motion.acceleration_m_s2[at])
+    direction = acceleration[at] / _length(acceleration[at])
     drawn = mass * draws.acceleration_m_s2 @ direction
-    value, moment = float(size[at]), float(motion.time_s[at])
+    value, moment = float(size[at]), float(time_s[at])
     if 0 < at < len(size) - 1 and np.isfinite(size[[at - 1, at + 1]]).all():
         near = slice(at - 1, at + 2)
-        own, top = _vertex(motion.time_s[near], size[near])
+        own, top = _vertex(time_s[near], size[near])
         value, moment = max(value, float(top)), float(own)
     # Between the frames as well: all motions may have their largest value in the same one.
     places = np.where(outside, -np.inf, drawn).argmax(1).clip(1, len(size) - 2)
     around = places[:, None] + np.arange(-1, 2)
-    moments, _ = _vertex(motion.time_s[around], np.take_along_axis(drawn, around, 1))
+    moments, _ = _vertex(time_s[around], np.take_along_axis(drawn, around, 1))
     spread, sd_moment = float(np.std(drawn[:, at])), float(np.nanstd(moments))
     return (
         Estimate(np.asarray(value), np.asarray(spread), "N"),

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere import camera
-from torchsphere.differentiate import Motion, polynomials, smoothed
+from torchsphere.differentiate import Drawn, Motion, polynomials, smoothed
 from torchsphere.plane import in_plane
 from torchsphere.shared import ROTATION_PER_RADIUS, Shared
 from torchsphere.track import Track
@@ -37,22 +37,25 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Draws:
-    """Motions (s of them) as likely as data and calibration leave them, in the axes and units of `Kinematics`.
+    """Motions (s of them) around a contact, as likely as data and calibration leave them, as `Kinematics` has them.
 
     Attributes
     ----------
     velocity_m_s, acceleration_m_s2 : ndarray
-        (s, n, 2).
+        (s, m, 2).
     spin_rad_s : ndarray
-        (s, n, 3).
+        (s, m, 3).
     contact_s : ndarray
-        Start and end of the contact (s, 2); NaN where none was found.
+        Start and end of the contact (s, 2).
+    span : slice
+        Which m of the n frames these are.
     """
 
     velocity_m_s: Array
     acceleration_m_s2: Array
     spin_rad_s: Array
     contact_s: Array
+    span: slice
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,7 @@ class Kinematics:
         Start and end (2,) of the contact; None where none was found or sought.
     sd_contact_s : ndarray or None
     draws : Draws or None
-        None for methods without a statement about many frames at once.
+        None where no contact was found or sought.
     about : dict
         Method, parameters, effective bandwidth: for the summary.
     """
@@ -303,11 +306,12 @@ class _Units:
         return per_time[..., :2] * self.m_per_px * self.axes[:2], per_time[..., 2:] * self.axes
 
 
-def _draws(drawn: tuple[Array, Array, Array], time_s: Array, shared: Shared, to_si: _Units) -> Draws:
+def _draws(drawn: Drawn, time_s: Array, shared: Shared, to_si: _Units) -> Draws:
     """Motions as likely as data and calibration leave them."""
-    rate, acceleration = shared.draw(*drawn[:2], time_s * to_si.frame_rate, drawn[2])
+    frames = time_s[drawn.span] * to_si.frame_rate
+    rate, acceleration = shared.draw(drawn.rate, drawn.acceleration, frames, drawn.interval)
     velocity, spin = to_si.rates(rate)
-    return Draws(velocity, to_si.rates(acceleration, 2)[0], spin, drawn[2] / to_si.frame_rate)
+    return Draws(velocity, to_si.rates(acceleration, 2)[0], spin, drawn.interval / to_si.frame_rate, drawn.span)
 
 
 def _filled(position: Array) -> Array:

@@ -15,7 +15,9 @@ Deray and Atchuthan, arXiv 1812.01537, equations 143 to 146.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -79,19 +81,18 @@ class Poses:
 
 @dataclass(frozen=True)
 class Smoothed:
-    """States of n recordings given all data, for c equally likely contact intervals; in units of `unit` and frames.
+    """States of n recordings given all data, over c equally likely contact intervals; px, rad and frames.
 
     Attributes
     ----------
-    mean : Tensor
-        (n, c, t, 15): pose, rate, acceleration of the five degrees of freedom each.
-    covariance : Tensor
-        (n, c, t, 15, 15).
-    whole : list of Tensor
-        Mean (n c, s) of each frame's whole state, which in contact is larger.
-    gain, rest : list of Tensor
-        What the next state says of this one, (n c, s, s') with s' the next one's size, and the covariance (n c, s, s)
-        that it leaves. The last is that of the last frame.
+    mean, covariance : Tensor
+        (n, t, 3, 5) and (n, t, 15, 15): pose, rate, acceleration of the five degrees of freedom each.
+    drawn : Tensor
+        States (s, n, m, 3, 5) as likely as the data leave them, of the frames `span`.
+    drawn_windows : Tensor
+        The contact intervals (s, n, 2) that they belong to.
+    span : slice
+        Frames that were drawn.
     windows : Tensor
         Intervals (n, c, 2) in frames.
     unit : Tensor
@@ -100,53 +101,97 @@ class Smoothed:
 
     mean: Tensor
     covariance: Tensor
-    whole: list[Tensor]
-    gain: list[Tensor]
-    rest: list[Tensor]
+    drawn: Tensor
+    drawn_windows: Tensor
+    span: slice
     windows: Tensor
     unit: Tensor
 
-    def average(self) -> tuple[Tensor, Tensor]:
-        """Mean (n, t, 3, 5) and covariance (n, t, 15, 15) over the contact intervals: px, rad and frames."""
-        mean = self.mean.mean(1)
-        off = self.mean - mean[:, None]
-        spread = (self.covariance + off[..., :, None] * off[..., None, :]).mean(1)
-        scale = self.unit.repeat(1, STEADY)[:, None]
-        return (mean * scale).unflatten(-1, (STEADY, FREEDOMS)), spread * scale[..., None] * scale[..., None, :]
 
-    def draw(self, count: int, seed: int = 0) -> tuple[Tensor, Tensor]:
-        """States (count, n, t, 3, 5) and contact intervals (count, n, 2) as likely as the data leave them."""
-        n, c = self.windows.shape[:2]
-        generator = torch.Generator().manual_seed(seed)
-        rows = torch.arange(n, device=self.mean.device)
-        place = (torch.arange(count, device=rows.device) % c)[:, None].expand(-1, n)
-        number = rows * c + place
-        states: list[Tensor] = []
-        for i in range(len(self.whole) - 1, -1, -1):
-            mean, rest = self.whole[i], root(self.rest[i])
-            noise = torch.randn(count, n, mean.shape[-1], 1, generator=generator, dtype=torch.float64).to(rest.device)
-            moved = rest[number] @ noise
-            if states:
-                above = states[-1] - self.whole[i + 1][number]
-                moved = moved + self.gain[i][number] @ above[..., None]
-            states.append(mean[number] + moved[..., 0])
-        drawn = torch.stack([state[..., :FLIGHT] for state in states[::-1]], 2)
-        drawn = drawn * self.unit.repeat(1, STEADY)[:, None]
-        return drawn.unflatten(-1, (STEADY, FREEDOMS)), self.windows[rows, place]
+class _State(NamedTuple):
+    """A frame's states of all b = n c rows, in units of the errors; in contact they are larger.
+
+    Attributes
+    ----------
+    mean, spread : Tensor
+        (b, s) and (b, s, s), given all data.
+    gain, rest : Tensor
+        What the next frame's state, of the size s', says of this one (b, s, s'), and the covariance (b, s, s) that it
+        leaves; of the last frame none, and its covariance.
+    """
+
+    mean: Tensor
+    spread: Tensor
+    gain: Tensor
+    rest: Tensor
 
 
-def smooth(poses: Poses, contact: Contact) -> Smoothed:
-    """States of all frames from the measured poses, the contact intervals and the intensities."""
+def smooth(poses: Poses, contact: Contact, draws: int, span: slice, seed: int = 0) -> Smoothed:
+    """States of all frames from the measured poses, the contact intervals and the intensities.
+
+    Of the frames ``span`` so many ``draws`` are made as well. What each interval says of a frame is kept until the
+    frame before it is done: memory grows by the filter's own states alone.
+    """
     n, c, _ = contact.noise.shape
     moves = _Moves(poses, contact, transitions(poses.times, contact.windows), c)
-    means, spreads = _forward(poses, contact, moves, c)
-    whole, covariance, gain, rest = _backward(means, spreads, moves)
+    scale = poses.unit.repeat(1, STEADY)
+    means, covariances = [], []
+    drawn = _Draws(draws, n, c, seed)
+    first, stop, _ = span.indices(poses.times.shape[1])
+    for i, state in _backward(*_forward(poses, contact, moves, c), moves):
+        mean, covariance = _average(state, c)
+        means.append(mean * scale)
+        covariances.append(covariance * scale[:, :, None] * scale[:, None])
+        if first <= i < stop:
+            drawn.add(state)
+    return Smoothed(
+        mean=torch.stack(means[::-1], 1).unflatten(-1, (STEADY, FREEDOMS)),
+        covariance=torch.stack(covariances[::-1], 1),
+        drawn=(drawn.states() * scale[:, None]).unflatten(-1, (STEADY, FREEDOMS)),
+        drawn_windows=contact.windows[torch.arange(n), drawn.place],
+        span=slice(first, stop),
+        windows=contact.windows,
+        unit=poses.unit,
+    )
 
-    def back(values: list[Tensor]) -> Tensor:
-        return torch.stack(values, 1).unflatten(0, (n, c))
 
-    mean = back([value[:, :FLIGHT] for value in whole])
-    return Smoothed(mean, back(covariance), whole, gain, rest, contact.windows, poses.unit)
+def _average(state: _State, c: int) -> tuple[Tensor, Tensor]:
+    """Mean (n, 15) and covariance (n, 15, 15) of pose, rate and acceleration over the contact intervals."""
+    each = state.mean[:, :FLIGHT].unflatten(0, (-1, c))
+    mean = each.mean(1)
+    off = each - mean[:, None]
+    spread = state.spread[:, :FLIGHT, :FLIGHT].unflatten(0, (-1, c))
+    return mean, (spread + off[..., :, None] * off[..., None, :]).mean(1)
+
+
+class _Draws:
+    """States drawn frame by frame, from the last to the first."""
+
+    def __init__(self, count: int, n: int, c: int, seed: int) -> None:
+        self._generator = torch.Generator().manual_seed(seed)
+        #: Which interval each belongs to, (count, n); all take part equally often.
+        self.place = (torch.arange(count) % c)[:, None].expand(-1, n)
+        self._rows = torch.arange(n) * c + self.place
+        self._found: list[Tensor] = []
+        self._off = torch.empty(0)
+
+    def add(self, state: _State) -> None:
+        """The states of the frame before the one that was added last."""
+        rows = self._rows
+        # Of the frame that comes first nothing is known but what the data say.
+        known = root(state.rest if self._found else state.spread)
+        size = (*rows.shape, known.shape[-1], 1)
+        noise = torch.randn(size, generator=self._generator, dtype=torch.float64).to(known.device)
+        off = known[rows] @ noise
+        if self._found:
+            off = off + state.gain[rows] @ self._off
+        self._found.append((state.mean[rows] + off[..., 0])[..., :FLIGHT])
+        self._off = off
+
+    def states(self) -> Tensor:
+        """Pose, rate and acceleration (count, n, m, 15) of all frames added, the earliest first."""
+        none = torch.empty(*self.place.shape, 0, FLIGHT, dtype=torch.float64)
+        return torch.stack(self._found[::-1], 2) if self._found else none
 
 
 class _Moves:
@@ -220,29 +265,23 @@ def _forward(poses: Poses, contact: Contact, moves: _Moves, c: int) -> tuple[lis
     return means, spreads
 
 
-def _backward(
-    means: list[Tensor], spreads: list[Tensor], moves: _Moves
-) -> tuple[list[Tensor], list[Tensor], list[Tensor], list[Tensor]]:
-    """Given all frames: means, covariances of pose, rate and acceleration; gains and remaining covariances."""
-    mean, spread = means[-1], spreads[-1]
+def _backward(means: list[Tensor], spreads: list[Tensor], moves: _Moves) -> Iterator[tuple[int, _State]]:
+    """States given all data with their frames' numbers, from the last frame to the first; the lists become empty."""
+    mean, spread = means.pop(), spreads.pop()
+    yield len(means), _State(mean, spread, torch.empty(0), spread)
     unity = torch.eye(SIZE, dtype=mean.dtype, device=mean.device)
-    smoothed, covariance, rests = [mean], [spread[:, :FLIGHT, :FLIGHT]], [spread]
-    gains: list[Tensor] = []
-    for i in range(len(means) - 2, -1, -1):
-        matrix, offset, added = moves.at(i)
-        expected = (matrix @ means[i][..., None])[..., 0] + offset
-        ahead = matrix @ spreads[i] @ matrix.mT + added
-        gain = _solve(ahead, matrix @ spreads[i]).mT
+    while means:
+        own, known = means.pop(), spreads.pop()
+        matrix, offset, added = moves.at(len(means))
+        expected = (matrix @ own[..., None])[..., 0] + offset
+        ahead = matrix @ known @ matrix.mT + added
+        gain = _solve(ahead, matrix @ known).mT
         keep = unity[: gain.shape[1], : gain.shape[1]] - gain @ matrix
         # A sum of squares: a difference of covariances would lose what the unknown start makes large.
-        rest = keep @ spreads[i] @ keep.mT + gain @ added @ gain.mT
-        mean = means[i] + (gain @ (mean - expected)[..., None])[..., 0]
+        rest = keep @ known @ keep.mT + gain @ added @ gain.mT
+        mean = own + (gain @ (mean - expected)[..., None])[..., 0]
         spread = rest + gain @ spread @ gain.mT
-        smoothed.append(mean)
-        covariance.append(spread[:, :FLIGHT, :FLIGHT])
-        gains.append(gain)
-        rests.append(rest)
-    return smoothed[::-1], covariance[::-1], gains[::-1], rests[::-1]
+        yield len(means), _State(mean, spread, gain, rest)
 
 
 def _solve(matrix: Tensor, right: Tensor) -> Tensor:
