@@ -55,8 +55,9 @@ from experiments.accuracy import (
     row,
 )
 from torchsphere import outline, still, view
-from torchsphere.correlate import Options, correlate_pairs
+from torchsphere.correlate import correlate_pairs
 from torchsphere.interpolate import blur
+from torchsphere.options import Options
 from torchsphere.outline import OutlineFit
 from torchsphere.source import Source
 

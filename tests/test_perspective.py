@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from shots import rotation_matrix
 
 from torchsphere import motion
-from torchsphere.correlate import Options
 from torchsphere.motion import Geometry
+from torchsphere.options import Options
 from torchsphere.perspective import (
     Camera,
     View,

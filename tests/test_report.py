@@ -15,8 +15,9 @@ from shots import pair
 
 from torchsphere import demo
 from torchsphere.cli import main
-from torchsphere.correlate import STATUSES, Options
+from torchsphere.correlate import STATUSES
 from torchsphere.measure import Measurement, Request, measure
+from torchsphere.options import Options
 from torchsphere.report import draw, image_figures, page, words
 from torchsphere.report.folder import ResultFolder, read
 from torchsphere.report.panels import panels

@@ -10,8 +10,9 @@ import torch
 from shots import ExampleTrack, angles_between, increment_errors, noisy, shot
 
 from torchsphere import Circle, open_recording, track
-from torchsphere.correlate import STATUSES, Correlation, Options, Pairs, solve
+from torchsphere.correlate import STATUSES, Correlation, Pairs, solve
 from torchsphere.joint import Solver
+from torchsphere.options import Options
 
 
 def test_the_example_shot_is_measured_as_the_paper_would_need_it(example: ExampleTrack) -> None:

@@ -17,9 +17,11 @@ from torch import Tensor
 
 from torchsphere import crop, outline
 from torchsphere.circle import MIN_SUPPORT, Circle
-from torchsphere.correlate import GRADIENT_FROM_DEG, Options, margin, radius_evidence
+from torchsphere.correlate import GRADIENT_FROM_DEG
 from torchsphere.follow import Follower
 from torchsphere.joint import ALONE, Solver
+from torchsphere.options import Options, margin
+from torchsphere.radius import radius_evidence
 from torchsphere.source import Source
 
 #: Frames used: to follow the ball, and to look at its outline.

@@ -348,7 +348,7 @@ def _facts(recording: Recording) -> list[tuple[str, str]]:
 def _preview(recording: Recording, path: Path) -> None:
     from torchsphere.calibrate import calibrate
     from torchsphere.circle import find
-    from torchsphere.correlate import Options
+    from torchsphere.options import Options
     from torchsphere.source import Source
 
     if path.suffix.lower() != ".png":

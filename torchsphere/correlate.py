@@ -21,7 +21,7 @@ import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere import covariance, criterion, crop, interpolate, light, misfit, motion, robust, turning
+from torchsphere import covariance, criterion, crop, light, misfit, motion, robust
 from torchsphere.inputs import as_images, as_mask, as_rows, check_circle
 from torchsphere.motion import Displacement
 from torchsphere.newton import (
@@ -33,11 +33,9 @@ from torchsphere.newton import (
     Solution,
     bring_near,
     gauss_newton,
-    operator,
-    warp_with_gradient,
 )
-from torchsphere.perspective import Camera
-from torchsphere.reference import IN_CLOSED_FORM, Filtered, Reference, build_reference, enough, nuisances
+from torchsphere.options import Options, margin
+from torchsphere.reference import Filtered, Reference, build_reference, enough
 
 STATUSES = ("ok", "weak_texture", "low_correlation", "not_converged", "out_of_frame", "lost")
 OK, WEAK_TEXTURE, LOW_CORRELATION, NOT_CONVERGED, OUT_OF_FRAME, LOST = range(6)
@@ -45,73 +43,6 @@ OK, WEAK_TEXTURE, LOW_CORRELATION, NOT_CONVERGED, OUT_OF_FRAME, LOST = range(6)
 #: Turn per pair from which the gradient of the deformed image is taken at each iterate, deg: that of the reference is
 #: too far off at the limb by then.
 GRADIENT_FROM_DEG = 2.0
-
-#: Turn per pair above which the residual tells nothing of the radius, deg: the changing view of the texture leaves
-#: more. Measured as errors of 50 px: 0.1 px at 3 and 6 deg, 0.35 at 10, 0.6 at 15; the outline alone errs by 0.3.
-RADIUS_UP_TO_DEG = 8.0
-
-
-@dataclass(frozen=True)
-class Options:
-    """Settings of the correlation; the defaults are measured, see the README.
-
-    Attributes
-    ----------
-    model : str
-        Motion model, a key of `motion.MODELS`.
-    roi : float
-        Radius of the region of interest as a fraction of the ball's.
-    pre_blur : float
-        Standard deviation of the Gaussian that blurs both images first, px; 0 for none.
-    jacobian : str
-        "constant": gradient of the reference, the paper's choice, built once. "autograd": gradient of the deformed
-        image at each iterate, by automatic differentiation; exact and slow.
-    max_iterations : int
-        Gauss-Newton steps before a pair counts as not converged.
-    tolerance_px : float
-        A pair has converged when a step moves no point of the ball by more, px.
-    min_zncc : float
-        Below this correlation coefficient a pair is not believed.
-    min_visible : float
-        Least part of the region of interest that must be usable in both images.
-    finite_from_deg : float
-        Turn per pair from which `rigid` gives way to `finite`: by default always, 180 keeps `rigid` throughout.
-    robust : bool
-        Leave out what the ball's motion does not explain (occluders, reflections); models of a rigid ball only.
-    camera : Camera, optional
-        What the models `pinhole` and `pinhole6` see the ball with.
-    """
-
-    model: str = "rigid"
-    roi: float = 0.95
-    pre_blur: float = interpolate.PRE_BLUR_PX
-    jacobian: str = "constant"
-    max_iterations: int = 40
-    tolerance_px: float = 2e-4
-    min_zncc: float = 0.6
-    min_visible: float = 0.3
-    finite_from_deg: float = 0.0
-    robust: bool = True
-    camera: Camera | None = None
-
-    def __post_init__(self) -> None:
-        if self.model not in motion.MODELS:
-            raise ValueError(f"unknown model {self.model!r}: expected one of {', '.join(motion.MODELS)}")
-        if self.jacobian not in ("constant", "autograd"):
-            raise ValueError(f"unknown jacobian {self.jacobian!r}: expected 'constant' or 'autograd'")
-        if (motion.MODELS[self.model] in motion.PERSPECTIVE) != (self.camera is not None):
-            raise ValueError(
-                f"model {self.model!r}: a camera belongs to the models pinhole and pinhole6, which need one "
-                "(its focal length in px, or the ball's distance); give both or neither"
-            )
-        if not isinstance(self.max_iterations, int):
-            raise ValueError(f"max_iterations = {self.max_iterations!r}: expected a whole number")
-        limits = {"roi": (0.1, 1.0), "pre_blur": (0.0, 5.0), "max_iterations": (1, 10_000), "tolerance_px": (1e-9, 1.0)}
-        limits |= {"min_zncc": (0.0, 1.0), "min_visible": (0.0, 1.0), "finite_from_deg": (0.0, 180.0)}
-        for name, (low, high) in limits.items():
-            value = getattr(self, name)
-            if not (isinstance(value, (int, float)) and low <= value <= high):
-                raise ValueError(f"{name} = {value!r}: expected a number from {low:g} to {high:g}")
 
 
 @dataclass(frozen=True)
@@ -245,11 +176,6 @@ def correlate_pairs(
     return dataclasses.replace(found, iterations=found.iterations + near.steps)
 
 
-def margin(options: Options) -> float:
-    """Width around the ball that a crop needs, px: what the guess may be off by, and the reach of the pre-blur."""
-    return 4 + 4 * options.pre_blur
-
-
 class Pairs(NamedTuple):
     """What n pairs are measured from.
 
@@ -354,7 +280,7 @@ def _solve(
             # What looks like an occluder may be light; only what that does not explain is left out.
             lit = lit | (doubt & light.judgeable(solution, model))
             doubt = doubt & ~lit
-        guesses = (first, _as_unknowns(start, model))
+        guesses = (first, as_unknowns(start, model))
         reference, solution = robust.reconsider(
             reference, c_g, shift, guesses, solution, doubt, model, how, options.pre_blur
         )
@@ -370,7 +296,7 @@ def _reference(
     pairs: Pairs, start: Tensor, model: Displacement, options: Options, every: int = 1
 ) -> tuple[Reference, Tensor]:
     """The reference, weighted for a motion like ``start``, and that as the model's unknowns (n, k)."""
-    first = _as_unknowns(start, model)
+    first = as_unknowns(start, model)
     spacing = enough(options.roi * float(pairs.circles[:, 2].max()), options.pre_blur)
     reference = build_reference(
         pairs.f, pairs.circles, options.roi, options.pre_blur, options.camera, spacing=spacing, every=every
@@ -379,7 +305,7 @@ def _reference(
     return robust.by_view(reference, first, model) if model in motion.EXACT else reference, first
 
 
-def _as_unknowns(increments: Tensor, model: Displacement) -> Tensor:
+def as_unknowns(increments: Tensor, model: Displacement) -> Tensor:
     """Increments (n, 5) as a model's unknowns (n, k): it may have fewer, or growth as a sixth."""
     k = motion.degrees_of_freedom(model)
     return F.pad(increments, (0, max(k - increments.shape[-1], 0)))[:, :k]
@@ -400,49 +326,6 @@ def _where_target_is_usable(
     rows = torch.arange(len(at), device=at.device)[:, None]
     usable = crops.usable[rows, at[..., 1], at[..., 0]]
     return dataclasses.replace(reference, weights=reference.weights * usable)
-
-
-def radius_evidence(
-    crops: tuple[crop.Crops, crop.Crops], circles: Tensor, q: Tensor, options: Options
-) -> tuple[Tensor, Tensor]:
-    """What n correlated pairs say of the radius that they were correlated with.
-
-    The residual that the increments ``q`` (n, 5) leave is compared with what a change of the radius would leave after
-    the increments have adapted to it.
-
-    Returns
-    -------
-    score, information : Tensor
-        (n,) each; the pairs' common correction of the radius is ``sum(score) / sum(information)``, px.
-    """
-    model = motion.MODELS[options.model]
-    f, c_g = Filtered.of(crops[0], options.pre_blur), interpolate.coefficients(crops[1].images, options.pre_blur)
-    # All pixels: half of them told radii of 50 px to 0.095 px, root mean square of twelve shots, and all to 0.063.
-    reference = build_reference(f, circles, options.roi, options.pre_blur, options.camera)
-    shift = (circles[:, :2] - crops[1].origin).to(c_g)
-    q = _as_unknowns(q.to(c_g), model)
-    # The exact Jacobian: at the limb, where the radius shows, the reference's gradient is off by a third at 5 deg.
-    warped, weights, gradient = warp_with_gradient(reference, c_g, shift, q, model)
-    difference = criterion.residual(reference.values, warped, weights)
-    of_radius = (_radius_mode(reference, q, model) * gradient).sum(1, keepdim=True)
-    jacobian, factor = operator(reference, gradient, q, model, weights)
-    slope = criterion.project(of_radius, nuisances(reference, model, weights), weights)
-    shared = ((jacobian * weights[:, None]) @ slope.mT).double()
-    left = (slope - torch.cholesky_solve(shared, factor).to(jacobian).mT @ jacobian)[:, 0]
-    # Of fast turns the exact models tell no radius at all: errors of 0.3 px of 50 at 7 deg and 3 radii's distance.
-    up_to = RADIUS_UP_TO_DEG if options.camera is None else GRADIENT_FROM_DEG
-    weights = weights * (q[:, 2:5].norm(dim=-1, keepdim=True) < math.radians(up_to))
-    if options.robust and model is motion.rigid:
-        weights = weights * robust.is_ball(reference, warped, weights, weights, q, model, options.pre_blur)
-    return (weights * left * difference).sum(-1).double().cpu(), (weights * left.square()).sum(-1).double().cpu()
-
-
-def _radius_mode(reference: Reference, q: Tensor, model: Displacement) -> Tensor:
-    """How far (n, 2, p) a change of the radius moves each point in the deformed image, px per px."""
-    if model in IN_CLOSED_FORM:
-        # Automatic differentiation loads a compiler at its first use, which takes 2 s: the time of 1000 pairs.
-        return turning.radius_mode(q, reference.surface, reference.geometry.radius, exact=model is motion.finite)
-    return motion.radius_mode(model, q, reference.points, reference.geometry).mT
 
 
 def _conclude(

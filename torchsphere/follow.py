@@ -18,9 +18,10 @@ from torch import Tensor
 
 from torchsphere import circle, crop, interlace, locate, motion, outline, parallel, search
 from torchsphere.circle import MIN_SUPPORT, Circle
-from torchsphere.correlate import STATUSES, Correlation, Options, Pairs, margin
+from torchsphere.correlate import STATUSES, Correlation, Pairs
 from torchsphere.joint import ALONE, Solver
 from torchsphere.newton import Approach
+from torchsphere.options import Options, margin
 from torchsphere.reference import SLACK_PX, Filtered
 from torchsphere.rescue import ranked
 from torchsphere.source import Source

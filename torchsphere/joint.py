@@ -15,8 +15,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchsphere.correlate import Correlation, Options, Pairs, approach, solve
+from torchsphere.correlate import Correlation, Pairs, approach, solve
 from torchsphere.newton import Approach
+from torchsphere.options import Options
 
 #: Calls that go into one batch at most: 64 of 32 pairs each take some 3 GB at R = 50 px.
 MOST = 64

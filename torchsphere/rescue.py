@@ -8,7 +8,8 @@ import torch
 import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
 
-from torchsphere.correlate import Options, correlate_pairs
+from torchsphere.correlate import correlate_pairs
+from torchsphere.options import Options
 
 #: Radius that the images are reduced to, px.
 SMALL_RADIUS_PX = 25.0

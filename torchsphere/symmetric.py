@@ -15,8 +15,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchsphere.correlate import Correlation, Options, Pairs
+from torchsphere.correlate import Correlation, Pairs
 from torchsphere.joint import Solver
+from torchsphere.options import Options
 
 #: Rotation from which a pair is measured both ways, rad. Below, the mean changes nothing that noise does not hide.
 SYMMETRIC_FROM = math.radians(1.0)

@@ -17,10 +17,10 @@ from torchsphere import circle as circles
 from torchsphere import drift, parallel
 from torchsphere.calibrate import calibrate
 from torchsphere.circle import Circle
-from torchsphere.correlate import Options
 from torchsphere.follow import Follower, Progress
 from torchsphere.inputs import as_mask, check_circle
 from torchsphere.joint import ALONE, Solver, together
+from torchsphere.options import Options
 from torchsphere.perspective import sphere_of_outline
 from torchsphere.source import Source
 from torchsphere.steady import fineness, sd_steady
@@ -130,7 +130,7 @@ def track(
     solver : Solver
         What measures the pairs; `track_many` gives those of several recordings to one.
     **options
-        Fields of `torchsphere.correlate.Options`: ``model``, ``roi``, ``pre_blur`` ...
+        Fields of `torchsphere.options.Options`: ``model``, ``roi``, ``pre_blur`` ...
 
     Returns
     -------

@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from torchsphere import criterion, crop, motion, robust
-from torchsphere.correlate import Options, margin
+from torchsphere.options import Options, margin
 from torchsphere.plan.example_image import Example, blurred, rescaled, white_noise
 from torchsphere.reference import Filtered, Reference, build_reference, nuisances, scale, slopes
 

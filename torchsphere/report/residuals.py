@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere import criterion, crop, interlace, interpolate, motion
-from torchsphere.correlate import Options, margin
 from torchsphere.newton import warp
+from torchsphere.options import Options, margin
 from torchsphere.perspective import Camera
 from torchsphere.reference import Filtered, build_reference
 

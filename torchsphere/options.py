@@ -1,0 +1,76 @@
+"""Settings of the correlation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from torchsphere import interpolate, motion
+from torchsphere.perspective import Camera
+
+
+@dataclass(frozen=True)
+class Options:
+    """Settings of the correlation; the defaults are measured, see the README.
+
+    Attributes
+    ----------
+    model : str
+        Motion model, a key of `motion.MODELS`.
+    roi : float
+        Radius of the region of interest as a fraction of the ball's.
+    pre_blur : float
+        Standard deviation of the Gaussian that blurs both images first, px; 0 for none.
+    jacobian : str
+        "constant": gradient of the reference, the paper's choice, built once. "autograd": gradient of the deformed
+        image at each iterate, by automatic differentiation; exact and slow.
+    max_iterations : int
+        Gauss-Newton steps before a pair counts as not converged.
+    tolerance_px : float
+        A pair has converged when a step moves no point of the ball by more, px.
+    min_zncc : float
+        Below this correlation coefficient a pair is not believed.
+    min_visible : float
+        Least part of the region of interest that must be usable in both images.
+    finite_from_deg : float
+        Turn per pair from which `rigid` gives way to `finite`: by default always, 180 keeps `rigid` throughout.
+    robust : bool
+        Leave out what the ball's motion does not explain (occluders, reflections); models of a rigid ball only.
+    camera : Camera, optional
+        What the models `pinhole` and `pinhole6` see the ball with.
+    """
+
+    model: str = "rigid"
+    roi: float = 0.95
+    pre_blur: float = interpolate.PRE_BLUR_PX
+    jacobian: str = "constant"
+    max_iterations: int = 40
+    tolerance_px: float = 2e-4
+    min_zncc: float = 0.6
+    min_visible: float = 0.3
+    finite_from_deg: float = 0.0
+    robust: bool = True
+    camera: Camera | None = None
+
+    def __post_init__(self) -> None:
+        if self.model not in motion.MODELS:
+            raise ValueError(f"unknown model {self.model!r}: expected one of {', '.join(motion.MODELS)}")
+        if self.jacobian not in ("constant", "autograd"):
+            raise ValueError(f"unknown jacobian {self.jacobian!r}: expected 'constant' or 'autograd'")
+        if (motion.MODELS[self.model] in motion.PERSPECTIVE) != (self.camera is not None):
+            raise ValueError(
+                f"model {self.model!r}: a camera belongs to the models pinhole and pinhole6, which need one "
+                "(its focal length in px, or the ball's distance); give both or neither"
+            )
+        if not isinstance(self.max_iterations, int):
+            raise ValueError(f"max_iterations = {self.max_iterations!r}: expected a whole number")
+        limits = {"roi": (0.1, 1.0), "pre_blur": (0.0, 5.0), "max_iterations": (1, 10_000), "tolerance_px": (1e-9, 1.0)}
+        limits |= {"min_zncc": (0.0, 1.0), "min_visible": (0.0, 1.0), "finite_from_deg": (0.0, 180.0)}
+        for name, (low, high) in limits.items():
+            value = getattr(self, name)
+            if not (isinstance(value, (int, float)) and low <= value <= high):
+                raise ValueError(f"{name} = {value!r}: expected a number from {low:g} to {high:g}")
+
+
+def margin(options: Options) -> float:
+    """Width around the ball that a crop needs, px: what the guess may be off by, and the reach of the pre-blur."""
+    return 4 + 4 * options.pre_blur
