@@ -92,5 +92,5 @@ def test_near_a_target_the_steps_are_kept_unless_a_map_is_asked_for(monkeypatch:
         return str(about["reason"])
 
     assert reason(film.images, None) == "called for"
-    assert reason(near, None).startswith("not made: something near the ball takes light from one side of it in ")
+    assert reason(near, None).startswith("no map of the ball was made, as something near it takes light from one side")
     assert reason(near, True) == "called for"

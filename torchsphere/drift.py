@@ -93,8 +93,8 @@ def _what_else(measured: Follower, asked: bool | None) -> str:
     steps, lit = int(np.isfinite(measured.increment[:, 0]).sum()), int(measured.uneven_light.sum())
     if asked is None and lit > MOST_LIT * steps:
         return (
-            f"not made: something near the ball takes light from one side of it in {lit} of {steps} steps, which these "
-            "allow for and a map does not; ask for one to have it all the same"
+            f"no map of the ball was made, as something near it takes light from one side of it in {lit} of {steps} "
+            "steps, which steps allow for and a map does not; ask for a map to have one all the same"
         )
     return ""
 
