@@ -243,7 +243,11 @@ class Follower:
         crops = crop.cut(images, circles[:, :2], half, self.ignore)
         if interlace.is_interlaced(crops):
             crops = interlace.one_field(crops)
-        return Filtered.of(crops, self.options.pre_blur)
+
+        def filtered(a: int, b: int) -> Filtered:
+            return Filtered.of(crops.rows(a, b), self.options.pre_blur)
+
+        return Filtered.joined(self._shared(filtered, len(crops.images)))
 
     def _path(self, first: Tensor, near: Tensor) -> Tensor:
         """The ball (m + 1, 3) where the unknowns ``near`` (m, k) lead it from ``first`` (3,): px, float64."""

@@ -55,6 +55,8 @@ class Filtered(NamedTuple):
     @classmethod
     def joined(cls, parts: Sequence[Filtered]) -> Filtered:
         """The images of all parts, whose crops have one size, one after the other."""
+        if len(parts) == 1:
+            return parts[0]
         crops, c, nodes = zip(*parts, strict=True)
         return cls(crop.Crops.joined(crops), torch.cat(c), torch.cat(nodes))
 
