@@ -20,6 +20,7 @@ from rendering import needs_mitsuba
 import render.cli
 import torchsphere
 import torchsphere.cli
+from torchsphere import track_cli
 from torchsphere.archive.summary import COLUMNS
 from torchsphere.correlate import STATUSES
 from torchsphere.results import TRACK_COLUMNS
@@ -151,7 +152,7 @@ def test_the_options_of_the_file_that_is_shown_are_options(tmp_path: Path) -> No
     page = (DOCS / "command-line.rst").read_text(encoding="utf-8")
     (block,) = re.findall(r"code-block:: toml\n\n((?:   .*\n)+)", page)
     (tmp_path / "shown.toml").write_text("\n".join(line[3:] for line in block.splitlines()))
-    options = torchsphere.cli._configured(tmp_path / "shown.toml")
+    options = track_cli._configured(tmp_path / "shown.toml")
     assert options["frames"] == (10, 90)
     assert options["circle"] == (80.4, 120.7, 50.0)
 

@@ -6,16 +6,19 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import torchsphere
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "torchsphere"
 
 #: The data's way. A module imports from lines above its own, never from its own or from one below.
 LAYERS = (
-    ("recording", "inputs", "parallel"),
+    ("recording", "inputs", "parallel", "choices"),
     ("source", "masks", "perspective", "interpolate"),
-    ("motion", "crop", "texture", "still", "turning", "criterion"),
+    ("motion", "crop", "texture", "still", "turning", "criterion", "request"),
     ("forward", "reference", "interlace", "view", "options"),
     ("covariance", "outline", "locate", "newton", "misfit", "search", "trust"),
     ("light", "schur"),
@@ -37,9 +40,11 @@ LAYERS = (
     ("kinematics",),
     ("impact", "instruments", "plan"),
     ("results", "report", "demo"),
-    ("measure", "plan_cli", "report_cli"),
+    ("measure",),
     ("archive", "benchmark"),
-    ("batch_cli", "benchmark_cli"),
+    ("arguments",),
+    ("track_cli", "info_cli", "batch_cli", "benchmark_cli", "plan_cli", "report_cli"),
+    ("demo_cli",),
     ("cli",),
     ("__main__",),
 )
@@ -112,6 +117,8 @@ before = (torch.get_num_threads(), torch.get_default_dtype(), torch.is_grad_enab
           torch.get_rng_state().tolist(), numpy.random.get_state()[1].tolist(), random.getstate(),
           list(logging.getLogger().handlers), dict(os.environ))
 import torchsphere
+for name in torchsphere.__all__:
+    getattr(torchsphere, name)
 after = (torch.get_num_threads(), torch.get_default_dtype(), torch.is_grad_enabled(), torch.initial_seed(),
          torch.get_rng_state().tolist(), numpy.random.get_state()[1].tolist(), random.getstate(),
          list(logging.getLogger().handlers), dict(os.environ))
@@ -124,6 +131,99 @@ sys.exit(f"loaded {sorted(heavy)}" if heavy else "changed" if before != after el
 
 def test_torchsphere_imports_where_optional_libraries_are_missing() -> None:
     missing = ["matplotlib", "av", "mitsuba", "drjit", "dask", "distributed", "cv2", "skimage"]
-    script = f"import sys; sys.modules.update(dict.fromkeys({missing!r})); import torchsphere"
+    script = f"import sys; sys.modules.update(dict.fromkeys({missing!r})); from torchsphere import *"
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def ran(script: str) -> str:
+    """What a script prints in a process of its own."""
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+#: What takes a second or two, and figures.
+SLOW = ("torch", "kornia", "scipy", "matplotlib")
+LOADED = f"print('loaded', *({set(SLOW)!r} & set(sys.modules)))"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "--version",
+        "--help",
+        "track --help",
+        "batch --help",
+        "plan --help",
+        "report --help",
+        "benchmark run --help",
+        "track shot.tif",
+        "track shot.tif --out result --method guessing",
+    ],
+)
+def test_help_and_a_wrong_option_wait_for_no_library(line: str) -> None:
+    script = f"""
+import sys
+from torchsphere.cli import main
+try:
+    main({line.split()!r})
+except SystemExit as stop:
+    print("ended with", stop.code)
+{LOADED}
+"""
+    code = 0 if line.startswith("--") or line.endswith("--help") else 2
+    assert ran(script).splitlines()[-2:] == [f"ended with {code}", "loaded"]
+
+
+def test_the_facts_of_a_recording_wait_for_no_library(tmp_path: Path) -> None:
+    np.save(tmp_path / "shot.npy", np.zeros((3, 8, 9), np.uint8))
+    script = f"import sys; from torchsphere.cli import main; main(['info', {str(tmp_path / 'shot.npy')!r}]); {LOADED}"
+    printed = ran(script)
+    assert "9 x 8 px" in printed
+    assert printed.splitlines()[-1] == "loaded"
+
+
+@pytest.mark.parametrize(("first", "frozen"), [("", True), ("import torch", False)])
+def test_what_a_command_loads_is_never_searched_for_garbage_and_a_program_s_own_settings_stay(
+    tmp_path: Path, first: str, frozen: bool
+) -> None:
+    np.save(tmp_path / "shot.npy", np.zeros((3, 8, 9), np.uint8))
+    script = f"""
+{first}
+import gc
+from torchsphere.cli import main
+main(['info', {str(tmp_path / "shot.npy")!r}])
+print(gc.isenabled(), gc.get_freeze_count() > 0)
+"""
+    assert ran(script).splitlines()[-1] == f"True {frozen}"
+
+
+def test_a_report_is_drawn_again_without_what_measures() -> None:
+    assert ran(f"import sys; import torchsphere.report_cli; {LOADED}") == "loaded\n"
+
+
+# Each name that a command does not need is time that it takes: `track` is the one that is run most.
+def test_a_track_loads_no_other_command() -> None:
+    script = "import sys; import torchsphere.track_cli; print(*sys.modules)"
+    loaded = set(ran(script).split())
+    others = ("archive", "benchmark", "baselines", "plan", "demo", "instruments", "batch_cli", "plan_cli")
+    # The map's equations are sparse; a track without a map has none.
+    assert {*(f"torchsphere.{name}" for name in others), "scipy.sparse"} & loaded == set()
+    assert "torchsphere.measure" in loaded
+
+
+def test_a_public_name_is_the_same_whoever_imports_its_module_first() -> None:
+    script = """
+import torchsphere.track, torchsphere.impact, torchsphere.correlate
+import torchsphere as ts
+from torchsphere import kinematics
+assert set(ts._HOMES) == set(ts.__all__) <= set(dir(ts))
+print(*sorted(name for name in ts.__all__ if not callable(getattr(ts, name))), callable(kinematics))
+"""
+    assert ran(script).split() == ["True"]
+
+
+def test_a_name_that_the_package_lacks_is_refused_as_by_any_module() -> None:
+    with pytest.raises(AttributeError, match="module 'torchsphere' has no attribute 'tracks'"):
+        _ = torchsphere.tracks

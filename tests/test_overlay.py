@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 from torchsphere.report.folder import ResultFolder
+from torchsphere.report.kept import NOTHING, Sampled
 from torchsphere.report.overlay import axes_of, draw_frame, write_overlay
-from torchsphere.report.sampled import NOTHING, Sampled
 
 HALF = np.sqrt(0.5)
 

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import torchsphere as ts
 from torchsphere import cli, forward, plan_cli
+from torchsphere.arguments import plan as of_plan
 from torchsphere.plan import camera_modes, free_flight
 from torchsphere.plan.example_image import Example, blurred, painted, rescaled, white_noise
 from torchsphere.plan.expected import Setup, differences, increment_covariance
@@ -225,9 +226,10 @@ def test_too_much_blur_is_the_first_thing_that_is_said() -> None:
 
 def planned(*arguments: str) -> int:
     parser = argparse.ArgumentParser()
-    plan_cli.add(parser.add_subparsers())
+    of_plan.add(parser.add_subparsers())
     options = vars(parser.parse_args(["plan", *arguments]))
-    return int(options.pop("command")(options))
+    assert options.pop("command") == "plan"
+    return plan_cli.run(options)
 
 
 BALL = ["--diameter-mm", "30", "--mass-g", "110"]

@@ -20,9 +20,9 @@ from torchsphere.measure import Measurement, Request, measure
 from torchsphere.options import Options
 from torchsphere.report import draw, image_figures, page, words
 from torchsphere.report.folder import ResultFolder, read
+from torchsphere.report.kept import LIMIT, chosen, load, save
 from torchsphere.report.panels import panels
 from torchsphere.report.residuals import Pairs, residual_maps
-from torchsphere.report.sampled import LIMIT, chosen, load, save
 
 FIGURES = ("motion", "rotation", "quality", "path", "residuals")
 

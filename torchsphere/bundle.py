@@ -14,10 +14,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.sparse as sparse
+import scipy  # which imports scipy.sparse on its first use: 0.1 s, and a track without a map has none
 import torch
 from numpy.typing import NDArray
-from scipy.sparse.linalg import cg
 
 from torchsphere import parallel, schur, texture, trust, view
 from torchsphere.trust import Profile
@@ -210,7 +209,9 @@ def _first_map(windows: list[Window], poses: list[Pose], ball: Ball, profile: Pr
     normal, gradient = _map_equations(windows, poses, ball, profile)
     seen = np.flatnonzero(normal.diagonal() > 0)
     coefficients = np.zeros(len(gradient))
-    coefficients[seen], _ = cg(schur.with_prior(normal, seen, ball.cells), gradient[seen], maxiter=MAP_STEPS)
+    coefficients[seen], _ = scipy.sparse.linalg.cg(
+        schur.with_prior(normal, seen, ball.cells), gradient[seen], maxiter=MAP_STEPS
+    )
     # What no image has shown is as grey as the rest.
     coefficients[normal.diagonal() == 0] = np.median(coefficients[seen])
     return replace(ball, coefficients=torch.from_numpy(coefficients))
@@ -218,11 +219,11 @@ def _first_map(windows: list[Window], poses: list[Pose], ball: Ball, profile: Pr
 
 def _map_equations(
     windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile
-) -> tuple[sparse.csr_matrix, Array]:
+) -> tuple[scipy.sparse.csr_matrix, Array]:
     count = texture.size(ball.cells)
-    normal, gradient = sparse.csr_matrix((count, count)), np.zeros(count)
+    normal, gradient = scipy.sparse.csr_matrix((count, count)), np.zeros(count)
 
-    def of_one(window: Window, pose: Pose) -> tuple[sparse.csr_matrix, Array]:
+    def of_one(window: Window, pose: Pose) -> tuple[scipy.sparse.csr_matrix, Array]:
         levels, look, light = view.touched(window, pose, ball)
         design = schur.design_matrix(window, look, light)
         weighted = design.multiply(trust.weights(window, pose, ball, profile).numpy()[:, None]).tocsr()
@@ -241,7 +242,7 @@ def _shaded(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profi
     """
     for _ in range(SHADING_ROUNDS):
         count = texture.size(ball.cells)
-        normal, pull = sparse.csr_matrix((count, count)), np.zeros(count)
+        normal, pull = scipy.sparse.csr_matrix((count, count)), np.zeros(count)
         coupling, own = np.zeros((count, view.SHADES)), np.zeros((view.SHADES, view.SHADES))
         of_light, squares = np.zeros(view.SHADES), 0.0
         for window, pose in zip(windows, poses, strict=True):
@@ -262,6 +263,7 @@ def _shaded(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profi
         seen = np.flatnonzero(normal.diagonal() > 0)
         matrix = schur.with_prior(normal, seen, ball.cells)
         pull = (pull - schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ ball.coefficients.numpy()))[seen]
+        cg = scipy.sparse.linalg.cg
         solved = np.stack([cg(matrix, column, maxiter=MAP_STEPS)[0] for column in coupling[seen].T], 1)
         right, _ = cg(matrix, pull, maxiter=MAP_STEPS)
         # The constant of the light only scales the map.

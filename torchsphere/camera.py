@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from torchsphere.circle import Circle
+if TYPE_CHECKING:
+    from torchsphere.circle import Circle
+
 
 #: From the camera frame (y down, z away from the camera) to the lab frame (y up, z towards the camera).
 LAB_AXES = np.diag([1.0, -1.0, -1.0])

@@ -15,17 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere import camera
+from torchsphere.choices import METHODS, ORDER, WINDOW
 from torchsphere.differentiate import Drawn, Motion, polynomials, smoothed
 from torchsphere.plane import in_plane
 from torchsphere.shared import ROTATION_PER_RADIUS, Shared
 from torchsphere.track import Track
 
 __all__ = ["METHODS", "ROTATION_PER_RADIUS", "Draws", "Kinematics", "kinematics", "kinematics_of_many"]
-
-#: Ways to differentiate, and frames and order of the local polynomials where they are not given: the paper's figures
-#: are central differences; 7 points of a cubic took 1.4 kN from a pulse of 29 kN and 14 frames.
-METHODS = ("smoother", "savitzky-golay", "differences")
-WINDOW, ORDER = 7, 3
 
 #: Frames up to which the smoother is run: it keeps 32 x 15 x 15 numbers four times per frame, 0.25 MB, three times that
 #: in contact, and takes 7 ms; with the search and all that is needed at a time 0.6 MB.

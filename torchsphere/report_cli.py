@@ -2,31 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
-from torchsphere.report import index, overlay, paraview
+from torchsphere.report import index
 from torchsphere.report.draw import draw
 from torchsphere.report.folder import read
-
-HELP = "Draw figures and report again from a result folder, or from a folder of results."
-EXAMPLE = "torchsphere report result"
-
-
-def add(commands: Any) -> None:
-    """Add the command to those of ``torchsphere``."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        "report", help=HELP, description=HELP, epilog=f"example:  {EXAMPLE}", allow_abbrev=False
-    )
-    parser.set_defaults(command=run)
-    parser.add_argument("folder", type=Path, metavar="DIR", help="what 'track' or 'batch' wrote")
-    parser.add_argument("--overlay", action="store_true", help="make overlay.mp4, too (extra 'video')")
-    parser.add_argument("--paraview", action="store_true", help="make a series for ParaView, too")
-    parser.add_argument("--quiet", action="store_true", help="no progress bar, no word where all is well")
 
 
 def run(options: dict[str, Any]) -> int:
@@ -56,8 +40,13 @@ def run(options: dict[str, Any]) -> int:
 def _draw(folder: Path, options: dict[str, Any]) -> None:
     draw(folder)
     if options["overlay"]:
+        # These two take torch, which is 1.5 s of waiting; the report itself does not.
+        from torchsphere.report import overlay
+
         overlay.write_overlay(read(folder))
     if options["paraview"]:
+        from torchsphere.report import paraview
+
         paraview.write_paraview(read(folder))
 
 

@@ -11,9 +11,8 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sparse
+import scipy  # which imports scipy.sparse on its first use: 0.1 s, and a track without a map has none
 from numpy.typing import NDArray
-from scipy.sparse.linalg import SuperLU, splu
 from torch import Tensor
 
 from torchsphere import parallel, texture, trust, view
@@ -35,30 +34,31 @@ SHARED = 2
 class Elimination:
     """The factorised map and what couples it with the poses."""
 
-    map: SuperLU
+    map: scipy.sparse.linalg.SuperLU
     seen: NDArray[np.int64]
     coupling: Array
     solved: Array
     reduced_inverse: Array
 
 
-def design_matrix(window: Window, look: Stencil, light: Tensor) -> sparse.csr_matrix:
+def design_matrix(window: Window, look: Stencil, light: Tensor) -> scipy.sparse.csr_matrix:
     """Derivative (p, m) of the grey levels by the map's coefficients: see `view.touched`."""
     index, weight = look.index, light[:, None] * look.weight
     rows = window.owner[:, None].expand_as(index)
     entries = (weight.numpy().ravel(), (rows.numpy().ravel(), index.numpy().ravel()))
-    return sparse.coo_matrix(entries, shape=(len(window.pixels), texture.size(look.cells))).tocsr()
+    return scipy.sparse.coo_matrix(entries, shape=(len(window.pixels), texture.size(look.cells))).tocsr()
 
 
-def with_prior(normal: sparse.csr_matrix, seen: NDArray[np.int64], cells: int) -> sparse.csr_matrix:
+def with_prior(normal: scipy.sparse.csr_matrix, seen: NDArray[np.int64], cells: int) -> scipy.sparse.csr_matrix:
     """Normal equations of the map's ``seen`` coefficients with what is known of them beforehand."""
-    known = SMOOTHNESS * roughness_matrix(cells) + RIDGE * sparse.identity(normal.shape[0])
+    known = SMOOTHNESS * roughness_matrix(cells) + RIDGE * scipy.sparse.identity(normal.shape[0])
     return (normal + known).tocsr()[seen][:, seen]
 
 
-def _factor(matrix: sparse.csr_matrix) -> SuperLU:
+def _factor(matrix: scipy.sparse.csr_matrix) -> scipy.sparse.linalg.SuperLU:
     """Sparse factorisation; LinAlgError where the matrix has none."""
     options = {"SymmetricMode": True}
+    splu = scipy.sparse.linalg.splu
     try:
         return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
     except RuntimeError as error:  # SciPy's word for a singular matrix
@@ -66,23 +66,23 @@ def _factor(matrix: sparse.csr_matrix) -> SuperLU:
 
 
 @functools.lru_cache(maxsize=4)
-def roughness_matrix(cells: int) -> sparse.csr_matrix:
+def roughness_matrix(cells: int) -> scipy.sparse.csr_matrix:
     """Matrix of the sum of squares of `texture.roughness`."""
     width = cells + 3
-    second = sparse.diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(width - 2, width))
-    square, same = second.T @ second, sparse.identity(width)
-    face = sparse.kron(same, square) + sparse.kron(square, same)
-    return sparse.kron(sparse.identity(6), face).tocsr()
+    second = scipy.sparse.diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(width - 2, width))
+    square, same = second.T @ second, scipy.sparse.identity(width)
+    face = scipy.sparse.kron(same, square) + scipy.sparse.kron(square, same)
+    return scipy.sparse.kron(scipy.sparse.identity(6), face).tocsr()
 
 
 def eliminate(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> Elimination:
     """Normal equations of map and poses together, and the map eliminated from them."""
     count, n = texture.size(ball.cells), len(windows)
     total = 5 * n + SHARED
-    normal = sparse.csr_matrix((count, count))
+    normal = scipy.sparse.csr_matrix((count, count))
     coupling, own = np.zeros((count, total)), np.zeros((total, total))
 
-    def of_one(window: Window, pose: Pose) -> tuple[sparse.csr_matrix, Array, Array]:
+    def of_one(window: Window, pose: Pose) -> tuple[scipy.sparse.csr_matrix, Array, Array]:
         now = view.linearised(window, pose, ball)
         design, slopes = design_matrix(window, now.look, now.light), now.slopes.numpy()
         weights = trust.weights(window, pose, ball, profile).numpy()

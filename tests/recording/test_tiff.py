@@ -111,6 +111,33 @@ def test_a_cut_file_is_refused(tmp_path: Path, keep: float) -> None:
         open_recording(tmp_path / "a.tif").images(0, 6)
 
 
+def test_a_file_that_is_cut_while_it_is_open_is_refused_and_what_is_left_can_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, IMAGES, photometric="minisblack")
+    with tifffile.TiffFile(path) as tif:
+        end = tif.pages[5].dataoffsets[0] + IMAGES[5].nbytes
+    recording = open_recording(path)
+    with path.open("r+b") as file:
+        file.truncate(end - 10)
+    np.testing.assert_array_equal(recording.images(0, 5), IMAGES[:5])
+    with pytest.raises(OSError, match=r"a\.tif: cannot be read as a TIFF \(the file ends within .*; the file is cut"):
+        recording.images(4, 6)
+
+
+@pytest.mark.parametrize("compression", [None, "zlib"])
+@pytest.mark.parametrize("kind", ["<u1", "<u2", ">u2", "<i2", "<u4", "<f4", "<f8"])
+def test_levels_of_every_kind_come_as_they_are_stored(tmp_path: Path, kind: str, compression: str | None) -> None:
+    stored = np.random.default_rng(3).integers(0, 120, (3, 7, 9)).astype(kind)
+    order = ">" if kind[0] == ">" else "<"
+    tifffile.imwrite(
+        tmp_path / "a.tif", stored, photometric="minisblack", compression=compression, byteorder=order, metadata=None
+    )
+    images = open_recording(tmp_path / "a.tif").images(1, 3)
+    assert images.dtype == np.float32
+    assert images.flags.c_contiguous
+    np.testing.assert_array_equal(images, stored[1:])
+
+
 def test_a_real_stack_opens(shared_data: Path) -> None:
     path = shared_data / "tiff" / "pims_tiff_stack.tif"
     recording = open_recording(path)

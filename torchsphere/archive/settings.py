@@ -11,15 +11,14 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from torchsphere import motion
-from torchsphere.kinematics import METHODS
-from torchsphere.measure import MAP_CHOICES, Request
+from torchsphere import choices
+from torchsphere.request import Request
 
 CHOICES: dict[str, tuple[str, ...]] = {
-    "model": tuple(motion.MODELS),
-    "method": tuple(METHODS),
-    "map": tuple(MAP_CHOICES),
-    "device": ("cpu", "cuda"),
+    "model": choices.MODELS,
+    "method": choices.METHODS,
+    "map": tuple(choices.MAPS),
+    "device": choices.DEVICES,
 }
 _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 

@@ -19,7 +19,7 @@ from torchsphere.archive.folder import claims_of
 from torchsphere.archive.key import Key
 from torchsphere.archive.manifest import Item
 from torchsphere.archive.records import DONE, FAILED, Record
-from torchsphere.measure import Request
+from torchsphere.request import Request
 
 #: What measures a recording: `torchsphere.measure.measure`.
 Measure = Callable[[Request, None, Mapping[str, Path]], Any]

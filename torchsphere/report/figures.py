@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.circle import Circle
-
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from torchsphere.circle import Circle
 
 #: Blue, vermilion, green of Okabe and Ito, which colour-blind readers tell apart; also by line style.
 COLOURS = ("#0072B2", "#D55E00", "#009E73")

@@ -12,7 +12,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv
 
-from torchsphere.report.sampled import Sampled, load
+from torchsphere.report.kept import Sampled, load
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from torchsphere.report.figures import COLOURS, DPI, new_figure
 from torchsphere.report.folder import ResultFolder
-from torchsphere.report.sampled import Sampled
+from torchsphere.report.kept import Sampled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

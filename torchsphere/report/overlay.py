@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torchsphere.orientation import matrices
 from torchsphere.recording.refusal import LibraryMissingError
 from torchsphere.report.folder import ResultFolder
-from torchsphere.report.sampled import Sampled
+from torchsphere.report.kept import Sampled
 
 if TYPE_CHECKING:
     from PIL.Image import Image as Picture

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from torchsphere.report import words
 from torchsphere.report.folder import ResultFolder
 from torchsphere.report.image_figures import residual_limit
+from torchsphere.report.kept import LIMIT, NOTHING, Sampled, chosen
 from torchsphere.report.motion_figures import STATUS_COLOURS
 from torchsphere.report.panels import abscissa, panels
-from torchsphere.report.sampled import LIMIT, NOTHING, Sampled, chosen
 
 HERE = Path(__file__).parent
 

@@ -1,0 +1,13 @@
+"""The names that the command line offers are those that the program has: the modules they belong to take torch."""
+
+from torchsphere import choices, motion
+from torchsphere.benchmark import suites, trackers
+
+
+def test_models_are_those_that_can_be_asked_for() -> None:
+    assert tuple(motion.MODELS) == choices.MODELS
+
+
+def test_sizes_and_trackers_are_those_of_the_benchmark() -> None:
+    assert tuple(suites.SIZES) == choices.SIZES
+    assert trackers.names() == choices.TRACKERS
