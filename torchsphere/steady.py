@@ -6,8 +6,9 @@ is off by a multiple of ``sin(2 pi d)``, alike in all frames where d is. `torchs
 balances both on average over textures, so that what is left is each texture's own and falls with the radius. A turn
 about the line of sight shifts each place of the ball by its own part of a pixel, and is off by what these average out
 to. And a ball that turns out of the image's plane shows its texture in another view: the step is off along the motion
-of its front, the more the finer the texture. Both hardly move the front itself but the weak combination of step and
-rotation, so that the rotation about the other axis errs by the step's error over the radius, and by a fifth more.
+of its front, the more the finer the texture; beyond a degree per frame all five components are off. Both hardly
+move the front itself but the weak combination of step and rotation, so that the rotation about the other axis errs by
+the step's error over the radius, and by a fifth more.
 
 A target near the ball adds to it what the light that it takes does to the steps, allowed for as it is.
 """
@@ -32,9 +33,20 @@ from torchsphere.reference import Filtered, build_reference
 ALIASED_PX2 = 0.0005 * 50.0
 
 #: Error of a step per turn about the axis across it, px per rad, over the square of the `fineness`; and the turn up to
-#: which it grows, rad: beyond, `torchsphere.symmetric` cancels most of it. Mean per deg, at 0.3 to 0.7 deg per frame:
-#: 0.0028 px where the fineness is 0.50 (spots of 3.2 px), 0.0023 at 0.41 (4 px), none to be seen at 0.26 (6 px).
+#: which it grows, rad: beyond, `FAST_PX3` goes on. Mean per deg, at 0.3 to 0.7 deg per frame: 0.0028 px where the
+#: fineness is 0.50 (spots of 3.2 px), 0.0023 at 0.41 (4 px), none to be seen at 0.26 (6 px).
 TURNED_PX, GROWS_UP_TO = 0.0115 / math.radians(1.0), math.radians(1.0)
+
+#: Error along the motion of the front for what a ball turns out of the image's plane beyond `GROWS_UP_TO`, times the
+#: square of the radius, px^3 per rad, and the turn up to which it grows, rad. Measured without noise on 416 flights of
+#: 8 steps at 0.5 to 15 deg per frame, 13 patterns with radii of 25 to 80 px and spots of 3 to 6 px: root mean squares,
+#: taken to 50 px, of 0.0024 px at 2 deg, 0.0029 at 3, 0.0049 at 5, 0.0058 at 7, 0.0073 at 10 and 0.0081 at 15. The sign
+#: changes with turn and texture. Both directions of a pair err alike, so that their mean errs as well.
+FAST_PX3, FAST_UP_TO = 0.0010 * 50.0**2 / math.radians(1.0), math.radians(8.0)
+
+#: The error across that motion, and the one about z times the radius, as shares of it: 0.3 to 0.5 and 0.15 to 0.2
+#: from 3 deg on.
+FAST_ACROSS, FAST_ABOUT_Z = 0.3, 0.2
 
 #: What is left where neither moves the ball, times the radius, px^2; and about z, times its square, rad px^2. It comes
 #: from the single spots: there are as many as the square of the radius, and a turn has their distance as a lever.
@@ -111,11 +123,23 @@ def sd_steady(increment: Array, radius: float, fine: float = TYPICAL, *, on_map:
     counted = max(known[:, 0].sum(), 1)
     squares = (aliased**2 + turned**2).sum(0) / counted
     light = 0.0 if on_map else lit
-    step = np.sqrt(squares + (LEFT_PX2 / radius) ** 2 + light * LIT_PX**2)
+    fast = np.zeros(3) if on_map else (_of_fast_turns(steps, radius) ** 2).sum(0) / counted
+    step = np.sqrt(squares + fast[:2] + (LEFT_PX2 / radius) ** 2 + light * LIT_PX**2)
     local = (_aliased_about_z(steps, radius)[known[:, 0]] ** 2).sum() / counted
-    about_z = np.sqrt(local + (LEFT_Z_PX2 / radius**2) ** 2 + light * (LIT_Z_PX / radius) ** 2)
+    about_z = np.sqrt(local + fast[2] + (LEFT_Z_PX2 / radius**2) ** 2 + light * (LIT_Z_PX / radius) ** 2)
     turn = ROTATION_PER_STEP / radius * step[::-1]
     return (SHARE_ON_MAP if on_map else 1.0) * np.concatenate((step, turn, [about_z]))
+
+
+def _of_fast_turns(steps: Array, radius: float) -> Array:
+    """Errors (n, 3) in x, y and about z, px and rad, of fast turns out of the image's plane; a map has none of them."""
+    turn = np.hypot(steps[:, 2], steps[:, 3])
+    beyond = np.clip(turn, GROWS_UP_TO, FAST_UP_TO) - GROWS_UP_TO
+    along = FAST_PX3 / radius**2 * beyond
+    # The front moves along x with a turn about y, and along y with one about x.
+    share = np.abs(steps[:, [3, 2]]) / np.maximum(turn, GROWS_UP_TO)[:, None]
+    step = along[:, None] * np.hypot(share, FAST_ACROSS * share[:, ::-1])
+    return np.concatenate((step, FAST_ABOUT_Z / radius * along[:, None]), 1)
 
 
 def _aliased_about_z(steps: Array, radius: float) -> Array:
