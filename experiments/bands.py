@@ -35,7 +35,7 @@ from render import preset
 
 Array = NDArray[np.float64]
 
-SHOTS, SEEDS = ("free-flight", "frontal-impact", "oblique-impact"), tuple(range(51, 59))
+SHOTS, SEEDS = ("free-flight", "frontal-impact", "oblique-impact"), tuple(range(61, 69))
 CIRCLES = ("given", "found")
 NAMES = ("v_x", "v_y", "F_x", "F_y", "w_x", "w_y", "w_z")
 COLUMNS = ("vx_m_s", "vy_m_s", "fx_N", "fy_N", "wx_rad_s", "wy_rad_s", "wz_rad_s")

@@ -21,7 +21,7 @@ LAYERS = (
     ("motion", "crop", "texture", "still", "turning", "criterion", "request"),
     ("forward", "reference", "interlace", "view", "options"),
     ("covariance", "outline", "locate", "newton", "misfit", "search", "trust"),
-    ("light", "schur"),
+    ("light", "limb", "schur"),
     ("robust",),
     ("correlate", "circle", "bundle", "register"),
     ("joint", "mapped", "radius"),

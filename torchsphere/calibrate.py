@@ -1,8 +1,9 @@
 """Improve a circle found in one image by the first frames of the recording: its radius and its centre.
 
-The limb of a speckled ball blurs the outline's place from image to image, by a few tenths of a px; many images average
-that out. Where the ball turns, the correlation itself knows the radius too: with a wrong one the surface's depth is
-wrong and leaves a residual. Both are combined by their uncertainties.
+The ball's path tells the still background behind it, and so its limb better than one image does. Where the ball turns,
+the correlation itself knows the radius too: with a wrong one the surface's depth is wrong and leaves a residual. Both
+are combined by their uncertainties. Later frames tell the radius alone, where no target
+takes the limb's light: the path drifts from the centre.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere import crop, outline
-from torchsphere.circle import MIN_SUPPORT, Circle
+from torchsphere import crop, limb, outline, still
+from torchsphere.circle import Circle, at_limb
 from torchsphere.correlate import GRADIENT_FROM_DEG
 from torchsphere.follow import Follower
 from torchsphere.joint import ALONE, Solver
@@ -24,13 +25,8 @@ from torchsphere.options import Options, margin
 from torchsphere.radius import radius_evidence
 from torchsphere.source import Source
 
-#: Frames used: to follow the ball, and to look at its outline.
-FRAMES, OUTLINES = 65, 16
-
-#: What stays of the outline's error however many images are averaged, px, where the step from background to limb is
-#: twice the pattern's standard deviation; it goes with the ratio's inverse square. Measured: 0.05 px low at a
-#: ratio of 1.8 (dark and bright backgrounds), 0.3 to 0.5 px low at 0.9, where faint limbs are missed.
-SYSTEMATIC_PX, FULL_CONTRAST = 0.15, 2.0
+#: Frames used: to follow the ball, and to tell where it hides the background in all of them.
+FRAMES, PLACES = 65, 16
 
 #: Bias of the interpolation, px, that the residuals cannot tell from a radius: measured as 0.1 px of radius at 0.01 rad
 #: per frame, and inversely as the rotation.
@@ -46,6 +42,9 @@ MAX_CHANGE = 0.03
 #: Change of the radius, as a share of it, from which the frames are followed anew: the increments adapt to a smaller
 #: one to first order. At 0.5 deg per frame it moves x by 0.026 px per px of radius, 0.04 px after 65 frames at R = 50.
 FOLLOWED_ANEW = 5e-4
+
+#: Frames whose radius is less certain than that of the frame in which the ball was found by more are left out.
+WORSE = 1.2
 
 #: Fewer pairs tell no scatter.
 FEWEST_PAIRS = 3
@@ -69,13 +68,9 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
     frames = np.flatnonzero(followed.status[:stop] == "ok")
     if len(frames) < 3:
         return found
-    fit = _outlines(source, followed, frames, found, ignore, fixed_radius=False)
-    by_outline = float((fit.circle[:, 2] / _relative_size(followed, found, _spread(frames))).nanmedian())
-    known = by_outline if math.isfinite(by_outline) else found.radius
-    contrast = float(fit.contrast.median()) / _pattern_sd(source, found)
-    # A faint edge says little, but the ball was found: it is no other size than that by more than may be corrected.
-    systematic = min(SYSTEMATIC_PX * max(FULL_CONTRAST / max(contrast, 1e-3), 0.5) ** 2, MAX_CHANGE * known)
-    radius, sd = known, math.hypot(found.sd_radius, systematic)
+    found = _before_background(source, found, followed, ignore)
+    known = radius = _over_frames(source, found, followed, frames, ignore)
+    sd = found.sd_radius
     for _ in range(2):
         tried = dataclasses.replace(found, radius=radius)
         correction, sd_correction = _radius_correction(source, followed, frames, tried, ignore, options)
@@ -92,39 +87,56 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
                 stop
             )
             frames = np.flatnonzero(followed.status[:stop] == "ok")
-    better = dataclasses.replace(found, radius=radius, sd_radius=1 / math.hypot(1 / sd, 1 / sd_correction))
-    return _recentred(source, better, followed, frames, ignore)
+    return dataclasses.replace(found, radius=radius, sd_radius=1 / math.hypot(1 / sd, 1 / sd_correction))
 
 
-def _pattern_sd(source: Source, circle: Circle) -> float:
-    """Standard deviation of the grey levels within the circle, at least 1e-3."""
-    image = source.images(circle.frame, circle.frame + 1)[0]
-    rows, columns = (torch.arange(size, device=image.device) for size in image.shape)
-    inside = (rows[:, None] - circle.y) ** 2 + (columns - circle.x) ** 2 < (0.9 * circle.radius) ** 2
-    return max(float(image[inside].std()), 1e-3)
-
-
-def _outlines(
-    source: Source,
-    followed: Follower,
-    frames: NDArray[np.int64],
-    found: Circle,
-    ignore: Tensor | None,
-    *,
-    fixed_radius: bool,
-) -> outline.OutlineFit:
-    """Outlines of frames spread over those that were followed."""
-    chosen = _spread(frames)
-    images = torch.cat([source.images(int(i), int(i) + 1) for i in chosen])
-    guesses = _balls(followed, found, chosen)
-    return outline.refine(
-        images,
-        guesses,
-        ignore=ignore,
-        window=outline.STEP_BLUR_PX,
-        fixed_radius=fixed_radius,
-        camera=followed.options.camera,
+def _before_background(source: Source, found: Circle, followed: Follower, ignore: Tensor | None) -> Circle:
+    """The circle at the ball's limb, now that its path tells the still background from the ball."""
+    image = source.images(found.frame, found.frame + 1)[0].cpu()
+    if outline.is_plain(image, torch.tensor([found.x, found.y, found.radius], dtype=torch.float64)):
+        return found
+    behind = still.background(source, followed.position, found.radius)
+    hidden = _hidden(followed, found, image.shape)
+    if ignore is not None:
+        hidden = hidden | ignore.cpu()
+    camera = followed.options.camera
+    ways = (
+        at_limb(image[None], found, ignore, camera),
+        at_limb((image - behind).to(image)[None], found, hidden, camera),
     )
+    return min(ways, key=lambda circle: math.hypot(circle.sd_x, circle.sd_y, circle.sd_radius))
+
+
+def _over_frames(
+    source: Source, found: Circle, followed: Follower, frames: NDArray[np.int64], ignore: Tensor | None
+) -> float:
+    """Median radius of the limbs of a ball that turns; that of ``found`` where later frames tell less than its own."""
+    alone = frames[~followed.uneven_light[frames]]
+    if len(alone) < FEWEST_PAIRS:
+        return found.radius
+    chosen = alone[np.unique(np.linspace(0, len(alone) - 1, PLACES).round().astype(int))]
+    balls = _balls(followed, found, chosen)
+    images = torch.cat([source.images(int(i), int(i) + 1) for i in chosen])
+    fitted, covariance = limb.fit(images, balls, ignore=ignore, camera=followed.options.camera)
+    near = ((fitted - balls).abs() < 0.5 * MAX_CHANGE * found.radius).all(-1)
+    near &= covariance[:, 2, 2] < (WORSE * found.sd_radius) ** 2
+    if int(near.sum()) < FEWEST_PAIRS:
+        return found.radius
+    return float((fitted[:, 2] / _relative_size(followed, found, chosen))[near].median())
+
+
+def _hidden(followed: Follower, found: Circle, shape: torch.Size) -> Tensor:
+    """Where (h, w) the ball is before the background in all frames looked at but that of ``found``.
+
+    What is seen in that frame alone is taken for the background there, whatever it is.
+    """
+    known = np.flatnonzero(np.isfinite(followed.position[:, 0]))
+    known = known[known != found.frame]
+    chosen = known[np.unique(np.linspace(0, len(known) - 1, PLACES).round().astype(int))]
+    x, y = torch.from_numpy(followed.position[chosen]).unbind(-1)
+    rows, columns = (torch.arange(size, dtype=torch.float64) for size in shape)
+    squared = (columns - x[:, None]).square()[:, None] + (rows - y[:, None]).square()[..., None]
+    return (squared < (found.radius + still.CLEARANCE_PX) ** 2).all(0)
 
 
 def _relative_size(followed: Follower, found: Circle, frames: NDArray[np.int64]) -> Tensor:
@@ -136,10 +148,6 @@ def _balls(followed: Follower, circle: Circle, frames: NDArray[np.int64]) -> Ten
     """The ball (m, 3) in the given frames, where it was followed to, with the radius of ``circle`` in its frame."""
     radii = circle.radius * _relative_size(followed, circle, frames)
     return torch.cat((torch.from_numpy(followed.position[frames]), radii[:, None]), -1)
-
-
-def _spread(frames: NDArray[np.int64]) -> NDArray[np.int64]:
-    return frames[np.unique(np.linspace(0, len(frames) - 1, OUTLINES).round().astype(int))]
 
 
 def _radius_correction(
@@ -180,20 +188,3 @@ def _radius_correction(
     scatter = float((score - information * correction).square().sum().sqrt()) / total
     turn = np.sqrt(np.mean(np.sum(followed.increment[second - 1, 2:4] ** 2, axis=1)))
     return correction, math.hypot(scatter, SYSTEMATIC_RESIDUAL_PX / max(float(turn), 1e-6))
-
-
-def _recentred(
-    source: Source, found: Circle, followed: Follower, frames: NDArray[np.int64], ignore: Tensor | None
-) -> Circle:
-    """The circle with the centre that the outlines of several frames agree on, along the path that was followed."""
-    fit = _outlines(source, followed, frames, found, ignore, fixed_radius=True)
-    path = torch.from_numpy(followed.position[_spread(frames)])
-    good = fit.support >= MIN_SUPPORT
-    if int(good.sum()) < 3:
-        return found
-    offset = (fit.circle[:, :2] - path)[good]
-    centre = torch.tensor([found.x, found.y], dtype=torch.float64) + offset.median(0).values
-    # The same limb shows in neighbouring frames, so that their number does not count as a number of measurements.
-    sd_x, sd_y = (offset.std(0).square() + (SYSTEMATIC_PX / 2) ** 2).sqrt().tolist()
-    x, y = centre.tolist()
-    return dataclasses.replace(found, x=x, y=y, sd_x=sd_x, sd_y=sd_y)

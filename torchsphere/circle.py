@@ -4,11 +4,13 @@ A speckled ball has edges everywhere, so edges come last. First the ball is told
 in three ways, each right where another fails: by its difference from the still background (the median of the
 recording; fails where the ball hardly moves), by its difference from a uniform background (fails over texture), and by
 its change from frame to frame (fails for a plain ball). A disc that separates its inside from a ring around it best
-is the candidate; its outline is then fitted to the silhouette and, to sub-pixel, to the image.
+is the candidate; its outline is then fitted to the silhouette and, to sub-pixel, to the image: a speckled ball's by
+`torchsphere.limb`, a plain one's by the light at its edge.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -17,7 +19,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
 
-from torchsphere import outline
+from torchsphere import limb, outline
 from torchsphere.perspective import Camera
 
 #: Longest side of the images that the disc filter works on, px.
@@ -28,6 +30,10 @@ RADIUS_STEP, RING = 1.1, 1.35
 
 #: A silhouette that a disc explains to a smaller share is none; an outline with fewer rays on the circle is none.
 MIN_EXPLAINED, MIN_SUPPORT = 0.35, 0.4
+
+#: How far the likeliest limb may lie from the circle through the edges, px and as a share of the radius: farther, and
+#: something else is next to the ball.
+LIMB_MOVES_PX, LIMB_MOVES = 2.0, 0.04
 
 #: Frames that tell the still background, and frames in which the ball is looked for before giving up.
 BACKGROUND_FRAMES, MAX_TRIES = 25, 40
@@ -111,7 +117,40 @@ def refine_circle(image: Tensor, circle: Circle, window: float | None = None, ca
             f"no outline was found near the circle ({circle.x:g}, {circle.y:g}, {circle.radius:g}): give one that is "
             f"right to {reach:.1f} px, or track with the circle as given"
         )
-    return _as_circle(fit, circle.frame)
+    rough = _as_circle(fit, circle.frame)
+    return rough if plain else at_limb(image[None], rough, camera=camera)
+
+
+def at_limb(views: Tensor, circle: Circle, ignore: Tensor | None = None, camera: Camera | None = None) -> Circle:
+    """The circle at the likeliest limb of a speckled ball, in the one of some views that tells it best.
+
+    Parameters
+    ----------
+    views : Tensor
+        Grey levels (m, h, w) of one image: as it is, and less its background.
+    circle : Circle
+        Right to about a px.
+    ignore : Tensor, optional
+        (h, w), True where the images are not to be used.
+    camera : Camera, optional
+        The circle is a projected centre and the radius at its depth.
+
+    Returns
+    -------
+    Circle
+        The circle as it was where every likeliest one is too far from it, and uncertain by as much.
+    """
+    guess = torch.tensor([[circle.x, circle.y, circle.radius]], dtype=torch.float64)
+    fitted, covariance = limb.fit(views, guess.expand(len(views), -1), ignore=ignore, camera=camera)
+    far = max(LIMB_MOVES_PX, LIMB_MOVES * circle.radius)
+    variance = covariance.diagonal(dim1=1, dim2=2).sum(-1)
+    near = ((fitted - guess).abs() < far).all(-1) & variance.isfinite()
+    if not bool(near.any()):
+        return dataclasses.replace(circle, sd_x=far, sd_y=far, sd_radius=far)
+    best = int(variance.where(near, torch.inf).argmin())
+    x, y, radius = fitted[best].tolist()
+    sd_x, sd_y, sd_radius = covariance[best].diagonal().sqrt().tolist()
+    return Circle(x, y, radius, sd_x, sd_y, sd_radius, circle.frame)
 
 
 def _as_circle(fit: outline.OutlineFit, frame: int) -> Circle:
@@ -142,18 +181,24 @@ def _frames_to_try(count: int) -> Iterator[int]:
 def _find_in(images: Images, frame: int, count: int, background: Tensor | None, ignore: Tensor | None) -> Circle | None:
     candidates = []
     for silhouette, contrast in _silhouettes(images, frame, count, background, ignore):
-        fit = _outline_of(silhouette, contrast)
-        if fit is not None:
+        found = _outline_of(silhouette, contrast)
+        if found is not None:
+            fit, plain = found
             explained = _explained_by(silhouette, fit.circle[0])
             if explained > MIN_EXPLAINED:
-                candidates.append((explained * float(fit.support[0]), fit))
+                candidates.append((explained * float(fit.support[0]), fit, plain, contrast))
     if not candidates:
         return None
-    return _as_circle(max(candidates, key=lambda c: c[0])[1], frame)
+    _, fit, plain, contrast = max(candidates, key=lambda c: c[0])
+    circle, image = _as_circle(fit, frame), images(frame, frame + 1)[0]
+    if plain:
+        return circle
+    # A slow ball's own shadow is in the median that is taken for the background: the image alone may tell more.
+    return at_limb(image[None] if contrast is image else torch.stack((contrast, image)), circle, ignore)
 
 
-def _outline_of(silhouette: Tensor, contrast: Tensor) -> outline.OutlineFit | None:
-    """Disc filter and silhouette bring the circle within a px or two; the image itself places it to sub-pixel."""
+def _outline_of(silhouette: Tensor, contrast: Tensor) -> tuple[outline.OutlineFit, bool] | None:
+    """Disc filter and silhouette bring the circle within a px or two; the image places it. And whether it is plain."""
     guess = _best_disc(silhouette)
     if guess is None:
         return None
@@ -165,7 +210,9 @@ def _outline_of(silhouette: Tensor, contrast: Tensor) -> outline.OutlineFit | No
     if float(fine.support[0]) < MIN_SUPPORT or not _within(fine.circle[0], silhouette.shape):
         return None
     moved = float((fine.circle - coarse.circle).abs().max())
-    return fine if moved < max(3.0, 0.04 * float(guess[0, 2])) else None
+    if moved >= max(3.0, 0.04 * float(guess[0, 2])):
+        return None
+    return fine, plain
 
 
 def _silhouettes(
