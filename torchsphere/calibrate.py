@@ -28,6 +28,9 @@ from torchsphere.source import Source
 #: Frames used: to follow the ball, and to tell where it hides the background in all of them.
 FRAMES, PLACES = 65, 16
 
+#: How far beyond the outline the limb is looked at, px, with what the spline takes for it.
+SEEN_PX = 16.0
+
 #: Bias of the interpolation, px, that the residuals cannot tell from a radius: measured as 0.1 px of radius at 0.01 rad
 #: per frame, and inversely as the rotation.
 SYSTEMATIC_RESIDUAL_PX = 0.001
@@ -95,7 +98,7 @@ def _before_background(source: Source, found: Circle, followed: Follower, ignore
     image = source.images(found.frame, found.frame + 1)[0].cpu()
     if outline.is_plain(image, torch.tensor([found.x, found.y, found.radius], dtype=torch.float64)):
         return found
-    behind = still.background(source, followed.position, found.radius)
+    behind = _behind(source, found, followed, image)
     hidden = _hidden(followed, found, image.shape)
     if ignore is not None:
         hidden = hidden | ignore.cpu()
@@ -105,6 +108,17 @@ def _before_background(source: Source, found: Circle, followed: Follower, ignore
         at_limb((image - behind).to(image)[None], found, hidden, camera),
     )
     return min(ways, key=lambda circle: math.hypot(circle.sd_x, circle.sd_y, circle.sd_radius))
+
+
+def _behind(source: Source, found: Circle, followed: Follower, image: Tensor) -> Tensor:
+    """The still background (h, w) about the ball in the frame in which it was found; the ``image`` itself elsewhere."""
+    reach = found.radius + SEEN_PX
+    left, top = (max(0, math.floor(v - reach)) for v in (found.x, found.y))
+    part = slice(top, math.ceil(found.y + reach) + 1), slice(left, math.ceil(found.x + reach) + 1)
+    about = dataclasses.replace(source, read=lambda start, stop: source.images(start, stop)[:, part[0], part[1]])
+    behind = image.double().clone()
+    behind[part] = still.background(about, followed.position - [left, top], found.radius)
+    return behind
 
 
 def _over_frames(
