@@ -2,8 +2,8 @@
 
 The ball's path tells the still background behind it, and so its limb better than one image does. Where the ball turns,
 the correlation itself knows the radius too: with a wrong one the surface's depth is wrong and leaves a residual. Both
-are combined by their uncertainties. Later frames tell the radius alone, where no target
-takes the limb's light: the path drifts from the centre.
+are combined by their uncertainties. Later frames tell the radius alone, where no target takes the limb's light: the
+path drifts from the centre.
 """
 
 from __future__ import annotations
@@ -101,7 +101,9 @@ def _before_background(source: Source, found: Circle, followed: Follower, ignore
     behind = _behind(source, found, followed, image)
     hidden = _hidden(followed, found, image.shape)
     if ignore is not None:
-        hidden = hidden | ignore.cpu()
+        # The image and its background are on the CPU, wherever the pairs are measured.
+        ignore = ignore.cpu()
+        hidden = hidden | ignore
     camera = followed.options.camera
     ways = (
         at_limb(image[None], found, ignore, camera),
