@@ -43,6 +43,9 @@ AROUND_CONTACT = tuple(0.75 * i for i in range(-3, 4))
 #: Lowest intensities that count, powers of ten, of both processes: weaker ones are as good as none.
 LEAST = (-12.0, -16.0)
 
+#: Differences of the likelihood's logarithm that are none, and that make an intensity as good as impossible.
+FLAT, NEGLIGIBLE = 0.01, 5.0
+
 #: Whether the contact's process is the smooth one: both are possible, and equally likely before the data.
 BOTH = (False, True)
 
@@ -82,16 +85,35 @@ class Both(NamedTuple):
 
 
 def both_processes(series: Series, window: Tensor, flight: Tensor, contact: Tensor) -> Both:
-    """From the likeliest intensities of the rough process to those of both, at the same interval."""
-    whole = torch.arange(LEAST[1], 9.0).to(flight).expand(*flight.shape, 1, -1)
-    whole = torch.where(contact[..., None, None] > -math.inf, whole, -math.inf)
-    smooth = torch.ones(whole.shape[-1], dtype=torch.bool, device=whole.device)
-    fit, _ = posterior(series, window[:, None], flight[..., None, None], whole, smooth)
-    second = whole[:, :, 0].gather(-1, fit[:, :, 0].argmax(-1, keepdim=True))
-    best = Both(window, flight[..., None].expand(*flight.shape, 2), torch.cat((contact[..., None], second), -1))
+    """From the likeliest intensities of the rough process to those of both, at the same interval.
+
+    ``contact`` (n, k) tells where there is one; its intensities are sought anew, for a degree of freedom that hardly
+    moves has two maxima: a contact's, and none.
+    """
+    there = contact[..., None, None] > -math.inf
+    tops = []
+    for kind, least in zip(BOTH, LEAST, strict=True):
+        whole = torch.arange(least, 9.0).to(flight).expand(*flight.shape, 1, -1)
+        whole = torch.where(there, whole, -math.inf)
+        smooth = torch.full((whole.shape[-1],), kind, device=whole.device)
+        fit, _ = posterior(series, window[:, None], flight[..., None, None], whole, smooth)
+        tops.append(whole[:, :, 0].gather(-1, _last_top(fit[:, :, 0])))
+    best = Both(window, flight[..., None].expand(*flight.shape, 2), torch.cat(tops, -1))
     for size in (0.5, 0.3):
         best = best.refined(series, size)
     return best
+
+
+def _last_top(fit: Tensor) -> Tensor:
+    """Number (n, k, 1) of the maximum at the strongest intensity, where that counts, and of the highest elsewhere.
+
+    Weaker intensities, and none, are weighed beside it whichever it is; what lies above the highest would not be.
+    """
+    highest, number = fit.max(-1, keepdim=True)
+    numbers = torch.arange(fit.shape[-1], device=fit.device)
+    rises = torch.nn.functional.pad(fit.diff(dim=-1) > FLAT, (1, 0))
+    last = torch.where(rises, numbers, 0).amax(-1, keepdim=True)
+    return torch.where(fit.gather(-1, last) > highest - NEGLIGIBLE, last, number)
 
 
 def without_contact(window: Tensor, flight: Tensor) -> tuple[Both, Tensor, Tensor]:
@@ -144,7 +166,9 @@ def intensities(series: Series, windows: Tensor, best: Both, kinds: Tensor) -> t
     pairs = torch.cartesian_prod(torch.tensor(AROUND_FLIGHT), torch.tensor(contacts)).to(series.times)
     flight, contact, smooth = best.grid(*pairs.T)
     fit, noise = posterior(series, windows, flight, contact, smooth)
-    fit = torch.where(kinds.repeat_interleave(len(pairs), -1), fit + _ranges(contact, smooth), -math.inf)
+    # No force at all counts as much as each of the intensities.
+    ranges = fit.new_tensor(RANGE_FLIGHT).log().repeat_interleave(len(contacts)).repeat(len(BOTH))
+    fit = torch.where(kinds.repeat_interleave(len(pairs), -1), fit + ranges, -math.inf)
     sums = fit.softmax(-1).cumsum(-1)
     generator = torch.Generator().manual_seed(0)
     # Each interval takes one, and all of them together take each as often as it is likely, in any combination; the
@@ -156,21 +180,6 @@ def intensities(series: Series, windows: Tensor, best: Both, kinds: Tensor) -> t
     smooth = smooth[chosen[..., 0].mT]
     least = torch.where(smooth, LEAST[1], LEAST[0]).to(contact)
     return 10.0**flight, 10.0 ** torch.where(contact > -math.inf, contact, least), smooth, noise
-
-
-def _ranges(contact: Tensor, smooth: Tensor) -> Tensor:
-    """Logarithm of the range of powers of ten that each of the intensities (n, k, 1, m) stands for, up to a constant.
-
-    Below those around the best all are as good as none, but there are many of them: where the best is hardly likelier
-    than none, a contact's share in a force that is none would be overstated without.
-    """
-    least = torch.where(smooth, LEAST[1], LEAST[0]).to(contact)
-    spacing = AROUND_CONTACT[1] - AROUND_CONTACT[0]
-    # Each that is none comes before the lowest of those around the best.
-    below = ((contact.roll(-1, -1) - least) / spacing - 0.5).clamp_min(1e-9)
-    own = torch.where(contact > -math.inf, 1.0, below).log()
-    flights = torch.tensor(RANGE_FLIGHT).to(own).log()
-    return own + flights.repeat_interleave(1 + len(AROUND_CONTACT)).repeat(len(BOTH))
 
 
 def posterior(
