@@ -89,3 +89,18 @@ def test_a_change_that_a_steady_acceleration_may_hide_is_not_ruled_out_and_none_
     weighed = (found.contact[0] > 1e-9).double().mean(0)
     assert float(weighed[1:9].min()) > 0.9
     assert float(weighed[9:].max()) < 0.1
+
+
+def fading(share: np.ndarray) -> np.ndarray:
+    """Rises within a seventh of the contact and fades without a slope."""
+    rise = 0.15
+    return np.where(
+        share < rise, np.sin(0.5 * np.pi * share / rise), np.cos(0.5 * np.pi * (share - rise) / (1 - rise)) ** 2
+    )
+
+
+@pytest.mark.parametrize("shape", [fading, lambda share: fading(1 - share)])
+def test_a_contact_that_fades_or_swells_may_have_lasted_as_long_as_it_did(shape: Callable) -> None:
+    windows = contact.find(series(shape, shape)).windows[0]
+    assert float(windows[:, 0].min()) < START + 0.5
+    assert float(windows[:, 1].max()) > START + LENGTH - 0.5

@@ -140,9 +140,10 @@ def _unknown(all_poses: Poses, states: Smoothed, sd: Array, row: int) -> NDArray
 
 
 def _edges(states: Smoothed, row: int, begin: float) -> tuple[Array, Array]:
-    """Start and end (2,) of the contact and their standard deviations, frames."""
+    """Start and end (2,) of the contact and their standard deviations, by quantiles: softer contacts are but a few."""
     windows = states.windows[row].numpy()
-    return windows.mean(0) + begin, windows.std(0)
+    low, middle, high = np.quantile(windows, (0.159, 0.5, 0.841), axis=0)
+    return middle + begin, 0.5 * (high - low)
 
 
 def _about(all_poses: Poses, found: Contact, states: Smoothed, row: int, n: int) -> dict[str, Any]:

@@ -19,6 +19,9 @@ from torchsphere.kinematics import Draws, Kinematics
 
 Array = NDArray[np.float64]
 
+#: Share of a normal distribution within a standard deviation.
+ONE_SD = 0.6827
+
 #: Standard deviations of an edge of the contact beyond which a frame counts as one of the flight.
 CLEAR = 2.0
 
@@ -238,7 +241,8 @@ def _assembled(
         off = values - value
         if turns:
             off = (off + 180) % 360 - 180
-        return Estimate(value, np.asarray(np.sqrt((off**2).mean(0))), unit)
+        # A few motions of a softer contact would make a root mean square of what most are far from.
+        return Estimate(value, np.asarray(np.quantile(np.abs(off), ONE_SD, axis=0)), unit)
 
     if normal_deg is None:
         missing.append("The target's normal was not given; that of the change of velocity knows no tangential change.")
