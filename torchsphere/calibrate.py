@@ -28,6 +28,9 @@ from torchsphere.source import Source
 #: Frames used: to follow the ball, and to tell where it hides the background in all of them.
 FRAMES, PLACES = 65, 16
 
+#: Searches for the ball in vain after which the frames that are left are done without: they tell the circle no more.
+SEARCHES = 4
+
 #: How far beyond the outline the limb is looked at, px, with what the spline takes for it.
 SEEN_PX = 16.0
 
@@ -67,7 +70,7 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
         # give it within 0.15 px at up to 5 deg per frame, where the exact one's evidence runs away.
         options = dataclasses.replace(options, model="rigid", finite_from_deg=GRADIENT_FROM_DEG)
     stop = min(found.frame + FRAMES, source.count)
-    followed = Follower(source, found, ignore, options, solver=solver).run(stop)
+    followed = Follower(source, found, ignore, options, solver=solver, searches=SEARCHES).run(stop)
     frames = np.flatnonzero(followed.status[:stop] == "ok")
     if len(frames) < 3:
         return found
@@ -86,9 +89,8 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
             break
         radius = by_both
         if abs(radius - followed.radius) > FOLLOWED_ANEW * radius:
-            followed = Follower(source, dataclasses.replace(found, radius=radius), ignore, options, solver=solver).run(
-                stop
-            )
+            anew = dataclasses.replace(found, radius=radius)
+            followed = Follower(source, anew, ignore, options, solver=solver, searches=SEARCHES).run(stop)
             frames = np.flatnonzero(followed.status[:stop] == "ok")
     return dataclasses.replace(found, radius=radius, sd_radius=1 / math.hypot(1 / sd, 1 / sd_correction))
 

@@ -38,6 +38,10 @@ TREND_FROM = 16
 #: First guesses that a search over rotations may try at full size.
 TRIED = 3
 
+#: Searches in vain from which the next one waits, and for which share of the frames since: a search takes up to
+#: seconds, and in footage of no such ball each frame would have one.
+PATIENT, WAITS = 4, 0.25
+
 #: The reference's centre may be off by this much, times the rotation, before a pair is correlated again around the
 #: right one: an error of 1 px changes the increment by 0.001 to 0.002 px at 0.01 rad, and as the rotation.
 CENTRE_TOLERANCE_PX_RAD = 0.005
@@ -97,6 +101,7 @@ class Follower:
         *,
         progress: Progress | None = None,
         in_place: bool = False,
+        searches: float = math.inf,
         solver: Solver = ALONE,
     ) -> None:
         self.in_place, self._solver = in_place, solver
@@ -116,6 +121,9 @@ class Follower:
         self.position[first.frame] = first.x, first.y
         self.size[first.frame] = first.radius
         self.status[first.frame] = "ok"
+        self._searches = searches
+        #: Frames that were searched in vain since the ball was seen.
+        self._in_vain: list[int] = []
         self._shared: parallel.Run = lambda part, rows: [part(0, rows)]
         self._first = self._last = first.frame
         self._image = source.images(first.frame, first.frame + 1)
@@ -267,6 +275,7 @@ class Follower:
 
     def _keep(self, found: Correlation, count: int, image: Tensor) -> None:
         """Write ``count`` confirmed pairs down and go on from the last of them."""
+        self._in_vain = []
         rows = slice(self._last, self._last + count)
         after = slice(self._last + 1, self._last + 1 + count)
         self.increment[rows] = found.q[:count].double().cpu().numpy()
@@ -348,6 +357,7 @@ class Follower:
             or gone
             or plain
             or motion.MODELS[self.options.model] not in (motion.rigid, *motion.EXACT)
+            or not self._may_search(at)
         ):
             return found
         wide = search.guesses(pair[0], pair[1], here, self.radius, self.ignore)
@@ -361,12 +371,24 @@ class Follower:
                 return again
         return found
 
+    def _may_search(self, at: int) -> bool:
+        """Whether frame ``at`` is worth a search over rotations, which counts as one in vain until the ball is seen."""
+        if len(self._in_vain) >= self._searches:
+            return False
+        if len(self._in_vain) >= PATIENT:
+            first, last = self._in_vain[0], self._in_vain[-1]
+            if at - last < WAITS * (last - first):
+                return False
+        self._in_vain.append(at)
+        return True
+
     def _correlate_one(self, pair: Tensor, here: Tensor, start: Tensor) -> Correlation:
         path = torch.stack((here, here + start[:2]))
         return self._correlate(pair, torch.cat((path, torch.full((2, 1), self.radius)), -1), start[None])[0]
 
     def _found_again(self, at: int, position: Tensor, image: Tensor, found: Correlation) -> None:
         """Go on after a gap: position and orientation are known again, the increment that leads here is not."""
+        self._in_vain = []
         self.position[at] = self.position[self._last] if self.in_place else position.numpy()
         self.size[at] = self.radius * (1 + float(found.growth[0]))
         self.rotation[at] = found.q[0, 2:].double().cpu().numpy()
