@@ -72,6 +72,31 @@ def test_the_search_comes_near_enough_to_start_from(degrees: float) -> None:
     assert float(off.norm(dim=-1).min()) < 6
 
 
+def test_a_search_in_parts_finds_what_one_of_all_rotations_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = recorded(clean(n=2, turn_deg=9.0))
+    monkeypatch.setattr(search, "AT_ONCE", 10**9)
+    at_once = search.guesses(made.images[0], made.images[1], made.centres[0], made.radius)
+    monkeypatch.setattr(search, "AT_ONCE", 50_000)
+    in_parts = search.guesses(made.images[0], made.images[1], made.centres[0], made.radius)
+    np.testing.assert_array_equal(at_once, in_parts)
+
+
+def test_footage_without_the_ball_is_searched_in_ever_fewer_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = recorded(clean(n=1))
+    blank = torch.stack([noisy(torch.full(made.images.shape[1:], 100.0), 2.0, seed) for seed in range(40)])
+    searched = []
+
+    def nothing(*_: object) -> torch.Tensor:
+        searched.append(True)
+        return torch.empty(0, 5, dtype=torch.float64)
+
+    monkeypatch.setattr(search, "guesses", nothing)
+    measured = track(torch.cat((made.images, blank)), made.circle, sphere_map=False)
+    assert not (measured.status[1:] == "ok").any()
+    # Frames 1 to 5, then after ever longer waits.
+    assert len(searched) < 20
+
+
 def test_the_search_finds_nothing_where_there_is_no_such_ball() -> None:
     made, other = recorded(clean(n=1)), recorded(clean(n=1, seed=5, start=(150.0, 110.0)))
     blank = noisy(torch.full(made.images.shape[1:], 100.0), 2.0, 1)
