@@ -166,12 +166,21 @@ def _parent_killed(folder: Path, count: int) -> dict[str, Any]:
         with subprocess.Popen(
             [sys.executable, "-m", "experiments.archive_trial", "--run", str(source), str(out)]
         ) as parent:
-            while len(list(out.rglob("summary.json"))) < count * 5 // 8:
+            while _results(out) < count * 5 // 8:
                 time.sleep(0.1)
             parent.kill()
-        when["done"] = len(list(out.rglob("summary.json")))
+        when["done"] = _results(out)
 
     return {**trial(source, out, OWN, kill_parent), "done_when_killed": when["done"]}
+
+
+def _results(out: Path) -> int:
+    """Recordings whose results are there, while others are being written: folders whose names begin with a dot."""
+    found = 0
+    for _, folders, files in os.walk(out):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        found += "summary.json" in files
+    return found
 
 
 def _state_alone(folder: Path) -> dict[str, float]:
