@@ -51,6 +51,40 @@ def test_steps_back_within_what_is_held_do_not_decode_from_the_start(
         assert len(opened) == 2
 
 
+def drift(n: int) -> np.ndarray:
+    """Images (n, 32, 48) that an encoder predicts from each other."""
+    ramp = np.add.outer(np.arange(32), 3 * np.arange(48)) % 251
+    return np.stack([np.roll(ramp, i, 1) for i in range(n)]).astype(np.uint8)
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv", ".avi"])
+def test_images_out_of_order_are_those_that_come_in_order(
+    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_video(tmp_path / f"a{suffix}", drift(200), "yuv420p", "mpeg4")
+    in_order = open_recording(path).images(0, 200)
+    assert len(np.unique(in_order, axis=0)) > 40
+    with open_recording(path) as recording:
+        opened = []
+        really = av.open
+        monkeypatch.setattr(av, "open", lambda *args, **options: opened.append(1) or really(*args, **options))
+        for start in RNG.integers(0, 198, 40):
+            np.testing.assert_array_equal(recording.images(start, start + 2), in_order[start : start + 2])
+        # From key images, but for the first dozen, which are decoded from the start.
+        assert len(opened) < 10
+
+
+def test_a_video_whose_key_image_is_not_found_is_decoded_from_its_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_video(tmp_path / "a.mp4", drift(200), "yuv420p", "mpeg4")
+    in_order = open_recording(path).images(0, 200)
+    monkeypatch.setattr("torchsphere.recording.video.INTRA", -1)
+    with open_recording(path) as recording:
+        for start in (150, 20, 190):
+            np.testing.assert_array_equal(recording.images(start, start + 2), in_order[start : start + 2])
+
+
 def test_rgb_becomes_grey(tmp_path: Path) -> None:
     colour = RNG.integers(0, 256, (2, 32, 48, 3)).astype(np.uint8)
     recording = open_recording(write_video(tmp_path / "a.avi", colour, "bgr24", "rawvideo"))

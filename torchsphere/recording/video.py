@@ -1,8 +1,14 @@
-"""Videos (AVI, MP4, MOV, MKV, WebM) through PyAV, decoded in order: seeking in compressed video is not exact."""
+"""Videos (AVI, MP4, MOV, MKV, WebM) through PyAV.
+
+Where to seek in compressed video lands is not certain. Only a landing on the very key image that was asked for, by its
+time, is believed; from there images are decoded in order. Anything else, and the video is decoded from its start.
+"""
 
 from __future__ import annotations
 
+import itertools
 import threading
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +28,9 @@ if TYPE_CHECKING:
 #: Images that are held, so that a batch that is measured a second time is not decoded from the start: with none, 2000
 #: images took 30 s to follow where their TIFF takes 5.
 HELD = 64
+
+#: The library's number for an image that needs no other; some encoders call an image a key that only ends a refresh.
+INTRA = 1
 
 # The reader of each kind is named, so that the file's content cannot choose another one.
 _READERS = {"an AVI video": "avi", "an MP4 or MOV video": "mov", "a Matroska or WebM video": "matroska"}
@@ -111,7 +120,7 @@ def _decoder(path: Path, frame: av.VideoFrame) -> tuple[_Decoder, int, tuple[str
 
 
 class _Cursor:
-    """Decodes forwards from image to image, and starts again when asked for one before those that it still holds."""
+    """Decodes forwards from image to image, and from a key image where that is nearer."""
 
     def __init__(self, path: Path, reader: str) -> None:
         self._path, self._reader = path, reader
@@ -122,6 +131,10 @@ class _Cursor:
         # The last images, in order; the newest is the one before `_next`.
         self._held: deque[NDArray[Any]] = deque(maxlen=HELD)
         self._decode: _Decoder | None = None
+        # Times of all images, and numbers of those that begin with themselves; none where that is not known.
+        self._times: list[int] = []
+        self._keys: list[int] = []
+        self._jumped = False
         self.codec = ""
         # Two threads would move the same position.
         self._lock = threading.Lock()
@@ -134,15 +147,23 @@ class _Cursor:
             stream = container.streams.video[0]
             self.codec = stream.codec_context.name
             rate = stream.average_rate or stream.guessed_rate
-            count = whole = 0
+            times: list[int | None] = []
+            keys = set()
+            whole = 0
             for packet in container.demux(stream):
                 if packet.size and not packet.is_corrupt:
                     whole += 1
-                    count += not packet.is_discard
+                    if not packet.is_discard:
+                        times.append(packet.pts)
+                        keys |= {packet.pts} if packet.is_keyframe else set()
             # AVI and MP4 state how many images they should hold; other kinds give 0.
             if stream.frames > whole:
                 raise EOFError(f"{whole} of {stream.frames} images are present")
-            return count, float(rate) if rate else None
+            known = [time for time in times if time is not None]
+            if len(set(known)) == len(times):
+                self._times = sorted(known)
+                self._keys = [number for number, time in enumerate(self._times) if time in keys]
+            return len(times), float(rate) if rate else None
 
     def first(self) -> av.VideoFrame:
         """Decode the first image."""
@@ -155,13 +176,13 @@ class _Cursor:
 
     def read(self, start: int, stop: int) -> NDArray[Any]:
         with self._lock:
-            if self._container is None or start < self._next - len(self._held):
-                self.close()
-                with library_failures(self._path, "a video"):
-                    self._container = self._open()
-                    self._container.streams.video[0].thread_type = "AUTO"
-                    self._frames = iter(self._container.decode(video=0))
-                self._next = 0
+            before = bisect_right(self._keys, start)
+            key = self._keys[before - 1] if before else 0
+            is_back = self._container is None or start < self._next - len(self._held)
+            if key and (is_back or key > self._next):
+                self._jump(key)
+            elif is_back:
+                self._restart()
             if self._next < start:
                 self._held.clear()
             while self._next < start:
@@ -171,6 +192,32 @@ class _Cursor:
                 images.append(self._grey(self._advance()))
                 self._held.append(images[-1])
             return np.stack(images).astype(np.float32)
+
+    def _restart(self) -> None:
+        """Make the first image the next one."""
+        self.close()
+        with library_failures(self._path, "a video"):
+            self._container = self._open()
+            self._container.streams.video[0].thread_type = "AUTO"
+            self._frames = iter(self._container.decode(video=0))
+        self._next, self._jumped = 0, False
+
+    def _jump(self, key: int) -> None:
+        """Make the key image of that number the next one, or the first image where that cannot be had."""
+        if self._container is None:
+            self._restart()
+        assert self._container is not None
+        with library_failures(self._path, "a video"):
+            time = self._times[key]
+            self._container.seek(time, stream=self._container.streams.video[0])
+            frames = iter(self._container.decode(video=0))
+            frame = next((f for f in frames if f.pts is None or f.pts >= time), None)
+        if frame is None or frame.pts != time or int(frame.pict_type) != INTRA:
+            self._keys = []
+            self._restart()
+            return
+        self._frames, self._next, self._jumped = itertools.chain((frame,), frames), key, True
+        self._held.clear()
 
     def close(self) -> None:
         if self._container is not None:
@@ -188,6 +235,15 @@ class _Cursor:
                 f"{self._path}: gives {present} images when decoded, its packets promise {self._count}; "
                 "it is cut or damaged, export it again"
             )
+        if self._keys and frame.pts != self._times[self._next]:
+            # Images do not come at the times of their packets: their numbers are by counting alone.
+            self._keys = []
+            if self._jumped:
+                number = self._next
+                self._restart()
+                while self._next < number:
+                    self._advance()
+                return self._advance()
         self._next += 1
         return frame
 
