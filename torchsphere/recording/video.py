@@ -26,8 +26,9 @@ if TYPE_CHECKING:
     from av.container import InputContainer
 
 #: Images that are held, so that a batch that is measured a second time is not decoded from the start: with none, 2000
-#: images took 30 s to follow where their TIFF takes 5.
-HELD = 64
+#: images took 30 s to follow where their TIFF takes 5. So many are more than a first look at a recording takes
+#: (`torchsphere.calibrate.FRAMES`), which goes over them in several ways.
+HELD = 80
 
 #: The library's number for an image that needs no other; some encoders call an image a key that only ends a refresh.
 INTRA = 1
