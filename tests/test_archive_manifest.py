@@ -205,3 +205,9 @@ def test_ten_thousand_rows_are_read_lazily_and_share_their_common_settings(tmp_p
     items = manifest.read(sheet, common, tmp_path / "out").items
     assert len(items) == 10_000
     assert items[-1].result == "99/9999"
+
+
+def test_results_among_the_recordings_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.npy").touch()
+    with pytest.raises(ValueError, match="is the folder of the recordings itself"):
+        manifest.read(tmp_path, {}, tmp_path / ".")

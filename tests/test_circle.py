@@ -88,6 +88,12 @@ def test_noise_and_flat_images_hold_no_ball(noise: float) -> None:
         found_in(images)
 
 
+def test_the_ball_is_not_found_in_a_blank_image_whose_background_holds_it() -> None:
+    made = shot(0, n=8, step=(0.5, 0.0))
+    images = torch.cat((torch.full((1, *SHAPE), 200.0), made.images))
+    assert found_in(images).frame > 0
+
+
 def test_a_given_circle_is_refined_from_two_px_off() -> None:
     made = shot(0, n=1)
     x, y, radius = made.circle

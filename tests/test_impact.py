@@ -171,3 +171,18 @@ def test_a_ball_that_is_driven_on_has_no_impact(motion: Kinematics) -> None:
     result, reason = impact(overtaken)
     assert result is None
     assert "driven on the way it flies" in reason
+
+
+def test_a_velocity_that_does_not_change_is_no_impact(motion: Kinematics) -> None:
+    assert motion.draws is not None
+    velocity = motion.draws.velocity_m_s
+    steady = velocity - velocity.mean(0) + velocity.mean((0, 1))
+    result, reason = impact(dataclasses.replace(motion, draws=dataclasses.replace(motion.draws, velocity_m_s=steady)))
+    assert result is None
+    assert "is that before it" in reason
+
+
+def test_a_recording_too_short_for_a_velocity_says_so(motion: Kinematics) -> None:
+    result, reason = impact(dataclasses.replace(motion, velocity_m_s=np.full_like(motion.velocity_m_s, np.nan)))
+    assert result is None
+    assert reason.startswith("No frame has a velocity")

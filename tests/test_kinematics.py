@@ -186,6 +186,7 @@ def test_uneven_times_leave_a_steady_acceleration_what_it_is(falling: ts.Track) 
         ({"frame_rate": 1.0, "m_per_px": 1e-3, "method": "guess"}, "method"),
         ({"frame_rate": 1.0, "m_per_px": 1e-3, "method": "savitzky-golay", "window": 6}, "window"),
         ({"frame_rate": 1.0, "m_per_px": 1e-3, "times_s": np.zeros(N)}, "times_s"),
+        ({"frame_rate": 1e300, "m_per_px": 1e-3}, "frame_rate = 1e.300: expected .* frames per second"),
     ],
 )
 def test_a_senseless_number_is_refused_by_its_name(falling: ts.Track, settings: dict, word: str) -> None:

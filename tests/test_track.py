@@ -268,6 +268,14 @@ def test_backwards_in_time_the_motion_is_the_opposite(short: Any) -> None:
     assert np.rad2deg(off[:, 2:]).max() < 0.015
 
 
+@pytest.mark.parametrize("noise", [0.0, 20.0])
+def test_a_circle_where_no_ball_is_gives_no_path(noise: float) -> None:
+    images = torch.stack([noisy(torch.full((192, 320), 128.0), noise, seed) for seed in range(5)])
+    measured = track(images, (120.0, 92.0, 40.0), sphere_map=False)
+    assert np.isin(measured.status[1:], ["low_correlation", "lost"]).all()
+    assert np.isnan(measured.position[1:]).all()
+
+
 def test_a_plain_ball_has_a_path_but_no_rotation() -> None:
     made = shot(4, n=6, low=200.0, high=200.001, background=40.0)
     measured = track(made.images)

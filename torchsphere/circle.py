@@ -179,6 +179,10 @@ def _frames_to_try(count: int) -> Iterator[int]:
 
 
 def _find_in(images: Images, frame: int, count: int, background: Tensor | None, ignore: Tensor | None) -> Circle | None:
+    image = images(frame, frame + 1)[0]
+    if bool((image == image[0, 0]).all()):
+        # A blank image differs from its background where the ball is in other images.
+        return None
     candidates = []
     for silhouette, contrast in _silhouettes(images, frame, count, background, ignore):
         found = _outline_of(silhouette, contrast)
@@ -190,11 +194,11 @@ def _find_in(images: Images, frame: int, count: int, background: Tensor | None, 
     if not candidates:
         return None
     _, fit, plain, contrast = max(candidates, key=lambda c: c[0])
-    circle, image = _as_circle(fit, frame), images(frame, frame + 1)[0]
+    circle = _as_circle(fit, frame)
     if plain:
         return circle
     # A slow ball's own shadow is in the median that is taken for the background: the image alone may tell more.
-    return at_limb(image[None] if contrast is image else torch.stack((contrast, image)), circle, ignore)
+    return at_limb(image[None] if contrast.equal(image) else torch.stack((contrast, image)), circle, ignore)
 
 
 def _outline_of(silhouette: Tensor, contrast: Tensor) -> tuple[outline.OutlineFit, bool] | None:

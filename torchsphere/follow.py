@@ -328,18 +328,21 @@ class Follower:
             self._keep(found, 1, target)
         elif status == "ok":
             self._found_again(at, here + found.q[0, :2].double().cpu(), target, found)
-        elif status == "weak_texture" and not (self.status[1:] == "ok").any():
-            self._by_outline(at, pair, here, seen)
         elif status == "weak_texture":
-            # A ball with a pattern does not lose it: it is hidden, or not there.
-            self.status[at] = "low_correlation"
+            # A ball with a pattern does not lose it: it is hidden, or not there. What is not plain looks like itself.
+            alike = self._plain or float(found.zncc[0]) >= self.options.min_zncc
+            if alike and not (self.status[1:] == "ok").any():
+                self._by_outline(at, pair, here, seen)
+            else:
+                self.status[at] = "low_correlation"
         if np.isnan(self.position[at, 0]) and at - self._last >= RESTART_AFTER:
             self._restart(at, target)
-        if (
-            np.isnan(self.position[at, 0])
-            and self._in_frame(here + self._expected[:2] * (at - self._last)) < MIN_IN_FRAME
-        ):
-            self.status[at] = "out_of_frame"
+        if np.isnan(self.position[at, 0]):
+            # Where the ball should be, not where something in the image is least unlike it.
+            if self._in_frame(here + self._expected[:2] * (at - self._last)) < MIN_IN_FRAME:
+                self.status[at] = "out_of_frame"
+            elif self.status[at] == "out_of_frame":
+                self.status[at] = "lost"
 
     def _from_scratch(self, at: int, pair: Tensor, here: Tensor, seen: Tensor) -> Correlation:
         """Correlate one pair from the best of a few first guesses; if that fails, from a search over rotations."""

@@ -165,6 +165,10 @@ class Impact:
 _DRIVEN_ON = (
     "In the contact that was found the ball is driven on the way it flies, not thrown back, as by no target at rest."
 )
+_NO_CHANGE = (
+    "The velocity after the contact that was found is that before it: no impact, but perhaps a few wrong or missing "
+    "frames."
+)
 _NORMAL_AWAY = (
     "The target's normal was given as {:g} deg, which is the way that the ball flies; "
     "give the direction from target to ball."
@@ -207,6 +211,8 @@ def impact(
         raise ValueError(f"normal_deg = {normal_deg!r}: expected a finite angle in degrees")
     if motion is None:
         return None, "Frame rate or scale are not known, so no impact can be stated; give both."
+    if not np.isfinite(motion.velocity_m_s).any():
+        return None, "No frame has a velocity: fewer frames were measured in a row than that takes."
     if "contact_found" not in motion.about:
         return None, f"The method {motion.about['method']!r} finds no contact; use the smoother."
     if motion.contact_s is None or motion.sd_contact_s is None or motion.draws is None:
@@ -226,7 +232,16 @@ def impact(
     central = _state(motion.velocity_m_s[edges], motion.spin_rad_s[edges], motion.contact_s, normal_deg)
     if float((central.before * central.normal).sum()) >= 0:
         return None, _DRIVEN_ON if normal_deg is None else _NORMAL_AWAY.format(normal_deg)
+    if not _is_changed(motion.draws, edges):
+        return None, _NO_CHANGE
     return _assembled(central, motion, motion.draws, edges, thing, normal_deg), ""
+
+
+def _is_changed(draws: Draws, edges: list[int]) -> bool:
+    """Whether the velocity after the contact differs from that before by more than their uncertainty."""
+    before, after = (draws.velocity_m_s[:, edge - draws.span.start] for edge in edges)
+    change = after - before
+    return bool((np.abs(change.mean(0)) > CLEAR * change.std(0)).any())
 
 
 def _assembled(

@@ -23,6 +23,9 @@ from torchsphere.track import Track
 
 __all__ = ["METHODS", "ROTATION_PER_RADIUS", "Draws", "Kinematics", "kinematics", "kinematics_of_many"]
 
+#: Frames per second that a recording may have: from a day's growth to light in flight.
+FRAME_RATES = (1e-6, 1e13)
+
 #: Frames up to which the smoother is run: it keeps 32 x 15 x 15 numbers per frame, 0.06 MB, three times that in
 #: contact, and takes 5 ms with the search for the contact. A recording of an impact has some hundreds; a longer one
 #: gets local polynomials, and says so.
@@ -219,6 +222,10 @@ def _scale(
     for name, value in (("frame_rate", frame_rate), ("mass_kg", mass_kg)):
         if value is not None and not (math.isfinite(value) and value > 0):
             raise ValueError(f"{name} = {value!r}: expected a finite, positive number")
+    if not FRAME_RATES[0] <= frame_rate <= FRAME_RATES[1]:
+        raise ValueError(
+            f"frame_rate = {frame_rate!r}: expected {FRAME_RATES[0]:g} to {FRAME_RATES[1]:g} frames per second"
+        )
     if not (math.isfinite(relative_sd) and 0 <= relative_sd < 1):
         raise ValueError(f"relative_sd_scale = {relative_sd!r}: expected a share from 0 to below 1")
     found = camera.scale(track.circle, diameter_m=diameter_m, m_per_px=m_per_px)

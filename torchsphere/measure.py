@@ -121,10 +121,13 @@ def measure_jointly(
 
 def _frames(asked: tuple[int | None, int | None], count: int) -> tuple[int, int]:
     start, stop = (0 if asked[0] is None else asked[0]), (count if asked[1] is None else asked[1])
-    if not 0 <= start < stop <= count:
-        raise ValueError(
-            f"frames {start}:{stop}: the recording has the frames 0:{count}, and the first must come first"
-        )
+    wrong = None
+    if start < 0 or stop > count:
+        wrong = "the range reaches beyond them"
+    elif start >= stop:
+        wrong = "the range is empty; its end is the first frame that is not tracked"
+    if wrong is not None:
+        raise ValueError(f"frames {start}:{stop}: the recording has the frames 0:{count}, and {wrong}")
     if stop - start < 2:
         raise ValueError(f"{stop - start} frame: motion needs two or more")
     return start, stop

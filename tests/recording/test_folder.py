@@ -68,3 +68,15 @@ def test_a_misnamed_image_says_what_it_looks_like(tmp_path: Path) -> None:
     write_png(tmp_path / "a.tif", IMAGES[0])
     with pytest.raises(ValueError, match="a PNG image"):
         open_recording(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "missing"),
+    [((1, 2, 5, 6), "2 of the numbered images"), ((2, 4, 8), "1 of"), ((1, 3, 5), ""), ((7,), "")],
+)
+def test_numbers_that_are_missing_are_noted(tmp_path: Path, numbers: tuple[int, ...], missing: str) -> None:
+    for number in numbers:
+        write_png(tmp_path / f"run2_{number:04d}.png", IMAGES[0])
+    notes = " ".join(open_recording(tmp_path).notes)
+    assert ("are missing" in notes) == bool(missing)
+    assert missing in notes

@@ -56,6 +56,8 @@ def read(source: Path, common: Mapping[str, Any], out: Path) -> Archive:
     settings.check(common)
     notes: tuple[str, ...] = ()
     if source.is_dir():
+        if out.resolve() == source.resolve():
+            raise ValueError(f"{out}: is the folder of the recordings itself; give another one for the results")
         found = scan.scan(source, leave_out=out)
         notes = found.notes
         items = [_found(source, path, common) for path in found.recordings]

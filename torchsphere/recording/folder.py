@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import struct
 from collections import Counter
@@ -104,7 +105,25 @@ def _image_files(path: Path) -> tuple[tuple[Path, ...], tuple[str, ...]]:
         )
     others = Counter(f.suffix.lower() for f in visible if f.suffix.lower() in _OTHER_IMAGES)
     notes = tuple(f"{count} {suffix} files in the folder were ignored." for suffix, count in sorted(others.items()))
-    return tuple(files), notes
+    return tuple(files), notes + _gaps(files)
+
+
+def _gaps(files: list[Path]) -> tuple[str, ...]:
+    """Note on numbers that are missing among the files'."""
+    found = [re.search(r"([0-9]{1,18})\D*$", file.stem) for file in files]
+    numbers = [int(match.group(1)) for match in found if match is not None]
+    steps = [after - before for before, after in itertools.pairwise(numbers)]
+    if len(numbers) < len(files) or not steps or min(steps) < 1:
+        return ()
+    usual = min(steps)
+    first = next((i for i, step in enumerate(steps) if step > usual), None)
+    if first is None:
+        return ()
+    missing = sum(step // usual - 1 for step in steps)
+    return (
+        f"{missing} of the numbered images are missing, the first of them between {files[first].name} and "
+        f"{files[first + 1].name}; the images are taken as successive, so motion across a gap comes out too fast.",
+    )
 
 
 def _tiff_page(file: Path) -> Page:
