@@ -186,6 +186,25 @@ def test_an_existing_result_is_replaced_only_on_request_and_other_files_never(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result", "thesis"]
 
 
+def test_a_folder_that_may_not_be_made_is_named_before_anything_is_tracked(
+    tmp_path: Path, short: Path, capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The tests may run as a user who may write anywhere.
+    monkeypatch.setattr("torchsphere.results.os.access", lambda *_: False)
+    monkeypatch.setattr("torchsphere.measure.track", None)
+    assert main(["track", str(short), "--out", str(tmp_path / "new" / "result"), "--circle", CIRCLE, "--quiet"]) == 1
+    assert f"result: {tmp_path} may not be written to" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_frame_rate_that_was_given_is_not_missed(tmp_path: Path, short: Path) -> None:
+    arguments = ["track", str(short), "--circle", CIRCLE, "--frames", "0:2", "--quiet", "--out"]
+    for name, given, noted in (("without", (), True), ("with", ("--fps", "100"), False)):
+        assert main([*arguments, str(tmp_path / name), *given]) == 0
+        warnings = " ".join(json.loads((tmp_path / name / "summary.json").read_text())["warnings"])
+        assert ("no frame rate" in warnings) == noted
+
+
 def test_info_says_what_the_file_knows_and_draws_the_circle(tmp_path: Path, short: Path, capsys) -> None:
     preview = tmp_path / "preview.png"
     assert main(["info", str(short), "--preview", str(preview)]) == 0

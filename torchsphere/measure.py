@@ -187,7 +187,8 @@ def _warnings(
     request: Request, recording: Recording, tracked: Track, frame_rate: float | None, start: int
 ) -> tuple[str, ...]:
     """Sentences that a reader of the result has to know."""
-    found = list(recording.notes)
+    # What the file lacks and the user gave is nothing to know of.
+    found = [note for note in recording.notes if request.fps is None or "no frame rate" not in note]
     n = len(tracked.status)
     bad = n - int((tracked.status == "ok").sum())
     if bad:

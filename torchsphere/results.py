@@ -7,6 +7,7 @@ import csv
 import hashlib
 import json
 import math
+import os
 import shutil
 import tempfile
 from collections import Counter
@@ -42,6 +43,7 @@ def check_folder(folder: Path, overwrite: bool) -> None:
     What is there already needs ``overwrite``, and even then only an earlier result is replaced, never other files.
     """
     if not folder.exists():
+        _require_writable(folder)
         return
     if not folder.is_dir():
         raise FileExistsError(f"{folder} is a file; give the name of a folder for the result")
@@ -51,6 +53,13 @@ def check_folder(folder: Path, overwrite: bool) -> None:
         raise FileExistsError(f"{folder} exists and is not empty; give another folder, or --overwrite to replace it")
     if not any((folder / name).is_file() for name in ("summary.json", "plan.json")):
         raise FileExistsError(f"{folder} holds files that are no result of torchsphere; they are not overwritten")
+
+
+def _require_writable(folder: Path) -> None:
+    """Raise PermissionError where no folder can be made, by the name that was given and before the work is done."""
+    above = next((parent for parent in folder.absolute().parents if parent.exists()), None)
+    if above is not None and not os.access(above, os.W_OK | os.X_OK):
+        raise PermissionError(f"{folder}: {above} may not be written to; give a folder for the result that may be")
 
 
 @contextlib.contextmanager

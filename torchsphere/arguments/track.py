@@ -97,7 +97,7 @@ def _add_track(commands: Any) -> None:
     parser.add_argument(
         "--map",
         choices=tuple(choices.MAPS),
-        help="map of the ball's texture against drift, for twice the precision, about 1 s a frame (auto: where needed)",
+        help="map of the ball's texture against drift, for twice the precision, up to 1 s a frame (auto: where needed)",
     )
     parser.add_argument("--lab-frame", action="store_true", default=None, help="kinematics with y up, z to the camera")
     parser.add_argument(
