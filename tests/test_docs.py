@@ -127,7 +127,9 @@ def test_every_command_that_is_shown_is_one_that_the_program_understands(page: P
     for language, text in fenced(page):
         for line in text.splitlines() if language in ("bash", "text") else ():
             if line.startswith("torchsphere "):
-                torchsphere.cli._parser().parse_args(shlex.split(line, comments=True)[1:])
+                # What is not understood ends the program.
+                words = shlex.split(line, comments=True)[1:]
+                assert torchsphere.cli._parser().parse_args(words).command == words[0]
             elif line.startswith("python -m render "):
                 render.cli._parser().parse_args(shlex.split(line, comments=True)[3:])
 

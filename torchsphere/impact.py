@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 #: Share of a normal distribution within a standard deviation.
 ONE_SD = 0.6827
 
+#: Standard deviations by which the velocity has to change, in one component at least.
+CHANGED = 2.0
+
 #: Standard deviations of an edge of the contact beyond which a frame counts as one of the flight.
 CLEAR = 2.0
 
@@ -241,7 +244,7 @@ def _is_changed(draws: Draws, edges: list[int]) -> bool:
     """Whether the velocity after the contact differs from that before by more than their uncertainty."""
     before, after = (draws.velocity_m_s[:, edge - draws.span.start] for edge in edges)
     change = after - before
-    return bool((np.abs(change.mean(0)) > CLEAR * change.std(0)).any())
+    return bool((np.abs(change.mean(0)) > CHANGED * change.std(0)).any())
 
 
 def _assembled(

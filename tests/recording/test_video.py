@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from torchsphere.recording import open_recording
+from torchsphere.recording import open_recording, video
 
 av = pytest.importorskip("av", reason="PyAV is not installed")
 RNG = np.random.default_rng(9)
@@ -81,6 +81,32 @@ def test_a_video_whose_key_image_is_not_found_is_decoded_from_its_start(
     in_order = open_recording(path).images(0, 200)
     monkeypatch.setattr("torchsphere.recording.video.INTRA", -1)
     with open_recording(path) as recording:
+        for start in (150, 20, 190):
+            np.testing.assert_array_equal(recording.images(start, start + 2), in_order[start : start + 2])
+
+
+class InOrder:
+    """A container that refuses to seek."""
+
+    def __init__(self, container: object) -> None:
+        self._container = container
+
+    def seek(self, *_: object, **__: object) -> None:
+        raise ValueError("cannot seek")
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._container, name)
+
+
+def test_a_video_in_which_nothing_can_be_sought_is_decoded_from_its_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_video(tmp_path / "a.mp4", drift(200), "yuv420p", "mpeg4")
+    in_order = open_recording(path).images(0, 200)
+    cursor = "torchsphere.recording.video._Cursor"
+    really = video._Cursor._open
+    with open_recording(path) as recording:
+        monkeypatch.setattr(f"{cursor}._open", lambda self: InOrder(really(self)))
         for start in (150, 20, 190):
             np.testing.assert_array_equal(recording.images(start, start + 2), in_order[start : start + 2])
 

@@ -6,6 +6,7 @@ time, is believed; from there images are decoded in order. Anything else, and th
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import threading
 from bisect import bisect_right
@@ -208,8 +209,9 @@ class _Cursor:
         if self._container is None:
             self._restart()
         assert self._container is not None
-        with library_failures(self._path, "a video"):
-            time = self._times[key]
+        time, frames, frame = self._times[key], self._frames, None
+        # Some videos can only be read in order, and what is damaged is found and named on that way, too.
+        with contextlib.suppress(OSError), library_failures(self._path, "a video"):
             self._container.seek(time, stream=self._container.streams.video[0])
             frames = iter(self._container.decode(video=0))
             frame = next((f for f in frames if f.pts is None or f.pts >= time), None)
