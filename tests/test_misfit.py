@@ -19,6 +19,13 @@ def reference(count: int = 1, blur: float = 1.0) -> Reference:
     return build_reference(Filtered.of(crops, blur), circles, 0.95, blur)
 
 
+def small_reference(count: int) -> Reference:
+    """Of a ball of 10 px, ``count`` times."""
+    circles = torch.tensor([[20.0, 20.0, 10.0]], dtype=torch.float64).expand(count, -1)
+    images = torch.randn(count, 41, 41, generator=torch.Generator().manual_seed(2))
+    return build_reference(Filtered.of(cut(images, circles[:, :2], 18, None), 1.0), circles, 0.95, 1.0)
+
+
 def test_blocks_that_fade_into_one_another_count_each_point_once_in_the_sum_of_squares() -> None:
     made = reference()
     n = made.values.shape[-1]
@@ -42,6 +49,14 @@ def test_the_share_of_noise_is_that_of_the_part_that_faces_the_camera() -> None:
     # More in the middle than elsewhere is no more than all, and a middle that is hidden tells nothing.
     assert float(misfit.noise_share(made, 1 / limb, weights)) == 1.0
     assert float(misfit.noise_share(made, limb, weights * (r > 0.5))) == 1.0
+
+
+def test_few_pixels_that_are_quiet_by_chance_are_noise_all_the_same() -> None:
+    # Facing parts of 12 independent squares on a ball of 10 px: their variance scatters by 0.4 of itself.
+    made = small_reference(400)
+    white = torch.randn(made.values.shape, generator=torch.Generator().manual_seed(3)).to(made.values)
+    smooth = misfit.local_mean(made, white, made.weights)  # alike over a few px, like noise behind the pre-blur
+    assert float(misfit.noise_share(made, smooth, made.weights).mean()) > 0.97
 
 
 def factors(difference: Tensor, made: Reference) -> Tensor:
