@@ -9,10 +9,10 @@ from __future__ import annotations
 import functools
 import math
 
+import scipy  # which imports scipy.fft on its first use: 0.13 s, and a track that needs no search has none
 import torch
 import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from kornia.geometry.liegroup import So3
-from scipy.fft import next_fast_len
 from torch import Tensor
 
 from torchsphere import interpolate
@@ -117,7 +117,7 @@ def _match(image: Tensor, templates: Tensor, disc: Tensor) -> tuple[Tensor, Tens
     height, width = image.shape
     reach = disc.shape[-1] // 2
     # Lengths without large prime factors: twice as fast.
-    size = tuple(next_fast_len(length + 2 * reach, real=True) for length in (height, width))
+    size = tuple(scipy.fft.next_fast_len(length + 2 * reach, real=True) for length in (height, width))
 
     def spectrum(values: Tensor) -> Tensor:
         return torch.fft.rfft2(values, s=size)
