@@ -22,7 +22,9 @@ from torchsphere.correlate import GRADIENT_FROM_DEG
 from torchsphere.follow import Follower
 from torchsphere.joint import ALONE, Solver
 from torchsphere.options import Options, margin
+from torchsphere.perspective import Camera
 from torchsphere.radius import radius_evidence
+from torchsphere.record import Record
 from torchsphere.source import Source
 
 #: Frames used: to follow the ball, and to tell where it hides the background in all of them.
@@ -74,8 +76,8 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
     frames = np.flatnonzero(followed.status[:stop] == "ok")
     if len(frames) < 3:
         return found
-    found = _before_background(source, found, followed, ignore)
-    known = radius = _over_frames(source, found, followed, frames, ignore)
+    found = _before_background(source, found, followed, ignore, options.camera)
+    known = radius = _over_frames(source, found, followed, frames, ignore, options.camera)
     sd = found.sd_radius
     for _ in range(2):
         tried = dataclasses.replace(found, radius=radius)
@@ -95,7 +97,9 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
     return dataclasses.replace(found, radius=radius, sd_radius=1 / math.hypot(1 / sd, 1 / sd_correction))
 
 
-def _before_background(source: Source, found: Circle, followed: Follower, ignore: Tensor | None) -> Circle:
+def _before_background(
+    source: Source, found: Circle, followed: Record, ignore: Tensor | None, camera: Camera | None
+) -> Circle:
     """The circle at the ball's limb, now that its path tells the still background from the ball."""
     image = source.images(found.frame, found.frame + 1)[0].cpu()
     if outline.is_plain(image, torch.tensor([found.x, found.y, found.radius], dtype=torch.float64)):
@@ -106,7 +110,6 @@ def _before_background(source: Source, found: Circle, followed: Follower, ignore
         # The image and its background are on the CPU, wherever the pairs are measured.
         ignore = ignore.cpu()
         hidden = hidden | ignore
-    camera = followed.options.camera
     ways = (
         at_limb(image[None], found, ignore, camera),
         at_limb((image - behind).to(image)[None], found, hidden, camera),
@@ -114,7 +117,7 @@ def _before_background(source: Source, found: Circle, followed: Follower, ignore
     return min(ways, key=lambda circle: math.hypot(circle.sd_x, circle.sd_y, circle.sd_radius))
 
 
-def _behind(source: Source, found: Circle, followed: Follower, image: Tensor) -> Tensor:
+def _behind(source: Source, found: Circle, followed: Record, image: Tensor) -> Tensor:
     """The still background (h, w) about the ball in the frame in which it was found; the ``image`` itself elsewhere."""
     reach = found.radius + SEEN_PX
     left, top = (max(0, math.floor(v - reach)) for v in (found.x, found.y))
@@ -126,7 +129,12 @@ def _behind(source: Source, found: Circle, followed: Follower, image: Tensor) ->
 
 
 def _over_frames(
-    source: Source, found: Circle, followed: Follower, frames: NDArray[np.int64], ignore: Tensor | None
+    source: Source,
+    found: Circle,
+    followed: Record,
+    frames: NDArray[np.int64],
+    ignore: Tensor | None,
+    camera: Camera | None,
 ) -> float:
     """Median radius of the limbs of a ball that turns; that of ``found`` where later frames tell less than its own."""
     alone = frames[~followed.uneven_light[frames]]
@@ -135,7 +143,7 @@ def _over_frames(
     chosen = alone[np.unique(np.linspace(0, len(alone) - 1, PLACES).round().astype(int))]
     balls = _balls(followed, found, chosen)
     images = torch.cat([source.images(int(i), int(i) + 1) for i in chosen])
-    fitted, covariance = limb.fit(images, balls, ignore=ignore, camera=followed.options.camera)
+    fitted, covariance = limb.fit(images, balls, ignore=ignore, camera=camera)
     near = ((fitted - balls).abs() < 0.5 * MAX_CHANGE * found.radius).all(-1)
     near &= covariance[:, 2, 2] < (WORSE * found.sd_radius) ** 2
     if int(near.sum()) < FEWEST_PAIRS:
@@ -143,7 +151,7 @@ def _over_frames(
     return float((fitted[:, 2] / _relative_size(followed, found, chosen))[near].median())
 
 
-def _hidden(followed: Follower, found: Circle, shape: torch.Size) -> Tensor:
+def _hidden(followed: Record, found: Circle, shape: torch.Size) -> Tensor:
     """Where (h, w) the ball is before the background in all frames looked at but that of ``found``.
 
     What is seen in that frame alone is taken for the background there, whatever it is.
@@ -157,12 +165,12 @@ def _hidden(followed: Follower, found: Circle, shape: torch.Size) -> Tensor:
     return (squared < (found.radius + still.CLEARANCE_PX) ** 2).all(0)
 
 
-def _relative_size(followed: Follower, found: Circle, frames: NDArray[np.int64]) -> Tensor:
+def _relative_size(followed: Record, found: Circle, frames: NDArray[np.int64]) -> Tensor:
     """The ball's size in the given frames against that in the frame in which it was found: 1 unless it comes nearer."""
     return torch.from_numpy(followed.size[frames] / followed.size[found.frame])
 
 
-def _balls(followed: Follower, circle: Circle, frames: NDArray[np.int64]) -> Tensor:
+def _balls(followed: Record, circle: Circle, frames: NDArray[np.int64]) -> Tensor:
     """The ball (m, 3) in the given frames, where it was followed to, with the radius of ``circle`` in its frame."""
     radii = circle.radius * _relative_size(followed, circle, frames)
     return torch.cat((torch.from_numpy(followed.position[frames]), radii[:, None]), -1)
@@ -170,7 +178,7 @@ def _balls(followed: Follower, circle: Circle, frames: NDArray[np.int64]) -> Ten
 
 def _radius_correction(
     source: Source,
-    followed: Follower,
+    followed: Record,
     frames: NDArray[np.int64],
     tried: Circle,
     ignore: Tensor | None,

@@ -13,8 +13,9 @@ from torch import Tensor
 
 from torchsphere import mapped, orientation
 from torchsphere.circle import Circle
-from torchsphere.follow import Follower
+from torchsphere.follow import Progress
 from torchsphere.mapped import Mapped
+from torchsphere.record import Record
 from torchsphere.source import Source
 
 Array = NDArray[np.float64]
@@ -49,7 +50,14 @@ class Motion:
 
 
 def bound(
-    source: Source, measured: Follower, circle: Circle, ignore: Tensor | None, asked: bool | None, model: str
+    source: Source,
+    measured: Record,
+    circle: Circle,
+    ignore: Tensor | None,
+    asked: bool | None,
+    model: str,
+    *,
+    progress: Progress | None = None,
 ) -> Motion:
     """The motion that was ``measured``, on a map of the ball where one is ``asked`` for or, by None, needed."""
     known = np.isfinite(measured.position[:, 0])
@@ -61,9 +69,7 @@ def bound(
     if reason:
         return plain
     try:
-        found = mapped.poses_on_map(
-            source, measured.position, chained, measured.zncc, circle, ignore, measured.progress
-        )
+        found = mapped.poses_on_map(source, measured.position, chained, measured.zncc, circle, ignore, progress)
     except (np.linalg.LinAlgError, torch.linalg.LinAlgError):  # type: ignore[attr-defined]
         # What the correlation measured must not be lost with the map.
         found = "the equations of the map have no solution"
@@ -88,7 +94,7 @@ def _why_not(turns: Array, circle: Circle, asked: bool | None, model: str) -> st
     return ""
 
 
-def _what_else(measured: Follower, asked: bool | None) -> str:
+def _what_else(measured: Record, asked: bool | None) -> str:
     """Why the steps are better than a map that would be made unasked, in words; empty where they are not."""
     steps, lit = int(np.isfinite(measured.increment[:, 0]).sum()), int(measured.uneven_light.sum())
     if asked is None and lit > MOST_LIT * steps:
@@ -99,7 +105,7 @@ def _what_else(measured: Follower, asked: bool | None) -> str:
     return ""
 
 
-def _merged(measured: Follower, chained: Array, found: Mapped) -> Motion:
+def _merged(measured: Record, chained: Array, found: Mapped) -> Motion:
     """Poses of the map; a frame that is not on it follows from its neighbour by the step between them."""
     position, turned = found.position.copy(), found.orientation.copy()
     on_map = np.isfinite(position[:, 0])
