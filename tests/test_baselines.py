@@ -13,7 +13,7 @@ from torchsphere import open_recording
 from torchsphere.baselines import TRACKERS, Baseline, ecc
 from torchsphere.baselines.lucas_kanade import rigid_fit
 from torchsphere.circle import Circle
-from torchsphere.correlate import STATUSES
+from torchsphere.correlation import STATUSES
 
 NEEDS = {"ecc": "cv2", "lucas_kanade": "cv2", "hough": "cv2", "phase_correlation": "skimage"}
 NAMES = tuple(TRACKERS)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from shots import noisy, pair
 
 from torchsphere import correlate, criterion, forward, newton
-from torchsphere.correlate import STATUSES
+from torchsphere.correlation import STATUSES
 
 MOTION = (0.63, -0.41, 0.2, 0.5, -0.3)
 STILL = (0.0, 0.0, 0.0, 0.0, 0.0)

@@ -22,7 +22,7 @@ import torchsphere
 import torchsphere.cli
 from torchsphere import track_cli
 from torchsphere.archive.summary import COLUMNS
-from torchsphere.correlate import STATUSES
+from torchsphere.correlation import STATUSES
 from torchsphere.results import TRACK_COLUMNS
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"

@@ -15,7 +15,7 @@ from shots import pair
 
 from torchsphere import demo
 from torchsphere.cli import main
-from torchsphere.correlate import STATUSES
+from torchsphere.correlation import STATUSES
 from torchsphere.measure import Measurement, Request, measure
 from torchsphere.options import Options
 from torchsphere.report import draw, image_figures, page, words

@@ -10,9 +10,11 @@ import torch
 from shots import ExampleTrack, angles_between, increment_errors, noisy, shot
 
 from torchsphere import Circle, open_recording, track
-from torchsphere.correlate import STATUSES, Correlation, Pairs, solve
+from torchsphere.correlation import STATUSES, Correlation
 from torchsphere.joint import Solver
 from torchsphere.options import Options
+from torchsphere.pairs import Pairs
+from torchsphere.solve import solve
 
 
 def test_the_example_shot_is_measured_as_the_paper_would_need_it(example: ExampleTrack) -> None:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from torchsphere.circle import Circle
-    from torchsphere.correlate import Correlation, correlate
+    from torchsphere.correlate import correlate
+    from torchsphere.correlation import Correlation
     from torchsphere.impact import Ball, Impact, ball, impact
     from torchsphere.kinematics import Kinematics, kinematics, kinematics_of_many
     from torchsphere.perspective import Camera
@@ -41,7 +42,7 @@ _HOMES = {
     "Ball": "impact",
     "Camera": "perspective",
     "Circle": "circle",
-    "Correlation": "correlate",
+    "Correlation": "correlation",
     "Impact": "impact",
     "Kinematics": "kinematics",
     "Recording": "recording",

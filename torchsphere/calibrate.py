@@ -18,13 +18,13 @@ from torch import Tensor
 
 from torchsphere import crop, limb, outline, still
 from torchsphere.circle import Circle, at_limb
-from torchsphere.correlate import GRADIENT_FROM_DEG
 from torchsphere.follow import Follower
 from torchsphere.joint import ALONE, Solver
 from torchsphere.options import Options, margin
 from torchsphere.perspective import Camera
 from torchsphere.radius import radius_evidence
 from torchsphere.record import Record
+from torchsphere.solve import GRADIENT_FROM_DEG
 from torchsphere.source import Source
 
 #: Frames used: to follow the ball, and to tell where it hides the background in all of them.

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from torchsphere import outline, parallel, rescue
 from torchsphere.circle import Circle
-from torchsphere.correlate import Correlation
+from torchsphere.correlation import Correlation
 from torchsphere.joint import ALONE, Solver
 from torchsphere.options import Options
 from torchsphere.predict import Seen, path

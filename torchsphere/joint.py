@@ -15,9 +15,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchsphere.correlate import Correlation, Pairs, approach, solve
+from torchsphere.correlation import Correlation
 from torchsphere.newton import Approach
 from torchsphere.options import Options
+from torchsphere.pairs import Pairs
+from torchsphere.solve import approach, solve
 
 #: Calls that go into one batch at most: 64 of 32 pairs each take some 3 GB at R = 50 px.
 MOST = 64
@@ -30,7 +32,7 @@ class Solver:
     Attributes
     ----------
     approach, solve : callable
-        As `torchsphere.correlate.approach` and `torchsphere.correlate.solve`.
+        As `torchsphere.solve.approach` and `torchsphere.solve.solve`.
     """
 
     approach: Callable[[Pairs, Tensor, Options], Approach] = approach

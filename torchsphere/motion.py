@@ -20,6 +20,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
+import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
 
 from torchsphere.perspective import View, distorted, undistorted
@@ -157,6 +158,12 @@ PERSPECTIVE, EXACT = (pinhole, pinhole6), (finite, pinhole, pinhole6)
 def degrees_of_freedom(model: Displacement) -> int:
     """Length of ``q`` of a model: 2 for `translation`, 6 for `pinhole6`, otherwise 5."""
     return 2 if model is translation else 6 if model is pinhole6 else 5
+
+
+def as_unknowns(increments: Tensor, model: Displacement) -> Tensor:
+    """Increments (n, 5) as a model's unknowns (n, k): it may have fewer, or growth as a sixth."""
+    k = degrees_of_freedom(model)
+    return F.pad(increments, (0, max(k - increments.shape[-1], 0)))[:, :k]
 
 
 def taken(geometry: Geometry, rows: Tensor) -> Geometry:

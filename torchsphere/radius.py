@@ -8,11 +8,11 @@ import torch
 from torch import Tensor
 
 from torchsphere import criterion, crop, interpolate, motion, robust, turning
-from torchsphere.correlate import GRADIENT_FROM_DEG, as_unknowns
-from torchsphere.motion import Displacement
+from torchsphere.motion import Displacement, as_unknowns
 from torchsphere.newton import operator, warp_with_gradient
 from torchsphere.options import Options
 from torchsphere.reference import IN_CLOSED_FORM, Filtered, Reference, build_reference, nuisances
+from torchsphere.solve import GRADIENT_FROM_DEG
 
 #: Turn per pair above which the residual tells nothing of the radius, deg: the changing view of the texture leaves
 #: more. Measured as errors of 50 px: 0.1 px at 3 and 6 deg, 0.35 at 10, 0.6 at 15; the outline alone errs by 0.3.

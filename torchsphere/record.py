@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.circle import Circle
-from torchsphere.correlate import STATUSES, Correlation
+from torchsphere.correlation import STATUSES, Correlation
 
 Array = NDArray[np.float64]
 

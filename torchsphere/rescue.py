@@ -14,7 +14,7 @@ from torch import Tensor
 
 from torchsphere import circle, locate, motion, outline, search
 from torchsphere.circle import MIN_SUPPORT
-from torchsphere.correlate import Correlation
+from torchsphere.correlation import Correlation
 from torchsphere.predict import Seen
 from torchsphere.ranking import ranked
 from torchsphere.successive import Setup, correlate_one

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere import crop, interlace, parallel
-from torchsphere.correlate import Correlation, Pairs
+from torchsphere.correlation import Correlation
 from torchsphere.joint import Solver
 from torchsphere.newton import Approach
 from torchsphere.options import Options, margin
+from torchsphere.pairs import Pairs
 from torchsphere.predict import path
 from torchsphere.reference import SLACK_PX, Filtered
 from torchsphere.symmetric import both_ways

@@ -15,9 +15,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchsphere.correlate import Correlation, Pairs
+from torchsphere.correlation import Correlation
 from torchsphere.joint import Solver
 from torchsphere.options import Options
+from torchsphere.pairs import Pairs
 
 #: Rotation from which a pair is measured both ways, rad. Below, the mean changes nothing that noise does not hide.
 SYMMETRIC_FROM = math.radians(1.0)

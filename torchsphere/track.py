@@ -53,7 +53,7 @@ class Track:
     iterations : ndarray
         Gauss-Newton steps (n,).
     status : ndarray
-        Strings (n,), one of `torchsphere.correlate.STATUSES`; row i speaks of frame i and of the increment that leads
+        Strings (n,), one of `torchsphere.correlation.STATUSES`; row i speaks of frame i and of the increment that leads
         to it. A frame found again after a gap is "lost" with a position: no increment leads to it.
     radius : ndarray
         Radius of the ball in each image (n,), px; constant but with the model `pinhole6`, NaN where not known.

@@ -24,7 +24,7 @@ class Baseline:
         Motion (n - 1, 5) from each frame to the next as (dx, dy, wx, wy, wz), px and rad; NaN for what the method does
         not measure at all, and where it failed.
     status : ndarray
-        Strings (n,), each one of `torchsphere.correlate.STATUSES`; row i speaks of frame i and of the increment that
+        Strings (n,), each one of `torchsphere.correlation.STATUSES`; row i speaks of frame i and of the increment that
         leads to it. A frame found again after a gap is "lost" with a position: no increment leads to it.
     seconds : float
         Wall time of the call, reading of the images included and the import of the method's library not.

@@ -15,7 +15,7 @@ from torch import Tensor
 from torchsphere import crop, locate
 from torchsphere.baselines.baseline import Baseline, Progress
 from torchsphere.circle import Circle
-from torchsphere.correlate import STATUSES
+from torchsphere.correlation import STATUSES
 from torchsphere.inputs import check_circle
 from torchsphere.source import Source
 
