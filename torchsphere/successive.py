@@ -66,9 +66,8 @@ def correlate_successive(
             # The path that was expected is off by up to a few px at its end; the region has to be on the ball.
             balls, before = _led(balls[0], approach.near), balls
             count = _worth_solving(approach, balls - before, float(balls[0, 2]))
-            balls = balls[: count + 1]
-            if float((balls - before[: count + 1]).abs().max()) > SLACK_PX:
-                filtered = _filtered(images[: count + 1], balls, setup)
+            balls, before = balls[: count + 1], before[: count + 1]
+            filtered = _filtered_where_off(filtered.rows(0, count + 1), images, balls, before, setup)
             pairs = _pairs(filtered, balls)
     near, there = approach.near, balls[1:]
 
@@ -102,6 +101,19 @@ def _filtered(images: Tensor, balls: Tensor, setup: Setup) -> Filtered:
         return Filtered.of(crops.rows(a, b), setup.options.pre_blur)
 
     return Filtered.joined(setup.shared(filtered, len(crops.images)))
+
+
+def _filtered_where_off(filtered: Filtered, images: Tensor, balls: Tensor, before: Tensor, setup: Setup) -> Filtered:
+    """``filtered`` around the balls ``before`` (m + 1, 3), anew from the first image on that this does not suit."""
+    off = (balls - before).abs().amax(-1) > SLACK_PX
+    first = leading(~off.numpy())
+    if first == len(balls):
+        return filtered
+    again = _filtered(images[first : len(balls)], balls[first:], setup)
+    if again.c.shape[-1] != filtered.c.shape[-1]:
+        # A ball that comes nearer needs larger crops, and all images those of one size.
+        return _filtered(images[: len(balls)], balls, setup)
+    return Filtered.joined([filtered.rows(0, first), again])
 
 
 def _pairs(images: Filtered, balls: Tensor) -> Pairs:

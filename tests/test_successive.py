@@ -1,0 +1,60 @@
+"""Pairs of a batch: wherever the ball was expected, they are measured around where it is."""
+
+import numpy as np
+import pytest
+import torch
+from shots import Shot, shot
+from torch import Tensor
+
+from torchsphere import successive
+from torchsphere.joint import ALONE
+from torchsphere.options import Options
+
+SETUP = successive.Setup(Options(), None, False, ALONE, shared=lambda part, rows: [part(0, rows)])
+
+
+@pytest.fixture(scope="module")
+def made() -> Shot:
+    return shot(4, n=12, radius=40.0)
+
+
+@pytest.fixture(scope="module")
+def truly(made: Shot) -> Tensor:
+    """The ball (12, 3) where it is."""
+    return torch.cat((made.centres, torch.full((12, 1), made.radius, dtype=torch.float64)), -1)
+
+
+#: Like a ball that slows down, (12, 3): 4 px in the last image, more than the crops leave room for from the 10th on.
+OFF = torch.tensor([0.033, 0.0, 0.0], dtype=torch.float64) * torch.arange(12)[:, None] ** 2
+
+
+def test_a_path_that_is_expected_wrongly_at_its_end_changes_nothing(made: Shot, truly: Tensor) -> None:
+    start = made.increments.clone()
+    start[:, 0] += OFF[:, 0].diff()
+    found, circles = successive.correlate_successive(made.images, truly + OFF, start, SETUP)
+    expected, _ = successive.correlate_successive(made.images, truly, made.increments, SETUP)
+    assert set(found.status) == set(expected.status) == {"ok"}
+    np.testing.assert_allclose(circles[:, :2], truly[:, :2], atol=0.1)
+    # Circles that differ by hundredths of a px may take the other squares of the chessboard: a third of its noise.
+    apart = (found.q - expected.q).double() / expected.covariance.diagonal(dim1=1, dim2=2).sqrt()
+    assert float(apart.abs().max()) < 0.5
+
+
+def test_images_are_filtered_anew_from_the_first_whose_crop_leaves_too_little_room(made: Shot, truly: Tensor) -> None:
+    before = successive._filtered(made.images, truly + OFF, SETUP)
+    found = successive._filtered_where_off(before, made.images, truly, truly + OFF, SETUP)
+    anew = successive._filtered(made.images, truly, SETUP)
+    first = 10
+    assert float(OFF[first, 0]) > successive.SLACK_PX > float(OFF[first - 1, 0])
+    assert torch.equal(found.c[:first], before.c[:first])
+    assert torch.equal(found.crops.origin[first:], anew.crops.origin[first:])
+    torch.testing.assert_close(found.c[first:], anew.c[first:])
+
+
+def test_a_ball_that_comes_nearer_than_expected_gets_larger_crops(made: Shot, truly: Tensor) -> None:
+    before = successive._filtered(made.images, truly, SETUP)
+    larger = truly.clone()
+    larger[-1, 2] += 2 * successive.SLACK_PX
+    found = successive._filtered_where_off(before, made.images, larger, truly, SETUP)
+    assert found.c.shape[-1] > before.c.shape[-1]
+    assert len(found.c) == len(made.images)
