@@ -9,6 +9,7 @@ from torch import Tensor
 from torchsphere import successive
 from torchsphere.joint import ALONE
 from torchsphere.options import Options
+from torchsphere.reference import SLACK_PX
 
 SETUP = successive.Setup(Options(), None, False, ALONE, shared=lambda part, rows: [part(0, rows)])
 
@@ -45,7 +46,7 @@ def test_images_are_filtered_anew_from_the_first_whose_crop_leaves_too_little_ro
     found = successive._filtered_where_off(before, made.images, truly, truly + OFF, SETUP)
     anew = successive._filtered(made.images, truly, SETUP)
     first = 10
-    assert float(OFF[first, 0]) > successive.SLACK_PX > float(OFF[first - 1, 0])
+    assert float(OFF[first, 0]) > SLACK_PX > float(OFF[first - 1, 0])
     assert torch.equal(found.c[:first], before.c[:first])
     assert torch.equal(found.crops.origin[first:], anew.crops.origin[first:])
     torch.testing.assert_close(found.c[first:], anew.c[first:])
@@ -54,7 +55,7 @@ def test_images_are_filtered_anew_from_the_first_whose_crop_leaves_too_little_ro
 def test_a_ball_that_comes_nearer_than_expected_gets_larger_crops(made: Shot, truly: Tensor) -> None:
     before = successive._filtered(made.images, truly, SETUP)
     larger = truly.clone()
-    larger[-1, 2] += 2 * successive.SLACK_PX
+    larger[-1, 2] += 2 * SLACK_PX
     found = successive._filtered_where_off(before, made.images, larger, truly, SETUP)
     assert found.c.shape[-1] > before.c.shape[-1]
     assert len(found.c) == len(made.images)
