@@ -19,7 +19,7 @@ LAYERS = (
     ("recording", "inputs", "parallel", "choices"),
     ("source", "masks", "perspective", "interpolate"),
     ("motion", "crop", "texture", "still", "turning", "criterion", "request", "predict"),
-    ("forward", "reference", "interlace", "view", "options", "repeated"),
+    ("forward", "reference", "interlace", "view", "options", "repeated", "rays"),
     ("covariance", "outline", "locate", "newton", "misfit", "search", "trust", "correlation", "pairs"),
     ("light", "limb", "schur"),
     ("robust", "conclude"),

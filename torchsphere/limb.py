@@ -14,7 +14,7 @@ import math
 import torch
 from torch import Tensor
 
-from torchsphere import outline, perspective
+from torchsphere import rays
 from torchsphere.perspective import Camera
 
 #: Standard deviation of the passage from background to pattern along a ray, px: the pixel, the interpolation and the
@@ -82,16 +82,12 @@ def fit(
     scatter of the scores (White, Econometrica 50 (1982), 1, doi:10.2307/1912526).
     """
     fitted = circles.to("cpu", torch.float64).clone()
-    angles = outline.ray_angles(float(fitted[0, 2]))
-    design = torch.stack((angles.cos(), angles.sin(), torch.ones_like(angles)), -1)
+    angles = rays.angles(float(fitted[0, 2]))
+    design = rays.design(angles)
     steps = torch.arange(-INWARDS_PX, OUTWARDS_PX + SPACING_PX / 2, SPACING_PX, dtype=torch.float64)
     for turn in range(ROUNDS):
         blur = max(BLUR_PX, FIRST_BLUR_PX * (BLUR_PX / FIRST_BLUR_PX) ** (2 * turn / ROUNDS))
-        edge = fitted[:, 2:].expand(-1, len(angles))
-        if camera is not None:
-            edge = perspective.outline_distance(fitted, angles, camera)
-        levels, inside = outline.polar(images, fitted, (edge[..., None] + steps).clamp_min(0.5), angles, ignore)
-        known = inside.all(-1).cpu()
+        levels, known = rays.across_edge(images, fitted, steps, angles, ignore, camera)
         score, information, texture = (v * known for v in _scores(levels.double().cpu(), steps, blur))
         normal = (design.T * information[:, None]) @ design + 1e-9 * torch.eye(3, dtype=torch.float64)
         correction = torch.linalg.solve(normal, design.T @ score[..., None])[..., 0]

@@ -15,11 +15,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchsphere import crop, interpolate, perspective
+from torchsphere import rays
 from torchsphere.perspective import Camera
 
-#: Pre-blur of the image, and standard deviation of the step's blur that results from it, the pixel and the optics, px.
-PRE_BLUR_PX = 0.0
+#: Standard deviation of the step's blur that results from the pixel and the optics, px.
 STEP_BLUR_PX = 0.4
 
 #: Reach of the model inwards and outwards, in units of the step's blur.
@@ -59,56 +58,6 @@ class OutlineFit:
     contrast: Tensor
     rest: Tensor
     weights: Tensor
-
-
-def ray_angles(radius: float) -> Tensor:
-    """Angles of the rays, about one per px of the outline."""
-    count = int(min(max(2 * math.pi * radius, 64), 720))
-    return torch.arange(count, dtype=torch.float64) * (2 * math.pi / count)
-
-
-def polar(
-    images: Tensor, circles: Tensor, radii: Tensor, angles: Tensor, ignore: Tensor | None = None
-) -> tuple[Tensor, Tensor]:
-    """Grey levels along rays from the centres.
-
-    Parameters
-    ----------
-    images : Tensor
-        Grey levels (n, h, w).
-    circles : Tensor
-        Circles (n, 3) whose centres the rays start from.
-    radii : Tensor
-        Distances from the centre, px: (n, m) for all rays, or (n, a, m).
-    angles : Tensor
-        Angles (a,) of the rays, rad, from x towards y.
-    ignore : Tensor, optional
-        (h, w), True where the images are not to be used.
-
-    Returns
-    -------
-    levels : Tensor
-        (n, a, m), of the image blurred by `PRE_BLUR_PX`.
-    inside : Tensor
-        (n, a, m), True where the place lies in the image, away from its border and from the ignored region.
-    """
-    height, width = images.shape[-2:]
-    direction = torch.stack((angles.cos(), angles.sin()), -1)
-    half = math.ceil(float(radii.max())) + 4
-    crops = crop.cut(images, circles[:, :2], half, ignore)
-    c = interpolate.coefficients(crops.images, PRE_BLUR_PX)
-    radii = radii if radii.ndim == 3 else radii[:, None]
-    places = radii[..., None] * direction[:, None, :] + circles[:, None, None, :2]
-    limits = torch.tensor([width, height], dtype=torch.float64) - 1
-    inside = ((places >= 2) & (places <= limits - 2)).all(-1)
-    points = (places - crops.origin[:, None, None]).flatten(1, 2)
-    levels = interpolate.sample(c, points.to(c)).unflatten(1, inside.shape[1:])
-    inside = inside.to(images.device)
-    if crops.usable is not None:
-        column, row = points.round().long().to(images.device).unbind(-1)
-        rows = torch.arange(len(images), device=images.device)[:, None]
-        inside = inside & crops.usable[rows, row, column].unflatten(1, inside.shape[1:])
-    return levels, inside
 
 
 def step_shifts(levels: Tensor, steps: Tensor, step_blur: float) -> tuple[Tensor, Tensor]:
@@ -181,10 +130,9 @@ def refine(
         A fit that failed has a support of 0 and NaN for the rest.
     """
     fitted = circles.to("cpu", torch.float64).clone()
-    angles = ray_angles(float(fitted[0, 2]))
-    design = torch.stack((angles.cos(), angles.sin(), torch.ones_like(angles)), -1)
-    design = design[:, :2] if fixed_radius else design
-    k = design.shape[-1]
+    angles = rays.angles(float(fitted[0, 2]))
+    k = 2 if fixed_radius else 3
+    design = rays.design(angles)[:, :k]
     for turn in range(rounds):
         # Geometric descent to the sharpest step, which the last two rounds use.
         step_blur = STEP_BLUR_PX * max(window / STEP_BLUR_PX, 1.0) ** max(1 - turn / max(rounds - 2, 1), 0.0)
@@ -193,15 +141,10 @@ def refine(
         if by_light:
             first, last = -PLAIN_INWARDS * float(fitted[0, 2].nan_to_num(1.0)), PLAIN_OUTWARDS
         steps = torch.arange(first, last + 0.125, 0.25, dtype=torch.float64)
-        edge = fitted[:, 2:].expand(-1, len(angles))
-        if camera is not None:
-            edge = perspective.outline_distance(fitted, angles, camera)
-        radii = (edge[..., None] + steps).clamp_min(0.5)
-        levels, inside = polar(images, fitted, radii, angles, ignore)
+        levels, known = rays.across_edge(images, fitted, steps, angles, ignore, camera)
         if patterned and turn < rounds - 2:
             levels = _silhouette(levels)
         shift, height = light_shifts(levels, steps) if by_light else step_shifts(levels, steps, step_blur)
-        known = inside.all(-1).cpu()
         shift, height = shift.double().cpu(), height.double().cpu()
         correction, weights, spread = _robust(design, shift, height.square() * known)
         fitted[:, :k] += correction
@@ -236,8 +179,7 @@ def centre_step(fit: OutlineFit) -> tuple[Tensor, Tensor]:
     The covariance comes from the difference of the two outlines ray by ray: what the ball's own shape and shading do
     to both alike does not count.
     """
-    angles = ray_angles(float(fit.circle[0, 2]))
-    design = torch.stack((angles.cos(), angles.sin()), -1)
+    design = rays.design(rays.angles(float(fit.circle[0, 2])))[:, :2]
     weights = fit.weights.amin(0)
     used = (weights > 0).double()
     change = (fit.rest[1] - fit.rest[0]) * weights.sqrt() * used
@@ -251,9 +193,9 @@ def is_plain(image: Tensor, circle: Tensor) -> bool:
 
     ``circle`` (3,), px. The limb's grey level may change slowly along the outline (shading), not from ray to ray.
     """
-    angles = ray_angles(float(circle[2]))
-    radii = circle[2] * torch.tensor([[0.80, 0.85, 0.90, 1.1]], dtype=torch.float64)
-    levels, inside = polar(image[None], circle[None], radii, angles)
+    angles = rays.angles(float(circle[2]))
+    radii = circle[2] * torch.tensor([[[0.80, 0.85, 0.90, 1.1]]], dtype=torch.float64)
+    levels, inside = rays.levels(image[None], circle[None], radii, angles)
     known = inside.all(-1)[0].to(levels.device)
     limb, outside = levels[0, known, :3], levels[0, known, 3]
     if len(limb) < 16:
