@@ -16,6 +16,7 @@ from torch import Tensor
 
 from torchsphere.likelihood import Series
 from torchsphere.weigh import (
+    CANDIDATES,
     FINEST_STEP,
     QUIETEST,
     both_processes,
@@ -109,7 +110,8 @@ def find(series: Series) -> Contact:
     else:
         best, windows, kinds = without_contact(window, flight)
     windows = torch.where(found[:, None, None], windows, 0.0)
-    return Contact(found, windows, *intensities(series, windows, best, kinds), gain)
+    weighed = intensities(series, windows, best, kinds)
+    return Contact(found, windows.expand(-1, CANDIDATES, -1), *weighed, gain)
 
 
 def _near(series: Series, window: Tensor, found: Tensor) -> Series:

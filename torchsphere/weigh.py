@@ -123,9 +123,12 @@ def _last_top(fit: Tensor) -> Tensor:
 
 
 def without_contact(window: Tensor, flight: Tensor) -> tuple[Both, Tensor, Tensor]:
-    """What `both_processes` and `candidates` give where no recording has a contact: there is nothing to weigh."""
+    """What `both_processes` and `candidates` give where no recording has a contact: there is nothing to weigh.
+
+    One interval of no length stands for all of them.
+    """
     flight = flight[..., None].expand(*flight.shape, 2)
-    windows = window.new_zeros(len(window), CANDIDATES, 2)
+    windows = window.new_zeros(len(window), 1, 2)
     kinds = torch.tensor([True, False], device=window.device).expand(*flight.shape[:2], CANDIDATES, -1)
     return Both(window, flight, torch.full_like(flight, -math.inf)), windows, kinds
 
@@ -176,7 +179,8 @@ def _pitch(series: Series, best: Both) -> Tensor:
 def intensities(series: Series, windows: Tensor, best: Both, kinds: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Intensities, whether of the smooth process, and factors on the noise (n, c, k), as often as they are likely.
 
-    ``kinds`` (n, k, c, 2) says which processes each interval goes with.
+    ``windows`` are (n, c, 2), or (n, 1, 2) where all are the same; ``kinds`` (n, k, c, 2) says which processes each
+    goes with.
     """
     contacts = (-math.inf, *AROUND_CONTACT)
     pairs = torch.cartesian_prod(torch.tensor(AROUND_FLIGHT), torch.tensor(contacts)).to(series.times)
