@@ -3,8 +3,11 @@
 from pathlib import Path
 
 import pytest
+import tifffile
 import torch
 from shots import ExampleTrack, example_track
+
+from torchsphere import demo
 
 # Two processes whose torch threads share two cores wait for each other and take forty times as long.
 torch.set_num_threads(1)
@@ -23,3 +26,17 @@ def shared_data() -> Path:
 def example() -> ExampleTrack:
     """Give the example shot of 60 frames, tracked once without a circle."""
     return example_track()
+
+
+@pytest.fixture(scope="session")
+def demo_shot() -> demo.Shot:
+    """Give the demo's shot with its truth."""
+    return demo.make_shot()
+
+
+@pytest.fixture(scope="session")
+def short(tmp_path_factory: pytest.TempPathFactory, demo_shot: demo.Shot) -> Path:
+    """Give the first frames of the demo's shot as a TIFF, for the command line."""
+    path = tmp_path_factory.mktemp("short") / "short.tif"
+    tifffile.imwrite(path, demo_shot.images[:8], photometric="minisblack")
+    return path

@@ -1,0 +1,23 @@
+"""The command ``torchsphere demo``."""
+
+import json
+from pathlib import Path
+
+from torchsphere.cli import main
+
+
+def test_the_demo_recovers_its_motion_within_the_stated_uncertainty(tmp_path: Path, capsys) -> None:
+    assert main(["demo", "--out", str(tmp_path / "demo"), "--quiet"]) == 0
+    printed = capsys.readouterr().out
+    # Two standard deviations hold 95 % of good values: of 13 quantities at most two may be outside, and none far.
+    table = [line for line in printed.splitlines() if line.startswith(("velocity", "spin", "force", "position"))]
+    ratios = [abs(float(line.split()[-1])) for line in table]
+    assert len(ratios) == 13
+    assert sum(ratio > 2 for ratio in ratios) <= 2
+    assert max(ratios) < 3
+    names = {path.name for path in (tmp_path / "demo").iterdir()}
+    assert {"track.csv", "track.parquet", "kinematics.csv", "summary.json", "figures", "shot.tif", "truth.csv"} <= names
+    # Its images lie in a temporary folder while they are measured.
+    summary = json.loads((tmp_path / "demo" / "summary.json").read_text())
+    assert summary["input"]["path"] == "synthetic example shot"
+    assert "<title>synthetic example shot: " in (tmp_path / "demo" / "report.html").read_text()

@@ -1,0 +1,173 @@
+"""The command ``torchsphere track``: what it writes."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import tifffile
+import torch
+
+from torchsphere import demo, forward
+from torchsphere.cli import main
+from torchsphere.results import TRACK_COLUMNS
+
+CIRCLE = "64.3,92.6,40"
+
+
+def rows(path: Path) -> tuple[list[str], list[dict[str, str]]]:
+    with path.open(newline="") as stream:
+        reader = csv.DictReader(stream)
+        return list(reader.fieldnames or ()), list(reader)
+
+
+def test_track_writes_the_promised_columns_with_the_first_row_empty(tmp_path: Path, short: Path) -> None:
+    out = tmp_path / "result"
+    arguments = ["track", str(short), "--out", str(out), "--fps", "36000", "--diameter-mm", "30", "--mass-g", "110"]
+    assert main([*arguments, "--quiet"]) == 0
+    head, table = rows(out / "track.csv")
+    assert head == list(TRACK_COLUMNS)
+    assert [row["status"] for row in table] == ["ok"] * 8
+    assert table[0]["dx_px"] == "nan"
+    assert float(table[0]["qw"]) == 1.0
+    assert all(float(row["dx_px"]) == pytest.approx(5.3, abs=0.05) for row in table[1:])
+    head, _ = rows(out / "kinematics.csv")
+    assert head[:3] == ["time_s", "x_m", "y_m"]
+    assert "sd_fx_N" in head
+    parquet = pq.read_table(out / "track.parquet")
+    assert parquet.num_rows == 8
+    covariance = np.array(parquet["covariance"].to_pylist()[3]).reshape(5, 5)
+    np.testing.assert_allclose(np.sqrt(covariance[0, 0]), float(table[3]["sd_dx_px"]), rtol=1e-8)
+
+
+def test_the_summary_holds_input_settings_and_versions(tmp_path: Path, short: Path) -> None:
+    out = tmp_path / "result"
+    assert main(["track", str(short), "--out", str(out), "--circle", CIRCLE, "--frames", "2:6", "--quiet"]) == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["input"]["path"] == str(short)
+    assert len(summary["input"]["sha256"]) == 64
+    assert (summary["input"]["first_frame"], summary["input"]["last_frame"]) == (2, 5)
+    assert summary["settings"]["model"] == "rigid"
+    assert summary["frames_per_status"] == {"ok": 4}
+    assert "torch" in summary["versions"]
+    assert any("frame rate is not known" in sentence for sentence in summary["warnings"])
+    assert not (out / "kinematics.csv").exists()
+    _, table = rows(out / "track.csv")
+    assert [row["frame"] for row in table] == ["2", "3", "4", "5"]
+    assert [row["time_s"] for row in table] == [""] * 4
+
+
+def test_options_come_from_a_file_and_the_command_line_wins(tmp_path: Path, short: Path) -> None:
+    config = tmp_path / "shot.toml"
+    config.write_text('fps = 1000\nmm-per-px = 0.5\nmodel = "finite"\ncircle = [64.3, 92.6, 40]\nframes = "0:4"\n')
+    out = tmp_path / "result"
+    arguments = ["track", str(short), "--out", str(out), "--config", str(config), "--diameter-mm", "30", "--quiet"]
+    assert main(arguments) == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["settings"]["model"] == "finite"
+    assert summary["frame_rate"] == 1000
+    assert summary["scale"]["m_per_px"] == pytest.approx(0.03 / 80)
+    assert summary["input"]["last_frame"] == 3
+
+
+def test_a_camera_comes_from_the_command_line_or_a_file_and_its_focal_length_from_the_distance(
+    tmp_path: Path, short: Path
+) -> None:
+    config = tmp_path / "shot.toml"
+    config.write_text('model = "pinhole"\nprincipal-px = [70, 80]\ndistortion = [-0.1, 0.01, 0]\n')
+    out = tmp_path / "result"
+    arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--config", str(config), "--frames", "0:4"]
+    assert main([*arguments, "--distance-mm", "1500", "--diameter-mm", "30", "--fps", "1000", "--quiet"]) == 0
+    summary = json.loads((out / "summary.json").read_text())
+    camera = summary["settings"]["camera"]
+    # 1.5 m are 100 radii of 15 mm: the focal length is 100 times the outline of 40 px, but for a part in 20 000.
+    assert camera["focal_px"] == pytest.approx(4000.0, rel=1e-4)
+    assert (camera["principal_px"], camera["distortion"]) == ([70, 80], [-0.1, 0.01, 0])
+    _, table = rows(out / "kinematics.csv")
+    # 5.3 px per frame of 1 ms at 15 mm / 40 px, seen from so far that neither perspective nor distortion counts.
+    assert all(float(row["vx_m_s"]) == pytest.approx(5.3 * 0.015 / 40 * 1000, rel=0.02) for row in table[1:-1])
+
+
+def test_without_a_mass_there_are_no_newtons_and_without_an_impact_the_summary_says_so(
+    tmp_path: Path, short: Path
+) -> None:
+    out = tmp_path / "result"
+    arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--fps", "36000", "--diameter-mm", "30"]
+    assert main([*arguments, "--quiet"]) == 0
+    head, _ = rows(out / "kinematics.csv")
+    assert not [name for name in head if name.endswith("_N")]
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["impact"] is None
+    assert any(sentence.startswith("No impact is reported: ") for sentence in summary["warnings"])
+    assert summary["differentiation"]["method"] == "smoother"
+
+
+def test_the_demo_s_impact_stands_in_the_summary_with_its_uncertainty(tmp_path: Path, demo_shot: demo.Shot) -> None:
+    path = tmp_path / "shot.tif"
+    tifffile.imwrite(path, demo_shot.images, photometric="minisblack")
+    out = tmp_path / "result"
+    arguments = ["track", str(path), "--out", str(out), "--fps", "36000", "--diameter-mm", "30", "--mass-g", "110"]
+    assert (
+        main([*arguments, "--method", "smoother", "--normal-deg", "180", "--scale-sd-percent", "0.1", "--quiet"]) == 0
+    )
+    summary = json.loads((out / "summary.json").read_text())
+    found = summary["impact"]
+    # The demo's ball comes at 71.55 m/s and leaves at -32.4 m/s, and its force peaks at 53.7 kN.
+    for name, true, part in (("velocity_before", 71.55, 0), ("velocity_after", -32.4, 0)):
+        assert abs(found[name]["value"][part] - true) < 3 * found[name]["sd"][part]
+    assert found["restitution_normal"]["value"] == pytest.approx(32.4 / 71.55, abs=0.005)
+    peak = found["peak_force"]
+    assert abs(np.max(np.abs(peak["value"])) - 53730) < 3.5 * np.max(np.abs(peak["sd"]))
+    assert peak["unit"] == "N"
+
+
+@pytest.mark.parametrize("method", ["savitzky-golay", "differences"])
+def test_other_ways_to_differentiate_are_named_in_the_summary(method: str, tmp_path: Path, short: Path) -> None:
+    out = tmp_path / "result"
+    arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--fps", "36000", "--mm-per-px", "0.375"]
+    assert main([*arguments, "--method", method, "--window", "5", "--order", "2", "--quiet"]) == 0
+    assert json.loads((out / "summary.json").read_text())["differentiation"]["method"] == method
+
+
+def test_an_existing_result_is_replaced_only_on_request_and_other_files_never(
+    tmp_path: Path, short: Path, capsys
+) -> None:
+    out = tmp_path / "result"
+    arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--frames", "0:3", "--quiet"]
+    assert main(arguments) == 0
+    before = (out / "summary.json").stat().st_mtime_ns
+    assert main(arguments) == 1
+    assert "--overwrite" in capsys.readouterr().err
+    assert (out / "summary.json").stat().st_mtime_ns == before
+    assert main([*arguments, "--overwrite"]) == 0
+    assert (out / "summary.json").stat().st_mtime_ns > before
+    strangers = tmp_path / "thesis"
+    strangers.mkdir()
+    (strangers / "chapter1.txt").write_text("years of work")
+    assert main(["track", str(short), "--out", str(strangers), "--circle", CIRCLE, "--overwrite", "--quiet"]) == 1
+    assert [path.name for path in strangers.iterdir()] == ["chapter1.txt"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["result", "thesis"]
+
+
+def test_a_frame_rate_that_was_given_is_not_missed(tmp_path: Path, short: Path) -> None:
+    arguments = ["track", str(short), "--circle", CIRCLE, "--frames", "0:2", "--quiet", "--out"]
+    for name, given, noted in (("without", (), True), ("with", ("--fps", "100"), False)):
+        assert main([*arguments, str(tmp_path / name), *given]) == 0
+        warnings = " ".join(json.loads((tmp_path / name / "summary.json").read_text())["warnings"])
+        assert ("no frame rate" in warnings) == noted
+
+
+def test_a_rotation_without_texture_stays_empty_in_the_table(tmp_path: Path) -> None:
+    plain = forward.Pattern(torch.full((8, 8, 8), 200.0))
+    centres = torch.tensor([[40.0, 50.0], [43.0, 50.5], [46.0, 51.0], [49.0, 51.5]])
+    images = forward.render(plain, centres, 25.0, torch.eye(3).expand(4, 3, 3), 20.0, shape=(100, 120))
+    noise = torch.randn(images.shape, generator=torch.Generator().manual_seed(0))
+    np.save(tmp_path / "plain.npy", (images + noise).numpy())
+    assert main(["track", str(tmp_path / "plain.npy"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    _, table = rows(tmp_path / "out" / "track.csv")
+    assert {row["status"] for row in table} == {"weak_texture"}
+    assert all(row["wx_rad"] == "nan" and row["sd_wy_rad"] == "nan" for row in table)
+    # Edges of a plain ball of this size and contrast are good to a hundredth of a px.
+    assert all(float(row["dx_px"]) == pytest.approx(3.0, abs=0.03) for row in table[1:])

@@ -1,0 +1,184 @@
+"""The command ``torchsphere track``: one clear sentence for whatever it cannot use, and nothing half written."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from torchsphere.cli import main
+
+CIRCLE = "64.3,92.6,40"
+
+
+def _files(folder: Path) -> dict[str, str]:
+    """Files that are no recording, or none that can be tracked, by what is wrong with them."""
+    rng = np.random.default_rng(0)
+    files = {name: str(folder / name) for name in ("empty.tif", "text.mp4", "foreign.xyz", "cut.tif", "png.tif")}
+    Path(files["empty.tif"]).touch()
+    Path(files["text.mp4"]).write_text("this is no video, only words")
+    Path(files["foreign.xyz"]).write_bytes(b"\x00" * 100)
+    whole = folder / "whole.tif"
+    tifffile.imwrite(whole, rng.integers(0, 255, (6, 80, 90), dtype=np.uint8), photometric="minisblack")
+    Path(files["cut.tif"]).write_bytes(whole.read_bytes()[:20_000])
+    Path(files["png.tif"]).write_bytes(b"\x89PNG\r\n\x1a\n" + b"\x00" * 50)
+    arrays = {
+        "one.npy": rng.integers(0, 255, (1, 80, 90), dtype=np.uint8),
+        "flat.npy": np.full((6, 80, 90), 100, dtype=np.uint8),
+        "noise.npy": rng.normal(100, 5, (6, 80, 90)).astype(np.float32),
+    }
+    for name, array in arrays.items():
+        np.save(folder / name, array)
+        files[name] = str(folder / name)
+    header = folder / "lonely.cih"
+    header.write_text("#Camera Information Header\nRecord Rate(fps) : 1000\nTotal Frame : 3\n")
+    (folder / "void").mkdir()
+    return files | {"lonely.cih": str(header), "void": str(folder / "void"), "missing": str(folder / "missing.tif")}
+
+
+BAD_FILES = (
+    *("empty.tif", "text.mp4", "foreign.xyz", "cut.tif", "png.tif", "one.npy", "flat.npy", "noise.npy"),
+    *("lonely.cih", "void", "missing"),
+)
+
+
+BAD_OPTIONS = {
+    "circle outside": ["--circle", "900,92,40"],
+    "circle not finite": ["--circle", "nan,92,40"],
+    "circle of two numbers": ["--circle", "64,92"],
+    "circle without a radius": ["--circle", "64,92,0"],
+    "unknown model": ["--circle", CIRCLE, "--model", "wobbly"],
+    "frame rate not finite": ["--circle", CIRCLE, "--fps", "inf"],
+    "frame rate negative": ["--circle", CIRCLE, "--fps", "-5"],
+    "two scales": ["--circle", CIRCLE, "--diameter-mm", "30", "--mm-per-px", "0.5"],
+    "mass without a scale": ["--circle", CIRCLE, "--mass-g", "110"],
+    "diameter of zero": ["--circle", CIRCLE, "--diameter-mm", "0"],
+    "region too large": ["--circle", CIRCLE, "--roi", "1.5"],
+    "frames backwards": ["--circle", CIRCLE, "--frames", "5:2"],
+    "frames beyond the end": ["--circle", CIRCLE, "--frames", "0:99"],
+    "one frame": ["--circle", CIRCLE, "--frames", "3:4"],
+    "frames in words": ["--circle", CIRCLE, "--frames", "all"],
+    "refine nothing": ["--refine"],
+    "polygon of two corners": ["--circle", CIRCLE, "--ignore", "1,2 3,4"],
+    "pinhole without a camera": ["--circle", CIRCLE, "--model", "pinhole"],
+    "camera without pinhole": ["--circle", CIRCLE, "--focal-px", "500"],
+    "distance without a diameter": ["--circle", CIRCLE, "--model", "pinhole", "--distance-mm", "500"],
+    "distortion without pinhole": ["--circle", CIRCLE, "--distortion", "0.1,0,0"],
+    "principal point without pinhole": ["--circle", CIRCLE, "--principal-px", "60,60"],
+    "two distances": ["--model", "pinhole", "--focal-px", "500", "--distance-mm", "500", "--diameter-mm", "30"],
+    "distance within the ball": ["--model", "pinhole", "--distance-mm", "10", "--diameter-mm", "30"],
+    "distortion of two numbers": ["--model", "pinhole", "--focal-px", "500", "--distortion", "0.1,0"],
+    "unknown method": ["--method", "guessing"],
+    "shell without a mass": ["--circle", CIRCLE, "--diameter-mm", "30", "--shell-mm", "2"],
+    "shell thicker than the ball": [
+        *("--circle", CIRCLE, "--diameter-mm", "30", "--mass-g", "110", "--fps", "1000", "--shell-mm", "20")
+    ],
+    "even window": [
+        "--circle",
+        CIRCLE,
+        "--diameter-mm",
+        "30",
+        "--fps",
+        "1000",
+        "--method",
+        "savitzky-golay",
+        "--window",
+        "4",
+    ],
+    "unknown option": ["--colour", "red"],
+    "config missing": ["--config", "nowhere.toml"],
+}
+
+
+def refused(arguments: list[str], capsys) -> str:
+    """The sentence with which the command line refuses ``arguments``."""
+    try:
+        code = main(arguments)
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    printed = capsys.readouterr()
+    assert code != 0
+    assert printed.out == ""
+    sentence = printed.err.strip()
+    assert sentence.startswith("torchsphere: ")
+    assert "\n" not in sentence
+    assert "Traceback" not in sentence
+    assert len(sentence) > 30
+    return sentence
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_a_file_that_cannot_be_tracked_is_refused_in_one_sentence(name: str, tmp_path: Path, capsys) -> None:
+    if name == "text.mp4":
+        pytest.importorskip("av", reason="the extra 'video' is not installed")
+    folder = tmp_path / "in"
+    folder.mkdir()
+    path = _files(folder)[name]
+    refused(["track", path, "--out", str(tmp_path / "out"), "--quiet"], capsys)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["in"]
+
+
+@pytest.mark.parametrize("case", BAD_OPTIONS)
+def test_an_option_without_sense_is_refused_in_one_sentence(case: str, tmp_path: Path, short: Path, capsys) -> None:
+    refused(["track", str(short), "--out", str(tmp_path / "out"), "--quiet", *BAD_OPTIONS[case]], capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_cuda_without_a_device_is_refused(tmp_path: Path, short: Path, capsys, monkeypatch) -> None:
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    arguments = ["track", str(short), "--out", str(tmp_path / "out"), "--device", "cuda", "--quiet"]
+    assert "CUDA" in refused(arguments, capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("text", ["speed = 3", "fps = 'fast'", "fps = ", "frames = [1, 2]", "circle = [1, 2]"])
+def test_a_config_that_says_nothing_known_is_refused(text: str, tmp_path: Path, short: Path, capsys) -> None:
+    config = tmp_path / "shot.toml"
+    config.write_text(text)
+    arguments = ["track", str(short), "--out", str(tmp_path / "out"), "--config", str(config), "--quiet"]
+    assert "shot.toml" in refused(arguments, capsys)
+
+
+def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path, short: Path, capsys) -> None:
+    (tmp_path / "file").touch()
+    refused(["track", str(short), "--out", str(tmp_path / "file" / "out"), "--circle", CIRCLE, "--quiet"], capsys)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_folder_that_may_not_be_made_is_named_before_anything_is_tracked(
+    tmp_path: Path, short: Path, capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The tests may run as a user who may write anywhere.
+    monkeypatch.setattr("torchsphere.results.os.access", lambda *_: False)
+    monkeypatch.setattr("torchsphere.measure.track", None)
+    assert main(["track", str(short), "--out", str(tmp_path / "new" / "result"), "--circle", CIRCLE, "--quiet"]) == 1
+    assert f"result: {tmp_path} may not be written to" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_result_that_fails_half_way_leaves_nothing(tmp_path: Path, short: Path, capsys, monkeypatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device", "track.csv")
+
+    monkeypatch.setattr("torchsphere.results.write_summary", full)
+    arguments = ["track", str(short), "--out", str(tmp_path / "out"), "--circle", CIRCLE, "--quiet"]
+    assert "no space left" in refused(arguments, capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_request_to_end_leaves_nothing_half_written(tmp_path: Path, short: Path, monkeypatch) -> None:
+    def ended(folder: Path) -> None:
+        assert folder.is_dir()
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(60)
+
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr("torchsphere.report.draw.draw", ended)
+    with pytest.raises(SystemExit) as stop:
+        main(["track", str(short), "--out", str(tmp_path / "out"), "--circle", CIRCLE, "--quiet"])
+    assert stop.value.code == 143
+    assert not list(tmp_path.iterdir())
+    assert signal.getsignal(signal.SIGTERM) is before
