@@ -60,6 +60,7 @@ from torchsphere.interpolate import blur
 from torchsphere.options import Options
 from torchsphere.outline import OutlineFit
 from torchsphere.source import Source
+from torchsphere.window import cut_window
 
 OUT = Path(__file__).parent.parent / "docs" / "outline.png"
 FRAMES, BEYOND = 60, 1.08
@@ -84,7 +85,7 @@ def without_background(shot: Shot, position: Array) -> Tensor:
     level = float(behind.median())
     centres, images = torch.from_numpy(position), shot.images.clone()
     for image, centre in zip(images, centres, strict=True):
-        window = view.cut_window(image, behind, centre, shot.radius, None)
+        window = cut_window(image, behind, centre, shot.radius, None)
         y, x = torch.meshgrid(*(torch.arange(n) for n in image.shape), indexing="ij")
         inside = (x - centre[0]).square() + (y - centre[1]).square() < shot.radius**2
         share, column, row = inside.double(), *window.pixels.long().unbind(-1)

@@ -7,9 +7,10 @@ import pytest
 import torch
 from shots import Shot, noisy, rotation_matrix, shot
 
-from torchsphere import bundle, trust, view
+from torchsphere import bundle, trust
 from torchsphere.bundle import Bundle
-from torchsphere.view import Pose, Window
+from torchsphere.view import Pose
+from torchsphere.window import Window, cut_window
 
 RADIUS, LEVEL = 20.0, 90.0
 
@@ -32,9 +33,7 @@ class Adjusted:
 
 def windows_of(images: torch.Tensor, poses: list[Pose], radius: float) -> list[Window]:
     behind = torch.full(images.shape[1:], LEVEL)
-    return [
-        view.cut_window(image, behind, pose.centre, radius, None) for image, pose in zip(images, poses, strict=True)
-    ]
+    return [cut_window(image, behind, pose.centre, radius, None) for image, pose in zip(images, poses, strict=True)]
 
 
 def wrong_poses(made: Shot, centre_px: float, turn_rad: float) -> list[Pose]:

@@ -16,15 +16,15 @@ PACKAGE = ROOT / "torchsphere"
 
 #: The data's way. A module imports from lines above its own, never from its own or from one below.
 LAYERS = (
-    ("recording", "inputs", "parallel", "choices"),
+    ("recording", "inputs", "parallel", "choices", "delay", "disc", "silhouette"),
     ("source", "masks", "perspective", "interpolate"),
     ("motion", "crop", "texture", "still", "turning", "criterion", "request", "predict"),
-    ("forward", "reference", "interlace", "view", "options", "repeated", "rays"),
-    ("covariance", "outline", "locate", "newton", "misfit", "search", "trust", "correlation", "pairs"),
-    ("light", "limb", "schur"),
-    ("robust", "conclude"),
-    ("solve",),
-    ("correlate", "circle", "bundle", "register"),
+    ("forward", "reference", "interlace", "window", "options", "repeated", "rays"),
+    ("covariance", "outline", "view", "locate", "newton", "misfit", "search", "correlation", "pairs"),
+    ("light", "limb", "trust"),
+    ("robust", "conclude", "schur"),
+    ("solve", "bundle", "register"),
+    ("correlate", "circle"),
     ("joint", "mapped", "radius", "record"),
     ("symmetric", "ranking"),
     ("successive",),

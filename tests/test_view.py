@@ -9,6 +9,7 @@ from shots import rotation_matrix
 
 from torchsphere import forward, texture, view
 from torchsphere.view import Ball, Pose
+from torchsphere.window import cut_window
 
 RADIUS = 20.0
 
@@ -27,7 +28,7 @@ def pose() -> Pose:
 
 
 def window(at: Pose) -> view.Window:
-    return view.cut_window(torch.zeros(60, 60), torch.full((60, 60), 40.0), at.centre, RADIUS, None)
+    return cut_window(torch.zeros(60, 60), torch.full((60, 60), 40.0), at.centre, RADIUS, None)
 
 
 def test_the_disc_covers_its_area_and_the_share_falls_from_one_to_zero() -> None:
@@ -100,7 +101,7 @@ def test_it_looks_like_the_ray_caster_where_the_texture_is_smooth() -> None:
     expected = forward.render(
         pattern, at.centre[None], RADIUS, at.orientation[None], 40.0, shape=(60, 60), subsamples=12
     )[0]
-    pixels = view.cut_window(expected, torch.full((60, 60), 40.0), at.centre, RADIUS, None)
+    pixels = cut_window(expected, torch.full((60, 60), 40.0), at.centre, RADIUS, None)
     # Coefficients by least squares from many directions.
     cells = 8
     places = torch.nn.functional.normalize(

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from torchsphere import parallel, schur, texture, trust, view
 from torchsphere.trust import Profile
-from torchsphere.view import Ball, Pose, Window
+from torchsphere.view import Ball, Pose
+from torchsphere.window import Window
 
 Array = NDArray[np.float64]
 

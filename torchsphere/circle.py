@@ -1,10 +1,8 @@
 """Find the ball without help: silhouettes -> disc filter -> outline.
 
-A speckled ball has edges everywhere, so edges come last. First the ball is told from its background as a silhouette,
-in three ways, each right where another fails: by its difference from the still background (the median of the
-recording; fails where the ball hardly moves), by its difference from a uniform background (fails over texture), and by
-its change from frame to frame (fails for a plain ball). A disc that separates its inside from a ring around it best
-is the candidate; its outline is then fitted to the silhouette and, to sub-pixel, to the image: a speckled ball's by
+A speckled ball has edges everywhere, so edges come last. First the ball is told from its background as a silhouette
+(`torchsphere.silhouette`). A disc that separates its inside from a ring around it best is the candidate
+(`torchsphere.disc`); its outline is then fitted to the silhouette and, to sub-pixel, to the image: a speckled ball's by
 `torchsphere.limb`, a plain one's by the light at its edge.
 """
 
@@ -12,33 +10,25 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
-import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
 
-from torchsphere import limb, outline
+from torchsphere import disc, limb, outline
 from torchsphere.perspective import Camera
+from torchsphere.silhouette import Images, saturated, silhouettes, still_background
 
-#: Longest side of the images that the disc filter works on, px.
-COARSE_PX = 192
-
-#: Steps of the disc filter's radius, and the outer radius of the ring that a disc is compared with.
-RADIUS_STEP, RING = 1.1, 1.35
-
-#: A silhouette that a disc explains to a smaller share is none; an outline with fewer rays on the circle is none.
-MIN_EXPLAINED, MIN_SUPPORT = 0.35, 0.4
+#: An outline with a smaller share of its rays on the circle is none.
+MIN_SUPPORT = 0.4
 
 #: How far the likeliest limb may lie from the circle through the edges, px and as a share of the radius: farther, and
 #: something else is next to the ball.
 LIMB_MOVES_PX, LIMB_MOVES = 2.0, 0.04
 
-#: Frames that tell the still background, and frames in which the ball is looked for before giving up.
-BACKGROUND_FRAMES, MAX_TRIES = 25, 40
-
-Images = Callable[[int, int], Tensor]
+#: Frames in which the ball is looked for before giving up.
+MAX_TRIES = 40
 
 
 @dataclass(frozen=True)
@@ -85,7 +75,7 @@ def find(images: Images, count: int, ignore: Tensor | None = None) -> Circle:
     ValueError
         If no frame shows a ball.
     """
-    background = _still_background(images, count)
+    background = still_background(images, count)
     for frame in _frames_to_try(count):
         found = _find_in(images, frame, count, background, ignore)
         if found is not None:
@@ -112,7 +102,10 @@ def refine_circle(image: Tensor, circle: Circle, window: float | None = None, ca
     fit = outline.refine(image[None], guess, window=reach, plain=plain, patterned=not plain, camera=camera)
     level = image.median() if float(fit.support[0]) == 0 else _level_around(image, fit.circle[0])
     difference = (image - level).abs()
-    if float(fit.support[0]) < MIN_SUPPORT or _explained_by(_saturated(difference), fit.circle[0]) < MIN_EXPLAINED:
+    if (
+        float(fit.support[0]) < MIN_SUPPORT
+        or disc.explained_by(saturated(difference), fit.circle[0]) < disc.MIN_EXPLAINED
+    ):
         raise ValueError(
             f"no outline was found near the circle ({circle.x:g}, {circle.y:g}, {circle.radius:g}): give one that is "
             f"right to {reach:.1f} px, or track with the circle as given"
@@ -159,14 +152,6 @@ def _as_circle(fit: outline.OutlineFit, frame: int) -> Circle:
     return Circle(x, y, radius, sd_x, sd_y, sd_radius, frame)
 
 
-def _still_background(images: Images, count: int) -> Tensor | None:
-    """Median (h, w) of frames spread over the recording; None where there are too few."""
-    if count < 5:
-        return None
-    chosen = torch.linspace(0, count - 1, min(count, BACKGROUND_FRAMES)).round().long().tolist()
-    return torch.cat([images(i, i + 1) for i in chosen]).median(0).values
-
-
 def _frames_to_try(count: int) -> Iterator[int]:
     """The first frames one by one, then ever larger steps: a ball that is late must not cost the whole recording."""
     if count <= MAX_TRIES:
@@ -184,12 +169,12 @@ def _find_in(images: Images, frame: int, count: int, background: Tensor | None, 
         # A blank image differs from its background where the ball is in other images.
         return None
     candidates = []
-    for silhouette, contrast in _silhouettes(images, frame, count, background, ignore):
+    for silhouette, contrast in silhouettes(images, frame, count, background, ignore):
         found = _outline_of(silhouette, contrast)
         if found is not None:
             fit, plain = found
-            explained = _explained_by(silhouette, fit.circle[0])
-            if explained > MIN_EXPLAINED:
+            explained = disc.explained_by(silhouette, fit.circle[0])
+            if explained > disc.MIN_EXPLAINED:
                 candidates.append((explained * float(fit.support[0]), fit, plain, contrast))
     if not candidates:
         return None
@@ -203,7 +188,7 @@ def _find_in(images: Images, frame: int, count: int, background: Tensor | None, 
 
 def _outline_of(silhouette: Tensor, contrast: Tensor) -> tuple[outline.OutlineFit, bool] | None:
     """Disc filter and silhouette bring the circle within a px or two; the image places it. And whether it is plain."""
-    guess = _best_disc(silhouette)
+    guess = disc.best(silhouette)
     if guess is None:
         return None
     coarse = outline.refine(silhouette[None], guess, window=max(2.0, 0.08 * float(guess[0, 2])))
@@ -219,107 +204,13 @@ def _outline_of(silhouette: Tensor, contrast: Tensor) -> tuple[outline.OutlineFi
     return fine, plain
 
 
-def _silhouettes(
-    images: Images, frame: int, count: int, background: Tensor | None, ignore: Tensor | None
-) -> Iterator[tuple[Tensor, Tensor]]:
-    """Maps (h, w) from 0 (background) to 1 (ball) of a frame, each with the image whose edges belong to it."""
-    image = images(frame, frame + 1)[0]
-    edge = max(2, min(image.shape) // 40)
-    sides = (image[:edge], image[-edge:], image[:, :edge], image[:, -edge:])
-    level = torch.cat([side.flatten() for side in sides]).median()
-    maps = [((image - level).abs(), image)]
-    if background is not None:
-        maps.append(((image - background).abs(), image - background))
-    neighbours = [images(i, i + 1)[0] for i in (frame - 1, frame + 1) if 0 <= i < count]
-    if neighbours:
-        # What the ball uncovers or covers next differs from one neighbour only; the ball's own pattern from both.
-        maps.append((torch.stack([(n - image).abs() for n in neighbours]).amin(0), image))
-    for difference, contrast in maps:
-        if ignore is not None:
-            difference = torch.where(ignore, 0.0, difference)
-        if float(difference.max()) > 0:
-            yield _saturated(difference), contrast
-
-
-def _saturated(difference: Tensor) -> Tensor:
-    """From 0 to 1: most of the image is background, whose spread is the noise; strong differences all count as one."""
-    noise = 1.4826 * float(difference.median())
-    strong = float(torch.quantile(difference.flatten()[:: max(1, difference.numel() // 100_000)], 0.97))
-    return (difference / max(5 * noise, 0.25 * strong, 1e-6)).clamp(max=1.0)
-
-
 def _level_around(image: Tensor, circle: Tensor) -> Tensor:
     """Median grey level of a ring around the circle."""
     x, y, radius = circle.tolist()
     rows, columns = (torch.arange(size, device=image.device) for size in image.shape)
     distance = ((rows[:, None] - y) ** 2 + (columns - x) ** 2).sqrt()
-    ring = image[(distance > 1.1 * radius) & (distance < RING * radius)]
+    ring = image[(distance > 1.1 * radius) & (distance < disc.RING * radius)]
     return ring.median() if len(ring) else image.median()
-
-
-def _best_disc(silhouette: Tensor) -> Tensor | None:
-    """The disc (1, 3), float64, that tells inside from outside best; None where none does."""
-    factor = max(1, math.ceil(max(silhouette.shape) / COARSE_PX))
-    small = F.avg_pool2d(silhouette[None, None], factor)[0, 0]
-    best, guess = MIN_EXPLAINED, None
-    radius, largest = max(8.0 / factor, 2.5), 0.5 * min(small.shape)
-    while radius < largest:
-        explained = _explained(small, radius)
-        # Of two discs that explain equally well the larger is the ball and the smaller one of its speckles.
-        value = float(explained.max()) * radius**0.25
-        if value > best:
-            y, x = divmod(int(explained.argmax()), small.shape[1])
-            best = value
-            guess = torch.tensor([[(v + 0.5) * factor - 0.5 for v in (x, y)] + [radius * factor]], dtype=torch.float64)
-        radius *= RADIUS_STEP
-    return guess
-
-
-def _explained(small: Tensor, radius: float) -> Tensor:
-    """Share (h, w) of the silhouette's variance, in disc and ring around each place, that the two means explain."""
-    height, width = small.shape
-    reach = math.ceil(RING * radius)
-    steps = torch.arange(-reach, reach + 1, dtype=small.dtype, device=small.device)
-    distance = (steps[:, None] ** 2 + steps[None] ** 2).sqrt()
-    disc = (radius - distance + 0.5).clamp(0, 1)
-    ring = (RING * radius - distance + 0.5).clamp(0, 1) - disc
-    stack = torch.stack((small, small.square(), torch.ones_like(small)))
-    size = (height + 2 * reach, width + 2 * reach)
-    spectrum = torch.fft.rfft2(stack, s=size)
-    sums = [
-        torch.fft.irfft2(spectrum * torch.fft.rfft2(kernel, s=size), s=size)[
-            :, reach : reach + height, reach : reach + width
-        ]
-        for kernel in (disc, ring)
-    ]
-    (inner, inner_squared, n), (outer, outer_squared, m) = sums
-    n, m = n.clamp_min(1e-3), m.clamp_min(1e-3)
-    mean = (inner + outer) / (n + m)
-    total = (inner_squared + outer_squared - (n + m) * mean**2).clamp_min(1e-3)
-    difference = inner / n - outer / m
-    explained = n * m / (n + m) * difference.clamp_min(0) ** 2 / total
-    # The disc must lie in the image.
-    r = math.ceil(radius * 0.97)
-    allowed = torch.zeros_like(small, dtype=torch.bool)
-    allowed[r : height - r, r : width - r] = True
-    return torch.where(allowed, explained, 0.0)
-
-
-def _explained_by(silhouette: Tensor, circle: Tensor) -> float:
-    """Share of the silhouette's variance, in the circle and a ring around it, that the two means explain."""
-    x, y, radius = circle.tolist()
-    height, width = silhouette.shape
-    columns = torch.arange(width, device=silhouette.device) - x
-    rows = torch.arange(height, device=silhouette.device) - y
-    distance = (rows[:, None] ** 2 + columns[None] ** 2).sqrt()
-    near = silhouette[distance < RING * radius]
-    inner = silhouette[distance < radius]
-    n, m = len(inner), len(near) - len(inner)
-    if n < 10 or m < 10:
-        return 0.0
-    outer_mean = (near.sum() - inner.sum()) / m
-    difference = float(inner.mean() - outer_mean)
-    return n * m / (n + m) * max(difference, 0.0) ** 2 / max(float(near.var()) * len(near), 1e-6)
 
 
 def _within(circle: Tensor, shape: torch.Size) -> bool:

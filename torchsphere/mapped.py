@@ -17,13 +17,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere import bundle, parallel, register, still, view
+from torchsphere import bundle, parallel, register, still
 from torchsphere.bundle import Bundle
 from torchsphere.circle import Circle
 from torchsphere.interpolate import PRE_BLUR_PX, noise_gains
 from torchsphere.register import Registration
 from torchsphere.source import Source
-from torchsphere.view import Pose, Window
+from torchsphere.view import Pose
+from torchsphere.window import Window, cut_window
 
 Array = NDArray[np.float64]
 
@@ -120,7 +121,7 @@ def poses_on_map(
 
     def window(i: int, pose: Pose, radius: float) -> Window:
         image = source.images(i, i + 1)[0].cpu()
-        return view.cut_window(image, behind, pose.centre, radius, usable)
+        return cut_window(image, behind, pose.centre, radius, usable)
 
     windows = [window(i, starts[i], circle.radius) for i in keys.tolist()]
     noise = _noise_variance(windows, zncc)

@@ -9,7 +9,8 @@ from torch import Tensor
 
 from torchsphere import trust, view
 from torchsphere.trust import Profile
-from torchsphere.view import Ball, Pose, Window
+from torchsphere.view import Ball, Pose
+from torchsphere.window import Window
 
 #: Steps at most, and the length below which the last one ends the iteration, px. Steps shrink tenfold each.
 MAX_STEPS, TOLERANCE_PX = 12, 2e-3

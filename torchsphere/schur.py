@@ -18,7 +18,8 @@ from torch import Tensor
 from torchsphere import parallel, texture, trust, view
 from torchsphere.texture import Stencil
 from torchsphere.trust import Profile
-from torchsphere.view import Ball, Pose, Window
+from torchsphere.view import Ball, Pose
+from torchsphere.window import Window
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,8 @@ import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
 
 from torchsphere import parallel, view
-from torchsphere.view import Ball, Pose, Window
+from torchsphere.view import Ball, Pose
+from torchsphere.window import Window
 
 #: Limits of the rings that the residual is taken over, px from the outline.
 RINGS_PX = (-6.0, -4.0, -3.0, -2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0)

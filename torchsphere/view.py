@@ -1,9 +1,8 @@
 """How a ball with a texture map looks: pose, map, light and still background -> grey levels, and their derivatives.
 
 The forward model of `torchsphere.bundle` and `torchsphere.register`. A pixel shows the ball over the share of its area
-that the disc covers, and the background over the rest; what it sees of the ball is the mean over rays, by a Gauss rule
-of two points in either direction, and of three towards the limb, where the texture is foreshortened to finer than a
-pixel. That footprint on the curved surface is what a correlation of two images cannot know.
+that the disc covers, and the background over the rest; what it sees of the ball is the mean over the rays of
+`torchsphere.window`. That footprint on the curved surface is what a correlation of two images cannot know.
 """
 
 from __future__ import annotations
@@ -11,21 +10,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
 import torch
 from kornia.geometry.liegroup import So3
 from torch import Tensor
 
 from torchsphere import texture
 from torchsphere.texture import Stencil
-
-#: Points and weights of the Gauss rules over a pixel, px from its centre.
-FEW = (torch.tensor([-1.0, 1.0], dtype=torch.float64) / (2 * math.sqrt(3)), torch.full((2,), 0.5, dtype=torch.float64))
-MANY = tuple(torch.from_numpy(values) / 2 for values in np.polynomial.legendre.leggauss(3))
-
-#: Distance from the centre, in radii, from which a pixel has many rays. Measured with two by two everywhere: the
-#: radius comes out 0.036 px low at 50 px, from texture that is foreshortened to a third and less.
-MANY_FROM = 0.85
+from torchsphere.window import Window
 
 #: Rays beyond this share of the radius are taken there: a pixel on the outline shows the limb.
 LIMB = 0.998
@@ -39,45 +30,11 @@ TURN_PX = 0.1
 #: Depth of the surface, in radii, below which the sensitivities take a ray for one on the limb.
 DEEPEST = 0.1
 
-#: Width around the outline that is looked at, px: the edge's blur and what a pose may still be off by.
-MARGIN_PX = 2.0
-
 #: Distance, in standard deviations, beyond which a Gaussian is nothing: 1e-15 of it is left.
 REACH_OF_BLUR = 8.0
 
 #: Functions of the shading, see `shading_basis`.
 SHADES = 4
-
-
-@dataclass(frozen=True)
-class Window:
-    """The pixels of one image around the ball.
-
-    Attributes
-    ----------
-    pixels : Tensor
-        (p, 2) as (x, y), px, float64.
-    levels, behind : Tensor
-        Grey levels (p,) of the image, and of the still background.
-    trust : Tensor
-        (p,), 1 where the pixel may be used and 0 where not; what hides the ball lowers it later.
-    rays, part : Tensor
-        Where the rays of all pixels meet the image (2, q), px, and their weights (q,).
-    owner : Tensor
-        Number (q,) of the pixel that a ray belongs to.
-    """
-
-    pixels: Tensor
-    levels: Tensor
-    behind: Tensor
-    trust: Tensor
-    rays: Tensor
-    part: Tensor
-    owner: Tensor
-
-    def gather(self, values: Tensor) -> Tensor:
-        """Sum over the rays of each pixel: (q, ...) -> (p, ...)."""
-        return torch.zeros(len(self.pixels), *values.shape[1:], dtype=values.dtype).index_add_(0, self.owner, values)
 
 
 @dataclass(frozen=True)
@@ -123,35 +80,6 @@ class Ball:
     cells: int
     coefficients: Tensor
     shading: Tensor
-
-
-def cut_window(image: Tensor, behind: Tensor, centre: Tensor, radius: float, usable: Tensor | None) -> Window:
-    """The pixels of ``image`` (h, w) within `MARGIN_PX` of the disc around ``centre`` (2,)."""
-    height, width = image.shape
-    reach = math.ceil(radius + MARGIN_PX) + 1
-    x, y = (round(float(v)) for v in centre)
-    columns = torch.arange(max(x - reach, 0), min(x + reach, width - 1) + 1)
-    rows = torch.arange(max(y - reach, 0), min(y + reach, height - 1) + 1)
-    pixels = torch.stack(torch.meshgrid(columns, rows, indexing="xy"), -1).reshape(-1, 2)
-    pixels = pixels[(pixels - centre).norm(dim=-1) < radius + MARGIN_PX]
-    column, row = pixels.unbind(-1)
-    trust = torch.ones(len(pixels), dtype=torch.float64)
-    if usable is not None:
-        trust = usable[row, column].double()
-    rays, part, owner = _rays(pixels.double(), (pixels - centre).norm(dim=-1) > MANY_FROM * radius)
-    return Window(pixels.double(), image[row, column].double(), behind[row, column].double(), trust, rays, part, owner)
-
-
-def _rays(pixels: Tensor, many: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    parts = []
-    for chosen, (points, weights) in ((~many, FEW), (many, MANY)):
-        offsets = torch.cartesian_prod(points, points)
-        of_pixel = torch.outer(weights, weights).flatten()
-        number = torch.nonzero(chosen)[:, 0]
-        rays = (pixels[number][:, None] + offsets).flatten(0, 1)
-        parts.append((rays.T, of_pixel.repeat(len(number)), number.repeat_interleave(len(offsets))))
-    rays, part, owner = (torch.cat(column, -1) for column in zip(*parts, strict=True))
-    return rays, part, owner
 
 
 def coverage(window: Window, centre: Tensor, radius: float, blur: float) -> tuple[Tensor, Tensor]:

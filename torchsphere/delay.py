@@ -1,0 +1,116 @@
+"""Delay between two signals of the same shape, by least squares.
+
+One is put over the other, ``b(t) = g a(t - d) + o``: their delay ``d`` from the peak of their correlation, then to a
+fraction of a sample on a smoothed spline through ``a``. The standard deviation is that of the slope of the sum of
+squares by what remains between them, whatever the colour of that noise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+
+Array = NDArray[np.float64]
+
+#: Samples that a signal needs at least.
+FEWEST = 8
+
+#: Width of the smoothing of both signals, as a share of the half width of their correlation's peak. It takes the noise
+#: beyond the signal's own frequencies away, and moves no symmetric peak.
+SMOOTHING = 0.1
+
+#: Steps of the search for the delay, and the share of a sample at which it stops.
+STEPS, SETTLED = 50, 1e-6
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Delay and its standard deviation in samples, gain, offset and correlation."""
+
+    delay: float
+    sd: float
+    gain: float
+    sd_gain: float
+    offset: float
+    correlation: float
+
+
+def fit_delay(a: Array, b: Array, start: float) -> Fit:
+    """Least squares of ``b(t) = g a(t - d) + o`` over all samples (n,) that both have, from a first ``d``."""
+    spline, places = CubicSpline(np.arange(len(a)), a), np.arange(float(len(b)))
+    delay, gain, offset = start, 1.0, 0.0
+    for _ in range(STEPS):
+        at = places - delay
+        inside = (at >= 0) & (at <= len(a) - 1)
+        if inside.sum() < FEWEST:
+            raise ValueError("The signals do not overlap once they are aligned; give longer parts of them")
+        value, slope = spline(at[inside]), spline(at[inside], 1)
+        columns = np.stack((value, np.ones_like(value)), 1)
+        (gain, offset), *_ = np.linalg.lstsq(columns, b[inside], rcond=None)
+        remains = b[inside] - gain * value - offset
+        # Both slopes have noise of their own: their product is what signal and signal share.
+        slope_b = np.gradient(b[inside])
+        curvature = -gain * float(slope @ slope_b)
+        move = float(np.clip((slope * gain) @ remains / curvature, -1.0, 1.0))
+        delay += move
+        if abs(move) < SETTLED:
+            break
+    moved = gain * (slope - slope.mean())
+    # Variance of the sum of slope times residual, by their spectra: right for noise of any colour.
+    spectrum = np.abs(np.fft.rfft(moved, 2 * len(moved))) ** 2 * np.abs(np.fft.rfft(remains, 2 * len(moved))) ** 2
+    weight = np.full(len(spectrum), 2.0)
+    weight[[0, -1]] = 1.0
+    noise = float((weight * spectrum).sum()) / (2 * len(moved)) / len(moved)
+    centred = value - value.mean()
+    of_gain = np.abs(np.fft.rfft(centred, 2 * len(moved))) ** 2 * np.abs(np.fft.rfft(remains, 2 * len(moved))) ** 2
+    noise_gain = float((weight * of_gain).sum()) / (2 * len(moved)) / len(moved)
+    correlation = float(np.corrcoef(value, b[inside])[0, 1])
+    sd, sd_gain = math.sqrt(noise) / abs(curvature), math.sqrt(noise_gain) / float(centred @ centred)
+    return Fit(delay, sd, float(gain), sd_gain, float(offset), correlation)
+
+
+def sd_by_raw_noise(a: Array, b: Array, fit: Fit, width: float) -> float:
+    """Standard deviation of a delay in samples by the noise of the raw signals, which were smoothed to find it.
+
+    What remains of the smoothed ones lacks the part of the noise that moved the delay (measured: 0.8 of the true one).
+    The raw noise's spectrum is taken as smooth over a twentieth of the frequencies instead.
+    """
+    places = np.arange(float(len(b))) - fit.delay
+    inside = (places >= 0) & (places <= len(a) - 1)
+    remains = b[inside] - fit.gain * CubicSpline(np.arange(len(a)), a)(places[inside]) - fit.offset
+    slope_a = gaussian_filter1d(np.gradient(a), width)
+    slope = fit.gain * CubicSpline(np.arange(len(a)), slope_a)(places[inside])
+    slope_b = gaussian_filter1d(np.gradient(b), width)[inside]
+    count = len(remains)
+    spectrum = uniform_filter1d(np.abs(np.fft.rfft(remains, 2 * count)) ** 2 / count, max(count // 20, 1))
+    moved = np.abs(np.fft.rfft(gaussian_filter1d(slope, width), 2 * count)) ** 2
+    weight = np.full(len(moved), 2.0)
+    weight[[0, -1]] = 1.0
+    return math.sqrt(float((weight * spectrum * moved).sum()) / (2 * count)) / abs(float(slope @ slope_b))
+
+
+def coarse(a: Array, b: Array) -> float:
+    """Delay in whole samples at the peak of the correlation."""
+    correlation = _correlation(a, b)
+    lags = np.concatenate((np.arange(len(b)), np.arange(-len(a) + 1, 0)))
+    ranked = correlation[np.where(lags >= 0, lags, len(correlation) + lags)]
+    return float(lags[ranked.argmax()])
+
+
+def _correlation(a: Array, b: Array) -> Array:
+    """Circular correlation, padded so that nothing wraps, of two signals about their medians."""
+    size = len(a) + len(b)
+    return np.fft.irfft(np.conj(np.fft.rfft(a - np.median(a), size)) * np.fft.rfft(b - np.median(b), size), size)
+
+
+def smoothing(a: Array, b: Array) -> float:
+    """Width of the smoothing, samples, from the half width of the correlation's peak."""
+    correlation = _correlation(a, b)
+    top = int(correlation.argmax())
+    fallen = np.flatnonzero(np.roll(correlation, -top)[: len(a)] < 0.5 * correlation[top])
+    return SMOOTHING * float(fallen[0] if len(fallen) else len(a))
