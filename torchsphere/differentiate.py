@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from torchsphere import bandwidth, contact, local, smooth
 from torchsphere.contact import Contact
 from torchsphere.likelihood import UNKNOWN
-from torchsphere.poses import joined, poses
+from torchsphere.poses import FREEDOMS, Poses, joined, poses
 from torchsphere.process import STATES
-from torchsphere.smooth import FREEDOMS, Poses, Smoothed
+from torchsphere.smooth import Smoothed
 from torchsphere.track import Track
 
 #: Motions drawn from what the data leave possible, for quantities that depend on many frames at once.

@@ -10,16 +10,21 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from kornia.geometry.liegroup import So3
 from numpy.typing import NDArray
+from torch import Tensor
 
-from torchsphere.smooth import FREEDOMS, Poses
+from torchsphere.likelihood import Series
 from torchsphere.track import Track
 
 Array = NDArray[np.float64]
+
+#: Degrees of freedom: x, y, wx, wy, wz.
+FREEDOMS = 5
 
 #: Share of an increment's variance that stays in all later poses, without a map of the ball: with it, what remains of
 #: a chain of 40 to 60 frames beside a straight line was 1.0 to 1.3 times the expected. With a map 0.7 to 1.1 without.
@@ -30,6 +35,54 @@ REFOUND_PX = 0.05
 
 #: Variance of what is known no more, in units of the errors.
 BROKEN = 1e8
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Measured poses of n recordings of t frames; a shorter recording ends in frames that were not seen.
+
+    Attributes
+    ----------
+    times : Tensor
+        (n, t), frames, rising.
+    step : Tensor
+        Of the reference from each frame to the next (n, t - 1, 5): px and rad.
+    covariance : Tensor
+        Of the error of each frame's pose (n, t, 5, 5).
+    drift : Tensor
+        Variance (n, t - 1, 5) of the errors of the steps that stay in all later poses.
+    seen : Tensor
+        (n, t, 5), True where the pose was measured.
+    """
+
+    times: Tensor
+    step: Tensor
+    covariance: Tensor
+    drift: Tensor
+    seen: Tensor
+
+    @property
+    def unit(self) -> Tensor:
+        """Size (n, 5) of the errors: px, the same for both, and rad, the same for all three."""
+        variance = torch.where(self.seen, self.covariance.diagonal(dim1=-2, dim2=-1), torch.nan)
+        shared = [variance[..., part].flatten(1).nanmedian(1).values for part in (slice(0, 2), slice(2, 5))]
+        px, rad = (torch.where(v > 0, v, 1.0).sqrt() for v in shared)
+        return torch.stack((px, px, rad, rad, rad), -1)
+
+    def series(self) -> Series:
+        """The same as independent degrees of freedom, in units of the errors and without their mean motion.
+
+        Rotations add up like vectors here, which is right for a search of when they change.
+        """
+        unit = self.unit[:, None]
+        step = self.step / unit
+        rate = step / self.times.diff(dim=-1)[..., None]
+        step = step - rate.median(1, keepdim=True).values * self.times.diff(dim=-1)[..., None]
+        value = torch.cat((torch.zeros_like(step[:, :1]), step.cumsum(1)), 1)
+        variance = self.covariance.diagonal(dim1=-2, dim2=-1) / unit**2
+        columns = (value, variance, self.drift / unit**2, self.seen)
+        value, variance, drift, seen = (v.mT for v in columns)
+        return Series(self.times, value, torch.where(seen, variance, 1.0), drift, seen)
 
 
 def poses(tracks: Sequence[Track], times: Sequence[Array]) -> Poses:

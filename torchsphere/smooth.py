@@ -5,9 +5,7 @@ jerk and snap. The pose is the difference to a reference trajectory, for the rot
 ``A = exp([phi]x) A_ref``. As the reference goes through the measured poses themselves, the differences are as small as
 the errors (1e-4 rad), and one pass is exact to their square: nothing has to be linearised again.
 
-From frame to frame ``phi' = Ad phi + J (v dt + a dt^2 / 2 + j dt^3 / 6) - s``, with the reference's step ``s``, its
-rotation ``Ad`` and left Jacobian ``J``. What the turning of the axis within a step adds, ``dt^3/12 a x w``, is below
-1e-6 rad for a ball that is spun up to 3 deg per frame in ten frames.
+How the state moves on from frame to frame is in `torchsphere.moves`.
 
 Source: Rauch, Tung and Striebel, AIAA Journal 3 (1965) 1445, DOI 10.2514/3.3166; error states on SO(3) as in Sola,
 Deray and Atchuthan, arXiv 1812.01537, equations 143 to 146.
@@ -23,60 +21,10 @@ import torch
 from torch import Tensor
 
 from torchsphere.contact import Contact
-from torchsphere.likelihood import UNKNOWN, Series
-from torchsphere.process import ABSENT, STATES, STEADY, Transitions, transitions
-
-#: Degrees of freedom (x, y, wx, wy, wz), and numbers in the state of a flight and of a contact.
-FREEDOMS = 5
-FLIGHT, SIZE = STEADY * FREEDOMS, STATES * FREEDOMS
-
-
-@dataclass(frozen=True)
-class Poses:
-    """Measured poses of n recordings of t frames; a shorter recording ends in frames that were not seen.
-
-    Attributes
-    ----------
-    times : Tensor
-        (n, t), frames, rising.
-    step : Tensor
-        Of the reference from each frame to the next (n, t - 1, 5): px and rad.
-    covariance : Tensor
-        Of the error of each frame's pose (n, t, 5, 5).
-    drift : Tensor
-        Variance (n, t - 1, 5) of the errors of the steps that stay in all later poses.
-    seen : Tensor
-        (n, t, 5), True where the pose was measured.
-    """
-
-    times: Tensor
-    step: Tensor
-    covariance: Tensor
-    drift: Tensor
-    seen: Tensor
-
-    @property
-    def unit(self) -> Tensor:
-        """Size (n, 5) of the errors: px, the same for both, and rad, the same for all three."""
-        variance = torch.where(self.seen, self.covariance.diagonal(dim1=-2, dim2=-1), torch.nan)
-        shared = [variance[..., part].flatten(1).nanmedian(1).values for part in (slice(0, 2), slice(2, 5))]
-        px, rad = (torch.where(v > 0, v, 1.0).sqrt() for v in shared)
-        return torch.stack((px, px, rad, rad, rad), -1)
-
-    def series(self) -> Series:
-        """The same as independent degrees of freedom, in units of the errors and without their mean motion.
-
-        Rotations add up like vectors here, which is right for a search of when they change.
-        """
-        unit = self.unit[:, None]
-        step = self.step / unit
-        rate = step / self.times.diff(dim=-1)[..., None]
-        step = step - rate.median(1, keepdim=True).values * self.times.diff(dim=-1)[..., None]
-        value = torch.cat((torch.zeros_like(step[:, :1]), step.cumsum(1)), 1)
-        variance = self.covariance.diagonal(dim1=-2, dim2=-1) / unit**2
-        columns = (value, variance, self.drift / unit**2, self.seen)
-        value, variance, drift, seen = (v.mT for v in columns)
-        return Series(self.times, value, torch.where(seen, variance, 1.0), drift, seen)
+from torchsphere.likelihood import UNKNOWN
+from torchsphere.moves import FLIGHT, SIZE, Moves
+from torchsphere.poses import FREEDOMS, Poses
+from torchsphere.process import STEADY, transitions
 
 
 @dataclass(frozen=True)
@@ -133,7 +81,7 @@ def smooth(poses: Poses, contact: Contact, draws: int, span: slice, seed: int = 
     frame before it is done: memory grows by the filter's own states alone.
     """
     n, c, _ = contact.noise.shape
-    moves = _Moves(poses, contact, transitions(poses.times, contact.windows), c)
+    moves = Moves(poses, contact, transitions(poses.times, contact.windows), c)
     scale = poses.unit.repeat(1, STEADY)
     means, covariances = [], []
     drawn = _Draws(draws, n, c, seed)
@@ -194,48 +142,7 @@ class _Draws:
         return torch.stack(self._found[::-1], 2) if self._found else none
 
 
-class _Moves:
-    """Matrix, offset and covariance of the transition from frame i to the next, of all n c rows.
-
-    Where none of the rows is in contact the states have no jerk and snap: most frames cost a fifth.
-    """
-
-    def __init__(self, poses: Poses, contact: Contact, moves: Transitions, c: int) -> None:
-        self._step = (poses.step / poses.unit[:, None]).repeat_interleave(c, 0)
-        self._turn, self._jacobian = (v.repeat_interleave(c, 0) for v in _turning(poses.step[..., 2:]))
-        self._moves, self._c = moves, c
-        intensity = (contact.noise**2 * contact.contact).flatten(0, 1)
-        smooth = contact.smooth.flatten(0, 1)
-        self._rough = torch.where(smooth, 0.0, intensity)
-        self._smooth = torch.where(smooth, intensity, ABSENT)
-        self._flight = (contact.noise**2 * contact.flight).flatten(0, 1)
-        self._drift = (poses.drift / poses.unit[:, None] ** 2).repeat_interleave(c, 0)
-        #: Kinds of state that each frame has: its own if the transition to it touches.
-        self._kinds = [STEADY, *(STATES if touching else STEADY for touching in moves.touching)]
-
-    def at(self, i: int) -> tuple[Tensor, Tensor, Tensor]:
-        """Matrix (b, s', s), offset (b, s'), covariance (b, s', s'), with s and s' the sizes of both states."""
-        before, after = self._kinds[i : i + 2]
-        block = self._moves.matrix[:, :, i, :after, :before].flatten(0, 1)
-        flight = self._moves.flight[:, :, i, :after, :after].expand(-1, self._c, -1, -1).flatten(0, 1)
-        whole, added = _spread_out(block, torch.ones_like(self._flight)), _spread_out(flight, self._flight)
-        if after > STEADY:
-            for kind, intensity in ((self._moves.rough, self._rough), (self._moves.smooth, self._smooth)):
-                added = added + _spread_out(kind[:, :, i].flatten(0, 1), intensity)
-        # The rotation's step is that of a vector, seen from the tangent space at its end.
-        along = torch.eye(after * FREEDOMS, dtype=whole.dtype, device=whole.device).repeat(len(whole), 1, 1)
-        along[:, 2:FREEDOMS, 2:FREEDOMS] = self._jacobian[:, i]
-        whole, added = along @ whole, along @ added @ along.mT
-        whole[:, 2:FREEDOMS, 2:FREEDOMS] = self._turn[:, i]
-        added[:, :FREEDOMS, :FREEDOMS] += torch.diag_embed(self._drift[:, i])
-        later = torch.arange(FLIGHT, after * FREEDOMS)
-        added[:, later, later] += self._moves.idle[:, :, i].flatten(0, 1)[:, None].to(whole)
-        offset = torch.zeros(len(whole), after * FREEDOMS, dtype=whole.dtype, device=whole.device)
-        offset[:, :FREEDOMS] = -self._step[:, i]
-        return whole, offset, added
-
-
-def _forward(poses: Poses, contact: Contact, moves: _Moves, c: int) -> tuple[list[Tensor], list[Tensor]]:
+def _forward(poses: Poses, contact: Contact, moves: Moves, c: int) -> tuple[list[Tensor], list[Tensor]]:
     """Kalman filter: means (b, s) and covariances (b, s, s) of every frame given all frames up to it."""
     unit = (poses.unit[:, None] / contact.noise).flatten(0, 1)
     noise = poses.covariance.repeat_interleave(c, 0) / unit[:, None, :, None] / unit[:, None, None, :]
@@ -265,7 +172,7 @@ def _forward(poses: Poses, contact: Contact, moves: _Moves, c: int) -> tuple[lis
     return means, spreads
 
 
-def _backward(means: list[Tensor], spreads: list[Tensor], moves: _Moves) -> Iterator[tuple[int, _State]]:
+def _backward(means: list[Tensor], spreads: list[Tensor], moves: Moves) -> Iterator[tuple[int, _State]]:
     """States given all data with their frames' numbers, from the last frame to the first; the lists become empty."""
     mean, spread = means.pop(), spreads.pop()
     yield len(means), _State(mean, spread, torch.empty(0), spread)
@@ -296,22 +203,3 @@ def root(covariance: Tensor) -> Tensor:
     size = covariance.diagonal(dim1=-2, dim2=-1).clamp_min(1e-300).sqrt()
     values, vectors = torch.linalg.eigh(covariance / size[..., :, None] / size[..., None, :])
     return size[..., :, None] * (vectors * values.clamp_min(0.0).sqrt()[..., None, :])
-
-
-def _spread_out(block: Tensor, factor: Tensor) -> Tensor:
-    """Kronecker product (b, 5 r, 5 s) of (b, r, s) and the diagonal (b, 5)."""
-    product = block[:, :, None, :, None] * torch.diag_embed(factor)[:, None, :, None, :]
-    return product.flatten(3, 4).flatten(1, 2)
-
-
-def _turning(step: Tensor) -> tuple[Tensor, Tensor]:
-    """Rotation and left Jacobian (..., 3, 3) of rotation vectors (..., 3), rad."""
-    x, y, z = step.unbind(-1)
-    none = torch.zeros_like(x)
-    cross = torch.stack((none, -z, y, z, none, -x, -y, x, none), -1).unflatten(-1, (3, 3))
-    angle = step.norm(dim=-1)[..., None, None]
-    one = torch.eye(3, dtype=step.dtype, device=step.device)
-    half = torch.sinc(angle / (2 * torch.pi)) ** 2 / 2
-    # (t - sin t) / t^3, which loses its digits at small angles; there the series' next term is below 1e-9.
-    third = torch.where(angle > 1e-2, (angle - angle.sin()) / angle.clamp_min(1e-2) ** 3, (1 - angle**2 / 20) / 6)
-    return torch.linalg.matrix_exp(cross), one + half * cross + third * cross @ cross
