@@ -14,11 +14,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy  # which imports scipy.sparse on its first use: 0.1 s, and a track without a map has none
 import torch
 from numpy.typing import NDArray
 
-from torchsphere import parallel, schur, texture, trust, view
+from torchsphere import lit_map, parallel, schur, texture, trust, view
 from torchsphere.trust import Profile
 from torchsphere.view import Ball, Pose
 from torchsphere.window import Window
@@ -37,8 +36,8 @@ EDGE_BLUR_PX = 0.3
 ROUNDS = 4
 SETTLED_PX = (0.1, 0.05, 0.02)
 
-#: Steps at most after each elimination, and those of the conjugate gradients for the first map of a width.
-STEPS, MAP_STEPS = 4, 60
+#: Steps at most after each elimination.
+STEPS = 4
 
 #: A round ends when a step is no longer this share of the one before: its elimination is too old then.
 SHRINKS = 0.8
@@ -49,10 +48,6 @@ SHARES = (1.0, 0.3, 0.1)
 #: Variance within the disc, against that of the noise, from which a shading is sought. Without need, its terms would
 #: wander with the map's own slow changes.
 SHADED_FROM = 1.5
-
-#: Share of the squared residuals that a change of the shading must explain to be believed, how often it is sought, and
-#: the standard deviation of its terms beforehand: slow light and a slow ball cannot be told apart.
-EXPLAINED, SHADING_ROUNDS, SHADING_SD = 0.01, 4, 0.3
 
 #: What the model of the edge may be wrong by, as an error of the radius, px: measured -0.007 px where pixels are exact
 #: means, and -0.02 where they are means of nine points.
@@ -124,20 +119,20 @@ def adjust(
     ball = Ball(radius, EDGE_BLUR_PX, texture.cells_for(radius, SPACINGS_PX[0]), torch.zeros(0).double(), shading)
     poses, profile = trust.first_gains(windows, poses), trust.level_profile(radius)
     for _ in range(GAIN_ROUNDS):
-        ball = _first_map(windows, poses, ball, profile)
+        ball = lit_map.first_map(windows, poses, ball, profile)
         poses = trust.all_levelled(windows, poses, ball, profile)
     state = Bundle(ball, poses, np.zeros((0, 0)), profile, windows, settled=False)
     for spacing, settled in zip(SPACINGS_PX, SETTLED_PX, strict=True):
         cells = texture.cells_for(radius, spacing)
         if cells != state.ball.cells:
             finer = replace(state.ball, cells=cells)
-            state = replace(state, ball=_first_map(state.windows, state.poses, finer, state.profile))
+            state = replace(state, ball=lit_map.first_map(state.windows, state.poses, finer, state.profile))
         state = _rounds(state, settled)
         if progress is not None:
             # A width costs as its number of cells.
             progress(sum(s**-2 for s in SPACINGS_PX if s >= spacing) / sum(s**-2 for s in SPACINGS_PX))
     if state.profile.variance[0] > SHADED_FROM * noise_variance:
-        state = replace(state, ball=_shaded(state.windows, state.poses, state.ball, state.profile))
+        state = replace(state, ball=lit_map.shaded(state.windows, state.poses, state.ball, state.profile))
         state = _rounds(state, SETTLED_PX[-1])
     return replace(state, covariance=_with_systematic(state.covariance, len(poses), state.ball.edge_blur))
 
@@ -173,7 +168,7 @@ def _iterate(
     for _ in range(STEPS):
         for share in SHARES:
             tried = _step(pull, poses, ball, elimination, share)
-            settled = _map_step(windows, *tried, profile, elimination)
+            settled = lit_map.brought_up_to_date(windows, *tried, profile, elimination)
             after = _pull(windows, tried[0], settled, profile)
             if after.squares < pull.squares:
                 break
@@ -184,100 +179,6 @@ def _iterate(
         if moves[-1] < 0.05 * SETTLED_PX[-1] or (len(moves) > 1 and moves[-1] > SHRINKS * moves[-2]):
             break
     return poses, ball, moves[0] if moves else np.inf
-
-
-def _map_step(
-    windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile, elimination: schur.Elimination
-) -> Ball:
-    """The ball with its map brought up to date with poses that have moved; near the limb that is no linear change."""
-
-    def of_map(window: Window, pose: Pose) -> Array:
-        levels, look, light = view.touched(window, pose, ball)
-        weighted = trust.weights(window, pose, ball, profile) * (window.levels - levels)
-        return look.add(weighted[window.owner] * light).numpy()
-
-    coefficients = ball.coefficients.numpy().copy()
-    pull = -schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ coefficients)
-    for own in parallel.each(of_map, windows, poses):
-        pull += own
-    coefficients[elimination.seen] += elimination.map.solve(pull[elimination.seen])
-    return replace(ball, coefficients=torch.from_numpy(coefficients))
-
-
-def _first_map(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> Ball:
-    """The map that fits the images best where the poses are what they are."""
-    ball = replace(ball, coefficients=torch.zeros(texture.size(ball.cells), dtype=torch.float64))
-    normal, gradient = _map_equations(windows, poses, ball, profile)
-    seen = np.flatnonzero(normal.diagonal() > 0)
-    coefficients = np.zeros(len(gradient))
-    coefficients[seen], _ = scipy.sparse.linalg.cg(
-        schur.with_prior(normal, seen, ball.cells), gradient[seen], maxiter=MAP_STEPS
-    )
-    # What no image has shown is as grey as the rest.
-    coefficients[normal.diagonal() == 0] = np.median(coefficients[seen])
-    return replace(ball, coefficients=torch.from_numpy(coefficients))
-
-
-def _map_equations(
-    windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile
-) -> tuple[scipy.sparse.csr_matrix, Array]:
-    count = texture.size(ball.cells)
-    normal, gradient = scipy.sparse.csr_matrix((count, count)), np.zeros(count)
-
-    def of_one(window: Window, pose: Pose) -> tuple[scipy.sparse.csr_matrix, Array]:
-        levels, look, light = view.touched(window, pose, ball)
-        design = schur.design_matrix(window, look, light)
-        weighted = design.multiply(trust.weights(window, pose, ball, profile).numpy()[:, None]).tocsr()
-        return weighted.T @ design, weighted.T @ (window.levels - levels).numpy()
-
-    for own_normal, own_gradient in parallel.each(of_one, windows, poses):
-        normal = normal + own_normal
-        gradient += own_gradient
-    return normal, gradient
-
-
-def _shaded(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> Ball:
-    """The ball under the light that fits all images best, where the light is seen to differ from side to side.
-
-    Map and light are solved for together: fitted in turns, the map would keep what light it has taken in.
-    """
-    for _ in range(SHADING_ROUNDS):
-        count = texture.size(ball.cells)
-        normal, pull = scipy.sparse.csr_matrix((count, count)), np.zeros(count)
-        coupling, own = np.zeros((count, view.SHADES)), np.zeros((view.SHADES, view.SHADES))
-        of_light, squares = np.zeros(view.SHADES), 0.0
-        for window, pose in zip(windows, poses, strict=True):
-            now = view.linearised(window, pose, ball)
-            design, lights = (
-                schur.design_matrix(window, now.look, now.light),
-                view.lights(window, pose, ball).numpy(),
-            )
-            weights = trust.weights(window, pose, ball, profile).numpy()
-            rest = (window.levels - now.levels).numpy()
-            weighted = design.multiply(weights[:, None]).tocsr()
-            normal = normal + weighted.T @ design
-            pull += weighted.T @ rest
-            coupling += weighted.T @ lights
-            own += lights.T @ (weights[:, None] * lights)
-            of_light += lights.T @ (weights * rest)
-            squares += float(weights @ rest**2)
-        seen = np.flatnonzero(normal.diagonal() > 0)
-        matrix = schur.with_prior(normal, seen, ball.cells)
-        pull = (pull - schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ ball.coefficients.numpy()))[seen]
-        cg = scipy.sparse.linalg.cg
-        solved = np.stack([cg(matrix, column, maxiter=MAP_STEPS)[0] for column in coupling[seen].T], 1)
-        right, _ = cg(matrix, pull, maxiter=MAP_STEPS)
-        # The constant of the light only scales the map.
-        reduced, gradient = (own - coupling[seen].T @ solved)[1:, 1:], (of_light - coupling[seen].T @ right)[1:]
-        change = np.linalg.solve(reduced + np.eye(view.SHADES - 1) / SHADING_SD**2, gradient)
-        if change @ gradient < EXPLAINED * squares:
-            return ball
-        change = np.concatenate(([0.0], change))
-        coefficients = ball.coefficients.numpy().copy()
-        coefficients[seen] += right - solved @ change
-        shading = ball.shading + torch.from_numpy(change)
-        ball = replace(ball, coefficients=torch.from_numpy(coefficients), shading=shading)
-    return ball
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,151 @@
+"""The map of the ball, and the light on it, that fit the images best where the poses are what they are.
+
+Both enter the grey levels linearly; the map's thousands of coefficients touch their neighbours only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy  # which imports scipy.sparse on its first use: 0.1 s, and a track without a map has none
+import torch
+from numpy.typing import NDArray
+
+from torchsphere import parallel, schur, texture, trust, view
+from torchsphere.trust import Profile
+from torchsphere.view import Ball, Pose
+from torchsphere.window import Window
+
+Array = NDArray[np.float64]
+
+#: Steps of the conjugate gradients for a map.
+MAP_STEPS = 60
+
+#: Share of the squared residuals that a change of the shading must explain to be believed, how often it is sought, and
+#: the standard deviation of its terms beforehand: slow light and a slow ball cannot be told apart.
+EXPLAINED, SHADING_ROUNDS, SHADING_SD = 0.01, 4, 0.3
+
+
+def first_map(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> Ball:
+    """The map that fits the images best where the poses are what they are."""
+    ball = replace(ball, coefficients=torch.zeros(texture.size(ball.cells), dtype=torch.float64))
+    normal, gradient = _map_equations(windows, poses, ball, profile)
+    seen = np.flatnonzero(normal.diagonal() > 0)
+    coefficients = np.zeros(len(gradient))
+    coefficients[seen], _ = scipy.sparse.linalg.cg(
+        schur.with_prior(normal, seen, ball.cells), gradient[seen], maxiter=MAP_STEPS
+    )
+    # What no image has shown is as grey as the rest.
+    coefficients[normal.diagonal() == 0] = np.median(coefficients[seen])
+    return replace(ball, coefficients=torch.from_numpy(coefficients))
+
+
+def _map_equations(
+    windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile
+) -> tuple[scipy.sparse.csr_matrix, Array]:
+    count = texture.size(ball.cells)
+    normal, gradient = scipy.sparse.csr_matrix((count, count)), np.zeros(count)
+
+    def of_one(window: Window, pose: Pose) -> tuple[scipy.sparse.csr_matrix, Array]:
+        levels, look, light = view.touched(window, pose, ball)
+        design = schur.design_matrix(window, look, light)
+        weighted = design.multiply(trust.weights(window, pose, ball, profile).numpy()[:, None]).tocsr()
+        return weighted.T @ design, weighted.T @ (window.levels - levels).numpy()
+
+    for own_normal, own_gradient in parallel.each(of_one, windows, poses):
+        normal = normal + own_normal
+        gradient += own_gradient
+    return normal, gradient
+
+
+def brought_up_to_date(
+    windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile, elimination: schur.Elimination
+) -> Ball:
+    """The ball with its map brought up to date with poses that have moved; near the limb that is no linear change."""
+
+    def of_map(window: Window, pose: Pose) -> Array:
+        levels, look, light = view.touched(window, pose, ball)
+        weighted = trust.weights(window, pose, ball, profile) * (window.levels - levels)
+        return look.add(weighted[window.owner] * light).numpy()
+
+    coefficients = ball.coefficients.numpy().copy()
+    pull = -schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ coefficients)
+    for own in parallel.each(of_map, windows, poses):
+        pull += own
+    coefficients[elimination.seen] += elimination.map.solve(pull[elimination.seen])
+    return replace(ball, coefficients=torch.from_numpy(coefficients))
+
+
+def shaded(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> Ball:
+    """The ball under the light that fits all images best, where the light is seen to differ from side to side.
+
+    Map and light are solved for together: fitted in turns, the map would keep what light it has taken in.
+    """
+    for _ in range(SHADING_ROUNDS):
+        equations = _Equations.of(windows, poses, ball, profile)
+        seen = np.flatnonzero(equations.normal.diagonal() > 0)
+        matrix, coupling = schur.with_prior(equations.normal, seen, ball.cells), equations.coupling[seen]
+        coefficients = ball.coefficients.numpy()
+        pull = (equations.of_map - schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ coefficients))[seen]
+        cg = scipy.sparse.linalg.cg
+        solved = np.stack([cg(matrix, column, maxiter=MAP_STEPS)[0] for column in coupling.T], 1)
+        right, _ = cg(matrix, pull, maxiter=MAP_STEPS)
+        # The constant of the light only scales the map.
+        reduced, gradient = (equations.own - coupling.T @ solved)[1:, 1:], (equations.of_light - coupling.T @ right)[1:]
+        change = np.linalg.solve(reduced + np.eye(view.SHADES - 1) / SHADING_SD**2, gradient)
+        if change @ gradient < EXPLAINED * equations.squares:
+            return ball
+        change = np.concatenate(([0.0], change))
+        coefficients = coefficients.copy()
+        coefficients[seen] += right - solved @ change
+        shading = ball.shading + torch.from_numpy(change)
+        ball = replace(ball, coefficients=torch.from_numpy(coefficients), shading=shading)
+    return ball
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """Normal equations of the map's m coefficients and the light's 4, and the weighted sum of squared residuals.
+
+    Attributes
+    ----------
+    normal : csr_matrix
+        Of the map (m, m).
+    coupling : ndarray
+        Of map and light (m, 4).
+    own : ndarray
+        Of the light (4, 4).
+    of_map, of_light : ndarray
+        Right sides (m,) and (4,).
+    squares : float
+    """
+
+    normal: scipy.sparse.csr_matrix
+    coupling: Array
+    own: Array
+    of_map: Array
+    of_light: Array
+    squares: float
+
+    @classmethod
+    def of(cls, windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> _Equations:
+        """Those of all images together."""
+        count = texture.size(ball.cells)
+        normal, of_map = scipy.sparse.csr_matrix((count, count)), np.zeros(count)
+        coupling, own = np.zeros((count, view.SHADES)), np.zeros((view.SHADES, view.SHADES))
+        of_light, squares = np.zeros(view.SHADES), 0.0
+        for window, pose in zip(windows, poses, strict=True):
+            now = view.linearised(window, pose, ball)
+            design = schur.design_matrix(window, now.look, now.light)
+            lights = view.lights(window, pose, ball).numpy()
+            weights = trust.weights(window, pose, ball, profile).numpy()
+            rest = (window.levels - now.levels).numpy()
+            weighted = design.multiply(weights[:, None]).tocsr()
+            normal = normal + weighted.T @ design
+            of_map += weighted.T @ rest
+            coupling += weighted.T @ lights
+            own += lights.T @ (weights[:, None] * lights)
+            of_light += lights.T @ (weights * rest)
+            squares += float(weights @ rest**2)
+        return cls(normal, coupling, own, of_map, of_light, squares)
