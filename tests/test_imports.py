@@ -40,6 +40,7 @@ LAYERS = (
     ("moves", "bandwidth", "local"),
     ("smooth",),
     ("differentiate", "shared", "delay"),
+    ("si",),
     ("kinematics",),
     ("impact", "instruments", "plan"),
     ("results", "report", "demo"),
