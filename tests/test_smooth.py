@@ -5,8 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+import torch
+from shots import shot
 
 import torchsphere as ts
+from torchsphere import smooth
 from torchsphere.impact import ball, impact
 from torchsphere.kinematics import Kinematics, kinematics_of_many
 from torchsphere.orientation import chain
@@ -230,3 +233,26 @@ def test_the_smoother_passes_more_in_contact_than_in_flight(shots: tuple[list[Pu
         in_contact, in_flight = (about[f"bandwidth_{part}_translation_Hz"] for part in ("contact", "flight"))
         # A half-sine of 14 frames has its power below a period of 28 frames; that has to pass.
         assert in_contact["acceleration"] > RATE / 28 > in_flight["acceleration"]
+
+
+def test_an_impact_between_two_frames_is_smoothed_although_its_states_are_one_number() -> None:
+    # The covariance ahead of such a contact is singular but for rounding, in one of its 32 intervals.
+    before = shot(2, n=20, step=(9, 1), start=(80, 60), radius=40)
+    after = shot(2, n=14, step=(-5, 4), start=(250, 80), radius=40)
+    tracked = ts.track(torch.cat((before.images, after.images)), before.circle, sphere_map=False)
+    motion = ts.kinematics(tracked, frame_rate=1000, diameter_m=0.03)
+    m_s = 0.03 / 80 * 1000  # of a px per frame; each step trembles by 0.3 of it
+    np.testing.assert_allclose(motion.velocity_m_s[5:15].mean(0), [9 * m_s, 1 * m_s], atol=0.3 * m_s)
+    np.testing.assert_allclose(motion.velocity_m_s[24:30].mean(0), [-5 * m_s, 4 * m_s], atol=0.3 * m_s)
+    assert np.isfinite(motion.sd_velocity_m_s).all()
+
+
+def test_a_system_that_is_singular_but_for_rounding_is_solved_where_it_says_anything() -> None:
+    direction = torch.tensor([[1.0, 1e3, -1e-3]], dtype=torch.float64)
+    matrix = direction.mT @ direction * (1 + 1e-14 * torch.randn(3, 3, generator=torch.Generator().manual_seed(1)))
+    matrix[0, 0] -= 1e-11
+    both = torch.stack((matrix, torch.eye(3, dtype=torch.float64)))
+    solution = smooth._solve(both, both)
+    assert torch.linalg.cholesky_ex(matrix / matrix.diagonal().sqrt()[:, None] / matrix.diagonal().sqrt()).info > 0
+    torch.testing.assert_close(matrix @ solution[0], matrix, rtol=1e-8, atol=0.0)
+    torch.testing.assert_close(solution[1], both[1])

@@ -26,6 +26,9 @@ from torchsphere.moves import FLIGHT, SIZE, Moves
 from torchsphere.poses import FREEDOMS, Poses
 from torchsphere.process import STEADY, transitions
 
+#: Least variance of a combination of states that is not taken for rounding, of the largest, all being of one size.
+SINGULAR = 1e-10
+
 
 @dataclass(frozen=True)
 class Smoothed:
@@ -194,8 +197,15 @@ def _backward(means: list[Tensor], spreads: list[Tensor], moves: Moves) -> Itera
 def _solve(matrix: Tensor, right: Tensor) -> Tensor:
     """Solution for a symmetric positive matrix whose rows differ by many orders of magnitude."""
     size = matrix.diagonal(dim1=-2, dim2=-1).sqrt()
-    factor = torch.linalg.cholesky(matrix / size[..., :, None] / size[..., None, :])
-    return torch.cholesky_solve(right / size[..., None], factor) / size[..., None]
+    even = matrix / size[..., :, None] / size[..., None, :]
+    factor, failed = torch.linalg.cholesky_ex(even)
+    solution = torch.cholesky_solve(right / size[..., None], factor)
+    if failed.any():
+        # Behind a contact of a frame or less pose, rate and acceleration may be one number, but for rounding.
+        values, vectors = torch.linalg.eigh(even[failed > 0])
+        values = torch.maximum(values, SINGULAR * values[..., -1:])
+        solution[failed > 0] = vectors @ ((vectors.mT @ (right / size[..., None])[failed > 0]) / values[..., None])
+    return solution / size[..., None]
 
 
 def root(covariance: Tensor) -> Tensor:
