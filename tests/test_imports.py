@@ -16,7 +16,7 @@ PACKAGE = ROOT / "torchsphere"
 
 #: The data's way. A module imports from lines above its own, never from its own or from one below.
 LAYERS = (
-    ("recording", "inputs", "parallel", "choices"),
+    ("recording", "inputs", "parallel", "choices", "setting"),
     ("source", "masks", "perspective", "interpolate"),
     ("motion", "crop", "texture", "still", "turning", "criterion", "request"),
     ("forward", "reference", "interlace", "view", "options"),
@@ -39,7 +39,7 @@ LAYERS = (
     ("differentiate", "shared"),
     ("kinematics",),
     ("impact", "instruments", "plan"),
-    ("results", "report", "demo"),
+    ("results", "report", "demo", "unused"),
     ("measure",),
     ("archive", "benchmark"),
     ("arguments",),

@@ -30,8 +30,10 @@ from torchsphere.recording import Recording, open_recording
 from torchsphere.report import draw, kept, overlay, paraview, sampled
 from torchsphere.report.folder import read
 from torchsphere.report.words import NO_IMPACT
-from torchsphere.request import Request
+from torchsphere.request import Request, require_shell_within
+from torchsphere.setting import SettingError
 from torchsphere.track import Track, track
+from torchsphere.unused import unused
 
 __all__ = ["Measurement", "Request", "circle_text", "measure", "measure_jointly", "versions"]
 
@@ -100,7 +102,11 @@ def measure(
         with parallel.one_each():
             motion = _kinematics(request, tracked, frame_rate, start)
             found, missing = _impact(request, tracked, motion)
-            warnings = (*_warnings(request, recording, tracked, frame_rate, start), *missing)
+            warnings = (
+                *_warnings(request, recording, tracked, frame_rate, start),
+                *missing,
+                *unused(request, motion, found, has_rate=frame_rate is not None),
+            )
             seconds = time.perf_counter() - began
             done = Measurement(recording, tracked, motion, found, start, warnings, seconds, extra or {}, name)
             _write(request, done, frame_rate, part, ignore)
@@ -120,16 +126,25 @@ def measure_jointly(
 
 
 def _frames(asked: tuple[int | None, int | None], count: int) -> tuple[int, int]:
+    if count < 2:
+        raise ValueError("the recording has one frame; motion needs two or more")
     start, stop = (0 if asked[0] is None else asked[0]), (count if asked[1] is None else asked[1])
-    wrong = None
-    if start < 0 or stop > count:
-        wrong = "the range reaches beyond them"
-    elif start >= stop:
-        wrong = "the range is empty; its end is the first frame that is not tracked"
-    if wrong is not None:
-        raise ValueError(f"frames {start}:{stop}: the recording has the frames 0:{count}, and {wrong}")
+    given = ":".join("" if end is None else str(end) for end in asked)
+    there = f"the recording has {count} frames, 0 to {count - 1}"
+    if start < 0 or stop < 0:
+        raise SettingError(
+            f"`frames` = {given} counts from the end, and frames are counted from 0; {there}, so give numbers from "
+            f"0 to {count}, as in {max(count - 5, 0)}: for the last {min(count, 5)}"
+        )
+    if stop > count or start >= count:
+        raise SettingError(f"`frames` = {given} reaches beyond the end; {there}, so give numbers up to {count}")
     if stop - start < 2:
-        raise ValueError(f"{stop - start} frame: motion needs two or more")
+        first = min(start, max(count - 2, 0))
+        holds = "holds one frame, and motion needs two or more" if stop - start == 1 else "holds no frame"
+        raise SettingError(
+            f"`frames` = {given} {holds}, as the number behind the colon is the first that is left out; {there}, so "
+            f"give a longer range, as in {first}:{min(first + 2, count)}"
+        )
     return start, stop
 
 
@@ -173,9 +188,12 @@ def _impact(request: Request, tracked: Track, motion: Kinematics | None) -> tupl
         return None, (f"{NO_IMPACT}no motion was measured.",)
     thing = None
     if request.mass_g is not None:
+        radius_m = tracked.circle.radius * motion.scale.m_per_px
+        if request.shell_mm is not None and request.diameter_mm is None:
+            require_shell_within(request.shell_mm, 1e3 * radius_m)
         thing = ball(
             1e-3 * request.mass_g,
-            2 * tracked.circle.radius * motion.scale.m_per_px,
+            2 * radius_m,
             shell_m=None if request.shell_mm is None else 1e-3 * request.shell_mm,
             inertia_kg_m2=request.inertia_kg_m2,
         )
