@@ -1,4 +1,4 @@
-"""The command ``torchsphere info``: what a recording is, and where the ball is in it."""
+"""The command ``torchsphere info``: what a recording is and, with ``--preview``, where the ball is in it."""
 
 from __future__ import annotations
 
