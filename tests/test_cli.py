@@ -74,6 +74,7 @@ def test_track_writes_the_promised_columns_with_the_first_row_empty(tmp_path: Pa
     head, _ = rows(out / "kinematics.csv")
     assert head[:3] == ["time_s", "x_m", "y_m"]
     assert "sd_fx_N" in head
+    assert head[-1] == "frame"
     parquet = pq.read_table(out / "track.parquet")
     assert parquet.num_rows == 8
     covariance = np.array(parquet["covariance"].to_pylist()[3]).reshape(5, 5)
@@ -116,7 +117,7 @@ def test_a_camera_comes_from_the_command_line_or_a_file_and_its_focal_length_fro
     config = tmp_path / "shot.toml"
     config.write_text('model = "pinhole"\nprincipal-px = [70, 80]\ndistortion = [-0.1, 0.01, 0]\n')
     out = tmp_path / "result"
-    arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--config", str(config), "--frames", "0:4"]
+    arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--config", str(config), "--frames", "1:4"]
     assert main([*arguments, "--distance-mm", "1500", "--diameter-mm", "30", "--fps", "1000", "--quiet"]) == 0
     summary = json.loads((out / "summary.json").read_text())
     camera = summary["settings"]["camera"]
@@ -124,6 +125,7 @@ def test_a_camera_comes_from_the_command_line_or_a_file_and_its_focal_length_fro
     assert camera["focal_px"] == pytest.approx(4000.0, rel=1e-4)
     assert (camera["principal_px"], camera["distortion"]) == ([70, 80], [-0.1, 0.01, 0])
     _, table = rows(out / "kinematics.csv")
+    assert [(row["frame"], row["time_s"]) for row in table] == [("1", "0.001"), ("2", "0.002"), ("3", "0.003")]
     # 5.3 px per frame of 1 ms at 15 mm / 40 px, seen from so far that neither perspective nor distortion counts.
     assert all(float(row["vx_m_s"]) == pytest.approx(5.3 * 0.015 / 40 * 1000, rel=0.02) for row in table[1:-1])
 
@@ -206,6 +208,26 @@ def test_a_frame_rate_that_was_given_is_not_missed(tmp_path: Path, short: Path) 
         assert main([*arguments, str(tmp_path / name), *given]) == 0
         warnings = " ".join(json.loads((tmp_path / name / "summary.json").read_text())["warnings"])
         assert ("no frame rate" in warnings) == noted
+
+
+def test_pixels_that_are_no_number_are_refused_even_where_they_are_masked_and_the_advice_says_so(
+    tmp_path: Path, short: Path, capsys
+) -> None:
+    images = tifffile.imread(short).astype(np.float32)
+    images[3, 5, 5] = np.nan
+    np.save(tmp_path / "nan.npy", images)
+    arguments = ["track", str(tmp_path / "nan.npy"), "--out", str(tmp_path / "out"), "--circle", CIRCLE, "--quiet"]
+    sentence = refused([*arguments, "--ignore", "3,3 8,3 8,8 3,8"], capsys)
+    assert "image 3 holds values that are not finite" in sentence
+    assert "replace them in the file (even where a mask is to leave them out" in sentence
+
+
+def test_info_finds_the_ball_only_for_its_preview_and_its_help_says_so(short: Path, capsys) -> None:
+    assert main(["info", str(short)]) == 0
+    assert "circle" not in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["info", "--help"])
+    assert "with --preview, also where the ball is" in " ".join(capsys.readouterr().out.split())
 
 
 def test_info_says_what_the_file_knows_and_draws_the_circle(tmp_path: Path, short: Path, capsys) -> None:

@@ -262,7 +262,7 @@ def _write(
     with results.whole_folder(request.out, request.overwrite) as folder:
         results.write_track(folder, done.track, frame_rate, done.first_frame)
         if done.motion is not None:
-            results.write_kinematics(folder, done.motion)
+            results.write_kinematics(folder, done.motion, done.first_frame)
         for name, source in done.extra_files.items():
             shutil.copyfile(source, folder / name)
         results.write_summary(folder, _summary(request, done, frame_rate))
