@@ -38,7 +38,7 @@ LAYERS = (
     ("poses", "bandwidth", "local"),
     ("differentiate", "shared"),
     ("kinematics",),
-    ("impact", "instruments", "plan"),
+    ("impact", "instruments", "plan", "mean_motion"),
     ("results", "report", "demo", "unused"),
     ("measure",),
     ("archive", "benchmark"),

@@ -26,6 +26,7 @@ from torchsphere.impact import Impact, ball, impact
 from torchsphere.joint import ALONE, Solver, together
 from torchsphere.kinematics import ROTATION_PER_RADIUS, Kinematics, kinematics
 from torchsphere.masks import read_ignore
+from torchsphere.mean_motion import mean_motion
 from torchsphere.recording import Recording, open_recording
 from torchsphere.report import draw, kept, overlay, paraview, sampled
 from torchsphere.report.folder import read
@@ -309,7 +310,7 @@ def _summary(request: Request, done: Measurement, frame_rate: float | None) -> d
         "radius_effect": _radius_effect(tracked),
         "scale": None if done.motion is None else vars(done.motion.scale),
         "frames_per_status": results.status_counts(tracked),
-        "mean_motion": _means(tracked, done.motion),
+        "mean_motion": mean_motion(tracked, done.motion),
         "axes": "lab frame: x right, y up, z to the camera" if request.lab_frame else "camera frame: x right, y down",
         "settings": {k: v for k, v in vars(request).items() if k not in ("input", "out")} | tracked.settings,
         "differentiation": None if done.motion is None else done.motion.about,
@@ -330,20 +331,6 @@ def _radius_effect(tracked: Track) -> dict[str, float]:
         "sd_mean_step_px": STEP_PER_RADIUS * turn * sd,
         "relative_sd_rotation": ROTATION_PER_RADIUS * sd / tracked.circle.radius,
     }
-
-
-def _means(tracked: Track, motion: Kinematics | None) -> dict[str, Any]:
-    """Mean increment per frame, and mean velocity and spin where they are known."""
-
-    def mean(values: NDArray[np.float64]) -> list[float]:
-        known = np.isfinite(values)
-        count = known.sum(0)
-        return list(np.where(known, values, 0.0).sum(0) / np.where(count > 0, count, np.nan))
-
-    means: dict[str, Any] = {"increment_px_rad": mean(tracked.increment)}
-    if motion is not None:
-        means |= {"velocity_m_s": mean(motion.velocity_m_s), "spin_rad_s": mean(motion.spin_rad_s)}
-    return means
 
 
 def versions() -> dict[str, str]:
