@@ -227,6 +227,8 @@ def _warnings(
         found.append("No scale was given, so there are no kinematics; give --diameter-mm or --mm-per-px.")
     if math.isnan(tracked.circle.sd_radius):
         found.append("The circle was given without an uncertainty; what it adds to the results' is not included.")
+    if tracked.settings["circle_refined"] and tracked.circle.doubt:
+        found.append(tracked.circle.doubt)
     if request.mm_per_px is not None:
         found.append("The scale was given and taken as exact; its uncertainty is not included.")
     about_map = tracked.settings["sphere_map"]

@@ -198,7 +198,7 @@ def _setup(result: ResultFolder) -> list[tuple[str, str]]:
         ("Frames", f"{source['first_frame']} to {source['last_frame']} of {source['frames']}"),
         ("Frame rate", "not known" if rate is None else rate_text),
         ("Exposure", "not known" if exposure is None else f"{1e6 * exposure:.4g} µs"),
-        (f"Radius of the ball in frame {circle['frame']}", measured(circle["radius"], circle.get("sd_radius"), "px")),
+        (f"Radius of the ball in frame {circle['frame']}", _radius(circle)),
     ]
     if scale:
         sd = scale.get("sd_m_per_px")
@@ -207,6 +207,14 @@ def _setup(result: ResultFolder) -> list[tuple[str, str]]:
         rows.append(("Size of a pixel", "not known" if not _scale_given(result) else "needs the frame rate as well"))
     rows.append(("Axes", str(summary.get("axes", ""))))
     return rows
+
+
+def _radius(circle: dict[str, Any]) -> str:
+    sd = circle.get("sd_radius")
+    # Where the place is guessed the radius may be known from the frames that follow.
+    if circle.get("sd_guessed") and sd > 0.5 * circle["sd_x"]:
+        return f"{circle['radius']:.1f} px, to about {sd:.0f} px, not measured"
+    return measured(circle["radius"], sd, "px")
 
 
 def estimate(item: dict[str, Any] | None, unit: str, factor: float) -> str:
