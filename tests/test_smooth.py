@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import torchsphere as ts
-from torchsphere.impact import ball, impact
+from torchsphere.impact import impact
+from torchsphere.inertia import ball
 from torchsphere.kinematics import Kinematics, kinematics_of_many
 from torchsphere.orientation import chain
 
