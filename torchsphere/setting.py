@@ -52,8 +52,7 @@ def require_within(name: str, value: Any, limits: tuple[float, float]) -> None:
     """Raise SettingError unless the value is a number within the limits, or not given."""
     low, high = limits
     if value is not None and not (isinstance(value, (int, float)) and low <= value <= high):
-        shown = f"{value:g}" if isinstance(value, (int, float)) else repr(value)
-        raise SettingError(f"`{name}` = {shown}: expected a number from {low:g} to {high:g}")
+        raise SettingError(f"`{name}` = {value!r}: expected a number from {low:g} to {high:g}")
 
 
 def require_window(window: int, order: int) -> None:
