@@ -145,6 +145,20 @@ BAD = {
     "no truth": ("recording,refine\na.npy,perhaps\n", "expected true or false"),
     "mass without a scale": ("recording,mass_g\na.npy,110\n", "row 2: mass_g was given without a scale"),
     "too many cells": ("recording,circle\na.npy,1,2,3\n", "row 2: has more cells"),
+    "decimal comma": (
+        'recording,fps\na.npy,5\nb.npy,"12,5"\n',
+        "row 3, column 'fps': fps = '12,5': expected a finite number; the decimal sign is a point",
+    ),
+    "decimal comma among semicolons": ("recording;fps\na.npy;12,5\n", "row 2, column 'fps': fps = '12,5': expected a"),
+    "decimal commas in a circle": (
+        "recording;circle\na.npy;12,5 20,3 5,5\n",
+        "row 2, column 'circle': circle = '12,5 20,3 5,5': expected three numbers 'a b c'; the decimal sign is a point",
+    ),
+    "decimal comma without quotes": ("recording,fps\na.npy,12,5\n", "columns; write decimals with a point, and"),
+    "row twice": (
+        "recording,fps\na.npy,5\nb.npy,5\na.npy,6\n",
+        "list.csv, row 4: a.npy stands in row 2 already, and both would be written to a; leave one out",
+    ),
     "no name": ("recording,fps\n,5\n", "row 2, column 'recording': is empty"),
     "no rows": ("recording,fps\n", "holds no recording"),
     "nothing": ("", "expected one named 'recording'"),
@@ -178,6 +192,7 @@ BAD_TOML = {
     "number for text": '[[recordings]]\nrecording = "a.npy"\nmodel = 3',
     "truth for a number": '[[recordings]]\nrecording = "a.npy"\nfps = true',
     "number for a name": "[[recordings]]\nrecording = 3",
+    "twice": '[[recordings]]\nrecording = "a.npy"\n[[recordings]]\nrecording = "a.npy"',
     "words in a list": '[[recordings]]\nrecording = "a.npy"\ncircle = ["a", 2, 3]',
 }
 

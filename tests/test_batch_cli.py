@@ -72,6 +72,26 @@ def test_the_exit_code_tells_failures_from_success_and_the_table_why(
 
 
 @pytest.mark.usefixtures("here")
+def test_the_end_names_a_handful_of_what_failed_and_where_the_others_stand(
+    shots: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(["batch", str(shots), "--out", str(out)]) == batch_cli.SOME_FAILED
+    _, *told = capsys.readouterr().out.splitlines()
+    assert len(told) == 1
+    assert told[0].startswith("failed  b.npy: ")
+    assert told[0].endswith("is bad")
+    for k in range(6):
+        write_array(shots / f"c{k}.npy", BAD)
+    assert main(["batch", str(shots), "--out", str(out)]) == batch_cli.SOME_FAILED
+    first, *told, last = capsys.readouterr().out.splitlines()
+    assert first.startswith("1 of 8 recordings done, 7 failed")
+    # The one of the earlier run as well: it is counted, too.
+    assert [line.split(":")[0].split()[1] for line in told] == ["b.npy", "c0.npy", "c1.npy", "c2.npy", "c3.npy"]
+    assert last == f"and 2 more; their reasons stand in {out / 'summary.csv'}"
+
+
+@pytest.mark.usefixtures("here")
 def test_the_command_line_wins_over_the_config_and_a_recording_over_both(shots: Path, tmp_path: Path) -> None:
     (shots / "list.csv").write_text("recording,fps\na.npy,\nc.npy,300\n")
     write_array(shots / "c.npy", 3)

@@ -1,13 +1,16 @@
 """The ball is found without help."""
 
 import dataclasses
+import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from shots import SHAPE, Shot, noisy, shot, textured
 
-from torchsphere.circle import Circle, find, refine_circle
+from torchsphere.circle import Circle, at_limb, find, refine_circle
+from torchsphere.cli import main
 
 
 def found_in(images: torch.Tensor) -> Circle:
@@ -114,3 +117,38 @@ def test_a_circle_without_an_outline_near_it_cannot_be_refined() -> None:
 def test_a_circle_cannot_be_changed() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         Circle(1.0, 2.0, 3.0).x = 4.0  # type: ignore[misc]
+
+
+def test_a_small_bright_square_is_doubted_and_a_ball_is_not() -> None:
+    images = 40 + 3 * torch.randn(6, 120, 160, generator=torch.Generator().manual_seed(0))
+    images[:, 53:67, 73:87] += 190
+    assert "px radius, may not be the ball: it is so small" in found_in(images).doubt
+    assert found_in(shot(0, n=6).images).doubt == ""
+
+
+def test_a_standard_deviation_that_is_a_guess_is_not_told_as_measured() -> None:
+    made = shot(0, n=1)
+    x, y = made.centres[0].tolist()
+    at = at_limb(made.images, Circle(x, y, made.radius, 0.1, 0.1, 0.1))
+    assert at.sd_text.startswith("sd 0.")
+    assert at.doubt == ""
+    # 5 px off, the limb is too far away to be meant.
+    off = at_limb(made.images, Circle(x + 5, y, made.radius, 0.1, 0.1, 0.1))
+    assert off.sd_guessed
+    assert off.sd_text == "to about 2 px, not measured"
+    assert "no limb of a speckled ball" in off.doubt
+
+
+def test_a_lamp_of_a_real_recording_is_doubted(shared_data: Path, tmp_path: Path, capsys) -> None:
+    pytest.importorskip("av", reason="the extra 'video' is not installed")
+    film = str(shared_data / "fictrac" / "sample.mp4")
+    assert main(["info", film, "--preview", str(tmp_path / "ball.png")]) == 0
+    printed = capsys.readouterr().out
+    assert "(to about 2 px, not measured; frame 0)" in printed
+    assert "note        The circle found, of 7.5 px radius, may not be the ball" in printed
+    arguments = ["track", film, "--frames", "0:3", "--out", str(tmp_path / "out"), "--quiet"]
+    assert main(arguments) == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["circle"]["sd_guessed"]
+    assert any(sentence.startswith("The circle found, of 7.5 px") for sentence in summary["warnings"])
+    assert "7.5 px, to about 2 px, not measured" in (tmp_path / "out" / "report.html").read_text()

@@ -7,7 +7,8 @@ import pytest
 from test_smooth import LENGTH, M_PER_PX, MASS_KG, NOISES_M, PEAK_N, RATE, Pulse, pulse
 
 import torchsphere as ts
-from torchsphere.impact import Estimate, Impact, ball, impact
+from torchsphere.impact import Estimate, Impact, impact
+from torchsphere.inertia import ball
 from torchsphere.kinematics import Kinematics
 
 #: Diameter of the pulse's ball: 75 px of radius.

@@ -16,7 +16,7 @@ PACKAGE = ROOT / "torchsphere"
 
 #: The data's way. A module imports from lines above its own, never from its own or from one below.
 LAYERS = (
-    ("recording", "inputs", "parallel", "choices"),
+    ("recording", "inputs", "parallel", "choices", "setting"),
     ("source", "masks", "perspective", "interpolate"),
     ("motion", "crop", "texture", "still", "turning", "criterion", "request", "predict"),
     ("forward", "reference", "interlace", "window", "options", "repeated", "rays", "silhouette", "disc"),
@@ -41,9 +41,12 @@ LAYERS = (
     ("smooth",),
     ("differentiate", "shared", "delay"),
     ("si",),
-    ("kinematics",),
-    ("impact", "instruments", "plan"),
-    ("results", "report", "demo"),
+    ("kinematics", "inertia"),
+    ("before_after",),
+    ("peak",),
+    ("impact", "instruments", "plan", "mean_motion"),
+    ("results", "report", "demo", "unused", "part"),
+    ("cautions", "summary"),
     ("measure",),
     ("archive", "benchmark"),
     ("arguments",),

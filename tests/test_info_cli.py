@@ -3,8 +3,17 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from torchsphere.cli import main
+
+
+def test_info_finds_the_ball_only_for_its_preview_and_its_help_says_so(short: Path, capsys) -> None:
+    assert main(["info", str(short)]) == 0
+    assert "circle" not in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["info", "--help"])
+    assert "with --preview, also where the ball is" in " ".join(capsys.readouterr().out.split())
 
 
 def test_info_says_what_the_file_knows_and_draws_the_circle(tmp_path: Path, short: Path, capsys) -> None:

@@ -13,14 +13,16 @@ import tifffile
 import torch
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
+from test_kinematics import made_track
 
 import torchsphere as ts
 from torchsphere import cli, forward, plan_cli
 from torchsphere.arguments import plan as of_plan
 from torchsphere.plan import camera_modes, free_flight
+from torchsphere.plan import text as plan_text
 from torchsphere.plan.example_image import Example, blurred, painted, rescaled, white_noise
 from torchsphere.plan.expected import Setup, differences, increment_covariance
-from torchsphere.plan.plan import Plan, remarks
+from torchsphere.plan.plan import Plan, as_table, from_flight, remarks
 from torchsphere.plan.rehearsal import Target, hertz, rehearse
 
 MARGIN, FRAMES, SPECKLE, GREY = 12, 40, 3.5, (30.0, 220.0)
@@ -293,17 +295,59 @@ def test_a_flight_whose_velocity_changes_is_no_free_flight_and_says_so() -> None
     assert "along x" in free_flight.Flight(slowed, np.ones(5), setup, "slowed").warnings[0]
 
 
+def example_track(increment: np.ndarray) -> ts.Track:
+    """A track of that motion, errors of 0.01 px and 1e-4 rad, a ball of 18 px."""
+    return made_track(increment, np.array([0.01, 0.01, 1e-4, 1e-4, 1e-4]), ts.Circle(100.0, 90.0, 18.0, 0.0, 0.0, 0.0))
+
+
+KNOWN = {"frame_rate": 36_000.0, "diameter_mm": 30.0, "mass_g": 110.0}
+
+
+def flown(change: float = 0.0) -> np.ndarray:
+    """Steps (40, 5) of 5 px that become longer by ``change`` px half way."""
+    generator = np.random.default_rng(0)
+    increment = [5.0, 0, 0, 0.01, 0] + np.array([0.01, 0.01, 1e-4, 1e-4, 1e-4]) * generator.normal(size=(40, 5))
+    increment[20:, 0] += change
+    return increment
+
+
+def test_an_impact_is_refused_as_a_flight_and_says_so() -> None:
+    with pytest.raises(ValueError, match=r"shot\.tif: this is no free flight: .* along x changes by -210 m/s"):
+        free_flight.from_track(example_track(flown(-7.0)), "shot.tif", **KNOWN)
+
+
+def test_a_ball_without_texture_is_refused_for_that_and_not_for_too_few_frames() -> None:
+    increment = flown()
+    increment[:, 2:] = np.nan
+    with pytest.raises(ValueError, match="too little texture: of 40 increments 0 have a rotation") as refusal:
+        free_flight.from_track(example_track(increment), "plain.tif", **KNOWN)
+    assert "longer recording" not in str(refusal.value)
+
+
+def test_what_makes_a_flight_s_numbers_doubtful_is_said_before_them() -> None:
+    target = Target(2e-4, 0.3, "given")
+    slowed = from_flight(free_flight.from_track(example_track(flown(-0.2)), "slowed", **KNOWN), target)
+    first, *others = plan_text.text(slowed).splitlines()
+    assert first.startswith("caution The velocity along x changes by -5.9")
+    assert not any("changes by" in line for line in others)
+    assert as_table(slowed)["advice"].startswith("The velocity along x changes by")
+    steady = from_flight(free_flight.from_track(example_track(flown()), "steady", **KNOWN), target)
+    assert plan_text.text(steady).startswith("test ")
+
+
 @pytest.mark.parametrize(
     ("more", "said"),
     [
         (["--noise", "nan"], "noise = nan"),
-        (["--speed", "-3"], "speed_m_s"),
+        (["--speed", "-3"], "speed = -3"),
+        (["--direction-deg", "nan"], "direction_deg = nan"),
         (["--shutter-us", "100"], "longer than the 27.78 us"),
         (["--image", "there-is-none.tif"], "each image needs its circle"),
         (["--image", "there-is-none.tif", "--circle", "3,3,3"], "does not exist"),
         (["--flight", "shot.tif"], "leave one of both out"),
         (["--field-mm", "100"], "add --modes"),
-        (["--contact-us", "-1"], "contact of"),
+        (["--restitution", "2"], "restitution = 2"),
+        (["--contact-us", "-1"], "contact_us = -1"),
         (["--speckle-px", "30"], "smaller than the radius"),
         (["--grey", "200,100"], "dark one first"),
         (["--blurred"], "add --image"),

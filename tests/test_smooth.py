@@ -10,7 +10,8 @@ from shots import shot
 
 import torchsphere as ts
 from torchsphere import smooth
-from torchsphere.impact import ball, impact
+from torchsphere.impact import impact
+from torchsphere.inertia import ball
 from torchsphere.kinematics import Kinematics, kinematics_of_many
 from torchsphere.orientation import chain
 

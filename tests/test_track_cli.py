@@ -36,6 +36,7 @@ def test_track_writes_the_promised_columns_with_the_first_row_empty(tmp_path: Pa
     head, _ = rows(out / "kinematics.csv")
     assert head[:3] == ["time_s", "x_m", "y_m"]
     assert "sd_fx_N" in head
+    assert head[-1] == "frame"
     parquet = pq.read_table(out / "track.parquet")
     assert parquet.num_rows == 8
     covariance = np.array(parquet["covariance"].to_pylist()[3]).reshape(5, 5)
@@ -78,7 +79,7 @@ def test_a_camera_comes_from_the_command_line_or_a_file_and_its_focal_length_fro
     config = tmp_path / "shot.toml"
     config.write_text('model = "pinhole"\nprincipal-px = [70, 80]\ndistortion = [-0.1, 0.01, 0]\n')
     out = tmp_path / "result"
-    arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--config", str(config), "--frames", "0:4"]
+    arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--config", str(config), "--frames", "1:4"]
     assert main([*arguments, "--distance-mm", "1500", "--diameter-mm", "30", "--fps", "1000", "--quiet"]) == 0
     summary = json.loads((out / "summary.json").read_text())
     camera = summary["settings"]["camera"]
@@ -86,6 +87,7 @@ def test_a_camera_comes_from_the_command_line_or_a_file_and_its_focal_length_fro
     assert camera["focal_px"] == pytest.approx(4000.0, rel=1e-4)
     assert (camera["principal_px"], camera["distortion"]) == ([70, 80], [-0.1, 0.01, 0])
     _, table = rows(out / "kinematics.csv")
+    assert [(row["frame"], row["time_s"]) for row in table] == [("1", "0.001"), ("2", "0.002"), ("3", "0.003")]
     # 5.3 px per frame of 1 ms at 15 mm / 40 px, seen from so far that neither perspective nor distortion counts.
     assert all(float(row["vx_m_s"]) == pytest.approx(5.3 * 0.015 / 40 * 1000, rel=0.02) for row in table[1:-1])
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
+from refusals import refused
 
 from torchsphere.cli import main
 
@@ -93,23 +94,6 @@ BAD_OPTIONS = {
 }
 
 
-def refused(arguments: list[str], capsys) -> str:
-    """The sentence with which the command line refuses ``arguments``."""
-    try:
-        code = main(arguments)
-    except SystemExit as stop:
-        code = int(stop.code or 0)
-    printed = capsys.readouterr()
-    assert code != 0
-    assert printed.out == ""
-    sentence = printed.err.strip()
-    assert sentence.startswith("torchsphere: ")
-    assert "\n" not in sentence
-    assert "Traceback" not in sentence
-    assert len(sentence) > 30
-    return sentence
-
-
 @pytest.mark.parametrize("name", BAD_FILES)
 def test_a_file_that_cannot_be_tracked_is_refused_in_one_sentence(name: str, tmp_path: Path, capsys) -> None:
     if name == "text.mp4":
@@ -125,6 +109,18 @@ def test_a_file_that_cannot_be_tracked_is_refused_in_one_sentence(name: str, tmp
 def test_an_option_without_sense_is_refused_in_one_sentence(case: str, tmp_path: Path, short: Path, capsys) -> None:
     refused(["track", str(short), "--out", str(tmp_path / "out"), "--quiet", *BAD_OPTIONS[case]], capsys)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_pixels_that_are_no_number_are_refused_even_where_they_are_masked_and_the_advice_says_so(
+    tmp_path: Path, short: Path, capsys
+) -> None:
+    images = tifffile.imread(short).astype(np.float32)
+    images[3, 5, 5] = np.nan
+    np.save(tmp_path / "nan.npy", images)
+    arguments = ["track", str(tmp_path / "nan.npy"), "--out", str(tmp_path / "out"), "--circle", CIRCLE, "--quiet"]
+    sentence = refused([*arguments, "--ignore", "3,3 8,3 8,8 3,8"], capsys)
+    assert "image 3 holds values that are not finite" in sentence
+    assert "replace them in the file (even where a mask is to leave them out" in sentence
 
 
 def test_cuda_without_a_device_is_refused(tmp_path: Path, short: Path, capsys, monkeypatch) -> None:

@@ -9,7 +9,8 @@ if TYPE_CHECKING:
     from torchsphere.circle import Circle
     from torchsphere.correlate import correlate
     from torchsphere.correlation import Correlation
-    from torchsphere.impact import Ball, Impact, ball, impact
+    from torchsphere.impact import Impact, impact
+    from torchsphere.inertia import Ball, ball
     from torchsphere.kinematics import Kinematics, kinematics, kinematics_of_many
     from torchsphere.perspective import Camera
     from torchsphere.recording import Recording, open_recording
@@ -39,7 +40,7 @@ __all__ = [
 #: Module of each public name, imported when the name is first used: torch and kornia take two seconds, which
 #: ``torchsphere --help`` and a program that only opens a recording need not wait for.
 _HOMES = {
-    "Ball": "impact",
+    "Ball": "inertia",
     "Camera": "perspective",
     "Circle": "circle",
     "Correlation": "correlation",
@@ -47,7 +48,7 @@ _HOMES = {
     "Kinematics": "kinematics",
     "Recording": "recording",
     "Track": "track",
-    "ball": "impact",
+    "ball": "inertia",
     "correlate": "correlate",
     "impact": "impact",
     "kinematics": "kinematics",

@@ -21,6 +21,9 @@ from torchsphere.measure import measure, measure_jointly
 #: Exit code where recordings failed; their reasons are in summary.csv.
 SOME_FAILED = 3
 
+#: Failed recordings that are named at the end; all of them stand in summary.csv.
+FAILURES_TOLD = 5
+
 
 def command(options: dict[str, Any], measurement: Measure = measure) -> int:
     """Run over the archive; 0 where all recordings of its share are done, 3 where some failed, 130 on Ctrl-C.
@@ -62,6 +65,8 @@ def _run(archive: manifest.Archive, out: Path, engine: Engine, options: Mapping[
         _say(f"interrupted; {_told(stop.counts)}; the same command goes on", quiet)
         return 130
     _say(f"{_told(counts)}; see {out / folder.SUMMARIES[0]}", quiet)
+    for sentence in _failures(counts, out):
+        _say(sentence, quiet)
     return SOME_FAILED if counts.failed else 0
 
 
@@ -69,6 +74,13 @@ def _told(counts: Counts) -> str:
     pending = f", {counts.pending} pending" if counts.pending else ""
     of = f"{counts.done} of {counts.total} recordings done, {counts.failed} failed{pending}"
     return f"{of} ({counts.measured} measured in this run)"
+
+
+def _failures(counts: Counts, out: Path) -> list[str]:
+    """The first recordings that failed and why, and where the others stand."""
+    told = [f"failed  {name}: {reason.removeprefix(f'{name}: ')}" for name, reason in counts.failures[:FAILURES_TOLD]]
+    more = len(counts.failures) - len(told)
+    return [*told, f"and {more} more; their reasons stand in {out / folder.SUMMARIES[0]}"] if more else told
 
 
 def _say(sentence: str, quiet: bool) -> None:

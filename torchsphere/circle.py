@@ -27,6 +27,9 @@ MIN_SUPPORT = 0.4
 #: something else is next to the ball.
 LIMB_MOVES_PX, LIMB_MOVES = 2.0, 0.04
 
+#: Radius of what may well be a screw or a lamp, px; a ball is too small there for speckle of 3 px to tell its rotation.
+SMALL_PX = 10.0
+
 #: Frames in which the ball is looked for before giving up.
 MAX_TRIES = 40
 
@@ -43,6 +46,9 @@ class Circle:
         Standard deviations, px; NaN where the circle was given without.
     frame : int
         The frame that it was found in.
+    sd_guessed : bool
+        The standard deviations are no measurement, but how far off a circle may be where the image tells no limb near
+        it. That of the radius may have been measured since on the frames that follow.
     """
 
     x: float
@@ -52,6 +58,28 @@ class Circle:
     sd_y: float = math.nan
     sd_radius: float = math.nan
     frame: int = 0
+    sd_guessed: bool = False
+
+    @property
+    def sd_text(self) -> str:
+        """The standard deviations in words."""
+        if self.sd_guessed:
+            return f"to about {max(self.sd_x, self.sd_y, self.sd_radius):.0f} px, not measured"
+        return f"sd {self.sd_x:.2f}, {self.sd_y:.2f}, {self.sd_radius:.2f} px"
+
+    @property
+    def doubt(self) -> str:
+        """Why what was found may be no ball, or not its outline, in a sentence; empty where nothing speaks for it."""
+        if self.sd_guessed:
+            seen = "no limb of a speckled ball was seen along it"
+        elif self.radius < SMALL_PX:
+            seen = "it is so small that it may be anything bright or dark"
+        else:
+            return ""
+        return (
+            f"The circle found, of {self.radius:.1f} px radius, may not be the ball: {seen}; look at it with "
+            "'torchsphere info INPUT --preview FILE.png', and give --circle X,Y,R where it is not."
+        )
 
 
 def find(images: Images, count: int, ignore: Tensor | None = None) -> Circle:
@@ -139,7 +167,7 @@ def at_limb(views: Tensor, circle: Circle, ignore: Tensor | None = None, camera:
     variance = covariance.diagonal(dim1=1, dim2=2).sum(-1)
     near = ((fitted - guess).abs() < far).all(-1) & variance.isfinite()
     if not bool(near.any()):
-        return dataclasses.replace(circle, sd_x=far, sd_y=far, sd_radius=far)
+        return dataclasses.replace(circle, sd_x=far, sd_y=far, sd_radius=far, sd_guessed=True)
     best = int(variance.where(near, torch.inf).argmin())
     x, y, radius = fitted[best].tolist()
     sd_x, sd_y, sd_radius = covariance[best].diagonal().sqrt().tolist()

@@ -13,12 +13,16 @@ from typing import Any, NoReturn
 
 from torchsphere import __version__
 from torchsphere.arguments import batch, benchmark, plan, report, track
+from torchsphere.setting import SettingError
 
 
 class _Parser(argparse.ArgumentParser):
     """A parser that reports bad options as every other bad input: one sentence, exit code 2."""
 
     def error(self, message: str) -> NoReturn:
+        if message.endswith("expected one argument"):
+            # "--frames -5:" looks like two options.
+            message += ", joined by '=' where it begins with '-' (--option=-5)"
         self.exit(2, f"torchsphere: {message}; see '{self.prog} --help'\n")
 
 
@@ -80,7 +84,9 @@ def _ending_in_order() -> Iterator[None]:
 
 
 def _sentence(error: Exception) -> str:
-    """The error in one line; the system's own errors lack the words for what to do."""
+    """The error in one line; the system's own errors lack the words for what to do, and settings are options here."""
+    if isinstance(error, SettingError):
+        return error.as_options()
     if isinstance(error, OSError) and error.strerror is not None:
         return f"{error.filename or 'file'}: {error.strerror.lower()}; check the name and the permissions"
     return " ".join(str(error).split())

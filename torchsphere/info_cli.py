@@ -1,4 +1,4 @@
-"""The command ``torchsphere info``: what a recording is, and where the ball is in it."""
+"""The command ``torchsphere info``: what a recording is and, with ``--preview``, where the ball is in it."""
 
 from __future__ import annotations
 
@@ -59,6 +59,7 @@ def _preview(recording: Recording, path: Path) -> None:
     text = circle_text(circle)
     title = f"frame {circle.frame}: --circle {text}"
     preview_figure(path, recording.images(circle.frame, circle.frame + 1)[0], circle, title)
-    sd = f"sd {circle.sd_x:.2f}, {circle.sd_y:.2f}, {circle.sd_radius:.2f} px"
-    print(f"{'circle':<11} --circle {text}   ({sd}; frame {circle.frame})")
+    print(f"{'circle':<11} --circle {text}   ({circle.sd_text}; frame {circle.frame})")
+    if circle.doubt:
+        print(f"{'note':<11} {circle.doubt}")
     print(f"{'preview':<11} {path}")

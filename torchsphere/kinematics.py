@@ -16,14 +16,12 @@ from torchsphere import camera
 from torchsphere.choices import METHODS, ORDER, WINDOW
 from torchsphere.differentiate import polynomials, smoothed
 from torchsphere.plane import in_plane
+from torchsphere.setting import FRAME_RATES
 from torchsphere.shared import ROTATION_PER_RADIUS
 from torchsphere.si import Draws, Kinematics, in_si
 from torchsphere.track import Track
 
 __all__ = ["METHODS", "ROTATION_PER_RADIUS", "Draws", "Kinematics", "kinematics", "kinematics_of_many"]
-
-#: Frames per second that a recording may have: from a day's growth to light in flight.
-FRAME_RATES = (1e-6, 1e13)
 
 #: Frames up to which the smoother is run: it keeps 32 x 15 x 15 numbers per frame, 0.06 MB, three times that in
 #: contact, and takes 5 ms with the search for the contact. A recording of an impact has some hundreds; a longer one

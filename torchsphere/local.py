@@ -14,6 +14,7 @@ from kornia.geometry.liegroup import So3
 from numpy.typing import NDArray
 
 from torchsphere.orientation import chain
+from torchsphere.setting import require_window
 
 Array = NDArray[np.float64]
 
@@ -65,10 +66,7 @@ def rates(
     ValueError
         If the window is even or not longer than the order, or the order below 2.
     """
-    if window % 2 == 0 or order < 2 or window <= order:
-        raise ValueError(
-            f"window = {window}, order = {order}: expected an order of 2 or more and an odd window longer than that"
-        )
+    require_window(window, order)
     n = len(times)
     first, second, variance_first, variance_second = (np.full((n, 5), np.nan) for _ in range(4))
     for group, columns in enumerate((slice(0, 2), slice(2, 5))):

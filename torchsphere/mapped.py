@@ -223,6 +223,7 @@ def _assemble(
         x=float(position[first, 0]),
         y=float(position[first, 1]),
         radius=adjusted.ball.radius,
+        sd_guessed=False,
         sd_x=float(sd_x),
         sd_y=float(sd_y),
         sd_radius=float(np.hypot(np.sqrt(spread[size, size]), SYSTEMATIC_RADIUS_SHARE * adjusted.ball.radius)),

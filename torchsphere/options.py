@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from torchsphere import interpolate, motion
 from torchsphere.perspective import Camera
+from torchsphere.setting import ROI, require_within
 
 
 @dataclass(frozen=True)
@@ -63,12 +64,10 @@ class Options:
             )
         if not isinstance(self.max_iterations, int):
             raise ValueError(f"max_iterations = {self.max_iterations!r}: expected a whole number")
-        limits = {"roi": (0.1, 1.0), "pre_blur": (0.0, 5.0), "max_iterations": (1, 10_000), "tolerance_px": (1e-9, 1.0)}
+        limits = {"roi": ROI, "pre_blur": (0.0, 5.0), "max_iterations": (1, 10_000), "tolerance_px": (1e-9, 1.0)}
         limits |= {"min_zncc": (0.0, 1.0), "min_visible": (0.0, 1.0), "finite_from_deg": (0.0, 180.0)}
-        for name, (low, high) in limits.items():
-            value = getattr(self, name)
-            if not (isinstance(value, (int, float)) and low <= value <= high):
-                raise ValueError(f"{name} = {value!r}: expected a number from {low:g} to {high:g}")
+        for name, allowed in limits.items():
+            require_within(name, getattr(self, name), allowed)
 
 
 def margin(options: Options) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,6 +20,7 @@ from torchsphere.plan.free_flight import Flight
 from torchsphere.plan.plan import Plan
 from torchsphere.recording import open_recording
 from torchsphere.report import plan_figure
+from torchsphere.setting import option, require_finite, require_positive, require_within
 from torchsphere.track import track
 
 #: Effective modulus of a steel ball on an aluminium target, Pa: 1 / (0.91 / 210 GPa + 0.89 / 72 GPa), the ball and the
@@ -41,6 +41,10 @@ def run(options: dict[str, Any]) -> int:
     """
     out, overwrite, quiet = (options.pop(name) for name in ("out", "overwrite", "quiet"))
     results.check_folder(out, overwrite)
+    for name in (*NEEDED, "width", "field_mm", "contact_us", "speckle_px"):
+        require_positive(name, options[name])
+    require_within("restitution", options["restitution"], (0.0, 1.0))
+    require_finite("direction_deg", options["direction_deg"])
     made = _from_flight(options, quiet) if options["flight"] is not None else _from_images(options, quiet)
     with results.whole_folder(out, overwrite) as folder:
         results.write_summary(folder, plan.as_table(made))
@@ -66,7 +70,7 @@ def _from_images(options: dict[str, Any], quiet: bool) -> Plan:
         raise ValueError("--field-mm speaks of the camera's modes, and none were given; add --modes, or leave it out")
     if images and options["px_per_mm"] is None and options["diameter_mm"]:
         options["px_per_mm"] = 2 * circles[0][2] / options["diameter_mm"]
-    missing = [f"--{name.replace('_', '-')}" for name in NEEDED if options[name] is None]
+    missing = [option(name) for name in NEEDED if options[name] is None]
     if missing:
         raise ValueError(f"a plan needs {', '.join(missing)}; or give --flight, a recording without a target")
     setup = Setup(
@@ -88,7 +92,7 @@ def _from_images(options: dict[str, Any], quiet: bool) -> Plan:
             _target(options, setup),
             width_px=_width(options),
             modes=modes,
-            field_mm=_positive("--field-mm", options["field_mm"]),
+            field_mm=options["field_mm"],
             is_blurred=bool(options["blurred"]),
             progress=progress,
         )
@@ -121,18 +125,11 @@ def _target(options: dict[str, Any], setup: Setup) -> rehearsal.Target:
 
 def _width(options: dict[str, Any]) -> int | None:
     width = options["width"]
-    _positive("--width", width)
     return None if width is None else int(width)
 
 
-def _positive(name: str, value: float | None) -> float | None:
-    if value is not None and not (math.isfinite(value) and value > 0):
-        raise ValueError(f"{name} {value:g}: expected a finite, positive number")
-    return value
-
-
 def _from_flight(options: dict[str, Any], quiet: bool) -> Plan:
-    given = [f"--{name.replace('_', '-')}" for name in OF_IMAGES if options[name] is not None]
+    given = [option(name) for name in OF_IMAGES if options[name] is not None]
     given += [
         name for name, key in (("--direction-deg", "direction_deg"), ("--spin-rev-s", "spin_rev_s")) if options[key]
     ]
@@ -140,8 +137,6 @@ def _from_flight(options: dict[str, Any], quiet: bool) -> Plan:
         raise ValueError(f"--flight measures what {', '.join(given)} would say; leave one of both out")
     path: Path = options["flight"]
     known = {key: options[name] for key, name in (("frame_rate", "fps"), ("diameter_mm", "diameter_mm"))}
-    for name in ("fps", "diameter_mm", "mass_g", "shutter_us"):
-        _positive(f"--{name.replace('_', '-')}", options[name])
     shutter = None if options["shutter_us"] is None else 1e-6 * options["shutter_us"]
     if (path / "summary.json").is_file():
         if options["circle"]:

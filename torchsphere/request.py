@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from torchsphere.choices import MAPS, METHODS, ORDER, WINDOW
+from torchsphere.choices import MAPS, METHODS, MODELS, ORDER, WINDOW
+from torchsphere.setting import (
+    FRAME_RATES,
+    ROI,
+    SettingError,
+    require_finite,
+    require_positive,
+    require_window,
+    require_within,
+)
 
 if TYPE_CHECKING:
     from torchsphere.perspective import Camera
@@ -92,48 +100,25 @@ class Request:
     paraview: bool = False
 
     def __post_init__(self) -> None:
-        for name in (
-            "fps",
-            "diameter_mm",
-            "mm_per_px",
-            "mass_g",
-            "focal_px",
-            "distance_mm",
-            "shell_mm",
-            "inertia_kg_m2",
-        ):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{name} = {value:g}: expected a finite, positive number")
+        _require_ranges(self)
+        _require_shell(self)
         if self.diameter_mm is not None and self.mm_per_px is not None:
-            raise ValueError("diameter_mm and mm_per_px were both given; the scale needs one of them, leave one out")
+            raise SettingError(
+                "`diameter_mm` and `mm_per_px` were both given; the scale needs one of them, leave one out"
+            )
         if self.mass_g is not None and self.diameter_mm is None and self.mm_per_px is None:
-            raise ValueError("mass_g was given without a scale, so no force can follow; add diameter_mm or mm_per_px")
-        if self.method not in METHODS:
-            raise ValueError(f"method = {self.method!r}: expected one of {', '.join(METHODS)}")
-        if (self.shell_mm is not None or self.inertia_kg_m2 is not None) and self.mass_g is None:
-            raise ValueError("shell_mm or inertia_kg_m2 was given without mass_g; energies and spin need the mass, too")
-        if self.normal_deg is not None and not math.isfinite(self.normal_deg):
-            raise ValueError(f"normal_deg = {self.normal_deg:g}: expected a finite number of degrees")
-        if self.map not in MAPS:
-            raise ValueError(f"map = {self.map!r}: expected one of {', '.join(MAPS)}")
+            raise SettingError(
+                "`mass_g` was given without a scale, so no force can follow; add `diameter_mm` or `mm_per_px`"
+            )
         if self.refine and self.circle is None:
-            raise ValueError(
-                "refine was asked for without a circle to refine; a circle that is found is refined anyway"
+            raise SettingError(
+                "`refine` was asked for without a circle to refine; a circle that is found is refined anyway"
             )
         if self.overlay and not self.report:
-            raise ValueError("overlay was asked for without report, whose images it is drawn on; leave no_report out")
-        if self.distance_mm is not None and self.diameter_mm is None:
-            raise ValueError("distance_mm was given without diameter_mm; the distance in radii needs both")
-        if (self.focal_px is not None or self.distance_mm is not None) != self.model.startswith("pinhole"):
-            raise ValueError(
-                f"model {self.model!r}: the models pinhole and pinhole6 need a camera, and only they take one; give "
-                "focal_px, or distance_mm with diameter_mm, together with one of them"
+            raise SettingError(
+                "`overlay` was asked for without the report, whose images it is drawn on; ask for both or neither"
             )
-        if not self.model.startswith("pinhole") and (self.principal_px is not None or any(self.distortion)):
-            raise ValueError(
-                f"principal_px and distortion belong to the models pinhole and pinhole6; {self.model!r} heeds neither"
-            )
+        _require_camera(self)
         self.camera()
 
     def camera(self) -> Camera | None:
@@ -147,3 +132,67 @@ class Request:
         if self.distance_mm is not None and self.diameter_mm is not None:
             radii = 2 * self.distance_mm / self.diameter_mm
         return Camera(self.focal_px, self.principal_px, self.distortion, radii)
+
+
+def _require_ranges(request: Request) -> None:
+    """Raise SettingError where a value is none that the setting may have, whether it comes to use or not."""
+    for name in ("fps", "diameter_mm", "mm_per_px", "mass_g", "focal_px", "distance_mm", "shell_mm", "inertia_kg_m2"):
+        require_positive(name, getattr(request, name))
+    for name in ("circle", "normal_deg", "principal_px", "distortion", "scale_sd_percent"):
+        require_finite(name, getattr(request, name))
+    require_within("fps", request.fps, FRAME_RATES)
+    require_within("roi", request.roi, ROI)
+    require_window(request.window, request.order)
+    if not 0 <= request.scale_sd_percent < 100:
+        raise SettingError(f"`scale_sd_percent` = {request.scale_sd_percent:g}: expected 0 to below 100")
+    for name, known in (("model", MODELS), ("method", METHODS), ("map", tuple(MAPS))):
+        value = getattr(request, name)
+        if value not in known:
+            raise SettingError(f"`{name}` = {value!r}: expected one of {', '.join(known)}")
+
+
+def _require_shell(request: Request) -> None:
+    """Raise SettingError where shell and inertia do not go with each other, the mass or the diameter."""
+    if request.shell_mm is None and request.inertia_kg_m2 is None:
+        return
+    if request.mass_g is None:
+        raise SettingError(
+            "`shell_mm` or `inertia_kg_m2` was given without `mass_g`; energies and spin need the mass, too"
+        )
+    if request.shell_mm is not None and request.inertia_kg_m2 is not None:
+        raise SettingError(
+            "`shell_mm` and `inertia_kg_m2` were both given; the inertia needs one of them, leave one out"
+        )
+    if request.shell_mm is not None and request.diameter_mm is not None:
+        require_shell_within(request.shell_mm, request.diameter_mm / 2)
+
+
+def require_shell_within(shell_mm: float, radius_mm: float) -> None:
+    """Raise SettingError where a shell is thicker than its ball."""
+    if shell_mm > radius_mm:
+        raise SettingError(f"`shell_mm` = {shell_mm:g}: thicker than the ball's radius of {radius_mm:g} mm")
+
+
+def _require_camera(request: Request) -> None:
+    """Raise SettingError unless a camera is given where, and only where, the model takes one."""
+    if request.distance_mm is not None and request.diameter_mm is None:
+        raise SettingError("`distance_mm` was given without `diameter_mm`; the distance in radii needs both")
+    has_camera = request.model.startswith("pinhole")
+    if (request.focal_px is not None or request.distance_mm is not None) != has_camera:
+        raise SettingError(
+            f"`model` = {request.model}: the models pinhole and pinhole6 need a camera, and only they take one; give "
+            "`focal_px`, or `distance_mm` with `diameter_mm`, together with one of them"
+        )
+    if request.focal_px is not None and request.distance_mm is not None:
+        raise SettingError("`focal_px` and `distance_mm` were both given; one follows from the other, leave one out")
+    if request.distance_mm is not None and request.diameter_mm is not None:
+        radius_mm = request.diameter_mm / 2
+        if request.distance_mm <= radius_mm:
+            raise SettingError(
+                f"`distance_mm` = {request.distance_mm:g}: lies within the ball, whose radius is {radius_mm:g} mm; "
+                "give the distance of its centre from the camera"
+            )
+    if not has_camera and (request.principal_px is not None or any(request.distortion)):
+        raise SettingError(
+            f"`principal_px` and `distortion` belong to the models pinhole and pinhole6; {request.model} heeds neither"
+        )

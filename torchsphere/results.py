@@ -118,8 +118,8 @@ def write_track(folder: Path, track: Track, frame_rate: float | None, first_fram
     pq.write_table(pa.table(table), folder / "track.parquet", compression="zstd")
 
 
-def write_kinematics(folder: Path, motion: Kinematics) -> None:
-    """Write ``kinematics.csv``."""
+def write_kinematics(folder: Path, motion: Kinematics, first_frame: int) -> None:
+    """Write ``kinematics.csv``; the frame's number is the last column: the first is the time."""
     vectors = [
         (("x_m", "y_m"), motion.position_m, motion.sd_position_m),
         (("vx_m_s", "vy_m_s"), motion.velocity_m_s, motion.sd_velocity_m_s),
@@ -128,9 +128,10 @@ def write_kinematics(folder: Path, motion: Kinematics) -> None:
     ]
     if motion.force_N is not None and motion.sd_force_N is not None:
         vectors.insert(3, (("fx_N", "fy_N"), motion.force_N, motion.sd_force_N))
-    columns = {"time_s": motion.time_s}
+    columns: dict[str, NDArray[Any]] = {"time_s": motion.time_s}
     columns |= {name: value[:, k] for names, value, _ in vectors for k, name in enumerate(names)}
     columns |= {f"sd_{name}": sd[:, k] for names, _, sd in vectors for k, name in enumerate(names)}
+    columns["frame"] = first_frame + np.arange(len(motion.time_s))
     _write_csv(folder / "kinematics.csv", columns)
 
 

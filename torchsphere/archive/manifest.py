@@ -60,20 +60,20 @@ def read(source: Path, common: Mapping[str, Any], out: Path) -> Archive:
             raise ValueError(f"{out}: is the folder of the recordings itself; give another one for the results")
         found = scan.scan(source, leave_out=out)
         notes = found.notes
-        items = [_found(source, path, common) for path in found.recordings]
+        placed = [(str(source), _found(source, path, common)) for path in found.recordings]
     elif not source.exists():
         raise FileNotFoundError(f"{source}: does not exist; {EXAMPLE}")
     elif source.suffix.lower() == ".csv":
-        items = list(_from_rows(source, _csv_rows(source), common))
+        placed = list(_from_rows(source, _csv_rows(source), common))
     elif source.suffix.lower() == ".toml":
-        items = _from_toml(source, common)
+        placed = _from_toml(source, common)
     else:
         raise ValueError(f"{source}: is no archive; {EXAMPLE}")
-    if not items:
+    if not placed:
         left = f" ({' '.join(notes)})" if notes else ""
         raise ValueError(f"{source}: holds no recording{left}; {EXAMPLE}")
-    _require_own_folders(source, items)
-    return Archive(tuple(items), notes)
+    _require_own_folders(source, placed)
+    return Archive(tuple(item for _, item in placed), notes)
 
 
 def _found(root: Path, path: Path, common: Mapping[str, Any]) -> Item:
@@ -99,7 +99,10 @@ def _csv_rows(source: Path) -> Iterator[tuple[str, dict[str, str]]]:
             for row in reader:
                 where = f"{source}, row {reader.line_num}"
                 if None in row:
-                    raise ValueError(f"{where}: has more cells than the {len(names)} columns; quote cells with commas")
+                    raise ValueError(
+                        f"{where}: has more cells than the {len(names)} columns; write decimals with a point, and "
+                        "quote cells that hold commas"
+                    )
                 yield where, {name: text.strip() for name, text in row.items() if text and text.strip()}
     except (csv.Error, UnicodeDecodeError) as error:
         raise ValueError(f"{source}: is no CSV file in UTF-8 ({error}); save it as one") from error
@@ -118,7 +121,10 @@ def _require_columns(source: Path, names: list[str]) -> None:
                 raise ValueError(f"{source}: column {error}, or 'recording', or 'result'") from error
 
 
-def _from_rows(source: Path, rows: Iterable[tuple[str, dict[str, str]]], common: Mapping[str, Any]) -> Iterator[Item]:
+def _from_rows(
+    source: Path, rows: Iterable[tuple[str, dict[str, str]]], common: Mapping[str, Any]
+) -> Iterator[tuple[str, Item]]:
+    """Where each recording stands, and what it is."""
     for where, cells in rows:
         if not cells:
             continue
@@ -131,24 +137,24 @@ def _from_rows(source: Path, rows: Iterable[tuple[str, dict[str, str]]], common:
                 own[name] = settings.from_text(name, text)
             except ValueError as error:
                 raise ValueError(f"{where}, column {column!r}: {error}") from error
-        yield _item(source, where, cells, own, common)
+        yield where, _item(source, where, cells, own, common)
 
 
-def _from_toml(source: Path, common: Mapping[str, Any]) -> list[Item]:
+def _from_toml(source: Path, common: Mapping[str, Any]) -> list[tuple[str, Item]]:
     tables = settings.read_toml(source)
     rows = tables.pop("recordings", None)
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise ValueError(f"{source}: has no [[recordings]]; expected such a table for each recording")
     # The file's own settings for all stand between those for all archives and those of a recording.
     common = settings.joined(common, _rebased(source, settings.table(str(source), tables)))
-    items = []
+    placed = []
     for number, row in enumerate(rows, start=1):
         where = f"{source}, recording {number}"
         names = {key: row.pop(key) for key in (*RECORDING, RESULT) if key in row}
         if not all(isinstance(value, str) for value in names.values()):
             raise ValueError(f"{where}: {', '.join(names)}: expected text")
-        items.append(_item(source, where, names, settings.table(where, row), common))
-    return items
+        placed.append((where, _item(source, where, names, settings.table(where, row), common)))
+    return placed
 
 
 def _item(
@@ -188,21 +194,28 @@ def _result(where: str, name: str, result: str | None) -> str:
     return (path.with_suffix("") if path.suffix.lower() in scan.SUFFIXES else path).as_posix()
 
 
-def _require_own_folders(source: Path, items: list[Item]) -> None:
+def _require_own_folders(source: Path, placed: list[tuple[str, Item]]) -> None:
     # Some file systems do not tell upper from lower case.
-    places: dict[str, Item] = {}
-    for item in items:
-        other = places.setdefault(item.result.lower(), item)
-        if other is not item:
+    places: dict[str, tuple[str, Item]] = {}
+    for where, item in placed:
+        first, other = places.setdefault(item.result.lower(), (where, item))
+        if other is item:
+            continue
+        if other.recording == item.recording:
+            row = first.removeprefix(f"{source}, ")
             raise ValueError(
-                f"{source}: {other.recording} and {item.recording} would both be written to {item.result}; "
-                "rename one, or give a manifest with a column 'result'"
+                f"{where}: {item.recording} stands in {row} already, and both would be written to {item.result}; leave "
+                "one out, or give each a result folder of its own in a column 'result'"
             )
-    for item in items:
+        raise ValueError(
+            f"{where}: {other.recording} and {item.recording} would both be written to {item.result}; "
+            "rename one, or give a manifest with a column 'result'"
+        )
+    for where, item in placed:
         for parent in PurePosixPath(item.result.lower()).parents:
             outer = places.get(str(parent))
             if outer is not None:
                 raise ValueError(
-                    f"{source}: the result of {item.recording} would lie within that of {outer.recording}; "
+                    f"{where}: the result of {item.recording} would lie within that of {outer[1].recording}; "
                     "rename one, or give a manifest with a column 'result'"
                 )

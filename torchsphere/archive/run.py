@@ -27,12 +27,16 @@ EVERY_S, TIMES = 30.0, 50.0
 
 @dataclasses.dataclass(frozen=True)
 class Counts:
-    """How the recordings of a run's share stand; ``measured`` of them were measured in this run."""
+    """How the recordings of a run's share stand; ``measured`` of them were measured in this run.
+
+    ``failures`` has the failed ones in the order of the archive, each with its reason; it is told at the end alone.
+    """
 
     done: int = 0
     failed: int = 0
     pending: int = 0
     measured: int = 0
+    failures: tuple[tuple[str, str], ...] = dataclasses.field(default=(), compare=False)
 
     @property
     def total(self) -> int:
@@ -68,6 +72,11 @@ class _Standing:
 
     def state(self, i: int) -> str:
         return str(self._rows[i]["state"])
+
+    def failures(self, numbers: Sequence[int]) -> tuple[tuple[str, str], ...]:
+        """Recordings that failed, of those with these numbers, and why."""
+        failed = [self._rows[i] for i in numbers if self.state(i) == FAILED]
+        return tuple((row["recording"], row["reason"] or "") for row in failed)
 
     def write(self, *, everything: bool) -> None:
         """Write the table, at the end also as a page; other runs are waited for: the last to end has seen all."""
@@ -149,7 +158,7 @@ def run(
     finally:
         folder.sweep(out, results)
         standing.write(everything=True)
-    return counts
+    return dataclasses.replace(counts, failures=standing.failures(mine))
 
 
 def in_shard(result: str, shard: tuple[int, int]) -> bool:

@@ -85,7 +85,8 @@ def from_text(name: str, text: str) -> Any:
     except (ValueError, KeyError):
         value = None
     if value is None or (name in CHOICES and value not in CHOICES[name]):
-        raise ValueError(f"{name} = {text.strip()!r}: expected {expected}")
+        point = "; the decimal sign is a point" if "float" in NAMES[name] and "," in text else ""
+        raise ValueError(f"{name} = {text.strip()!r}: expected {expected}{point}")
     return value
 
 

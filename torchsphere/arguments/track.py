@@ -41,11 +41,11 @@ def _add_info(commands: Any) -> None:
     parser = _add(
         commands,
         "info",
-        "Say what a recording is, and find the ball in it.",
+        "Say what a recording is; with --preview, also where the ball is in it.",
         "torchsphere info shot.cine --preview p.png",
     )
     parser.add_argument("input", type=Path, metavar="INPUT", help="file or folder of images")
-    parser.add_argument("--preview", type=Path, metavar="FILE.png", help="draw the circle that is found")
+    parser.add_argument("--preview", type=Path, metavar="FILE.png", help="find the ball, print its circle and draw it")
 
 
 def _add_track(commands: Any) -> None:

@@ -27,6 +27,9 @@ LEAST_STEPS = 12
 #: scatter any more.
 STEADY = 5.0
 
+#: The same as a share of the speed, from which the standard deviations say nothing at all: an impact, not drag.
+NO_FLIGHT = 0.1
+
 Array = NDArray[np.float64]
 
 
@@ -73,18 +76,28 @@ class Flight:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What makes the scatter no measure of the uncertainty."""
-        known = self.velocity_m_s[np.isfinite(self.velocity_m_s).all(1)]
-        third = len(known) // 3
-        change = known[-third:].mean(0) - known[:third].mean(0)
-        # Scatter from one increment to the next, which a slow change does not enter.
-        scatter = np.diff(known, axis=0).std(0) / math.sqrt(third)
-        at = int((np.abs(change) / scatter).argmax())
-        if abs(change[at]) < STEADY * scatter[at]:
+        change, _ = _change(self.velocity_m_s)
+        if change == "":
             return ()
         return (
-            f"The velocity along {'xy'[at]} changes by {change[at]:.3g} m/s over the recording, more than it scatters: "
+            f"The velocity {change} over the recording, more than it scatters: "
             "a target, drag or gravity is in the standard deviations, too; take frames of free flight alone.",
         )
+
+
+def _change(velocity_m_s: Array) -> tuple[str, float]:
+    """How the velocity (m, 2) changes, in words, and by what share of the speed; empty where it only scatters."""
+    known = velocity_m_s[np.isfinite(velocity_m_s).all(1)]
+    third = len(known) // 3
+    start, end = known[:third].mean(0), known[-third:].mean(0)
+    change = end - start
+    # Scatter from one increment to the next, which a slow change does not enter.
+    scatter = np.diff(known, axis=0).std(0) / math.sqrt(third)
+    at = int((np.abs(change) / scatter).argmax())
+    if abs(change[at]) < STEADY * scatter[at]:
+        return "", 0.0
+    speed = max(float(np.hypot(*start)), float(np.hypot(*end)))
+    return f"along {'xy'[at]} changes by {change[at]:.3g} m/s", abs(float(change[at])) / speed
 
 
 def spread(values: Array) -> tuple[Array, Array]:
@@ -106,7 +119,7 @@ def from_track(
     Raises
     ------
     ValueError
-        If frame rate, diameter or mass are missing, or too few increments were measured.
+        If frame rate, diameter or mass are missing, too few increments were measured, or the ball does not fly freely.
     """
     sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))
     return _flight(track.increment, sd, track.circle.radius, origin, (frame_rate, diameter_mm, mass_g, shutter_s))
@@ -175,7 +188,12 @@ def require(
 def _flight(increment: Array, sd: Array, radius: float, origin: str, known: tuple[float | None, ...]) -> Flight:
     *_, shutter_s = known
     frame_rate, diameter_mm, mass_g = require(origin, *known[:3])
-    valid = np.isfinite(increment).all(1)
+    valid, placed = np.isfinite(increment).all(1), np.isfinite(increment[:, :2]).all(1)
+    if placed.sum() >= LEAST_STEPS > valid.sum():
+        raise ValueError(
+            f"{origin}: the ball shows too little texture: of {placed.sum()} increments {valid.sum()} have a rotation, "
+            f"and {LEAST_STEPS} are needed; put a pattern of spots on the ball, or light it so that its pattern shows"
+        )
     if valid.sum() < LEAST_STEPS:
         raise ValueError(
             f"{origin}: {valid.sum()} increments were measured, and {LEAST_STEPS} are needed for a standard deviation; "
@@ -194,4 +212,11 @@ def _flight(increment: Array, sd: Array, radius: float, origin: str, known: tupl
         mass_g=mass_g,
         shutter_s=shutter_s,
     )
-    return Flight(increment, np.median(sd[valid], 0), setup, origin)
+    flight = Flight(increment, np.median(sd[valid], 0), setup, origin)
+    change, share = _change(flight.velocity_m_s)
+    if share > NO_FLIGHT:
+        raise ValueError(
+            f"{origin}: this is no free flight: the velocity {change}, {100 * share:.0f} % of the speed, as by an "
+            "impact; track the frames before it alone with 'torchsphere track --frames A:B' and give that result"
+        )
+    return flight

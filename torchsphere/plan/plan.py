@@ -167,10 +167,16 @@ def _cost_of_blur(example: Example, setup: Setup) -> Array:
     return np.array(cost).reshape(-1, 2)
 
 
+def cautions(plan: Plan) -> tuple[str, ...]:
+    """What makes the plan's numbers others than they are taken for."""
+    return plan.flight.warnings if plan.flight else ()
+
+
 def remarks(plan: Plan) -> list[str]:
     """What to mind or to change, the weightiest first; never empty. The first is the advice."""
     setup, found = plan.setup, plan.rehearsal
-    said = []
+    # Where the numbers are not what they are taken for, all the rest counts less.
+    said = list(cautions(plan))
     if setup.blur_px > MOST_BLUR_PX:
         exposure = MOST_BLUR_PX * setup.m_per_px / setup.speed_m_s
         said.append(
@@ -198,7 +204,7 @@ def remarks(plan: Plan) -> list[str]:
         )
     if found is not None and not found.found:
         said.append("The contact does not stand out from the noise: film a larger or better lit ball.")
-    return [*said, *_verdict(plan), *(plan.flight.warnings if plan.flight else ())]
+    return [*said, *_verdict(plan)]
 
 
 def _about_modes(plan: Plan) -> list[str]:

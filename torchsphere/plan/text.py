@@ -7,7 +7,7 @@ import numpy as np
 from torchsphere.plan import camera_modes, free_flight
 from torchsphere.plan.expected import MOST_BLUR_PX
 from torchsphere.plan.free_flight import Flight
-from torchsphere.plan.plan import Plan, remarks
+from torchsphere.plan.plan import Plan, cautions, remarks
 
 #: Axes of the image, and of the flight.
 AXES = (("x", "along"), ("y", "across"))
@@ -24,7 +24,9 @@ def text(plan: Plan) -> str:
     """Test, uncertainty, modes, advice."""
     setup = plan.setup
     step = float(np.hypot(*setup.increment[:2]))
+    doubts = cautions(plan)
     lines = [
+        *(f"caution {sentence}" for sentence in doubts),
         f"test    {setup.speed_m_s:.4g} m/s, {setup.frame_rate:g} frames/s, ball of {setup.radius_px:.1f} px radius",
         f"        {step:.2f} px and {setup.turn_deg:.2f} deg per frame; {plan.origin}",
     ]
@@ -40,7 +42,7 @@ def text(plan: Plan) -> str:
     lines += _of_uncertainty(plan)
     if plan.verdicts:
         lines += _of_modes(plan)
-    advice, *more = remarks(plan)
+    advice, *more = [sentence for sentence in remarks(plan) if sentence not in doubts]
     return "\n".join((*lines, "", f"advice  {advice}", *(f"note    {sentence}" for sentence in more)))
 
 

@@ -114,7 +114,8 @@ class Recording:
             bad = first + int(np.flatnonzero(~np.isfinite(grey).all(axis=(1, 2)))[0])
             raise ValueError(
                 f"{self.path}: image {bad} holds values that are not finite; "
-                "expected plain grey levels, replace them before tracking (or mask the region)"
+                "expected plain grey levels, so replace them in the file (even where a mask is to leave them out: it "
+                "comes after reading)"
             )
         return grey
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -174,12 +173,17 @@ def _means(result: ResultFolder) -> list[tuple[str, str]]:
     means = result.summary.get("mean_motion", {})
     rows = []
     if "velocity_m_s" in means:
-        rows.append(("Mean velocity (x, y)", plain(means["velocity_m_s"], "m/s")))
-        rows.append(("Mean spin (x, y, z)", plain(means["spin_rad_s"], "rad/s")))
-    step = [math.nan if v is None else v for v in means.get("increment_px_rad", [math.nan] * 5)]
-    rows.append(("Mean step (x, y)", plain(step[:2], "px per frame")))
-    rows.append(("Mean rotation (x, y, z)", plain([math.degrees(v) for v in step[2:]], "deg per frame")))
-    return rows
+        rows.append(("Mean velocity (x, y)", _mean(means, "velocity_m_s", slice(2), "m/s")))
+        rows.append(("Mean spin (x, y, z)", _mean(means, "spin_rad_s", slice(3), "rad/s")))
+    rows.append(("Mean step (x, y)", _mean(means, "increment_px_rad", slice(2), "px per frame")))
+    turn = _mean(means, "increment_px_rad", slice(2, 5), "deg per frame", math.degrees(1))
+    return [*rows, ("Mean rotation (x, y, z)", turn)]
+
+
+def _mean(means: dict[str, Any], name: str, part: slice, unit: str, factor: float = 1.0) -> str:
+    """A part of a mean with its standard deviation, which results of earlier versions lack."""
+    value, sd = _vector(means.get(name)), means.get(f"sd_{name}")
+    return measured(factor * value[part], None if sd is None else factor * _vector(sd)[part], unit)
 
 
 def _setup(result: ResultFolder) -> list[tuple[str, str]]:
@@ -194,7 +198,7 @@ def _setup(result: ResultFolder) -> list[tuple[str, str]]:
         ("Frames", f"{source['first_frame']} to {source['last_frame']} of {source['frames']}"),
         ("Frame rate", "not known" if rate is None else rate_text),
         ("Exposure", "not known" if exposure is None else f"{1e6 * exposure:.4g} µs"),
-        (f"Radius of the ball in frame {circle['frame']}", measured(circle["radius"], circle.get("sd_radius"), "px")),
+        (f"Radius of the ball in frame {circle['frame']}", _radius(circle)),
     ]
     if scale:
         sd = scale.get("sd_m_per_px")
@@ -203,6 +207,14 @@ def _setup(result: ResultFolder) -> list[tuple[str, str]]:
         rows.append(("Size of a pixel", "not known" if not _scale_given(result) else "needs the frame rate as well"))
     rows.append(("Axes", str(summary.get("axes", ""))))
     return rows
+
+
+def _radius(circle: dict[str, Any]) -> str:
+    sd = circle.get("sd_radius")
+    # Where the place is guessed the radius may be known from the frames that follow.
+    if circle.get("sd_guessed") and sd > 0.5 * circle["sd_x"]:
+        return f"{circle['radius']:.1f} px, to about {sd:.0f} px, not measured"
+    return measured(circle["radius"], sd, "px")
 
 
 def estimate(item: dict[str, Any] | None, unit: str, factor: float) -> str:
@@ -224,14 +236,6 @@ def measured(value: Any, sd: Any, unit: str) -> str:
     spread = texts[0][1] if len(texts) == 1 else f"({', '.join(text[1] for text in texts)})"
     known = bool((np.isfinite(sds) & (sds > 0)).all())
     return f"{number}{f' ± {spread}' if known else ''}{f' {unit}' if unit else ''}"
-
-
-def plain(values: Iterable[Any], unit: str) -> str:
-    """Numbers without a stated uncertainty, four digits each."""
-    vector = _vector(list(values))
-    if not np.isfinite(vector).any():
-        return NOT_MEASURED
-    return f"({', '.join(f'{v:.4g}' if math.isfinite(v) else NOT_MEASURED for v in vector)}) {unit}"
 
 
 def runs(frames: NDArray[np.int64], most: int = 6) -> str:

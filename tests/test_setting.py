@@ -1,0 +1,108 @@
+"""Settings: checked even where they do not come to use, and named as they were given."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from refusals import refused
+
+from torchsphere.cli import main
+from torchsphere.request import Request
+from torchsphere.setting import option
+
+CIRCLE = "64.3,92.6,40"
+
+
+#: Each refusal of a setting, by the words of the command line and by those of Python.
+REFUSALS = {
+    "mass": ({"mass_g": -3.0}, "--mass-g -3: expected a finite, positive number"),
+    "roi": ({"roi": 1.5}, "--roi 1.5: expected a number from 0.1 to 1"),
+    "rate": ({"fps": 1e20}, "--fps 1e+20: expected a number from 1e-06 to 1e+13"),
+    "no scale": (
+        {"mass_g": 110.0},
+        "--mass-g was given without a scale, so no force can follow; add --diameter-mm or --mm-per-px",
+    ),
+    "within the ball": (
+        {"model": "pinhole", "distance_mm": 10.0, "diameter_mm": 30.0},
+        "--distance-mm 10: lies within the ball, whose radius is 15 mm; "
+        "give the distance of its centre from the camera",
+    ),
+    # None of these comes to use without a frame rate, or by the smoother.
+    "even window": (
+        {"window": 4},
+        "--window 4 with --order 3: expected an order of 2 or more and an odd window longer than that",
+    ),
+    "scale's share": ({"scale_sd_percent": 500.0}, "--scale-sd-percent 500: expected 0 to below 100"),
+    "shell": (
+        {"diameter_mm": 30.0, "mass_g": 110.0, "shell_mm": 16.0},
+        "--shell-mm 16: thicker than the ball's radius of 15 mm",
+    ),
+    "shell and inertia": (
+        {"mm_per_px": 1.0, "mass_g": 110.0, "shell_mm": 2.0, "inertia_kg_m2": 1e-5},
+        "--shell-mm and --inertia-kg-m2 were both given; the inertia needs one of them, leave one out",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSALS)
+def test_a_refusal_names_the_option_on_the_command_line_and_the_parameter_in_python(
+    case: str, tmp_path: Path, short: Path, capsys
+) -> None:
+    values, told = REFUSALS[case]
+    typed = [word for name, value in values.items() for word in (option(name), str(value))]
+    assert refused(["track", str(short), "--out", str(tmp_path / "out"), *typed], capsys) == f"torchsphere: {told}"
+    in_python = re.sub(r"--([a-z0-9-]+)( (?=[-\d]))?", lambda m: m[1].replace("-", "_") + (" = " if m[2] else ""), told)
+    with pytest.raises(ValueError, match=re.escape(in_python)):
+        Request(input=short, out=tmp_path / "out", **values)
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ("-5:", "--frames -5: counts from the end"),
+        ("5:5", "--frames 5:5 holds no frame"),
+        ("5:2", "--frames 5:2 holds no frame"),
+        ("3:4", "--frames 3:4 holds one frame"),
+        ("8:", "--frames 8: reaches beyond the end"),
+        ("0:99", "--frames 0:99 reaches beyond the end"),
+    ],
+)
+def test_frames_that_are_not_there_are_told_with_how_many_there_are_and_what_to_give(
+    asked: str, said: str, tmp_path: Path, short: Path, capsys
+) -> None:
+    sentence = refused(["track", str(short), "--out", str(tmp_path / "out"), f"--frames={asked}", "--quiet"], capsys)
+    assert said in sentence
+    assert "8 frames, 0 to 7, so give " in sentence
+
+
+def test_a_value_that_looks_like_an_option_is_told_how_to_be_given(tmp_path: Path, short: Path, capsys) -> None:
+    sentence = refused(["track", str(short), "--out", str(tmp_path / "out"), "--frames", "-5:"], capsys)
+    assert "--frames: expected one argument, joined by '='" in sentence
+
+
+@pytest.mark.parametrize(
+    ("given", "noted"),
+    [
+        (
+            ["--diameter-mm", "30", "--mass-g", "110", "--window", "9"],
+            "--diameter-mm, --mass-g, --window, as without a",
+        ),
+        (["--fps", "1000", "--lab-frame"], "--lab-frame, as without a scale"),
+        (["--fps", "1000", "--mm-per-px", "1", "--window", "9"], "--window, as the method smoother has neither"),
+        (["--fps", "1000", "--mm-per-px", "1", "--normal-deg", "9"], "--normal-deg, as no impact is reported"),
+        (["--fps", "1000", "--mm-per-px", "1", "--method", "savitzky-golay", "--window", "5"], ""),
+        (["--fps", "1000", "--mm-per-px", "1", "--lab-frame"], ""),
+    ],
+)
+def test_an_option_that_does_not_come_to_use_is_noted(
+    given: list[str], noted: str, tmp_path: Path, short: Path, capsys
+) -> None:
+    out = tmp_path / "result"
+    arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--frames", "0:6", "--no-report", *given]
+    assert main(arguments) == 0
+    printed = capsys.readouterr().out
+    warnings = json.loads((out / "summary.json").read_text())["warnings"]
+    found = [sentence for sentence in warnings if sentence.startswith("Given and not used: ")]
+    assert len(found) == (1 if noted else 0)
+    assert all(noted in sentence and f"note    {sentence}" in printed for sentence in found)

@@ -1,0 +1,65 @@
+"""What a reader of a result has to know before trusting its numbers, in sentences for the summary's warnings."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from torchsphere import results
+from torchsphere.recording import Recording
+from torchsphere.request import Request
+from torchsphere.track import Track
+
+
+def cautions(
+    request: Request, recording: Recording, tracked: Track, frame_rate: float | None, start: int
+) -> tuple[str, ...]:
+    """Sentences that a reader of the result has to know."""
+    # What the file lacks and the user gave is nothing to know of.
+    found = [note for note in recording.notes if request.fps is None or "no frame rate" not in note]
+    n = len(tracked.status)
+    bad = n - int((tracked.status == "ok").sum())
+    if bad:
+        counts = ", ".join(f"{count} {name}" for name, count in results.status_counts(tracked).items())
+        found.append(f"{bad} of {n} frames were not fully measured: {counts}.")
+    repeated = tracked.settings["repeated_frames"]
+    if repeated:
+        numbers = ", ".join(str(start + i) for i in repeated)
+        found.append(
+            f"Frames that repeat the image before them bit for bit while the ball moves, not measured: {numbers}."
+        )
+    if frame_rate is None:
+        found.append("The frame rate is not known, so there are no times and no kinematics; give --fps.")
+    elif recording.frame_rate is not None and request.fps is not None and request.fps != recording.frame_rate:
+        found.append(f"The file states {recording.frame_rate:g} frames/s; {request.fps:g} was given and used.")
+    if request.diameter_mm is None and request.mm_per_px is None:
+        found.append("No scale was given, so there are no kinematics; give --diameter-mm or --mm-per-px.")
+    if math.isnan(tracked.circle.sd_radius):
+        found.append("The circle was given without an uncertainty; what it adds to the results' is not included.")
+    if tracked.settings["circle_refined"] and tracked.circle.doubt:
+        found.append(tracked.circle.doubt)
+    if request.mm_per_px is not None:
+        found.append("The scale was given and taken as exact; its uncertainty is not included.")
+    about_map = tracked.settings["sphere_map"]
+    if not about_map["used"] and not request.in_place and _turns_in_place(tracked):
+        found.append(
+            "The ball turns fast and hardly moves; if it cannot leave its place, say --in-place against drift."
+        )
+    if not about_map["used"] and request.map != "off" and not about_map["reason"].startswith("not needed"):
+        found.append(f"Poses rest on the frame-to-frame steps, whose errors add up: {about_map['reason']}.")
+    if request.model == "published":
+        found.append("The published modes are no rigid rotation: they bias translation and rotation; see the README.")
+    if request.model == "translation":
+        found.append("The translation model takes any rotation of the ball for translation.")
+    return tuple(found)
+
+
+def _turns_in_place(tracked: Track) -> bool:
+    """Whether the ball turns by more than it moves: more than 1 deg per frame, less than two radii in all."""
+    turn = np.linalg.norm(tracked.increment[:, 2:], axis=1)
+    known = tracked.position[np.isfinite(tracked.position[:, 0])]
+    reach = float(np.ptp(known, axis=0).max()) if len(known) else np.inf
+    swept = np.nansum(turn) * tracked.circle.radius
+    fast = bool(np.isfinite(turn).any()) and float(np.nanmedian(turn)) > np.radians(1.0)
+    return fast and reach < 2 * tracked.circle.radius and swept > 3 * reach

@@ -1,0 +1,63 @@
+"""Mean step, velocity and spin over the measured steps of a recording, each with its standard deviation.
+
+A sum of successive steps leads from the first pose to the last, so that the errors of the poses between cancel; what
+stays are those two, the share of each step's error that stays in all later poses, and what all steps share.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torchsphere.camera import LAB_AXES, Scale
+from torchsphere.kinematics import Kinematics
+from torchsphere.plane import in_plane
+from torchsphere.poses import joined, poses
+from torchsphere.shared import Shared
+from torchsphere.track import Track
+
+Array = NDArray[np.float64]
+
+
+def mean_motion(track: Track, motion: Kinematics | None) -> dict[str, Array]:
+    """Means and their standard deviations, for the summary; NaN where nothing was measured.
+
+    Parameters
+    ----------
+    track : Track
+    motion : Kinematics or None
+        Where frame rate and scale are known; its scale, frame rate and axes are used.
+
+    Returns
+    -------
+    dict
+        ``increment_px_rad`` (5,); with ``motion`` also ``velocity_m_s`` (2,) and ``spin_rad_s`` (3,) in its axes. Each
+        has its namesake with ``sd_``.
+    """
+    step, sd = _mean_step(track, Scale(1.0, 0.0, "px"))
+    found = {"increment_px_rad": step, "sd_increment_px_rad": sd}
+    if motion is None:
+        return found
+    step, sd = _mean_step(in_plane(track), motion.scale)
+    axes = np.diag(LAB_AXES) if motion.lab_frame else np.ones(3)
+    to_m_s = motion.scale.m_per_px * motion.frame_rate
+    found |= {"velocity_m_s": to_m_s * step[:2] * axes[:2], "sd_velocity_m_s": to_m_s * sd[:2]}
+    return found | {"spin_rad_s": motion.frame_rate * step[2:] * axes, "sd_spin_rad_s": motion.frame_rate * sd[2:]}
+
+
+def _mean_step(track: Track, scale: Scale) -> tuple[Array, Array]:
+    """Mean (5,) of the measured steps and its standard deviation, px and rad; ``scale`` tells what lengths share."""
+    valid = np.repeat(joined(track), (2, 3), axis=1)
+    count = valid.sum(0)
+    number = np.where(count > 0, count, np.nan)
+    mean = np.where(valid, track.increment, 0.0).sum(0) / number
+    measured = poses([track], [np.arange(float(len(track.status)))])
+    variance = np.diagonal(measured.covariance[0].numpy(), axis1=1, axis2=2)
+    # A step adds its second pose's error and takes the first one's: in a run of steps all but the ends cancel.
+    edge = np.zeros((1, valid.shape[1]), dtype=bool)
+    before, after = np.concatenate((edge, valid)), np.concatenate((valid, edge))
+    of_ends = np.where(before != after, variance, 0.0).sum(0)
+    staying = np.where(valid, measured.drift[0].numpy(), 0.0).sum(0)
+    shared = Shared.of(track, scale)
+    own = np.hypot(np.sqrt(of_ends + staying) / number, shared.steady)
+    return mean, shared.sd(mean[None], own[None])[0]

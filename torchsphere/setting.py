@@ -1,0 +1,64 @@
+"""What a setting may be, and the refusal of one that may not: by its name in Python, or as the option typed."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import Any
+
+#: Radius of the region of interest over the ball's.
+ROI = (0.1, 1.0)
+
+#: Frames per second that a recording may have: from a day's growth to light in flight.
+FRAME_RATES = (1e-6, 1e13)
+
+
+class SettingError(ValueError):
+    """A refusal in one sentence, in which the names of settings stand between backticks: "`mass_g` = -3: expected ...".
+
+    The text of the error has them without, as they are called in Python.
+    """
+
+    def __init__(self, sentence: str) -> None:
+        super().__init__(sentence.replace("`", ""))
+        self._sentence = sentence
+
+    def as_options(self) -> str:
+        """The sentence with the names as options of the command line: "--mass-g -3: expected ..."."""
+        return re.sub(r"`(\w+)`(?: =)?", lambda match: option(match[1]), self._sentence)
+
+
+def option(name: str) -> str:
+    """What a setting is called on the command line."""
+    return f"--{name.replace('_', '-')}"
+
+
+def require_positive(name: str, value: float | None) -> None:
+    """Raise SettingError unless the value is finite and positive, or not given."""
+    if value is not None and not (math.isfinite(value) and value > 0):
+        raise SettingError(f"`{name}` = {value:g}: expected a finite, positive number")
+
+
+def require_finite(name: str, values: float | Sequence[float] | None) -> None:
+    """Raise SettingError unless all values are finite, or none are given."""
+    each = values if isinstance(values, Sequence) else () if values is None else (values,)
+    if not all(map(math.isfinite, each)):
+        shown = ",".join(f"{value:g}" for value in each)
+        raise SettingError(f"`{name}` = {shown}: expected {'finite numbers' if len(each) > 1 else 'a finite number'}")
+
+
+def require_within(name: str, value: Any, limits: tuple[float, float]) -> None:
+    """Raise SettingError unless the value is a number within the limits, or not given."""
+    low, high = limits
+    if value is not None and not (isinstance(value, (int, float)) and low <= value <= high):
+        raise SettingError(f"`{name}` = {value!r}: expected a number from {low:g} to {high:g}")
+
+
+def require_window(window: int, order: int) -> None:
+    """Raise SettingError unless local polynomials of that order can be fitted to so many frames around each frame."""
+    if window % 2 == 0 or order < 2 or window <= order:
+        raise SettingError(
+            f"`window` = {window} with `order` = {order}: expected an order of 2 or more and an odd window longer than "
+            "that"
+        )
