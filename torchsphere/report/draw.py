@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from torchsphere.report import image_figures, motion_figures, page
+from torchsphere.report import image_figures, motion_figures, page, path_figure
 from torchsphere.report.folder import ResultFolder, read
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ OF_NUMBERS: dict[str, Callable[[ResultFolder], Figure]] = {
     "quality": motion_figures.quality_figure,
 }
 OF_IMAGES: dict[str, Callable[[ResultFolder], Figure]] = {
-    "path": image_figures.path_figure,
+    "path": path_figure.path_figure,
     "residuals": image_figures.residual_figure,
 }
 
