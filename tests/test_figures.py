@@ -93,6 +93,13 @@ def test_without_a_scale_motion_is_drawn_in_px_and_frames(result: ResultFolder) 
     np.testing.assert_allclose(axes[2].lines[1].get_ydata(), np.degrees(result.increment[:, 3]))
 
 
+def test_one_legend_above_the_first_panel_names_lines_and_shades(result: ResultFolder) -> None:
+    axes = motion_figures.motion_figure(result).axes
+    legends = [axis.get_legend() for axis in axes]
+    assert [legend is not None for legend in legends] == [True] + [False] * 7
+    assert [text.get_text() for text in legends[0].get_texts()] == ["x", "y", "z", "contact"]
+
+
 def test_frames_that_were_not_measured_are_shaded(result: ResultFolder) -> None:
     status = result.status.astype("<U16")
     status[[4, 5, 9]] = "lost"

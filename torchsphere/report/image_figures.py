@@ -40,9 +40,13 @@ def residual_figure(result: ResultFolder) -> Figure:
         extent = (-half, half, half, -half)
         shown = axis.imshow(sampled.residual_levels(i), cmap="RdBu_r", vmin=-limit, vmax=limit, extent=extent)
         row = sampled.row[i]
-        axis.set_title(f"{name}: frame {result.frame[row]}\nZNCC {result.zncc[row]:.4f}", fontsize=8)
+        axis.set_title(f"{name}: frame {result.frame[row]}\nZNCC {result.zncc[row]:.5f}", fontsize=8, y=1.0)
         axis.set_xlabel("x from the centre (px)", fontsize=8)
+        # With its place given, matplotlib does not measure all labels to find one.
+        axis.xaxis.set_label_coords(0.5, -0.14)
         axis.tick_params(labelsize=8)
+    for axis in axes[1:]:
+        axis.yaxis.set_visible(False)
     axes[0].set_ylabel("y from the centre (px)", fontsize=8)
     bar = figure.colorbar(shown, cax=figure.add_axes((0.905, 0.2, 0.018, 0.62)))
     bar.set_label("residual (grey levels)", fontsize=8)

@@ -42,13 +42,11 @@ def stacked(result: ResultFolder, shown: Sequence[Panel], title: str) -> Figure:
     known = [bool(np.isfinite(panel.values).any()) for panel in shown]
     striped = [k and p.sd is not None and bool(np.isfinite(p.sd).any()) for k, p in zip(known, shown, strict=True)]
     figure, axes, strips = _laid_out(known, striped)
-    labelled = 0 if not any(known) else known.index(True)
-    for i, (axis, panel) in enumerate(zip(axes, shown, strict=True)):
-        if known[i]:
+    for axis, panel, filled in zip(axes, shown, known, strict=True):
+        if filled:
             _curves(axis, where, panel)
             _shade(axis, result, where)
             named(axis, panel.label)
-            _legend(axis, panel, result if i == labelled else None)
         else:
             emptied(axis, why_empty(result, panel.key), panel.label)
     for axis, panel in zip(strips, (p for p, s in zip(shown, striped, strict=True) if s), strict=True):
@@ -56,6 +54,8 @@ def stacked(result: ResultFolder, shown: Sequence[Panel], title: str) -> Figure:
         _shade(axis, result, where)
     if any(known):
         time_axis([*axes, *strips], where)
+        components = max(len(panel.names) for panel, filled in zip(shown, known, strict=True) if filled)
+        _legend(axes[known.index(True)], result, components)
     titled(figure, title + ("; bands: 2 sd; strips: sd, in the same unit" if strips else ""))
     return figure
 
@@ -111,7 +111,7 @@ def emptied(axis: Axes, why: str, label: str) -> None:
 def time_axis(axes: Sequence[Axes], where: Abscissa) -> None:
     """The abscissa's limits for all, whatever was measured; ticks and its label below the lowest.
 
-    The others have lines at the lowest's ticks and no ticks of their own, which took a third of the time of drawing.
+    The others have lines at the lowest's ticks and no ticks of their own, the dearest part of drawing with matplotlib.
     """
     first, last = float(where.values[0]), float(where.values[-1])
     spare = 0.02 * (last - first) or 0.5
@@ -132,9 +132,8 @@ def time_axis(axes: Sequence[Axes], where: Abscissa) -> None:
 
 
 def _curves(axis: Axes, where: Abscissa, panel: Panel) -> None:
-    for k, name in enumerate(panel.names):
-        value = panel.values[:, k]
-        axis.plot(where.values, value, STYLES[k], color=COLOURS[k], lw=1.2, label=name)
+    for k, value in enumerate(panel.values.T):
+        axis.plot(where.values, value, STYLES[k], color=COLOURS[k], lw=1.2)
         if panel.sd is not None:
             sd = 2 * panel.sd[:, k]
             axis.fill_between(where.values, value - sd, value + sd, color=COLOURS[k], alpha=0.25, lw=0)
@@ -150,24 +149,19 @@ def _deviations(axis: Axes, where: Abscissa, panel: Panel) -> None:
     named(axis, "sd")
 
 
-def _legend(axis: Axes, panel: Panel, result: ResultFolder | None) -> None:
-    """Names of the components, and where `result` is given of what is shaded; above the axis, never over data."""
+def _legend(axis: Axes, result: ResultFolder, components: int) -> None:
+    """Axes of the ball's motion by line, and what is shaded: once for all panels, above the first, never over data."""
+    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    handles = list(axis.get_legend_handles_labels()[0])
-    if result is not None and result.contact_s is not None and len(axis.patches):
+    lines = zip("xyz"[:components], STYLES, COLOURS, strict=False)
+    handles: list[Any] = [Line2D([], [], ls=style, color=colour, lw=1.2, label=n) for n, style, colour in lines]
+    if result.contact_s is not None and abscissa(result).per_second is not None:
         handles.append(Patch(color=CONTACT, alpha=0.35, lw=0, label="contact"))
-    if result is not None and failed(result).any():
+    if failed(result).any():
         handles.append(Patch(color=MISSING, lw=0, label="not measured"))
-    axis.legend(
-        handles=handles,
-        loc="lower right",
-        bbox_to_anchor=(1.0, 1.0),
-        fontsize=8,
-        ncols=5,
-        frameon=False,
-        borderaxespad=0.1,
-    )
+    place: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
+    axis.legend(handles=handles, fontsize=8, ncols=5, frameon=False, **place)
 
 
 def failed(result: ResultFolder) -> NDArray[np.bool_]:
