@@ -38,7 +38,8 @@ from scipy.ndimage import map_coordinates
 
 import torchsphere as ts
 from experiments.accuracy import cached
-from experiments.projection import BASE, NOISE_GREY, WAYS, Case, Scene, make_scene
+from experiments.projection_errors import WAYS
+from experiments.projection_footage import BASE, NOISE_GREY, Case, Scene, make_scene
 from render.frames import render_radiance
 from torchsphere.motion import Geometry, published
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from PIL import Image
 
 from torchsphere import demo
 from torchsphere.measure import Request, measure
-from torchsphere.report import image_figures, motion_figures
+from torchsphere.report import image_figures, motion_figures, path_figure
 from torchsphere.report.folder import ResultFolder, read
 
 
@@ -43,8 +44,8 @@ def in_px(result: ResultFolder) -> ResultFolder:
 def test_motion_is_drawn_in_si_units_with_its_band_of_two_standard_deviations(result: ResultFolder) -> None:
     axes = motion_figures.motion_figure(result).axes
     labels = ["position (mm)", "velocity (m/s)", "force (kN)", "spin (rad/s)"]
-    assert [axis.get_ylabel() for axis in axes] == labels
-    assert axes[-1].get_xlabel() == "time (ms)"
+    assert [axis.get_ylabel() for axis in axes] == [*labels, "sd", "sd", "sd", "sd"]
+    assert [axis.get_xlabel() for axis in axes] == [""] * 7 + ["time (ms)"]
     assert result.motion is not None
     drawn = axes[1].lines[0].get_xydata()
     np.testing.assert_allclose(drawn, np.stack((1e3 * result.time_s, result.motion.velocity_m_s[:, 0]), 1))
@@ -52,6 +53,26 @@ def test_motion_is_drawn_in_si_units_with_its_band_of_two_standard_deviations(re
     widest = 2 * result.motion.sd_velocity_m_s[:, 0]
     assert band.max() == pytest.approx((result.motion.velocity_m_s[:, 0] + widest).max())
     assert band.min() == pytest.approx((result.motion.velocity_m_s[:, 0] - widest).min())
+
+
+def test_below_each_panel_stands_its_standard_deviation_in_the_same_unit(result: ResultFolder) -> None:
+    axes = motion_figures.motion_figure(result).axes
+    assert result.motion is not None
+    assert result.motion.sd_force_N is not None
+    for axis, sd in (
+        (axes[4], 1e3 * result.motion.sd_position_m),
+        (axes[5], result.motion.sd_velocity_m_s),
+        (axes[6], 1e-3 * result.motion.sd_force_N),
+        (axes[7], result.motion.sd_spin_rad_s),
+    ):
+        np.testing.assert_allclose(np.stack([line.get_ydata() for line in axis.lines], 1), sd)
+        # All of it can be seen, from zero.
+        low, high = axis.get_ylim()
+        assert low == 0
+        assert np.nanmax(sd) < high < 1.5 * np.nanmax(sd)
+    for above, below in zip(axes[:4], axes[4:], strict=True):
+        assert above.get_xlim() == below.get_xlim()
+        assert 0 < above.get_position().y0 - below.get_position().y1 < 0.02
 
 
 def test_the_contact_is_shaded_where_it_was_measured(result: ResultFolder) -> None:
@@ -64,9 +85,19 @@ def test_the_contact_is_shaded_where_it_was_measured(result: ResultFolder) -> No
 def test_without_a_scale_motion_is_drawn_in_px_and_frames(result: ResultFolder) -> None:
     axes = motion_figures.motion_figure(in_px(result)).axes
     labels = ["position (px)", "step (px per frame)", "rotation (deg per frame)"]
-    assert [axis.get_ylabel() for axis in axes] == labels
+    # No standard deviation is stated of positions in px.
+    assert [axis.get_ylabel() for axis in axes] == [*labels, "sd", "sd"]
     assert axes[-1].get_xlabel() == "frame"
+    # The diameter was given.
+    assert axes[1].get_title(loc="left") == "for m/s and N give --fps"
     np.testing.assert_allclose(axes[2].lines[1].get_ydata(), np.degrees(result.increment[:, 3]))
+
+
+def test_one_legend_above_the_first_panel_names_lines_and_shades(result: ResultFolder) -> None:
+    axes = motion_figures.motion_figure(result).axes
+    legends = [axis.get_legend() for axis in axes]
+    assert [legend is not None for legend in legends] == [True] + [False] * 7
+    assert [text.get_text() for text in legends[0].get_texts()] == ["x", "y", "z", "contact"]
 
 
 def test_frames_that_were_not_measured_are_shaded(result: ResultFolder) -> None:
@@ -78,16 +109,60 @@ def test_frames_that_were_not_measured_are_shaded(result: ResultFolder) -> None:
 
 
 def test_the_path_is_drawn_in_the_image_s_own_pixels(result: ResultFolder) -> None:
-    axis = image_figures.path_figure(result).axes[0]
+    axis = path_figure.path_figure(result).axes[0]
     assert result.sampled is not None
     left, top, width, height = result.sampled.box
     assert axis.images[0].get_extent() == [left, left + width, top + height, top]
-    np.testing.assert_allclose(axis.lines[1].get_xydata(), result.position)
+    drawn = labelled(axis)
+    np.testing.assert_allclose(drawn["path"].get_xydata(), result.position)
     # Circles of the ball's radius at even times.
-    circles = [line.get_xydata() for line in axis.lines[2::2]]
-    assert len(circles) >= image_figures.CIRCLES - 1
-    for circle in circles:
-        assert np.ptp(circle[:, 0]) == pytest.approx(2 * result.radius[0], rel=1e-3)
+    (circles,) = axis.collections
+    outlines = circles.get_segments()
+    assert len(outlines) == len(np.arange(0, len(result.frame), 2)) >= path_figure.CIRCLES - 1
+    assert circles.get_label() == f"ball every {1e3 * 2 / 36_000:.3g} ms"
+    for outline, centre in zip(outlines, result.position[::2], strict=True):
+        np.testing.assert_allclose(np.hypot(*(outline - centre).T), result.radius[0], rtol=1e-3)
+
+
+def labelled(axis: Any) -> dict[str, Any]:
+    return {line.get_label(): line for line in axis.lines}
+
+
+def test_start_end_contact_and_direction_of_the_path_are_marked(result: ResultFolder) -> None:
+    axis = path_figure.path_figure(result).axes[0]
+    drawn = labelled(axis)
+    np.testing.assert_allclose(drawn["start"].get_xydata(), result.position[:1])
+    np.testing.assert_allclose(drawn["end"].get_xydata(), result.position[-1:])
+    assert result.contact_s is not None
+    inside = (result.time_s >= result.contact_s[0]) & (result.time_s <= result.contact_s[1])
+    assert 2 < inside.sum() < len(inside)
+    np.testing.assert_array_equal(np.isfinite(drawn["contact"].get_xdata()), inside)
+    heads = [text for text in axis.texts if text.arrow_patch is not None]
+    assert len(heads) == len(path_figure.ARROWS_AT)
+    # The first arrow points to the right, towards the target, the second back.
+    assert [np.sign(head.xy[0] - head.get_position()[0]) for head in heads] == [1, -1]
+    assert axis.get_legend() is not None
+
+
+def test_a_bar_of_round_length_gives_the_scale_of_the_path_where_it_is_known(result: ResultFolder) -> None:
+    axis = path_figure.path_figure(result).axes[0]
+    (bar,) = [text.get_text() for text in axis.texts if text.get_text()]
+    assert bar.endswith(" mm")
+    length_px = np.ptp(axis.lines[-1].get_xdata())
+    assert length_px * 1e3 * result.summary["scale"]["m_per_px"] == pytest.approx(float(bar.removesuffix(" mm")))
+    assert not any(text.get_text() for text in path_figure.path_figure(in_px(result)).axes[0].texts)
+
+
+@pytest.mark.parametrize(("length", "round_one"), [(7.3, 5.0), (2.0, 2.0), (0.19, 0.1), (499.0, 200.0)])
+def test_round_lengths_are_one_two_or_five_times_a_power_of_ten(length: float, round_one: float) -> None:
+    assert path_figure.round_below(length) == pytest.approx(round_one)
+
+
+def test_a_ball_that_stays_in_place_has_few_circles_and_no_direction(result: ResultFolder) -> None:
+    still = dataclasses.replace(result, position=np.tile(result.position[:1], (len(result.frame), 1)))
+    axis = path_figure.path_figure(still).axes[0]
+    assert len(axis.collections[0].get_segments()) == 2
+    assert not [text for text in axis.texts if getattr(text, "arrow_patch", None) is not None]
 
 
 def test_residual_maps_show_the_start_the_worst_and_the_end_on_one_scale(result: ResultFolder) -> None:
@@ -111,8 +186,15 @@ def test_nothing_measured_is_said_on_the_axes_instead_of_left_blank(result: Resu
     lost = dataclasses.replace(in_px(result), status=np.full(len(result.status), "lost"), **nothing)
     assert result.sampled is not None
     for figure in (motion_figures.motion_figure(lost), motion_figures.rotation_figure(lost)):
-        assert all("not measured" in [text.get_text() for text in axis.texts] for axis in figure.axes)
-    assert "not measured" in image_figures.path_figure(lost).axes[0].get_title()
+        for axis in figure.axes:
+            (text,) = axis.texts
+            # Why, in how many frames, and which option helps; nothing that looks like a measurement.
+            assert text.get_text().startswith(f"not measured: lost in {len(lost.status)} of {len(lost.status)} frames")
+            assert "--circle" in text.get_text()
+            assert len(axis.get_yticks()) == 0
+            assert not axis.xaxis.get_visible()
+            assert axis.get_legend() is None
+    assert any("not measured" in text.get_text() for text in path_figure.path_figure(lost).texts)
     motion_figures.quality_figure(lost)
 
 
@@ -128,3 +210,24 @@ def test_the_small_picture_is_small_and_shows_the_circle(result: ResultFolder, t
     # The line is 2 px wide and compressed.
     np.testing.assert_allclose(away, result.radius[0] * scale, atol=4)
     assert len(away) > 50
+
+
+def test_an_empty_panel_among_others_says_why_and_keeps_the_time(result: ResultFolder) -> None:
+    assert result.motion is not None
+    nothing = np.full_like(result.motion.spin_rad_s, np.nan)
+    motion = dataclasses.replace(result.motion, spin_rad_s=nothing, sd_spin_rad_s=nothing)
+    smooth = dataclasses.replace(result, motion=motion, status=np.full(len(result.status), "weak_texture"))
+    axes = motion_figures.motion_figure(smooth).axes
+    assert "too little pattern" in axes[3].texts[0].get_text()
+    assert axes[3].get_xlabel() == "time (ms)"
+    assert len(axes) == 7
+    low, high = axes[3].get_xlim()
+    assert low < 1e3 * result.time_s[0] < 1e3 * result.time_s[-1] < high
+
+
+def test_names_of_statuses_are_not_cut(result: ResultFolder) -> None:
+    status = result.status.astype("<U16")
+    status[3:] = "low_correlation"
+    figure = motion_figures.quality_figure(dataclasses.replace(result, status=status))
+    figure.draw_without_rendering()
+    assert min(label.get_window_extent().x0 for label in figure.axes[1].get_yticklabels()) > 0

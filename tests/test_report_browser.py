@@ -1,6 +1,7 @@
 """The report in a browser: a real one, opened from its file, scrubbed, clicked and dragged."""
 
 import csv
+import dataclasses
 import io
 import json
 import shutil
@@ -17,7 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from torchsphere import demo
 from torchsphere.cli import main
-from torchsphere.report import index
+from torchsphere.report import index, page
+from torchsphere.report.folder import read
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (extra 'dev')")
 
@@ -292,6 +294,43 @@ def test_where_the_ball_is_gone_the_report_says_so_and_shows_no_number(open_resu
     status = report.table("track.csv")[11]["status"].replace("_", " ")
     assert report.page.text_content("#now").endswith(f": {status}")
     assert status in report.page.text_content("#legend")
+
+
+def test_below_each_plot_stands_its_standard_deviation_on_a_scale_of_its_own(open_result: Any) -> None:
+    report = open_result("si")
+    table = report.table("kinematics.csv")
+    for panel, columns, factor in (
+        ("velocity", ("sd_vx_m_s", "sd_vy_m_s"), 1),
+        ("force", ("sd_fx_N", "sd_fy_N"), 1e-3),
+    ):
+        below = report.drawn(f"#plot-{panel}")["below"]
+        largest = max(float(row[column]) * factor for row in table for column in columns)
+        assert below["most"] == pytest.approx(1.1 * largest, rel=1e-2)
+        assert below["bottom"] < report.page.locator(f"#plot-{panel}").bounding_box()["height"]
+    # None is stated of the turned angles.
+    assert report.drawn("#plot-turned")["below"] is None
+
+
+def test_a_plot_without_values_says_why_and_draws_no_axes(browser: Any, results: Path, tmp_path: Path) -> None:
+    result = read(results / "si")
+    assert result.motion is not None
+    nothing = np.full_like(result.motion.spin_rad_s, np.nan)
+    motion = dataclasses.replace(result.motion, spin_rad_s=nothing, sd_spin_rad_s=nothing)
+    smooth = dataclasses.replace(result, motion=motion, status=np.full(len(result.status), "weak_texture"))
+    (tmp_path / "report.html").write_text(page.page(smooth), encoding="utf-8")
+    opened = browser.new_page(viewport={"width": 360, "height": 900})
+    # What is written into canvases, by words.
+    opened.add_init_script(
+        "window.written = []; const fill = CanvasRenderingContext2D.prototype.fillText;"
+        "CanvasRenderingContext2D.prototype.fillText = function (text, ...rest) {"
+        " window.written.push([this.canvas.id, text]); return fill.call(this, text, ...rest); };"
+    )
+    opened.goto((tmp_path / "report.html").as_uri())
+    written = [text for canvas, text in opened.evaluate("window.written") if canvas == "plot-spin"]
+    assert "put spots of 3 to 5 px on the ball" in " ".join(written)
+    assert "sd" not in written
+    assert not any(text.replace(".", "").isdigit() for text in written)
+    opened.close()
 
 
 def test_every_control_is_reached_by_the_tab_key_and_shows_its_focus(open_result: Any) -> None:

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from torchsphere.baselines import extras
 from torchsphere.baselines.baseline import Baseline, Progress
@@ -75,38 +77,59 @@ def lucas_kanade(
     """
     cv2, (source, first) = extras.load("cv2"), opened(images, circle)
     began = time.perf_counter()
-    gain = extras.eight_bit_gain(source.images(0, 1)[0].numpy())
-    offsets = _grid(roi * first.radius, spacing_px)
-    flow = {
-        "winSize": (window_px, window_px),
-        "maxLevel": levels,
-        "criteria": (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, STEPS, LAST_STEP_PX * enlarged),
-        "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
-    }
+    flow = _Flow(
+        cv2=cv2,
+        gain=extras.eight_bit_gain(source.images(0, 1)[0].numpy()),
+        offsets=_grid(roi * first.radius, spacing_px),
+        enlarged=enlarged,
+        blur_px=blur_px,
+        options={
+            "winSize": (window_px, window_px),
+            "maxLevel": levels,
+            "criteria": (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, STEPS, LAST_STEP_PX * enlarged),
+            "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
+        },
+    )
+    half = math.ceil(1.05 * first.radius) + window_px
+    measured = follow(source, first, flow.measured, half=half, progress=progress)
+    settings = {"roi": roi, "spacing_px": spacing_px, "enlarged": enlarged, "blur_px": blur_px}
+    settings |= {"window_px": window_px, "levels": levels}
+    return result(began, measured, "OpenCV calcOpticalFlowPyrLK and a rigid fit", first, **settings)
 
-    def measure(pair: Pair) -> tuple[Array, Array, str]:
-        f, g = (_prepared(cv2, image, gain, enlarged, blur_px) for image in (pair.f, pair.g))
-        before = offsets + pair.centre_f
-        guess = pair.centre_g + offsets + _swept(offsets, pair.turn, pair.radius)
-        # Pixel i of the crop is the mean of the pixels i enlarged to (i + 1) enlarged - 1 of the enlarged one.
-        start, expected = ((((p + 0.5) * enlarged - 0.5)[:, None]).astype(np.float32) for p in (before, guess))
-        after, there, _ = cv2.calcOpticalFlowPyrLK(f, g, start, expected.copy(), **flow)
-        back, again, _ = cv2.calcOpticalFlowPyrLK(g, f, after, start.copy(), **flow)
-        returned = np.abs(back - start)[:, 0].max(-1) < MAX_RETURN_PX * enlarged
-        good = (there[:, 0] == 1) & (again[:, 0] == 1) & returned
+
+@dataclass(frozen=True)
+class _Flow:
+    """How the flow of points, `offsets` (m, 2) px from the ball's centre, is measured; `options` are OpenCV's."""
+
+    cv2: Any
+    gain: float
+    offsets: Array
+    enlarged: int
+    blur_px: float
+    options: dict[str, Any]
+
+    def measured(self, pair: Pair) -> tuple[Array, Array, str]:
+        """Centre, rotation and status of the second image."""
+        after, good = self._points(pair)
         if good.sum() < MIN_POINTS:
             return NOWHERE, NO_ROTATION, "lost"
-        seen = (after[good, 0].astype(np.float64) + 0.5) / enlarged - 0.5
-        q, scatter, used = rigid_fit(offsets[good], seen - pair.centre_f, pair.radius)
+        q, scatter, used = rigid_fit(self.offsets[good], after[good] - pair.centre_f, pair.radius)
         if used < MIN_POINTS or not scatter < MAX_SCATTER_PX:
             return NOWHERE, NO_ROTATION, "low_correlation"
         return pair.centre_f + q[:2], q[2:], "ok"
 
-    half = math.ceil(1.05 * first.radius) + window_px
-    measured = follow(source, first, measure, half=half, progress=progress)
-    settings = {"roi": roi, "spacing_px": spacing_px, "enlarged": enlarged, "blur_px": blur_px}
-    settings |= {"window_px": window_px, "levels": levels}
-    return result(began, measured, "OpenCV calcOpticalFlowPyrLK and a rigid fit", first, **settings)
+    def _points(self, pair: Pair) -> tuple[Array, NDArray[np.bool_]]:
+        """Places (m, 2) of the points in the second image, px, and which came back to their start."""
+        f, g = (_prepared(self.cv2, image, self.gain, self.enlarged, self.blur_px) for image in (pair.f, pair.g))
+        before = self.offsets + pair.centre_f
+        guess = pair.centre_g + self.offsets + _swept(self.offsets, pair.turn, pair.radius)
+        # Pixel i of the crop is the mean of the pixels i enlarged to (i + 1) enlarged - 1 of the enlarged one.
+        start, expected = ((((p + 0.5) * self.enlarged - 0.5)[:, None]).astype(np.float32) for p in (before, guess))
+        after, there, _ = self.cv2.calcOpticalFlowPyrLK(f, g, start, expected.copy(), **self.options)
+        back, again, _ = self.cv2.calcOpticalFlowPyrLK(g, f, after, start.copy(), **self.options)
+        returned = np.abs(back - start)[:, 0].max(-1) < MAX_RETURN_PX * self.enlarged
+        good = (there[:, 0] == 1) & (again[:, 0] == 1) & returned
+        return (after[:, 0].astype(np.float64) + 0.5) / self.enlarged - 0.5, good
 
 
 def rigid_fit(before: Array, after: Array, radius: float) -> tuple[Array, float, int]:

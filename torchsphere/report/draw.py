@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from torchsphere.report import image_figures, motion_figures, page
+from torchsphere.report import image_figures, motion_figures, page, path_figure
 from torchsphere.report.folder import ResultFolder, read
 
 if TYPE_CHECKING:
@@ -22,9 +22,12 @@ OF_NUMBERS: dict[str, Callable[[ResultFolder], Figure]] = {
     "quality": motion_figures.quality_figure,
 }
 OF_IMAGES: dict[str, Callable[[ResultFolder], Figure]] = {
-    "path": image_figures.path_figure,
+    "path": path_figure.path_figure,
     "residuals": image_figures.residual_figure,
 }
+
+#: Compression of a PNG: up to twice as fast as zlib's usual 6, for a few percent more bytes.
+PNG_LEVEL = 4
 
 #: Matplotlib draws for one thread at a time.
 _DRAWING = threading.Lock()
@@ -62,7 +65,7 @@ def _figures(result: ResultFolder, folder: Path) -> None:
     drawn = OF_NUMBERS | (OF_IMAGES if result.sampled is not None else {})
     for name, make in drawn.items():
         figure = make(result)
-        figure.savefig(folder / f"{name}.png")
+        figure.savefig(folder / f"{name}.png", pil_kwargs={"compress_level": PNG_LEVEL})
         # The layout is found: to find it again took a tenth of the time of drawing.
         figure.set_layout_engine("none")
         # Without its date, so that the same result gives the same file.

@@ -1,4 +1,4 @@
-"""Figures of a result over its images: the path of the ball, and what the measured motion leaves unexplained."""
+"""What is seen in the images that a result keeps: what the measured motion leaves unexplained, and a small picture."""
 
 from __future__ import annotations
 
@@ -13,11 +13,7 @@ from torchsphere.report.folder import ResultFolder
 from torchsphere.report.kept import Sampled
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-#: Circles along the path at even times, as many as in the paper's figure 8.
-CIRCLES = 12
 
 #: Robust standard deviations of a residual map at which its colours end.
 COLOURS_END = 5.0
@@ -26,53 +22,9 @@ COLOURS_END = 5.0
 THUMBNAIL_PX = 160
 
 
-def path_figure(result: ResultFolder) -> Figure:
-    """Path over an image with circles at even times: the paper's figures 8 and 15; needs `ResultFolder.sampled`."""
-    sampled = _sampled(result)
-    known = np.flatnonzero(result.known)
-    middle = int(known[len(known) // 2]) if len(known) else 0
-    i = int(np.abs(sampled.row - middle).argmin())
-    left, top, width, height = sampled.box
-    inches = min(7.0, 6.0 * width / height), min(7.0 * height / width, 6.0)
-    figure = new_figure(figsize=(max(inches[0], 4.0) + 0.5, inches[1] + 1.1), dpi=DPI)
-    axis = figure.subplots()
-    axis.imshow(picture(sampled, i), cmap="gray", vmin=0, vmax=255, extent=(left, left + width, top + height, top))
-    if len(known):
-        _path(axis, result, known)
-    axis.set(xlim=(left, left + width), ylim=(top + height, top), xlabel="x (px)", ylabel="y (px)")
-    axis.set_title(f"Path of the ball over frame {result.frame[sampled.row[i]]}{_spacing(result, known)}", fontsize=9)
-    return figure
-
-
-def _path(axis: Axes, result: ResultFolder, known: NDArray[np.int64]) -> None:
-    where = result.position
-    axis.plot(where[:, 0], where[:, 1], "-", color="white", lw=2.2, alpha=0.6)
-    axis.plot(where[:, 0], where[:, 1], "--", color=COLOURS[0], lw=1.2)
-    angle = np.linspace(0, 2 * np.pi, 181)
-    for row in _even(known):
-        (x, y), r = where[row], result.radius[row]
-        axis.plot(x + r * np.cos(angle), y + r * np.sin(angle), color=COLOURS[1], lw=1.0)
-        axis.plot(x, y, "+", color=COLOURS[1], ms=6)
-
-
-def _even(known: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Known rows at even times, about `CIRCLES` of them."""
-    stride = max(int(known[-1] - known[0]) // (CIRCLES - 1), 1)
-    return np.intersect1d(np.arange(known[0], known[-1] + 1, stride), known)
-
-
-def _spacing(result: ResultFolder, known: NDArray[np.int64]) -> str:
-    if len(known) < 2:
-        return "; the place of the ball was not measured" if len(known) == 0 else ""
-    stride = max(int(known[-1] - known[0]) // (CIRCLES - 1), 1)
-    rate = result.summary.get("frame_rate")
-    every = f"{stride} frame{'s' if stride > 1 else ''}" if rate is None else f"{1e3 * stride / rate:.3g} ms"
-    return f", a circle every {every}"
-
-
 def residual_figure(result: ResultFolder) -> Figure:
     """Image minus the image before it carried along: at the start, where it matches worst, and at the end."""
-    sampled = _sampled(result)
+    sampled = kept_images(result)
     there = np.flatnonzero(sampled.has_residual)
     figure = new_figure(figsize=(7.0, 3.0), dpi=DPI, layout=None)
     if len(there) == 0:
@@ -88,9 +40,13 @@ def residual_figure(result: ResultFolder) -> Figure:
         extent = (-half, half, half, -half)
         shown = axis.imshow(sampled.residual_levels(i), cmap="RdBu_r", vmin=-limit, vmax=limit, extent=extent)
         row = sampled.row[i]
-        axis.set_title(f"{name}: frame {result.frame[row]}\nZNCC {result.zncc[row]:.4f}", fontsize=8)
+        axis.set_title(f"{name}: frame {result.frame[row]}\nZNCC {result.zncc[row]:.5f}", fontsize=8, y=1.0)
         axis.set_xlabel("x from the centre (px)", fontsize=8)
+        # With its place given, matplotlib does not measure all labels to find one.
+        axis.xaxis.set_label_coords(0.5, -0.14)
         axis.tick_params(labelsize=8)
+    for axis in axes[1:]:
+        axis.yaxis.set_visible(False)
     axes[0].set_ylabel("y from the centre (px)", fontsize=8)
     bar = figure.colorbar(shown, cax=figure.add_axes((0.905, 0.2, 0.018, 0.62)))
     bar.set_label("residual (grey levels)", fontsize=8)
@@ -116,7 +72,7 @@ def thumbnail(result: ResultFolder) -> bytes:
     """A small WebP of the first frame in which the ball is known, with its circle; of the first frame otherwise."""
     from PIL import Image, ImageDraw
 
-    sampled = _sampled(result)
+    sampled = kept_images(result)
     known = result.known[sampled.row]
     i = int(known.argmax())
     image = Image.open(io.BytesIO(sampled.webp[i])).convert("RGB")
@@ -138,7 +94,14 @@ def picture(sampled: Sampled, i: int) -> NDArray[np.uint8]:
     return np.asarray(Image.open(io.BytesIO(sampled.webp[i])).convert("L"))
 
 
-def _sampled(result: ResultFolder) -> Sampled:
+def kept_images(result: ResultFolder) -> Sampled:
+    """The images that a result keeps.
+
+    Raises
+    ------
+    ValueError
+        If it keeps none.
+    """
     if result.sampled is None:
         raise ValueError(f"{result.path}: no images were kept with this result; track again without --no-report")
     return result.sampled

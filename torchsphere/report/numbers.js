@@ -52,5 +52,5 @@ function writeNotes() {
   const frame = data.lab && data.panels[0].unit !== "px" ? "Lab frame: x right, y up, z to the camera."
     : "Camera frame: x right, y down, z away.";
   document.getElementById("plots-note").textContent =
-    `${frame} Bands: 2 standard deviations.${shaded}${thinned} Click or drag to go there.`;
+    `${frame} Bands: 2 standard deviations (sd); below each plot: the sd.${shaded}${thinned} Click or drag to go there.`;
 }

@@ -41,9 +41,9 @@ function fixedAxes(context, onScreen) {
     arrow(context, onScreen([0, 0, 0]), onScreen(direction.map((c) => 1.5 * c)), 6);
     const [x, y] = onScreen(direction.map((c) => 1.68 * c));
     const half = context.measureText(name).width / 2 + 2;
-    context.textAlign = "center";
-    context.textBaseline = "middle";
-    context.fillText(name, Math.min(Math.max(x, half), drawn.orbit.size - half), y);
+    // Beside the arrow's end rather than across it.
+    const aside = x + half * Math.min(Math.max((x - drawn.orbit.size / 2) / 40, -1), 1);
+    haloed(context, name, Math.min(Math.max(aside, half), drawn.orbit.size - half), y);
   }
 }
 
@@ -70,9 +70,29 @@ function orbitBall(context, m, v, size, radius, onScreen) {
     context.setLineDash(front ? [] : [3, 3]);
     arrow(context, onScreen([0, 0, 0]), tip);
     context.setLineDash([]);
-    context.fillText(axis.name + "\u2032", ...onScreen(direction.map((c) => 1.4 * c)));
+    haloed(context, axis.name + "\u2032", ...besideTip(tip, size / 2));
     drawn.orbit.axes[axis.name] = tip;
   });
+}
+
+// A place for the name of an axis of the ball that an axis of the frame in the same direction leaves free.
+function besideTip([x, y], middle) {
+  const length = Math.hypot(x - middle, y - middle) || 1;
+  return [x - (13 * (y - middle)) / length, y + (13 * (x - middle)) / length];
+}
+
+// Text over lines: with the panel's colour around it.
+function haloed(context, text, x, y) {
+  context.save();
+  context.textAlign = "center";
+  context.textBaseline = "middle";
+  context.setLineDash([]);
+  context.strokeStyle = colour("panel");
+  context.lineWidth = 4;
+  context.lineJoin = "round";
+  context.strokeText(text, x, y);
+  context.fillText(text, x, y);
+  context.restore();
 }
 
 // Spin vectors, the fastest 1.4 radii long.

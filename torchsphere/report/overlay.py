@@ -124,7 +124,8 @@ def _arrow(draw: Any, start: tuple[float, float], tip: tuple[float, float], arro
     draw.line((start, tip), fill=colour, width=4 if arrow.in_front else 1)
     spot = (tip[0] - 5, tip[1] - 5, tip[0] + 5, tip[1] + 5)
     draw.ellipse(spot, fill=colour if arrow.in_front else "black", outline=colour, width=2)
-    draw.text((tip[0] + 8, tip[1] - 8), arrow.name, fill=colour, font=_font(16), stroke_width=2, stroke_fill="black")
+    # White, since a letter in the axis's colour is lost in the pattern.
+    draw.text((tip[0] + 8, tip[1] - 10), arrow.name, fill="white", font=_font(20), stroke_width=2, stroke_fill="black")
 
 
 def _words(draw: Any, result: ResultFolder, row: int) -> None:
@@ -138,7 +139,7 @@ def _words(draw: Any, result: ResultFolder, row: int) -> None:
         parts.append(f"{np.linalg.norm(motion.spin_rad_s[row]) / (2 * np.pi):.1f} rev/s")
     draw.text((8, 4), "   ".join(parts), fill="white", font=_font(18))
     axes = "lab frame" if motion is not None and result.lab_frame else "camera frame"
-    said = "" if status == "ok" else f"not fully measured: {status}"
+    said = "" if status == "ok" else f"not fully measured: {status.replace('_', ' ')}"
     draw.text((8, WORDS_PX + 4), f"{axes}; axes x, y, z move with the ball   {said}", fill="#BBBBBB", font=_font(15))
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.report import words
+from torchsphere.report.empty import why_empty
 from torchsphere.report.folder import ResultFolder
 from torchsphere.report.image_figures import residual_limit
 from torchsphere.report.kept import LIMIT, NOTHING, Sampled, chosen
@@ -26,7 +27,17 @@ from torchsphere.report.panels import abscissa, panels
 HERE = Path(__file__).parent
 
 #: Scripts in the order in which they build on each other.
-SCRIPTS = ("state.js", "rotation.js", "viewer.js", "plots.js", "strip.js", "orbit3d.js", "numbers.js", "main.js")
+SCRIPTS = (
+    "state.js",
+    "rotation.js",
+    "viewer.js",
+    "plots.js",
+    "deviations.js",
+    "strip.js",
+    "orbit3d.js",
+    "numbers.js",
+    "main.js",
+)
 
 #: Frames up to which every one is plotted; beyond, as many evenly, and all that have an image.
 PLOTTED = 2000
@@ -98,6 +109,7 @@ def _data(result: ResultFolder) -> dict[str, Any]:
                 "title": panel.title,
                 "unit": panel.unit,
                 "names": panel.names,
+                "why": "" if np.isfinite(panel.values).any() else why_empty(result, panel.key),
                 "values": [_numbers(column, 7) for column in panel.values[rows].T],
                 "sd": None if panel.sd is None else [_numbers(column, 3) for column in panel.sd[rows].T],
             }

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from torchsphere.plan.camera_modes import best
 from torchsphere.plan.expected import MOST_BLUR_PX
 from torchsphere.plan.free_flight import Flight
 from torchsphere.plan.plan import Plan
+from torchsphere.plan.rehearsal import MOST_CONTACT_FRAMES, Rehearsal
 from torchsphere.report.figures import COLOURS, STYLES, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.gridspec import SubplotSpec
 
 #: Width of the background that is shown around the ball, in radii.
 AROUND = 0.15
@@ -23,28 +29,41 @@ AROUND = 0.15
 REGION = 0.95
 
 
+#: Room above curves for their legend, share of their range; letters in a line of the heading.
+ROOM, LETTERS = 0.3, 130
+
+
 def plan_figure(path: Path, plan: Plan) -> None:
     """Draw the plan as PNG."""
+    drawn(plan).savefig(path)
+
+
+def drawn(plan: Plan) -> Figure:
+    """The plan's figure: left what the camera sees or a flight showed, right the force, and modes or methods."""
     figure = new_figure(figsize=(11.0, 8.0), dpi=130)
-    axes = figure.subplots(2, 2)
+    grid = figure.add_gridspec(2, 2)
     if plan.flight is not None:
-        _velocity(axes[0, 0], plan.flight)
-        _scatter_of_force(axes[1, 0], plan.flight)
+        upper, lower = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0])
+        _velocity(upper, plan.flight)
+        _scatter_of_force(lower, plan.flight)
+        # Both have the same flight's time.
+        upper.set_xlim(0, 1e3 * (len(plan.flight.increment) + 1) / plan.flight.setup.frame_rate)
+        lower.set_xlim(upper.get_xlim())
     else:
-        _image(axes[0, 0], plan)
-        _blur(axes[1, 0], plan)
-    _force(axes[0, 1], plan)
+        _image(figure.add_subplot(grid[0, 0]), plan)
+        _blur(figure.add_subplot(grid[1, 0]), plan)
+    _force(figure, grid[0, 1], plan)
     if plan.verdicts:
-        _modes(axes[1, 1], plan)
+        _modes(figure.add_subplot(grid[1, 1]), plan)
     else:
-        _methods(axes[1, 1], plan)
+        _methods(figure, grid[1, 1], plan)
     setup = plan.setup
-    figure.suptitle(
+    heading = (
         f"{setup.speed_m_s:.3g} m/s, {setup.frame_rate:g} frames/s, {setup.px_per_mm:.3g} px/mm, ball of "
-        f"{setup.diameter_mm:g} mm and {setup.mass_g:g} g; {plan.origin}",
-        fontsize=10,
+        f"{setup.diameter_mm:g} mm and {setup.mass_g:g} g; {plan.origin}"
     )
-    figure.savefig(path)
+    figure.suptitle(textwrap.fill(heading, LETTERS), fontsize=10)
+    return figure
 
 
 def _image(axis: Axes, plan: Plan) -> None:
@@ -53,118 +72,148 @@ def _image(axis: Axes, plan: Plan) -> None:
     image = plan.seen.image.numpy()
     axis.imshow(image, cmap="gray", vmin=0, vmax=max(float(image.max()), 1.0))
     angle = np.linspace(0, 2 * np.pi, 361)
-    axis.plot(
-        x + REGION * radius * np.cos(angle),
-        y + REGION * radius * np.sin(angle),
-        color=COLOURS[1],
-        lw=1,
-        label="region of interest",
-    )
+    region = REGION * radius
+    axis.plot(x + region * np.cos(angle), y + region * np.sin(angle), color=COLOURS[1], lw=1.2)
     reach = (1 + AROUND) * radius
     axis.set(xlim=(x - reach, x + reach), ylim=(y + reach, y - reach), xlabel="x (px)", ylabel="y (px)")
-    axis.legend(fontsize=8, loc="upper right")
-    axis.set_title(f"Ball as filmed: radius {radius:.0f} px, motion blur {plan.setup.blur_px:.1f} px", fontsize=9)
+    about = f"Ball as filmed: radius {radius:.0f} px, motion blur {plan.setup.blur_px:.1f} px; circle: region measured"
+    axis.set_title(about, fontsize=9)
 
 
 def _blur(axis: Axes, plan: Plan) -> None:
     if len(plan.cost_of_blur):
-        axis.plot(*plan.cost_of_blur.T, "o-", color=COLOURS[0], label="one side of the ball")
-        axis.set_ylim(bottom=0)
+        axis.plot(*plan.cost_of_blur.T, "o-", color=COLOURS[0], ms=5, label="one side of the ball")
+        axis.set_ylim(0, (1 + ROOM) * float(np.nanmax(plan.cost_of_blur[:, 1])))
     axis.axvline(plan.setup.blur_px, color=COLOURS[1], ls="--", label=f"this test: {plan.setup.blur_px:.1f} px")
     axis.axvline(MOST_BLUR_PX, color="0.5", ls=":", label=f"the paper's limit: {MOST_BLUR_PX:g} px")
     axis.set(xlabel="motion blur (px)", ylabel="sd of a step along the flight (px)")
     axis.set_title("What the exposure costs", fontsize=9)
-    axis.legend(fontsize=8)
+    axis.legend(fontsize=8, loc="upper left", ncols=3, framealpha=1)
     axis.grid(alpha=0.3)
 
 
-def _force(axis: Axes, plan: Plan) -> None:
+def _force(figure: Figure, place: SubplotSpec, plan: Plan) -> None:
+    """The rehearsed force, and below it its error, which its own scale would hide."""
     found = plan.rehearsal
-    axis.set_title("The force along the flight, rehearsed with the expected errors", fontsize=9)
-    axis.grid(alpha=0.3)
+    title = "The force along the flight, rehearsed with the expected errors"
     if found is None:
-        axis.text(0.5, 0.5, "contact too long for the rehearsal", ha="center", transform=axis.transAxes)
+        axis = figure.add_subplot(place, xticks=[], yticks=[])
+        axis.set_title(title, fontsize=9)
+        why = f"not rehearsed: more than {MOST_CONTACT_FRAMES} frames in contact;\ngive a lower --fps or --contact-us"
+        axis.text(0.5, 0.5, why, ha="center", va="center", fontsize=9, color="0.25", transform=axis.transAxes)
         return
+    parts = place.subgridspec(2, 1, height_ratios=(2.4, 1))
+    axis = figure.add_subplot(parts[0])
+    axis.set_title(title, fontsize=9)
     time = 1e6 * found.time_s
-    value, sd = -1e-3 * found.force_along_N, 1e-3 * found.sd_force_along_N
     fine = np.linspace(0, plan.target.contact_s, 200)
     pulse = 1e-3 * found.peak_N * np.sin(np.pi * fine / plan.target.contact_s)
-    axis.plot(1e6 * fine, pulse, color="0.5", lw=3, alpha=0.6, label="true")
-    axis.plot(time, value, ".-", color=COLOURS[0], ms=5, lw=1, label="smoother, at the frames")
-    axis.fill_between(time, value - 2 * sd, value + 2 * sd, color=COLOURS[0], alpha=0.25, lw=0, label="2 sd")
+    axis.plot(1e6 * fine, pulse, color="0.6", lw=3, label="true")
+    axis.plot(time, -1e-3 * found.force_along_N, ".-", color=COLOURS[0], ms=5, lw=1, label="smoother, at the frames")
     reach = 1e6 * plan.target.contact_s
-    axis.set(xlim=(-0.5 * reach, 1.5 * reach), xlabel="time from first touch (us)", ylabel="force (kN)")
-    axis.legend(fontsize=8)
+    axis.set(xlim=(-0.5 * reach, 1.5 * reach), ylabel="force (kN)")
+    axis.set_ylim(top=(1 + ROOM) * axis.get_ylim()[1])
+    axis.legend(fontsize=8, loc="upper left", ncols=2)
+    axis.grid(alpha=0.3)
+    axis.tick_params(labelbottom=False)
+    error = figure.add_subplot(parts[1], sharex=axis)
+    _error_of_force(error, found)
 
 
-def _methods(axis: Axes, plan: Plan) -> None:
-    """Standard deviations by way of differentiation, velocity left and force right."""
+def _error_of_force(axis: Axes, found: Rehearsal) -> None:
+    time = 1e6 * found.time_s
+    error, sd = -1e-3 * (found.force_along_N - found.true_force_N), 1e-3 * found.sd_force_along_N
+    axis.fill_between(time, -2 * sd, 2 * sd, color=COLOURS[0], alpha=0.25, lw=0, label="2 sd as stated")
+    axis.plot(time, error, ".-", color=COLOURS[0], ms=5, lw=1, label="smoother - true")
+    low, high = axis.get_xlim()
+    seen = (time > low) & (time < high)
+    most = float(np.nanmax(np.abs(np.concatenate((error[seen], 2 * sd[seen])))))
+    axis.set(xlabel="time from first touch (µs)", ylabel="error (kN)", ylim=(-1.2 * most, 2.0 * most))
+    axis.legend(fontsize=8, loc="upper left", ncols=2)
+    axis.grid(alpha=0.3)
+
+
+def _methods(figure: Figure, place: SubplotSpec, plan: Plan) -> None:
+    """Standard deviations by way of differentiation: of the velocity left, of the force right, decades of one size."""
     found, plain = plan.rehearsal, plan.differences
-    columns = [("differences", plain.velocity_m_s[:2], plain.force_N[:2])]
-    if plan.flight is None:
-        # Along and across the flight are the image's axes where it flies along one.
-        axis.set_title("Standard deviation at a frame", fontsize=9)
-    else:
-        axis.set_title("Standard deviation at a frame, from the recording", fontsize=9)
+    names = ["differences"]
+    velocity, force = [float(plain.velocity_m_s[:2].max())], [1e-3 * float(plain.force_N[:2].max())]
     if found is not None:
-        columns += [
-            (f"smoother,\n{where}", found.velocity_m_s[k], found.force_N[k])
-            for k, where in enumerate(("flight", "contact"))
-        ]
-    place = np.arange(len(columns), dtype=float)
-    axis.bar(place - 0.18, [c[1].max() for c in columns], 0.32, color=COLOURS[0], label="velocity (m/s)")
-    other = axis.twinx()
-    other.bar(
-        place + 0.18, [1e-3 * c[2].max() for c in columns], 0.32, color=COLOURS[1], label="force (kN)", hatch="//"
-    )
-    for part, heights in ((axis, [c[1].max() for c in columns]), (other, [1e-3 * c[2].max() for c in columns])):
-        part.set_yscale("log")
-        # Room below the lowest bar, so that it is one, and for the legend above the highest.
-        part.set_ylim(min(heights) / 3, 5 * max(heights))
-    axis.set_xticks(place, [c[0] for c in columns])
-    axis.set_ylabel("sd of velocity (m/s)")
-    other.set_ylabel("sd of force (kN)")
-    handles = [part.get_legend_handles_labels() for part in (axis, other)]
-    axis.legend(handles[0][0] + handles[1][0], handles[0][1] + handles[1][1], fontsize=8)
+        for k, where in enumerate(("flight", "contact")):
+            names.append(f"smoother,\n{where}")
+            velocity.append(float(found.velocity_m_s[k].max()))
+            force.append(1e-3 * float(found.force_N[k].max()))
+    # Two decades at least, so that a single bar has an axis that can be read.
+    span = max(100.0, *(np.nanmax(heights) / np.nanmin(heights) for heights in (velocity, force)))
+    parts = place.subgridspec(1, 2)
+    source = "" if plan.flight is None else "recording's, "
+    for k, (name, unit, heights) in enumerate((("velocity", "m/s", velocity), ("force", "kN", force))):
+        axis = figure.add_subplot(parts[k])
+        _bars(axis, names, heights, span, COLOURS[k])
+        axis.set_ylabel(f"sd of {name} ({unit})")
+        # Along and across the flight are the image's axes where it flies along one.
+        axis.set_title(f"Sd of the {name} at a frame,\n{source}larger of two axes", fontsize=9)
+
+
+def _bars(axis: Axes, names: Sequence[str], heights: Sequence[float], span: float, colour: str) -> None:
+    """Bars with their numbers on an axis of logarithms that covers ``span`` and some room, whatever their heights."""
+    bars = axis.bar(range(len(names)), heights, 0.6, color=colour)
+    axis.bar_label(bars, [f"{height:.2g}" for height in heights], fontsize=8, padding=2)
+    axis.set_yscale("log")
+    middle = float(np.sqrt(np.nanmin(heights) * np.nanmax(heights)))
+    axis.set_ylim(middle / np.sqrt(span) / 3, 2 * middle * np.sqrt(span))
+    axis.set_xticks(range(len(names)), names, fontsize=8)
+    axis.grid(alpha=0.3, axis="y")
+    axis.set_axisbelow(True)
 
 
 def _modes(axis: Axes, plan: Plan) -> None:
     chosen = best(plan.verdicts)
-    for verdict in plan.verdicts:
-        if verdict.rehearsal is None or verdict.reason:
-            continue
+    of_use = [v for v in plan.verdicts if v.rehearsal is not None and not v.reason]
+    for verdict in of_use:
         place = 1e-3 * verdict.mode.fps_max, 1e-3 * verdict.error_N
         axis.plot(*place, "o", color=COLOURS[0], mfc=COLOURS[0] if verdict is chosen else "white", ms=7)
-        size = f"{verdict.mode.width_px} x {verdict.mode.height_px}"
+        size = f"{verdict.mode.width_px} x {verdict.mode.height_px} px"
         axis.annotate(size, place, xytext=(0, 7), textcoords="offset points", fontsize=8, ha="center")
-    axis.margins(0.15)
-    axis.set_ylim(bottom=0)
-    axis.set(xlabel="frames/s (thousands)", ylabel="error of the force in contact (kN)")
-    left_out = sum(bool(verdict.reason) for verdict in plan.verdicts)
-    axis.set_title(f"The camera's modes; filled: best; {left_out} of no use are not drawn", fontsize=9)
+    left_out = len(plan.verdicts) - len(of_use)
+    not_drawn = f"; {left_out} of no use not drawn" if left_out else ""
+    axis.set_title(f"The camera's modes; filled: best{not_drawn}", fontsize=9)
+    if not of_use:
+        axis.set(xticks=[], yticks=[])
+        axis.text(0.5, 0.5, "no mode is of use: plan.json says why", ha="center", transform=axis.transAxes)
+        return
+    axis.margins(x=0.2)
+    axis.set_ylim(0, (1 + ROOM) * 1e-3 * max(verdict.error_N for verdict in of_use))
+    axis.set(xlabel="frame rate (1000 frames/s)", ylabel="error of the force in contact (kN)")
     axis.grid(alpha=0.3)
 
 
 def _velocity(axis: Axes, flight: Flight) -> None:
     time = 1e3 * (np.arange(len(flight.increment)) + 0.5) / flight.setup.frame_rate
     velocity = flight.velocity_m_s
-    for k, name in enumerate(("$v_x$", "$v_y$")):
-        mean, std = np.nanmean(velocity[:, k]), np.nanstd(velocity[:, k], ddof=1)
-        label = f"{name} - {mean:.2f}: sd {std:.3g}"
-        axis.plot(time, velocity[:, k] - mean, STYLES[k], color=COLOURS[k], lw=1.2, label=label)
-    axis.set(xlabel="time (ms)", ylabel="velocity from its mean (m/s)")
+    mean = np.nanmean(velocity, axis=0)
+    names = [f"$v_{axis}$ - {m:.2f} m/s" for axis, m in zip("xy", mean, strict=False)]
+    _scatter(axis, time, velocity[:, :2] - mean[:2], names, "m/s")
+    axis.set_ylabel("velocity from its mean (m/s)")
     axis.set_title("Free flight, from one frame to the next", fontsize=9)
-    axis.legend(fontsize=8)
-    axis.grid(alpha=0.3)
 
 
 def _scatter_of_force(axis: Axes, flight: Flight) -> None:
     force = 1e-3 * flight.force_N
     time = 1e3 * (np.arange(len(force)) + 1) / flight.setup.frame_rate
-    for k, name in enumerate(("$F_x$", "$F_y$")):
-        label = f"{name}: sd {np.nanstd(force[:, k], ddof=1):.3g}"
-        axis.plot(time, force[:, k], STYLES[k], color=COLOURS[k], lw=1.2, label=label)
-    axis.set(xlabel="time (ms)", ylabel="force (kN)")
+    _scatter(axis, time, force[:, :2], ["$F_x$", "$F_y$"], "kN")
+    axis.set_ylabel("force (kN)")
     axis.set_title("Force by plain differences, where there is none", fontsize=9)
-    axis.legend(fontsize=8)
+
+
+def _scatter(
+    axis: Axes, time: NDArray[np.floating], values: NDArray[np.float64], names: Sequence[str], unit: str
+) -> None:
+    """What should be zero, in both directions alike, with its standard deviations."""
+    for k, name in enumerate(names):
+        label = f"{name}: sd {np.nanstd(values[:, k], ddof=1):.2g} {unit}"
+        axis.plot(time, values[:, k], STYLES[k], color=COLOURS[k], lw=1.2, label=label)
+    most = 1.1 * float(np.nanmax(np.abs(values)))
+    axis.set(xlabel="time (ms)", ylim=(-most, (1 + ROOM) * most))
+    axis.legend(fontsize=8, loc="upper right", ncols=2)
     axis.grid(alpha=0.3)

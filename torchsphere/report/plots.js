@@ -91,24 +91,28 @@ function drawPlots() {
 function drawPlot(panel) {
   const canvas = document.getElementById("plot-" + panel.key);
   const width = widthFor(canvas);
-  const height = PLOT_HEIGHT + (panel.last ? 18 : 0);
+  const deviations = deviationsHeight(panel);
+  const height = PLOT_HEIGHT + deviations + (panel.last ? 18 : 0);
   const context = prepared(canvas, width, height);
   const across = horizontal(width);
-  const bottom = PLOT_HEIGHT - MARGIN.bottom;
+  const bottom = PLOT_HEIGHT - MARGIN.bottom, floor = bottom + deviations;
   const [low, high] = panel.limits || [-1, 1];
   const x = (v) => across.left + ((v - across.from) / (across.to - across.from)) * across.width;
   const y = (v) => bottom - ((v - low) / (high - low)) * (bottom - MARGIN.top);
-  shade(context, x, bottom);
-  grid(context, panel, across, bottom, x, y);
+  if (panel.limits) shade(context, x, floor);
+  grid(context, panel, across, bottom, y);
+  if (panel.limits) abscissa(context, panel, across, floor, x);
+  else drawWhy(context, panel.why, across, bottom);
   context.save();
   context.beginPath();
   context.rect(across.left, MARGIN.top, across.width, bottom - MARGIN.top);
   context.clip();
   panel.values.forEach((_, k) => drawSeries(context, panel, k, x, y));
   context.restore();
+  const below = deviations ? drawDeviations(context, panel, across, bottom, x) : null;
   heading(context, panel, width);
-  cursor(context, x, bottom);
-  drawn.plots[panel.key] = { ...across, cursor: x(data.where[row()]) };
+  if (panel.limits) cursor(context, x, floor);
+  drawn.plots[panel.key] = { ...across, cursor: x(data.where[row()]), below };
   canvas.dataset.drawn = JSON.stringify(drawn.plots[panel.key]);
 }
 
@@ -125,7 +129,7 @@ function shade(context, x, bottom) {
   if (data.contact) band(...data.contact, colour("contact"));
 }
 
-function grid(context, panel, across, bottom, x, y) {
+function grid(context, panel, across, bottom, y) {
   context.strokeStyle = colour("line");
   context.fillStyle = colour("quiet");
   context.lineWidth = 1;
@@ -139,8 +143,13 @@ function grid(context, panel, across, bottom, x, y) {
     context.lineTo(across.left + across.width, y(tick));
     context.stroke();
     context.globalAlpha = 1;
-    context.fillText(tickText(tick), across.left - 6, y(tick));
+    // Long numbers are condensed rather than cut.
+    context.fillText(tickText(tick), across.left - 6, y(tick), across.left - 8);
   }
+}
+
+function abscissa(context, panel, across, bottom, x) {
+  context.fillStyle = colour("quiet");
   context.textAlign = "center";
   context.textBaseline = "top";
   for (const tick of ticks(across.from, across.to, Math.max(across.width / 90, 2))) {
@@ -194,7 +203,6 @@ function heading(context, panel, width) {
   const known = range(panel.values) !== null;
   let right = width - MARGIN.right;
   context.textAlign = "right";
-  if (!known) context.fillText("not measured", right, 11);
   for (let k = panel.names.length - 1; k >= 0 && known; k--) {
     context.fillStyle = context.strokeStyle = colour("series-" + k);
     context.fillText(panel.names[k], right, 11);

@@ -1,0 +1,161 @@
+"""The path of the ball over an image: the paper's figures 8 and 15."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torchsphere.report.figures import COLOURS, DPI, new_figure
+from torchsphere.report.folder import ResultFolder
+from torchsphere.report.image_figures import kept_images, picture
+from torchsphere.report.stack import CONTACT
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: Circles along the path at even times, as many as in the paper's figure 8; fewer where the ball moves by less than
+#: this share of its radius from one to the next, since they would hide the image.
+CIRCLES, APART = 12, 0.2
+
+#: Longest sides of the image, least width of the figure, and margins left, right, above and below the image, inches.
+WIDEST, HIGHEST, LEAST, LEFT, RIGHT, TOP, BOTTOM = 6.2, 6.0, 5.0, 0.65, 0.15, 0.62, 0.5
+
+#: Colours of start and end, which differ in shape, too.
+START, END = "#56B4E9", "#F0F0F0"
+
+#: Shares of the path's length at which an arrow tells its direction, and what it looks like.
+ARROWS_AT = (0.25, 0.75)
+ARROW = {"arrowstyle": "-|>", "fc": COLOURS[0], "ec": "white", "mutation_scale": 16}
+
+#: Longest share of the image's width that a bar of scale takes, and its distance from the edges.
+BAR_SHARE, BAR_MARGIN = 0.25, 0.04
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+
+def path_figure(result: ResultFolder) -> Figure:
+    """Path, start, end, contact and direction over an image, circles at even times; needs `ResultFolder.sampled`."""
+    sampled = kept_images(result)
+    known = np.flatnonzero(result.known)
+    middle = int(known[len(known) // 2]) if len(known) else 0
+    i = int(np.abs(sampled.row - middle).argmin())
+    left, top, width, height = sampled.box
+    title = f"Path of the ball over frame {result.frame[sampled.row[i]]}"
+    lost = "" if len(known) else "; the place of the ball was not measured"
+    figure, axis = _laid_out(width / height, title + lost)
+    extent = (left, left + width, top + height, top)
+    axis.imshow(picture(sampled, i), cmap="gray", vmin=0, vmax=255, extent=extent, aspect="auto")
+    axis.set(xlim=(left, left + width), ylim=(top + height, top))
+    if len(known):
+        _circles(axis, result, _even(result, known))
+        _path(axis, result, known)
+        _bar(axis, result)
+        axis.legend(
+            loc="lower left", bbox_to_anchor=(0, 1.0), fontsize=8, ncols=5, frameon=False, borderaxespad=0.1,
+            borderpad=0.2, handlelength=1.6, columnspacing=1.2,
+        )  # fmt: skip
+    return figure
+
+
+def _laid_out(shape: float, title: str) -> tuple[Figure, Axes]:
+    """Axes for an image of that width over height in a figure that fits, so that no layout has to be sought."""
+    width, height = min(WIDEST, HIGHEST * shape), min(HIGHEST, WIDEST / shape)
+    whole, high = max(width + LEFT + RIGHT, LEAST), height + TOP + BOTTOM
+    figure = new_figure(figsize=(whole, high), dpi=DPI, layout=None)
+    axis = figure.add_axes((LEFT / whole, BOTTOM / high, width / whole, height / high))
+    axis.set_xlabel("x (px)", fontsize=9)
+    axis.set_ylabel("y (px)", fontsize=9)
+    axis.tick_params(labelsize=9)
+    figure.text(LEFT / whole, 1 - 0.1 / high, title, fontsize=10, va="top")
+    return figure, axis
+
+
+def _even(result: ResultFolder, known: Rows) -> tuple[Rows, int]:
+    """Known rows at even times, and how many frames lie between them."""
+    steps = np.diff(result.position[known], axis=0)
+    length = float(np.hypot(*steps.T).sum()) / float(np.nanmedian(result.radius))
+    count = min(CIRCLES, max(2, int(length / APART)))
+    stride = max(int(known[-1] - known[0]) // (count - 1), 1)
+    return np.intersect1d(np.arange(known[0], known[-1] + 1, stride), known), stride
+
+
+def _circles(axis: Axes, result: ResultFolder, even: tuple[Rows, int]) -> None:
+    from matplotlib.collections import LineCollection
+
+    rows, stride = even
+    rate = result.summary.get("frame_rate")
+    every = f"{stride} frame{'s' if stride > 1 else ''}" if rate is None else f"{1e3 * stride / rate:.3g} ms"
+    label = f"ball every {every}" if len(rows) > 1 else "ball"
+    angle = np.linspace(0, 2 * np.pi, 121)
+    unit = np.stack((np.cos(angle), np.sin(angle)), 1)
+    outlines = result.position[rows, None] + result.radius[rows, None, None] * unit
+    axis.add_collection(LineCollection(list(outlines), colors=COLOURS[1], lw=1.0, label=label))
+    axis.plot(*result.position[rows].T, "+", color=COLOURS[1], ms=7, mew=1.3, zorder=2.5)
+
+
+def _path(axis: Axes, result: ResultFolder, known: Rows) -> None:
+    where = result.position
+    axis.plot(*where.T, "-", color="white", lw=2.6, alpha=0.7)
+    touching = _in_contact(result)
+    if touching.any():
+        axis.plot(*np.where(touching[:, None], where, np.nan).T, "-", color=CONTACT, lw=5, alpha=0.8, label="contact")
+    axis.plot(*where.T, "-", color=COLOURS[0], lw=1.3, label="path")
+    _arrows(axis, where[known], float(np.nanmedian(result.radius)))
+    for name, row, mark, colour in (("start", known[0], "o", START), ("end", known[-1], "s", END)):
+        axis.plot(*where[row], mark, color=colour, mec="black", mew=1.0, ms=7, ls="none", label=name)
+
+
+def _in_contact(result: ResultFolder) -> NDArray[np.bool_]:
+    """Frames (n,) within the contact."""
+    if result.contact_s is None:
+        return np.zeros(len(result.frame), dtype=bool)
+    start, end = result.contact_s
+    return np.asarray((result.time_s >= start) & (result.time_s <= end))
+
+
+def _arrows(axis: Axes, where: Array, radius: float) -> None:
+    """Heads along the way from start to end, where that is long enough to have a direction."""
+    gone = np.concatenate(([0.0], np.hypot(*np.diff(where, axis=0).T).cumsum()))
+    if gone[-1] < 0.5 * radius:
+        return
+    for share in ARROWS_AT:
+        at = share * gone[-1]
+        (x0, x), (y0, y) = (np.interp((at - 0.05 * radius, at), gone, column) for column in where.T)
+        axis.annotate("", (x, y), (x0, y0), arrowprops=ARROW)
+
+
+def _bar(axis: Axes, result: ResultFolder) -> None:
+    """A bar of a round length in the lower corner that the path leaves freer; none without a scale."""
+    scale = result.summary.get("scale")
+    if not scale:
+        return
+    (left, right), (bottom, top) = axis.get_xlim(), axis.get_ylim()
+    mm_per_px = 1e3 * scale["m_per_px"]
+    length_mm = round_below(BAR_SHARE * (right - left) * mm_per_px)
+    length, margin = length_mm / mm_per_px, BAR_MARGIN * (right - left)
+    corners = {x: np.array([x + length / 2, bottom]) for x in (left + margin, right - margin - length)}
+    x = max(corners, key=lambda x: float(np.nanmin(np.hypot(*(result.position - corners[x]).T))))
+    y = bottom - 0.05 * (bottom - top)
+    axis.plot((x, x + length), (y, y), color="black", lw=5, solid_capstyle="butt")
+    axis.plot((x, x + length), (y, y), color="white", lw=3, solid_capstyle="butt")
+    axis.annotate(
+        f"{length_mm:g} mm",
+        (x + length / 2, y),
+        xytext=(0, 5),
+        textcoords="offset points",
+        ha="center",
+        fontsize=8,
+        color="white",
+        bbox={"facecolor": "black", "alpha": 0.6, "lw": 0, "pad": 1.5},
+    )
+
+
+def round_below(length: float) -> float:
+    """The largest of 1, 2 and 5 times a power of ten that is no longer."""
+    power = 10.0 ** math.floor(math.log10(length))
+    return max(m * power for m in (1, 2, 5) if m * power <= length * (1 + 1e-9))
