@@ -44,11 +44,6 @@ def _allowed() -> int:
     return _ALLOWED.get() or torch.get_num_threads()
 
 
-def threads(device: torch.device) -> int:
-    """On how many threads `sharing` shares rows out: one where a GPU does the work."""
-    return _allowed() if device.type == "cpu" else 1
-
-
 def each(function: Callable[..., Result], *columns: Iterable[Any]) -> Iterator[Result]:
     """Like `map`, on as many threads as torch may use: for functions that take milliseconds, on the CPU.
 
@@ -69,7 +64,7 @@ def sharing(device: torch.device) -> Iterator[Run]:
     On a GPU, or where torch may use one thread, one call gets all rows. Torch's number of threads is what it was
     afterwards.
     """
-    count = threads(device)
+    count = _allowed() if device.type == "cpu" else 1
     if count == 1:
         yield lambda part, n: [part(0, n)]
         return
