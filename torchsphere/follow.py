@@ -27,7 +27,7 @@ from torchsphere.repeated import repeats
 from torchsphere.source import Source
 from torchsphere.successive import PREDICTION_TOLERANCE, Setup, correlate_successive, leading
 
-#: Pairs correlated at once. Measured on one thread: 16 and 32 are within a tenth of each other, 8 and 64 a tenth slower.
+#: Pairs correlated at once. Measured on one thread: 16 and 32 are within a tenth of each other, 8 and 64 slower.
 #: On two threads 32 for each are 3 % faster than 16, for a third more memory: threads wait for Python's lock.
 BATCH = 32
 
