@@ -59,3 +59,14 @@ def test_a_ball_that_comes_nearer_than_expected_gets_larger_crops(made: Shot, tr
     found = successive._filtered_where_off(before, made.images, larger, truly, SETUP)
     assert found.c.shape[-1] > before.c.shape[-1]
     assert len(found.c) == len(made.images)
+
+
+def test_images_that_reach_the_border_go_with_those_that_do_not(made: Shot, truly: Tensor) -> None:
+    before = successive._filtered(made.images, truly, SETUP)
+    moved = truly.clone()
+    moved[-2:, 1] = 20.0  # half above the image
+    found = successive._filtered_where_off(before, made.images, moved, truly, SETUP)
+    assert before.crops.usable is None
+    assert found.crops.usable is not None
+    assert bool(found.crops.usable[:-2].all())
+    assert not bool(found.crops.usable[-2:].flatten(1).all(1).any())

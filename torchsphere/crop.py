@@ -34,9 +34,11 @@ class Crops:
 
     @classmethod
     def joined(cls, parts: Sequence[Crops]) -> Crops:
-        """The crops of all parts, which are of one size and all masked or none, one after the other."""
-        masks = [part.usable for part in parts if part.usable is not None]
-        usable = torch.cat(masks) if masks else None
+        """The crops of all parts, which are of one size, one after the other."""
+        usable = None
+        if any(part.usable is not None for part in parts):
+            masks = (torch.ones_like(p.images, dtype=torch.bool) if p.usable is None else p.usable for p in parts)
+            usable = torch.cat(list(masks))
         return cls(torch.cat([part.images for part in parts]), usable, torch.cat([part.origin for part in parts]))
 
     def rows(self, start: int, stop: int) -> Crops:
