@@ -123,9 +123,9 @@ def test_images_that_no_map_explains_are_refused(turning: Turning) -> None:
     other = forward.render(speckle(2, RADIUS), poses[0], RADIUS, poses[1], 90.0, shape=(80, 80))
     images = turning.images[:10].clone()
     images[1::2] = noisy(other, 2.0, 11)[1::2]
-    circle, zncc = Circle(*turning.circle), np.full(10, 0.998)
+    circle = Circle(*turning.circle)
     found = mapped.poses_on_map(
-        Source.open(images), turning.centres[:10], turning.orientations[:10], zncc, circle, None
+        Source.open(images), turning.centres[:10], turning.orientations[:10], 0.025, circle, None
     )
     assert isinstance(found, str)
     assert found

@@ -20,7 +20,7 @@ from torch import Tensor
 from torchsphere import crop
 from torchsphere.correlation import Correlation
 from torchsphere.inputs import as_images, as_mask, as_rows, check_circle
-from torchsphere.options import Options, margin
+from torchsphere.options import Options, margin, suited
 from torchsphere.pairs import Pairs
 from torchsphere.reference import Filtered
 from torchsphere.solve import approach, solve
@@ -67,6 +67,8 @@ def correlate(f: Any, g: Any, circle: Any, *, start: Any = None, ignore: Any = N
         raise ValueError(f"f and g must have one precision, got {f.dtype} and {g.dtype}; convert one of them")
     circles = as_rows(circle, n, 3, "circle")
     check_circle(circles, f.shape[-2:])
+    if "pre_blur" not in options:
+        settings = suited(settings, float(circles[:, 2].max()))
     first = as_rows(torch.zeros(5) if start is None else start, n, 5, "start").to(f)
     if not bool(first.isfinite().all()):
         raise ValueError("start: expected finite numbers dx, dy, wx, wy, wz in px and rad")

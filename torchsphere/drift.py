@@ -14,7 +14,9 @@ from torch import Tensor
 from torchsphere import mapped, orientation
 from torchsphere.circle import Circle
 from torchsphere.follow import Progress
+from torchsphere.interpolate import noise_gains
 from torchsphere.mapped import Mapped
+from torchsphere.options import Options
 from torchsphere.record import Record
 from torchsphere.source import Source
 
@@ -55,7 +57,7 @@ def bound(
     circle: Circle,
     ignore: Tensor | None,
     asked: bool | None,
-    model: str,
+    options: Options,
     *,
     progress: Progress | None = None,
 ) -> Motion:
@@ -63,13 +65,14 @@ def bound(
     known = np.isfinite(measured.position[:, 0])
     chained = orientation.chain(measured.rotation, known)
     turns = np.linalg.norm(measured.rotation, axis=1)
-    reason = _why_not(turns, circle, asked, model) or _what_else(measured, asked)
+    reason = _why_not(turns, circle, asked, options.model) or _what_else(measured, asked)
     about = {"used": False, "reason": reason}
     plain = Motion(measured.position, measured.increment, measured.covariance, chained, circle, about)
     if reason:
         return plain
+    noise = _noise_share(measured.zncc, options.pre_blur)
     try:
-        found = mapped.poses_on_map(source, measured.position, chained, measured.zncc, circle, ignore, progress)
+        found = mapped.poses_on_map(source, measured.position, chained, noise, circle, ignore, progress)
     except (np.linalg.LinAlgError, torch.linalg.LinAlgError):  # type: ignore[attr-defined]
         # What the correlation measured must not be lost with the map.
         found = "the equations of the map have no solution"
@@ -77,6 +80,14 @@ def bound(
         plain.about_map["reason"] = found
         return plain
     return _merged(measured, chained, found)
+
+
+def _noise_share(zncc: Array, pre_blur: float) -> float:
+    """Variance of the images' noise over that of their grey levels, by what the pairs' coefficients (n,) lack of 1."""
+    known = zncc[np.isfinite(zncc)]
+    lack = float(np.median(1 - known)) if len(known) else 0.0
+    value_gain, _ = noise_gains(pre_blur)
+    return lack / value_gain
 
 
 def _why_not(turns: Array, circle: Circle, asked: bool | None, model: str) -> str:

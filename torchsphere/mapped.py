@@ -20,7 +20,6 @@ from torch import Tensor
 from torchsphere import bundle, parallel, register, still
 from torchsphere.bundle import Bundle
 from torchsphere.circle import Circle
-from torchsphere.interpolate import PRE_BLUR_PX, noise_gains
 from torchsphere.register import Registration
 from torchsphere.source import Source
 from torchsphere.view import Pose
@@ -83,7 +82,7 @@ def poses_on_map(
     source: Source,
     position: Array,
     orientation: Array,
-    zncc: Array,
+    noise_share: float,
     circle: Circle,
     ignore: Tensor | None,
     progress: Callable[[int, int], None] | None = None,
@@ -97,8 +96,8 @@ def poses_on_map(
     position, orientation : ndarray
         What the correlation found: (n, 2), px, and (n, 3, 3); NaN where nothing. Right to within half a speckle,
         drift included.
-    zncc : ndarray
-        Coefficients (n,) of that correlation, which tell the images' noise.
+    noise_share : float
+        Variance of the images' noise over that of their grey levels.
     circle : Circle
         The outline.
     ignore : Tensor, optional
@@ -124,7 +123,8 @@ def poses_on_map(
         return cut_window(image, behind, pose.centre, radius, usable)
 
     windows = [window(i, starts[i], circle.radius) for i in keys.tolist()]
-    noise = _noise_variance(windows, zncc)
+    texture = float(np.median([float(each.levels.var()) for each in windows]))
+    noise = max(noise_share * texture, 1 / 12)  # what rounding alone leaves
 
     def adjusting(share: float) -> None:
         if progress is not None:
@@ -138,15 +138,6 @@ def poses_on_map(
         return refusal
     found = _register_all(known.tolist(), keys.tolist(), starts, adjusted, window, progress)
     return _assemble(len(position), found, keys.tolist(), adjusted, circle, misfit)
-
-
-def _noise_variance(windows: list[Window], zncc: Array) -> float:
-    """Variance of the images' noise by what the pairs' correlation lacks of 1, grey levels squared."""
-    texture = float(np.median([float(window.levels.var()) for window in windows]))
-    value_gain, _ = noise_gains(PRE_BLUR_PX)
-    known = zncc[np.isfinite(zncc)]
-    lack = float(np.median(1 - known)) if len(known) else 0.0
-    return max(lack * texture / value_gain, 1 / 12)
 
 
 def _refusal(adjusted: Bundle, radius: float, misfit: float) -> str:

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from torchsphere import interpolate, motion
 from torchsphere.perspective import Camera
 from torchsphere.setting import ROI, require_within
+
+#: Pre-blur where the outline is near, px, and the room between it and the region of interest, in pre-blurs, that keeps
+#: what is behind the ball out. Measured over a background of blotches (speckle of 2.2 to 3 px, noise of 2 grey levels),
+#: errors of a step with 1 px and with 0.7: 0.042 and 0.029 px at a radius of 10 px, 0.026 and 0.017 at 15, 0.017 and
+#: 0.013 at 20, 0.0098 and 0.0086 at 25, 0.0085 and 0.0074 at 30; 1.2 and 1.0 times what is stated up to 20 px. Before
+#: a plain background they are equal up to 15 px. From 30 px on the smaller bias of 1 px counts more; 0.5 px aliases
+#: everywhere.
+LEAST_PRE_BLUR_PX, ROOM = 0.7, 1.5
 
 
 @dataclass(frozen=True)
@@ -20,7 +28,8 @@ class Options:
     roi : float
         Radius of the region of interest as a fraction of the ball's.
     pre_blur : float
-        Standard deviation of the Gaussian that blurs both images first, px; 0 for none.
+        Standard deviation of the Gaussian that blurs both images first, px; 0 for none. Where none is given,
+        `torchsphere.track` and `torchsphere.correlate` take what is `suited` to the ball.
     jacobian : str
         "constant": gradient of the reference, the paper's choice, built once. "autograd": gradient of the deformed
         image at each iterate, by automatic differentiation; exact and slow.
@@ -68,6 +77,12 @@ class Options:
         limits |= {"min_zncc": (0.0, 1.0), "min_visible": (0.0, 1.0), "finite_from_deg": (0.0, 180.0)}
         for name, allowed in limits.items():
             require_within(name, getattr(self, name), allowed)
+
+
+def suited(options: Options, radius: float) -> Options:
+    """The options with a pre-blur that carries nothing from behind a ball of this radius, px, into its region."""
+    room = (1 - options.roi) * radius
+    return replace(options, pre_blur=min(max(room / ROOM, LEAST_PRE_BLUR_PX), interpolate.PRE_BLUR_PX))
 
 
 def margin(options: Options) -> float:

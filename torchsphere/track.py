@@ -20,7 +20,7 @@ from torchsphere.circle import Circle
 from torchsphere.follow import Follower, Progress
 from torchsphere.inputs import as_mask, check_circle
 from torchsphere.joint import ALONE, Solver, together
-from torchsphere.options import Options
+from torchsphere.options import Options, suited
 from torchsphere.perspective import sphere_of_outline
 from torchsphere.record import Record
 from torchsphere.source import Source
@@ -148,6 +148,8 @@ def track(
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
     with parallel.one_each():
         first, settings = _first_circle(source, circle, mask, refine, settings, solver)
+    if "pre_blur" not in options:
+        settings = suited(settings, first.radius)
 
     def followed(first: Circle) -> Record:
         follower = Follower(source, first, mask, settings, progress=progress, in_place=in_place, solver=solver)
@@ -156,12 +158,12 @@ def track(
     measured = followed(first)
     # A ball that cannot leave its place is where the circle says, unless a map is asked for.
     asked = False if in_place and sphere_map is None else sphere_map
-    motion = drift.bound(source, measured, first, mask, asked, settings.model, progress=progress)
+    motion = drift.bound(source, measured, first, mask, asked, settings, progress=progress)
     if abs(motion.circle.radius - first.radius) > WRONG_RADIUS * first.radius and (measured.status != "ok").any():
         # The map knows better how large the ball is than the circle that frames were given up with.
         first = dataclasses.replace(motion.circle, frame=first.frame)
         measured = followed(first)
-        motion = drift.bound(source, measured, first, mask, asked, settings.model, progress=progress)
+        motion = drift.bound(source, measured, first, mask, asked, settings, progress=progress)
     fine = fineness(source.images(first.frame, first.frame + 1)[0], motion.circle, mask)
     steps, lit = int(np.isfinite(measured.increment[:, 0]).sum()), int(measured.uneven_light.sum())
     used = dataclasses.asdict(settings) | {

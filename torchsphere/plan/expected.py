@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from torchsphere import criterion, crop, motion, robust
-from torchsphere.options import Options, margin
+from torchsphere.options import Options, margin, suited
 from torchsphere.plan.example_image import Example, blurred, rescaled, white_noise
 from torchsphere.reference import Filtered, Reference, build_reference, nuisances, scale, slopes
 
@@ -159,7 +159,7 @@ def increment_covariance(examples: Sequence[Example], setup: Setup, *, is_blurre
 def _covariance(example: Example, setup: Setup, is_blurred: bool) -> Array:
     if setup.noise is None:
         raise ValueError("the image noise is not given; without it there is no uncertainty to expect")
-    options = Options()
+    options = suited(Options(), setup.radius_px)
     seen = rescaled(example, setup.radius_px)
     if not is_blurred:
         seen = blurred(seen, setup.blur)
