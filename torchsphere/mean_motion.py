@@ -47,7 +47,9 @@ def mean_motion(track: Track, motion: Kinematics | None) -> dict[str, Array]:
 
 def _mean_step(track: Track, scale: Scale) -> tuple[Array, Array]:
     """Mean (5,) of the measured steps and its standard deviation, px and rad; ``scale`` tells what lengths share."""
-    valid = np.repeat(joined(track), (2, 3), axis=1)
+    # A model without rotations has zeros for them, which are no measurement, and no standard deviation.
+    stated = np.isfinite(np.diagonal(track.covariance, axis1=1, axis2=2))
+    valid = np.repeat(joined(track), (2, 3), axis=1) & stated
     count = valid.sum(0)
     number = np.where(count > 0, count, np.nan)
     mean = np.where(valid, track.increment, 0.0).sum(0) / number
