@@ -91,6 +91,9 @@ def test_without_a_scale_motion_is_drawn_in_px_and_frames(result: ResultFolder) 
     # The diameter was given.
     assert axes[1].get_title(loc="left") == "for m/s and N give --fps"
     np.testing.assert_allclose(axes[2].lines[1].get_ydata(), np.degrees(result.increment[:, 3]))
+    without_mass = in_px(result)
+    without_mass.summary["settings"] = result.summary["settings"] | {"mass_g": None}
+    assert motion_figures.motion_figure(without_mass).axes[1].get_title(loc="left") == "for m/s give --fps"
 
 
 def test_one_legend_above_the_first_panel_names_lines_and_shades(result: ResultFolder) -> None:
@@ -136,12 +139,24 @@ def test_start_end_contact_and_direction_of_the_path_are_marked(result: ResultFo
     assert result.contact_s is not None
     inside = (result.time_s >= result.contact_s[0]) & (result.time_s <= result.contact_s[1])
     assert 2 < inside.sum() < len(inside)
-    np.testing.assert_array_equal(np.isfinite(drawn["contact"].get_xdata()), inside)
+    contact = drawn["contact"].get_xydata()
+    np.testing.assert_allclose(contact[1:-1], result.position[inside])
+    ends = [np.interp(result.contact_s, result.time_s, column) for column in result.position.T]
+    np.testing.assert_allclose(contact[[0, -1]], np.transpose(ends))
     heads = [text for text in axis.texts if text.arrow_patch is not None]
     assert len(heads) == len(path_figure.ARROWS_AT)
     # The first arrow points to the right, towards the target, the second back.
     assert [np.sign(head.xy[0] - head.get_position()[0]) for head in heads] == [1, -1]
     assert axis.get_legend() is not None
+
+
+@pytest.mark.parametrize(("start", "end"), [(5.2, 5.8), (5.6, 6.4)])
+def test_a_contact_with_no_or_one_frame_is_a_line_on_the_path(result: ResultFolder, start: float, end: float) -> None:
+    edges = [float(np.interp(row, np.arange(len(result.time_s)), result.time_s)) for row in (start, end)]
+    brief = dataclasses.replace(result, summary=result.summary | {"contact_s": edges})
+    drawn = labelled(path_figure.path_figure(brief).axes[0])["contact"].get_xydata()
+    step = np.hypot(*np.diff(result.position[4:8], axis=0).T).mean()
+    assert np.hypot(*np.diff(drawn, axis=0).T).sum() == pytest.approx((end - start) * step, rel=0.2)
 
 
 def test_a_bar_of_round_length_gives_the_scale_of_the_path_where_it_is_known(result: ResultFolder) -> None:
@@ -194,6 +209,8 @@ def test_nothing_measured_is_said_on_the_axes_instead_of_left_blank(result: Resu
             assert len(axis.get_yticks()) == 0
             assert not axis.xaxis.get_visible()
             assert axis.get_legend() is None
+    labels = ["position (px)", "step (px per frame)", "rotation (deg per frame)"]
+    assert [axis.get_title(loc="left") for axis in motion_figures.motion_figure(lost).axes] == labels
     assert any("not measured" in text.get_text() for text in path_figure.path_figure(lost).texts)
     motion_figures.quality_figure(lost)
 

@@ -53,6 +53,16 @@ def test_what_was_not_measured_has_no_mean() -> None:
         assert np.isnan(values[2:]).all()
 
 
+def test_a_model_without_rotations_has_no_mean_of_them() -> None:
+    shot = demo.make_shot()
+    track = ts.track(shot.images[:8], model="translation")
+    found = mean_motion(track, ts.kinematics(track, frame_rate=demo.FRAME_RATE, diameter_m=1e-3 * demo.DIAMETER_MM))
+    for name in ("increment_px_rad", "sd_increment_px_rad"):
+        assert np.isfinite(found[name][:2]).all()
+        assert np.isnan(found[name][2:]).all()
+    assert np.isnan([found["spin_rad_s"], found["sd_spin_rad_s"]]).all()
+
+
 def test_the_truth_of_the_demo_lies_within_what_is_stated() -> None:
     ratios = []
     for seed in (1, 2, 3):

@@ -316,6 +316,31 @@ def test_an_impact_is_refused_as_a_flight_and_says_so() -> None:
         free_flight.from_track(example_track(flown(-7.0)), "shot.tif", **KNOWN)
 
 
+@pytest.mark.parametrize("place", [6, 20, 33])
+def test_an_impact_is_refused_wherever_it_is_in_the_recording(place: int) -> None:
+    increment = flown()
+    increment[place:, 1] += 6.0
+    with pytest.raises(ValueError, match="this is no free flight"):
+        free_flight.from_track(example_track(increment), "shot.tif", **KNOWN)
+
+
+@pytest.mark.parametrize(("start", "cause"), [(0.5, "gravity"), (3.0, "gravity"), (100.0, "drag")])
+def test_gravity_and_drag_are_no_impact(start: float, cause: str) -> None:
+    # 0.1 s of a fall, and a table-tennis ball that loses half of its speed in 60 ms, at 1000 frames/s.
+    time = np.arange(100) * 1e-3 if cause == "gravity" else np.arange(60) * 1e-3
+    velocity = start + 9.81 * time if cause == "gravity" else start / (1 + time / 0.06)
+    generator = np.random.default_rng(0)
+    increment = np.array([0.01, 0.01, 1e-4, 1e-4, 1e-4]) * generator.normal(size=(len(time), 5))
+    increment[:, 1] += velocity * 1e-3 * 36 / 30e-3
+    found = free_flight.from_track(example_track(increment), cause, **KNOWN | {"frame_rate": 1000.0})
+    assert "drag or gravity is in the standard deviations" in found.warnings[0]
+
+
+def test_a_velocity_without_any_scatter_does_not_change() -> None:
+    increment = np.tile([5.0, 0.0, 0.0, 0.01, 0.0], (40, 1))
+    assert free_flight.from_track(example_track(increment), "made", **KNOWN).warnings == ()
+
+
 def test_a_ball_without_texture_is_refused_for_that_and_not_for_too_few_frames() -> None:
     increment = flown()
     increment[:, 2:] = np.nan

@@ -73,3 +73,14 @@ def test_without_a_rehearsal_a_sentence_stands_in_place_of_empty_axes() -> None:
     axis = plan_figure.drawn(replace(made(), rehearsal=None)).axes[2]
     assert axis.texts[0].get_text().startswith("not rehearsed: more than 60 frames in contact")
     assert len(axis.get_xticks()) == len(axis.get_yticks()) == 0
+
+
+@pytest.mark.parametrize("frames", [0.2, 0.6])
+def test_a_contact_between_two_frames_is_drawn_with_the_frames_next_to_it(frames: float) -> None:
+    plan = made()
+    target = Target(frames / SETUP.frame_rate, 0.3, "given")
+    brief = replace(plan, target=target, rehearsal=rehearse(plan.covariance, SETUP, target))
+    axis = plan_figure.drawn(brief).axes[3]
+    low, high = axis.get_xlim()
+    assert ((axis.lines[0].get_xdata() > low) & (axis.lines[0].get_xdata() < high)).sum() == 2
+    assert np.isfinite(axis.get_ylim()).all()

@@ -75,6 +75,12 @@ def test_turned_angles_are_sums_of_the_increments_and_end_where_one_is_missing(r
     assert np.isnan(broken.turned_rad[7:]).all()
 
 
+def test_means_that_an_earlier_result_lacks_are_not_measured(result: ResultFolder) -> None:
+    earlier = dataclasses.replace(result, summary={k: v for k, v in result.summary.items() if k != "mean_motion"})
+    (rows,) = (rows for title, rows in words.sections(earlier) if title == "Mean motion")
+    assert [text for _, text in rows] == [words.NOT_MEASURED] * 2
+
+
 def test_the_lab_frame_turns_the_shown_angles_over_as_the_axes(result: ResultFolder) -> None:
     settings = result.summary["settings"] | {"lab_frame": True}
     lab = dataclasses.replace(result, summary=result.summary | {"settings": settings})

@@ -4,10 +4,12 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from refusals import refused
 
 from torchsphere.cli import main
+from torchsphere.options import Options
 from torchsphere.request import Request
 from torchsphere.setting import option
 
@@ -106,3 +108,16 @@ def test_an_option_that_does_not_come_to_use_is_noted(
     found = [sentence for sentence in warnings if sentence.startswith("Given and not used: ")]
     assert len(found) == (1 if noted else 0)
     assert all(noted in sentence and f"note    {sentence}" in printed for sentence in found)
+
+
+@pytest.mark.parametrize("roi", [np.float32(0.9), np.float64(0.9), np.int64(1)])
+def test_numbers_of_numpy_are_numbers(roi: float, short: Path, tmp_path: Path) -> None:
+    assert Options(roi=roi).roi == roi
+    assert Request(input=short, out=tmp_path, roi=roi).roi == roi
+
+
+def test_without_a_scale_nothing_is_said_to_be_in_the_lab_frame(tmp_path: Path, short: Path) -> None:
+    out = tmp_path / "result"
+    assert main(["track", str(short), "--out", str(out), "--circle", CIRCLE, "--frames", "0:6", "--lab-frame"]) == 0
+    assert json.loads((out / "summary.json").read_text())["axes"].startswith("camera frame")
+    assert '"lab":false' in (out / "report.html").read_text().replace(": ", ":")

@@ -9,7 +9,7 @@ from torch import Tensor
 from torchsphere import successive
 from torchsphere.joint import ALONE
 from torchsphere.options import Options
-from torchsphere.reference import SLACK_PX
+from torchsphere.reference import SLACK_PX, Filtered
 
 SETUP = successive.Setup(Options(), None, False, ALONE, shared=lambda part, rows: [part(0, rows)])
 
@@ -25,8 +25,29 @@ def truly(made: Shot) -> Tensor:
     return torch.cat((made.centres, torch.full((12, 1), made.radius, dtype=torch.float64)), -1)
 
 
+def filtered(images: Tensor, balls: Tensor) -> Filtered:
+    return successive._filtered(successive._cut(images, balls, SETUP), SETUP, interlaced=False)
+
+
+def filtered_where_off(before: Filtered, images: Tensor, balls: Tensor, expected: Tensor) -> Filtered:
+    return successive._filtered_where_off(before, images, balls, expected, SETUP, interlaced=False)
+
+
 #: Like a ball that slows down, (12, 3): 4 px in the last image, more than the crops leave room for from the 10th on.
 OFF = torch.tensor([0.033, 0.0, 0.0], dtype=torch.float64) * torch.arange(12)[:, None] ** 2
+
+
+def test_images_filtered_anew_are_taken_by_a_field_only_where_the_others_are(made: Shot, truly: Tensor) -> None:
+    images = made.images.clone()
+    # The last two alone, which are cut anew, show the ball at two instants.
+    for later in (11, 10):
+        images[later, 1::2] = made.images[later - 1, 1::2]
+    start = made.increments.clone()
+    start[:, 0] += OFF[:, 0].diff()
+    found, _ = successive.correlate_successive(images, truly + OFF, start, SETUP)
+    expected, _ = successive.correlate_successive(images, truly, made.increments, SETUP)
+    assert len(found.q) == 11
+    np.testing.assert_allclose(found.q[-2, :2], expected.q[-2, :2], atol=0.02)
 
 
 def test_a_path_that_is_expected_wrongly_at_its_end_changes_nothing(made: Shot, truly: Tensor) -> None:
@@ -42,9 +63,9 @@ def test_a_path_that_is_expected_wrongly_at_its_end_changes_nothing(made: Shot, 
 
 
 def test_images_are_filtered_anew_from_the_first_whose_crop_leaves_too_little_room(made: Shot, truly: Tensor) -> None:
-    before = successive._filtered(made.images, truly + OFF, SETUP)
-    found = successive._filtered_where_off(before, made.images, truly, truly + OFF, SETUP)
-    anew = successive._filtered(made.images, truly, SETUP)
+    before = filtered(made.images, truly + OFF)
+    found = filtered_where_off(before, made.images, truly, truly + OFF)
+    anew = filtered(made.images, truly)
     first = 10
     assert float(OFF[first, 0]) > SLACK_PX > float(OFF[first - 1, 0])
     assert torch.equal(found.c[:first], before.c[:first])
@@ -53,19 +74,19 @@ def test_images_are_filtered_anew_from_the_first_whose_crop_leaves_too_little_ro
 
 
 def test_a_ball_that_comes_nearer_than_expected_gets_larger_crops(made: Shot, truly: Tensor) -> None:
-    before = successive._filtered(made.images, truly, SETUP)
+    before = filtered(made.images, truly)
     larger = truly.clone()
     larger[-1, 2] += 2 * SLACK_PX
-    found = successive._filtered_where_off(before, made.images, larger, truly, SETUP)
+    found = filtered_where_off(before, made.images, larger, truly)
     assert found.c.shape[-1] > before.c.shape[-1]
     assert len(found.c) == len(made.images)
 
 
 def test_images_that_reach_the_border_go_with_those_that_do_not(made: Shot, truly: Tensor) -> None:
-    before = successive._filtered(made.images, truly, SETUP)
+    before = filtered(made.images, truly)
     moved = truly.clone()
     moved[-2:, 1] = 20.0  # half above the image
-    found = successive._filtered_where_off(before, made.images, moved, truly, SETUP)
+    found = filtered_where_off(before, made.images, moved, truly)
     assert before.crops.usable is None
     assert found.crops.usable is not None
     assert bool(found.crops.usable[:-2].all())

@@ -9,11 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.camera import LAB_AXES, Scale
+from torchsphere.camera import Scale
 from torchsphere.kinematics import Kinematics
 from torchsphere.plane import in_plane
 from torchsphere.poses import joined, poses
 from torchsphere.shared import Shared
+from torchsphere.si import Units
 from torchsphere.track import Track
 
 Array = NDArray[np.float64]
@@ -39,15 +40,18 @@ def mean_motion(track: Track, motion: Kinematics | None) -> dict[str, Array]:
     if motion is None:
         return found
     step, sd = _mean_step(in_plane(track), motion.scale)
-    axes = np.diag(LAB_AXES) if motion.lab_frame else np.ones(3)
-    to_m_s = motion.scale.m_per_px * motion.frame_rate
-    found |= {"velocity_m_s": to_m_s * step[:2] * axes[:2], "sd_velocity_m_s": to_m_s * sd[:2]}
-    return found | {"spin_rad_s": motion.frame_rate * step[2:] * axes, "sd_spin_rad_s": motion.frame_rate * sd[2:]}
+    to_si = Units.of(motion.scale, motion.frame_rate, lab_frame=motion.lab_frame)
+    velocity, spin = to_si.rates(step)
+    sd_velocity, sd_spin = map(np.abs, to_si.rates(sd))
+    found |= {"velocity_m_s": velocity, "sd_velocity_m_s": sd_velocity}
+    return found | {"spin_rad_s": spin, "sd_spin_rad_s": sd_spin}
 
 
 def _mean_step(track: Track, scale: Scale) -> tuple[Array, Array]:
     """Mean (5,) of the measured steps and its standard deviation, px and rad; ``scale`` tells what lengths share."""
-    valid = np.repeat(joined(track), (2, 3), axis=1)
+    # A model without rotations has zeros for them, which are no measurement, and no standard deviation.
+    stated = np.isfinite(np.diagonal(track.covariance, axis1=1, axis2=2))
+    valid = np.repeat(joined(track), (2, 3), axis=1) & stated
     count = valid.sum(0)
     number = np.where(count > 0, count, np.nan)
     mean = np.where(valid, track.increment, 0.0).sum(0) / number

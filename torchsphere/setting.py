@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from numbers import Real
 from typing import Any
 
 #: Radius of the region of interest over the ball's.
@@ -51,7 +52,7 @@ def require_finite(name: str, values: float | Sequence[float] | None) -> None:
 def require_within(name: str, value: Any, limits: tuple[float, float]) -> None:
     """Raise SettingError unless the value is a number within the limits, or not given."""
     low, high = limits
-    if value is not None and not (isinstance(value, (int, float)) and low <= value <= high):
+    if value is not None and not (isinstance(value, Real) and low <= float(value) <= high):
         raise SettingError(f"`{name}` = {value!r}: expected a number from {low:g} to {high:g}")
 
 

@@ -109,8 +109,7 @@ def in_si(
 ) -> Kinematics:
     """Motion in SI units with all of its uncertainty."""
     shared = Shared.of(track, scale)
-    axes = np.diag(camera.LAB_AXES) if lab_frame else np.ones(3)
-    to_si = _Units(scale.m_per_px, frame_rate, axes)
+    to_si = Units.of(scale, frame_rate, lab_frame=lab_frame)
     velocity, spin = to_si.rates(motion.rate)
     acceleration, angular = to_si.rates(motion.acceleration, 2)
     sd_velocity, sd_spin = map(np.abs, to_si.rates(shared.sd(motion.rate, np.hypot(motion.sd_rate, shared.steady))))
@@ -118,7 +117,7 @@ def in_si(
     changing = shared.steady_change(time_s * frame_rate, contact, motion.rate)
     own_acceleration = shared.sd(motion.acceleration, np.hypot(motion.sd_acceleration, changing), motion.rate[:, 4])
     sd_acceleration, sd_angular = map(np.abs, to_si.rates(own_acceleration, 2))
-    position = (_filled(track.position) + motion.offset) * scale.m_per_px * axes[:2]
+    position = (_filled(track.position) + motion.offset) * scale.m_per_px * to_si.axes[:2]
     sd_circle = np.nan_to_num([track.circle.sd_x, track.circle.sd_y])
     sd_position = np.hypot(np.hypot(motion.sd_offset, sd_circle) * scale.m_per_px, position * shared.scale)
     interval = None if motion.interval is None else [edges / frame_rate for edges in motion.interval]
@@ -148,12 +147,17 @@ def in_si(
 
 
 @dataclass(frozen=True)
-class _Units:
+class Units:
     """From px, rad and frames to SI units and the axes of the results."""
 
     m_per_px: float
     frame_rate: float
     axes: Array  # (3,), signs
+
+    @staticmethod
+    def of(scale: camera.Scale, frame_rate: float, *, lab_frame: bool) -> Units:
+        """Those of results in the lab frame or the camera's."""
+        return Units(scale.m_per_px, frame_rate, np.diag(camera.LAB_AXES) if lab_frame else np.ones(3))
 
     def rates(self, values: Array, order: int = 1) -> tuple[Array, Array]:
         """Derivatives (..., 5) of an order -> (..., 2) and (..., 3)."""
@@ -161,7 +165,7 @@ class _Units:
         return per_time[..., :2] * self.m_per_px * self.axes[:2], per_time[..., 2:] * self.axes
 
 
-def _draws(drawn: Drawn, time_s: Array, shared: Shared, to_si: _Units) -> Draws:
+def _draws(drawn: Drawn, time_s: Array, shared: Shared, to_si: Units) -> Draws:
     """Motions as likely as data and calibration leave them."""
     frames = time_s[drawn.span] * to_si.frame_rate
     rate, acceleration = shared.draw(drawn.rate, drawn.acceleration, frames, drawn.interval)

@@ -57,7 +57,9 @@ def correlate_successive(
     With ``approached`` balls and start are known well, and better than a rough look can tell: an occluder deceives that
     by a px and more.
     """
-    filtered = _filtered(images, balls, setup)
+    crops = _cut(images, balls, setup)
+    interlaced = interlace.is_interlaced(crops)
+    filtered = _filtered(crops, setup, interlaced)
     pairs, start = _pairs(filtered, balls), start.to(filtered.c)
     approach = Approach.none(start)
     if not approached:
@@ -67,7 +69,8 @@ def correlate_successive(
             balls, before = _led(balls[0], approach.near), balls
             count = _worth_solving(approach, balls - before, float(balls[0, 2]))
             balls, before = balls[: count + 1], before[: count + 1]
-            filtered = _filtered_where_off(filtered.rows(0, count + 1), images, balls, before, setup)
+            filtered = filtered.rows(0, count + 1)
+            filtered = _filtered_where_off(filtered, images, balls, before, setup, interlaced=interlaced)
             pairs = _pairs(filtered, balls)
     near, there = approach.near, balls[1:]
 
@@ -90,11 +93,15 @@ def leading(good: NDArray[np.bool_]) -> int:
     return int(good.cumprod().sum())
 
 
-def _filtered(images: Tensor, balls: Tensor, setup: Setup) -> Filtered:
+def _cut(images: Tensor, balls: Tensor, setup: Setup) -> crop.Crops:
     """Crops of the images (m + 1, h, w) around ``balls`` (m + 1, 3)."""
     half = crop.half_size(float(balls[:, 2].max()), margin(setup.options))
-    crops = crop.cut(images, balls[:, :2], half, setup.ignore)
-    if interlace.is_interlaced(crops):
+    return crop.cut(images, balls[:, :2], half, setup.ignore)
+
+
+def _filtered(crops: crop.Crops, setup: Setup, interlaced: bool) -> Filtered:
+    """The crops filtered, by one of their fields where they are ``interlaced``."""
+    if interlaced:
         crops = interlace.one_field(crops)
 
     def filtered(a: int, b: int) -> Filtered:
@@ -103,16 +110,21 @@ def _filtered(images: Tensor, balls: Tensor, setup: Setup) -> Filtered:
     return Filtered.joined(setup.shared(filtered, len(crops.images)))
 
 
-def _filtered_where_off(filtered: Filtered, images: Tensor, balls: Tensor, before: Tensor, setup: Setup) -> Filtered:
-    """``filtered`` around the balls ``before`` (m + 1, 3), anew from the first image on that this does not suit."""
+def _filtered_where_off(
+    filtered: Filtered, images: Tensor, balls: Tensor, before: Tensor, setup: Setup, *, interlaced: bool
+) -> Filtered:
+    """``filtered`` around the balls ``before`` (m + 1, 3), anew from the first image on that this does not suit.
+
+    What was ``interlaced`` for all images is so for those anew: of a pair, both images are taken by a field or none.
+    """
     off = (balls - before).abs().amax(-1) > SLACK_PX
     first = leading(~off.numpy())
     if first == len(balls):
         return filtered
-    again = _filtered(images[first : len(balls)], balls[first:], setup)
+    again = _filtered(_cut(images[first : len(balls)], balls[first:], setup), setup, interlaced)
     if again.c.shape[-1] != filtered.c.shape[-1]:
         # A ball that comes nearer needs larger crops, and all images those of one size.
-        return _filtered(images[: len(balls)], balls, setup)
+        return _filtered(_cut(images[: len(balls)], balls, setup), setup, interlaced)
     return Filtered.joined([filtered.rows(0, first), again])
 
 

@@ -41,6 +41,8 @@ def summary(request: Request, done: Measurement, frame_rate: float | None) -> di
     """All of ``summary.json``; docs/results.md explains each key."""
     recording, tracked = done.recording, done.track
     circle = tracked.circle
+    # Only what is in SI units is brought to the lab frame.
+    in_lab = done.motion is not None and done.motion.lab_frame
     return {
         "input": {
             "path": done.name or str(request.input),
@@ -63,7 +65,7 @@ def summary(request: Request, done: Measurement, frame_rate: float | None) -> di
         "scale": None if done.motion is None else vars(done.motion.scale),
         "frames_per_status": results.status_counts(tracked),
         "mean_motion": mean_motion(tracked, done.motion),
-        "axes": "lab frame: x right, y up, z to the camera" if request.lab_frame else "camera frame: x right, y down",
+        "axes": "lab frame: x right, y up, z to the camera" if in_lab else "camera frame: x right, y down",
         "settings": {k: v for k, v in vars(request).items() if k not in ("input", "out")} | tracked.settings,
         "differentiation": None if done.motion is None else done.motion.about,
         "impact": None if done.impact is None else done.impact.summary(),

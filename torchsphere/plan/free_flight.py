@@ -10,7 +10,7 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -27,8 +27,10 @@ LEAST_STEPS = 12
 #: scatter any more.
 STEADY = 5.0
 
-#: The same as a share of the speed, from which the standard deviations say nothing at all: an impact, not drag.
-NO_FLIGHT = 0.1
+#: The same as a share of the speed, from which the standard deviations say nothing at all, if it comes at once; and the
+#: share of the change by which the velocity then departs from a straight line over time: 0.14 and more for a jump in 12
+#: steps or more, 0.08 for drag that takes half of the speed, none for gravity.
+NO_FLIGHT, SUDDEN = 0.1, 0.1
 
 Array = NDArray[np.float64]
 
@@ -76,28 +78,45 @@ class Flight:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What makes the scatter no measure of the uncertainty."""
-        change, _ = _change(self.velocity_m_s)
-        if change == "":
+        change = _change(self.velocity_m_s)
+        if change is None:
             return ()
         return (
-            f"The velocity {change} over the recording, more than it scatters: "
-            "a target, drag or gravity is in the standard deviations, too; take frames of free flight alone.",
+            f"The velocity {change.text} over the recording, more than it scatters: a target, drag or gravity is in "
+            "the standard deviations, too; take fewer frames, of free flight alone.",
         )
 
 
-def _change(velocity_m_s: Array) -> tuple[str, float]:
-    """How the velocity (m, 2) changes, in words, and by what share of the speed; empty where it only scatters."""
-    known = velocity_m_s[np.isfinite(velocity_m_s).all(1)]
+class _Change(NamedTuple):
+    """How a velocity changes: in words, by what share of the speed, and whether at once rather than steadily."""
+
+    text: str
+    share: float
+    is_sudden: bool
+
+
+def _change(velocity_m_s: Array) -> _Change | None:
+    """How the velocity (m, 2) changes over the recording; None where it only scatters."""
+    valid = np.isfinite(velocity_m_s).all(1)
+    known = velocity_m_s[valid]
     third = len(known) // 3
     start, end = known[:third].mean(0), known[-third:].mean(0)
     change = end - start
     # Scatter from one increment to the next, which a slow change does not enter.
     scatter = np.diff(known, axis=0).std(0) / math.sqrt(third)
-    at = int((np.abs(change) / scatter).argmax())
-    if abs(change[at]) < STEADY * scatter[at]:
-        return "", 0.0
-    speed = max(float(np.hypot(*start)), float(np.hypot(*end)))
-    return f"along {'xy'[at]} changes by {change[at]:.3g} m/s", abs(float(change[at])) / speed
+    beyond = np.abs(change) - STEADY * scatter
+    at = int(beyond.argmax())
+    if beyond[at] <= 0:
+        return None
+    size, speed = abs(float(change[at])), max(float(np.hypot(*start)), float(np.hypot(*end)))
+    is_sudden = _off_line(np.flatnonzero(valid), known[:, at]) > SUDDEN * size
+    return _Change(f"along {'xy'[at]} changes by {change[at]:.3g} m/s", size / speed, is_sudden)
+
+
+def _off_line(frames: NDArray[np.int64], values: Array) -> float:
+    """How far values (m,) are off a straight line over their frames (m,), rms, beside their scatter."""
+    rest = values - np.polyval(np.polyfit(frames, values, 1), frames)
+    return math.sqrt(max(float(rest.var()) - float(np.diff(values).var()) / 2, 0.0))
 
 
 def spread(values: Array) -> tuple[Array, Array]:
@@ -213,10 +232,11 @@ def _flight(increment: Array, sd: Array, radius: float, origin: str, known: tupl
         shutter_s=shutter_s,
     )
     flight = Flight(increment, np.median(sd[valid], 0), setup, origin)
-    change, share = _change(flight.velocity_m_s)
-    if share > NO_FLIGHT:
+    change = _change(flight.velocity_m_s)
+    if change is not None and change.is_sudden and change.share > NO_FLIGHT:
         raise ValueError(
-            f"{origin}: this is no free flight: the velocity {change}, {100 * share:.0f} % of the speed, as by an "
-            "impact; track the frames before it alone with 'torchsphere track --frames A:B' and give that result"
+            f"{origin}: this is no free flight: the velocity {change.text}, {100 * change.share:.0f} % of the speed, "
+            "as by an impact; track the frames before it alone with 'torchsphere track --frames A:B' and give that "
+            "result"
         )
     return flight

@@ -40,4 +40,7 @@ def not_in_si(result: ResultFolder) -> str:
     )
     if not scale_known:
         missing.append("--diameter-mm or --mm-per-px")
-    return f"for m/s and N give {', and '.join(missing)}" if missing else ""
+    if not missing:
+        return ""
+    units = "m/s" if settings.get("mass_g") is None else "m/s and N"
+    return f"for {units} give {', and '.join(missing)}"

@@ -38,8 +38,10 @@ def motion_figure(result: ResultFolder) -> Figure:
     about = result.summary.get("differentiation")
     if about and np.isfinite(shown[1].values).any():
         _remark(figure.axes[1], _differentiation(about, shown[2].title))
-    if lacking:
-        _remark(figure.axes[1 if result.motion is None else 2], lacking)
+    below = figure.axes[1 if result.motion is None else 2]
+    # An empty panel has its label in that place, and is empty for another reason.
+    if lacking and below.lines:
+        _remark(below, lacking)
     return figure
 
 

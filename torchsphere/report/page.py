@@ -102,7 +102,7 @@ def _data(result: ResultFolder) -> dict[str, Any]:
         "quaternion": _numbers(result.quaternion[rows], 7),
         "zncc": _numbers(result.zncc[rows], 6),
         "spin": _numbers(_spin(result)[rows], 6),
-        "lab": result.lab_frame,
+        "lab": result.lab_frame and result.motion is not None,
         "panels": [
             {
                 "key": panel.key,

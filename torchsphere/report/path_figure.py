@@ -102,20 +102,21 @@ def _path(axis: Axes, result: ResultFolder, known: Rows) -> None:
     where = result.position
     axis.plot(*where.T, "-", color="white", lw=2.6, alpha=0.7)
     touching = _in_contact(result)
-    if touching.any():
-        axis.plot(*np.where(touching[:, None], where, np.nan).T, "-", color=CONTACT, lw=5, alpha=0.8, label="contact")
+    if len(touching):
+        axis.plot(*touching.T, "-", color=CONTACT, lw=5, alpha=0.8, label="contact")
     axis.plot(*where.T, "-", color=COLOURS[0], lw=1.3, label="path")
     _arrows(axis, where[known], float(np.nanmedian(result.radius)))
     for name, row, mark, colour in (("start", known[0], "o", START), ("end", known[-1], "s", END)):
         axis.plot(*where[row], mark, color=colour, mec="black", mew=1.0, ms=7, ls="none", label=name)
 
 
-def _in_contact(result: ResultFolder) -> NDArray[np.bool_]:
-    """Frames (n,) within the contact."""
+def _in_contact(result: ResultFolder) -> Array:
+    """The path (m, 2) from the contact's start to its end, which may lie between frames; NaN where not known."""
     if result.contact_s is None:
-        return np.zeros(len(result.frame), dtype=bool)
-    start, end = result.contact_s
-    return np.asarray((result.time_s >= start) & (result.time_s <= end))
+        return np.zeros((0, 2))
+    time, (start, end) = result.time_s, result.contact_s
+    moments = np.concatenate(([start], time[(time > start) & (time < end)], [end]))
+    return np.stack([np.interp(moments, time, column) for column in result.position.T], 1)
 
 
 def _arrows(axis: Axes, where: Array, radius: float) -> None:

@@ -110,7 +110,8 @@ def _force(figure: Figure, place: SubplotSpec, plan: Plan) -> None:
     pulse = 1e-3 * found.peak_N * np.sin(np.pi * fine / plan.target.contact_s)
     axis.plot(1e6 * fine, pulse, color="0.6", lw=3, label="true")
     axis.plot(time, -1e-3 * found.force_along_N, ".-", color=COLOURS[0], ms=5, lw=1, label="smoother, at the frames")
-    reach = 1e6 * plan.target.contact_s
+    # A contact shorter than a frame may lie between two of them: those have to be seen, too.
+    reach = 1e6 * max(plan.target.contact_s, 1 / plan.setup.frame_rate)
     axis.set(xlim=(-0.5 * reach, 1.5 * reach), ylabel="force (kN)")
     axis.set_ylim(top=(1 + ROOM) * axis.get_ylim()[1])
     axis.legend(fontsize=8, loc="upper left", ncols=2)

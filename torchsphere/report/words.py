@@ -182,8 +182,10 @@ def _means(result: ResultFolder) -> list[tuple[str, str]]:
 
 def _mean(means: dict[str, Any], name: str, part: slice, unit: str, factor: float = 1.0) -> str:
     """A part of a mean with its standard deviation, which results of earlier versions lack."""
-    value, sd = _vector(means.get(name)), means.get(f"sd_{name}")
-    return measured(factor * value[part], None if sd is None else factor * _vector(sd)[part], unit)
+    value, sd = means.get(name), means.get(f"sd_{name}")
+    if value is None:
+        return NOT_MEASURED
+    return measured(factor * _vector(value)[part], None if sd is None else factor * _vector(sd)[part], unit)
 
 
 def _setup(result: ResultFolder) -> list[tuple[str, str]]:
