@@ -91,6 +91,7 @@ def test_a_value_that_looks_like_an_option_is_told_how_to_be_given(tmp_path: Pat
             "--diameter-mm, --mass-g, --window, as without a",
         ),
         (["--fps", "1000", "--lab-frame"], "--lab-frame, as without a scale"),
+        (["--lab-frame"], "--lab-frame, as without a frame rate (--fps) and a scale"),
         (["--fps", "1000", "--mm-per-px", "1", "--window", "9"], "--window, as the method smoother has neither"),
         (["--fps", "1000", "--mm-per-px", "1", "--normal-deg", "9"], "--normal-deg, as no impact is reported"),
         (["--fps", "1000", "--mm-per-px", "1", "--method", "savitzky-golay", "--window", "5"], ""),

@@ -29,7 +29,9 @@ def unused(request: Request, motion: Kinematics | None, found: Impact | None, *,
         Whether the frame rate is known.
     """
     if motion is None:
-        lacking = "a scale (--diameter-mm or --mm-per-px)" if has_rate else "a frame rate (--fps)"
+        has_scale = request.diameter_mm is not None or request.mm_per_px is not None
+        wanted = [(has_rate, "a frame rate (--fps)"), (has_scale, "a scale (--diameter-mm or --mm-per-px)")]
+        lacking = " and ".join(name for there, name in wanted if not there) or "a measured motion"
         names = (*OF_KINEMATICS, *OF_POLYNOMIALS, *OF_IMPACT)
         # The distance of a pinhole camera is taken in radii, so that the diameter is of use there.
         given = [name for name in _given(request, names) if name != "diameter_mm" or request.distance_mm is None]
