@@ -183,3 +183,12 @@ def test_an_impact_that_the_recording_cuts_off_is_doubted(tmp_path: Path, demo_s
     assert main(["track", str(path), "--out", str(out), *scale, "--no-report", "--quiet"]) == 0
     warnings = json.loads((out / "summary.json").read_text())["warnings"]
     assert any("starts within the contact" in sentence for sentence in warnings)
+
+
+def test_images_that_are_missing_from_a_flight_are_told(tmp_path: Path, demo_shot: demo.Shot) -> None:
+    # Their step is taken for a blow of 4 MN.
+    path, out = tmp_path / "gap.tif", tmp_path / "out"
+    tifffile.imwrite(path, np.delete(demo_shot.images[:24], slice(15, 18), axis=0), photometric="minisblack")
+    assert main(["track", str(path), "--out", str(out), "--no-report", "--quiet"]) == 0
+    warnings = json.loads((out / "summary.json").read_text())["warnings"]
+    assert any("3 before frame 15" in sentence for sentence in warnings)
