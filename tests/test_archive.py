@@ -265,3 +265,10 @@ def test_the_table_tells_the_spin_of_an_impact_in_rad_per_s() -> None:
     assert row["spin_after_rad_s"] == pytest.approx(math.pi / 2)
     assert row["sd_spin_after_rad_s"] == pytest.approx(0.02 * math.pi)
     assert row["spin_before_rad_s"] is None
+
+
+def test_the_table_keeps_the_sign_of_a_restitution() -> None:
+    # A ball that goes through its target has a negative one.
+    row = summary.measured({"impact": {"restitution_normal": {"value": -0.28, "sd": 0.002, "unit": "1"}}})
+    assert row["restitution"] == -0.28
+    assert row["sd_restitution"] == pytest.approx(0.002)

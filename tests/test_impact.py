@@ -133,6 +133,13 @@ def test_there_is_no_impact_without_scale_contact_flight_or_smoother(motion: Kin
         assert word in reason
 
 
+def test_frames_within_the_contact_alone_are_no_steady_motion(motion: Kinematics) -> None:
+    within = dataclasses.replace(motion, contact_s=None, sd_contact_s=None)
+    still = dataclasses.replace(within, acceleration_m_s2=2 * within.sd_acceleration_m_s2)
+    assert "one steady acceleration" in impact(within)[1]
+    assert "one steady motion" in impact(still)[1]
+
+
 def test_a_shell_has_the_inertia_between_that_of_a_ball_and_of_a_skin() -> None:
     solid, thin = ball(1.0, 2.0), ball(1.0, 2.0, shell_m=1e-6)
     assert solid.inertia_kg_m2 == pytest.approx(0.4)

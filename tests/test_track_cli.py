@@ -173,3 +173,22 @@ def test_a_rotation_without_texture_stays_empty_in_the_table(tmp_path: Path) -> 
     assert all(row["wx_rad"] == "nan" and row["sd_wy_rad"] == "nan" for row in table)
     # Edges of a plain ball of this size and contrast are good to a hundredth of a px.
     assert all(float(row["dx_px"]) == pytest.approx(3.0, abs=0.03) for row in table[1:])
+
+
+def test_an_impact_that_the_recording_cuts_off_is_doubted(tmp_path: Path, demo_shot: demo.Shot) -> None:
+    # Its contact lasts from frame 26 to frame 38: the ball seemed to gain 38 J, without a word.
+    path, out = tmp_path / "late.tif", tmp_path / "out"
+    tifffile.imwrite(path, demo_shot.images[32:], photometric="minisblack")
+    scale = ["--fps", "36000", "--diameter-mm", "30", "--mass-g", "110"]
+    assert main(["track", str(path), "--out", str(out), *scale, "--no-report", "--quiet"]) == 0
+    warnings = json.loads((out / "summary.json").read_text())["warnings"]
+    assert any("starts within the contact" in sentence for sentence in warnings)
+
+
+def test_images_that_are_missing_from_a_flight_are_told(tmp_path: Path, demo_shot: demo.Shot) -> None:
+    # Their step is taken for a blow of 4 MN.
+    path, out = tmp_path / "gap.tif", tmp_path / "out"
+    tifffile.imwrite(path, np.delete(demo_shot.images[:24], slice(15, 18), axis=0), photometric="minisblack")
+    assert main(["track", str(path), "--out", str(out), "--no-report", "--quiet"]) == 0
+    warnings = json.loads((out / "summary.json").read_text())["warnings"]
+    assert any("3 before frame 15" in sentence for sentence in warnings)

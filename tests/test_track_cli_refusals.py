@@ -138,6 +138,29 @@ def test_a_config_that_says_nothing_known_is_refused(text: str, tmp_path: Path, 
     assert "shot.toml" in refused(arguments, capsys)
 
 
+@pytest.mark.parametrize(
+    ("text", "advice"),
+    [
+        ("circle = '64.3,92.6,40'", "circle = [X, Y, R]"),
+        ("mass_g = '110'", "mass_g = a number, without quotation marks"),
+        ("overlay = 'yes'", "overlay = true or false"),
+        ("frames = [10, 40]", 'frames = "A:B"'),
+        ("no_report = true", "report = false"),
+    ],
+)
+def test_a_config_s_refusal_says_what_to_write(text: str, advice: str, tmp_path: Path, short: Path, capsys) -> None:
+    config = tmp_path / "shot.toml"
+    config.write_text(text)
+    arguments = ["track", str(short), "--out", str(tmp_path / "out"), "--config", str(config), "--quiet"]
+    assert advice in refused(arguments, capsys)
+
+
+def test_a_recording_without_a_ball_is_refused_with_the_option_that_helps(tmp_path: Path, capsys) -> None:
+    np.save(tmp_path / "flat.npy", np.full((6, 80, 90), 100, dtype=np.uint8))
+    sentence = refused(["track", str(tmp_path / "flat.npy"), "--out", str(tmp_path / "out"), "--quiet"], capsys)
+    assert "give its outline with --circle" in sentence
+
+
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path, short: Path, capsys) -> None:
     (tmp_path / "file").touch()
     refused(["track", str(short), "--out", str(tmp_path / "file" / "out"), "--circle", CIRCLE, "--quiet"], capsys)

@@ -12,6 +12,9 @@ from torchsphere.kinematics import Draws, Kinematics
 #: Standard deviations by which the velocity has to change, in one component at least.
 CHANGED = 2.0
 
+#: Standard deviations from which on an acceleration is none of noise.
+ACCELERATED = 5.0
+
 #: Standard deviations of an edge of the contact beyond which a frame counts as one of the flight.
 CLEAR = 2.0
 
@@ -45,6 +48,11 @@ def flights(motion: Kinematics, contact_s: Array, sd_contact_s: Array, span: sli
     if len(later) == 0:
         return "The contact reaches the end: no flight after it was measured."
     return [int(earlier[-1]), int(later[0])]
+
+
+def is_accelerated(motion: Kinematics) -> bool:
+    """Whether an acceleration was measured in some frame, beyond what noise makes of many."""
+    return bool((np.abs(motion.acceleration_m_s2) > ACCELERATED * motion.sd_acceleration_m_s2).any())
 
 
 def is_changed(draws: Draws, edges: list[int]) -> bool:

@@ -9,7 +9,11 @@ import numpy as np
 from torchsphere import results
 from torchsphere.recording import Recording
 from torchsphere.request import Request
+from torchsphere.skipped import skipped
 from torchsphere.track import Track
+
+#: Gaps that a sentence names.
+NAMED = 5
 
 
 def cautions(
@@ -28,6 +32,14 @@ def cautions(
         numbers = ", ".join(str(start + i) for i in repeated)
         found.append(
             f"Frames that repeat the image before them bit for bit while the ball moves, not measured: {numbers}."
+        )
+    gaps = skipped(tracked)
+    if gaps:
+        numbers = ", ".join(f"{count} before frame {start + i}" for i, count in gaps[:NAMED])
+        found.append(
+            f"Images seem to be missing, as the ball moves and turns a whole number of times as far in one step as "
+            f"around it: {numbers}{', ...' if len(gaps) > NAMED else ''}. Times, velocities and forces are wrong "
+            "there; measure what lies between with --frames."
         )
     if frame_rate is None:
         found.append("The frame rate is not known, so there are no times and no kinematics; give --fps.")

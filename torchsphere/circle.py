@@ -18,6 +18,7 @@ from torch import Tensor
 
 from torchsphere import disc, limb, outline
 from torchsphere.perspective import Camera
+from torchsphere.setting import SettingError
 from torchsphere.silhouette import Images, saturated, silhouettes, still_background
 
 #: An outline with a smaller share of its rays on the circle is none.
@@ -108,9 +109,9 @@ def find(images: Images, count: int, ignore: Tensor | None = None) -> Circle:
         found = _find_in(images, frame, count, background, ignore)
         if found is not None:
             return found
-    raise ValueError(
+    raise SettingError(
         f"no ball was found in {count} frames: expected a round object that differs from its background, wholly in "
-        "view in at least one frame; give its outline as a circle (x, y, radius) in px of the first frame to track"
+        "view in at least one frame; give its outline with `circle` as x, y, radius in px of the first frame to track"
     )
 
 

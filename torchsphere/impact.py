@@ -15,7 +15,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.before_after import State, along, angle, dot, flights, is_changed, length, slip, state, to_surface
+from torchsphere.before_after import (
+    State,
+    along,
+    angle,
+    dot,
+    flights,
+    is_accelerated,
+    is_changed,
+    length,
+    slip,
+    state,
+    to_surface,
+)
 from torchsphere.inertia import Ball
 from torchsphere.kinematics import Draws, Kinematics
 from torchsphere.peak import peak
@@ -114,6 +126,11 @@ class Impact:
         return result | {"missing": list(self.missing)}
 
 
+_NO_CONTACT = "No contact was found: one steady motion explains all frames as well."
+_ACCELERATED = (
+    "No contact was found: one steady acceleration explains all frames as well, as by gravity or drag, or where all "
+    "frames lie within the contact."
+)
 _DRIVEN_ON = (
     "In the contact that was found the ball is driven on the way it flies, not thrown back, as by no target at rest."
 )
@@ -156,7 +173,7 @@ def impact(
     if "contact_found" not in motion.about:
         return None, f"The method {motion.about['method']!r} finds no contact; use the smoother."
     if motion.contact_s is None or motion.sd_contact_s is None or motion.draws is None:
-        return None, "No contact was found: one steady motion explains all frames as well."
+        return None, _ACCELERATED if is_accelerated(motion) else _NO_CONTACT
     edges = flights(motion, motion.contact_s, motion.sd_contact_s, motion.draws.span)
     if isinstance(edges, str):
         return None, edges

@@ -17,6 +17,7 @@ from torchsphere import parallel, results
 from torchsphere.cautions import cautions
 from torchsphere.choices import MAPS
 from torchsphere.circle import Circle
+from torchsphere.doubts import doubts
 from torchsphere.follow import Progress
 from torchsphere.impact import Impact, impact
 from torchsphere.inertia import ball
@@ -127,7 +128,7 @@ def _kinematics(request: Request, tracked: Track, frame_rate: float | None, star
 
 
 def _impact(request: Request, tracked: Track, motion: Kinematics | None) -> tuple[Impact | None, tuple[str, ...]]:
-    """The impact, if there is one, and in words what of it is not known, and why."""
+    """The impact, if there is one, and in words what of it is in doubt or not known, and why."""
     if motion is None:
         return None, ()
     if not np.isfinite(tracked.increment[:, 0]).any():
@@ -145,7 +146,9 @@ def _impact(request: Request, tracked: Track, motion: Kinematics | None) -> tupl
             inertia_kg_m2=request.inertia_kg_m2,
         )
     found, reason = impact(motion, thing, normal_deg=request.normal_deg)
-    return found, found.missing if found is not None else (f"{NO_IMPACT}{reason}",)
+    if found is None:
+        return None, (f"{NO_IMPACT}{reason}",)
+    return found, (*doubts(motion, found), *found.missing)
 
 
 def _write(

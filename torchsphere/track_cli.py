@@ -29,7 +29,8 @@ def _configured(path: Path) -> dict[str, Any]:
     for key, value in table.items():
         name = key.replace("-", "_")
         if name not in known:
-            raise ValueError(f"{path}: unknown option {key!r}; expected one of {', '.join(sorted(known))}")
+            hint = "; write report = false" if name == "no_report" else ""
+            raise ValueError(f"{path}: unknown option {key!r}{hint}; expected one of {', '.join(sorted(known))}")
         options[name] = _typed(path, name, value)
     return options
 
@@ -37,19 +38,22 @@ def _configured(path: Path) -> dict[str, Any]:
 #: Options of `Request` that are on or off; and those for what follows from the track, each a number.
 SWITCHES = ("refine", "in_place", "lab_frame", "overwrite", "report", "overlay", "paraview")
 KINEMATIC = ("scale_sd_percent", "shell_mm", "inertia_kg_m2", "normal_deg")
+NUMBERS = ("fps", "diameter_mm", "mm_per_px", "mass_g", "roi", "focal_px", "distance_mm", *KINEMATIC)
+
+#: Options that are several numbers, and how they are written.
+LISTS = {"circle": "[X, Y, R]", "principal_px": "[X, Y]", "distortion": "[K1, K2, K3]"}
 
 
 def _typed(path: Path, name: str, value: Any) -> Any:
     """The value as `Request` takes it; ValueError where the file has another kind of value."""
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    lengths = {"circle": 3, "principal_px": 2, "distortion": 3}
-    if name in lengths and isinstance(value, list) and len(value) == lengths[name]:
+    if name in LISTS and isinstance(value, list) and len(value) == LISTS[name].count(",") + 1:
         return numbers(len(value), name)(",".join(map(str, value)))
     if name == "frames" and isinstance(value, str):
         return frames(value)
     if name == "ignore" and isinstance(value, (str, list)):
         return [value] if isinstance(value, str) else [str(v) for v in value]
-    if name in ("fps", "diameter_mm", "mm_per_px", "mass_g", "roi", "focal_px", "distance_mm", *KINEMATIC) and number:
+    if name in NUMBERS and number:
         return float(value)
     if name in ("window", "order") and isinstance(value, int) and number:
         return value
@@ -57,7 +61,18 @@ def _typed(path: Path, name: str, value: Any) -> Any:
         return value
     if name in SWITCHES and isinstance(value, bool):
         return value
-    raise ValueError(f"{path}: {name} = {value!r} is not what this option takes; see 'torchsphere track --help'")
+    raise ValueError(f"{path}: {name} = {value!r} is not what this option takes; write {name} = {_written(name)}")
+
+
+def _written(name: str) -> str:
+    """How the option is written in a file."""
+    if name in LISTS:
+        return f"{LISTS[name]}, in square brackets"
+    if name in NUMBERS or name in ("window", "order"):
+        return f"{'a number' if name in NUMBERS else 'a whole number'}, without quotation marks"
+    if name in SWITCHES:
+        return "true or false"
+    return '"A:B"' if name == "frames" else '"...", in quotation marks'
 
 
 class _Bar:

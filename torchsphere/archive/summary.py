@@ -61,11 +61,11 @@ def measured(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _length(value: Any, sd: Any = None) -> tuple[float | None, float | None]:
-    """Length of a vector, and its standard deviation along it; None where a part is not known."""
+    """Length of a vector, or a number with its sign, and the standard deviation; None where a part is not known."""
     parts, sds = _list(value), _list(sd)
     if not parts or None in parts:
         return None, None
-    length = math.hypot(*parts)
+    length = parts[0] if len(parts) == 1 else math.hypot(*parts)
     if length == 0 or len(sds) != len(parts) or None in sds:
         return length, None
     return length, math.hypot(*(part * s / length for part, s in zip(parts, sds, strict=True)))
