@@ -45,7 +45,7 @@ LAYERS = (
     ("before_after",),
     ("peak",),
     ("impact", "instruments", "plan", "mean_motion"),
-    ("doubts", "skipped", "results", "report", "demo", "unused", "part"),
+    ("doubts", "confirm", "skipped", "results", "report", "demo", "unused", "part"),
     ("cautions", "summary"),
     ("measure",),
     ("archive", "benchmark"),

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import torch
 
 from torchsphere import results
+from torchsphere.confirm import confirm
 from torchsphere.recording import Recording
 from torchsphere.request import Request
 from torchsphere.skipped import skipped
@@ -49,6 +51,7 @@ def cautions(
         found.append("No scale was given, so there are no kinematics; give --diameter-mm or --mm-per-px.")
     if math.isnan(tracked.circle.sd_radius):
         found.append("The circle was given without an uncertainty; what it adds to the results' is not included.")
+        found += _confirmed(recording, tracked, start)
     if tracked.settings["circle_refined"] and tracked.circle.doubt:
         found.append(tracked.circle.doubt)
     if request.mm_per_px is not None:
@@ -65,6 +68,15 @@ def cautions(
     if request.model == "translation":
         found.append("The translation model takes any rotation of the ball for translation.")
     return tuple(found)
+
+
+def _confirmed(recording: Recording, tracked: Track, start: int) -> list[str]:
+    """Whether the images show a ball where its circle was given."""
+    if tracked.settings["camera"] is not None:
+        return []
+    frame = start + tracked.circle.frame
+    doubt = confirm(torch.as_tensor(recording.images(frame, frame + 1)[0]).float(), tracked.circle)
+    return [doubt] if doubt else []
 
 
 def _turns_in_place(tracked: Track) -> bool:

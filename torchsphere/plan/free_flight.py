@@ -200,7 +200,7 @@ def require(
     if frame_rate is None or diameter_mm is None or mass_g is None:
         named = {"frame rate (--fps)": frame_rate, "diameter (--diameter-mm)": diameter_mm, "mass (--mass-g)": mass_g}
         missing = ", ".join(name for name, value in named.items() if value is None)
-        raise ValueError(f"{origin}: does not tell the {missing}; without it there is neither velocity nor force")
+        raise ValueError(f"{origin}: does not tell the {missing}; a plan needs all three")
     return frame_rate, diameter_mm, mass_g
 
 
