@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
+from rendering import needs_mitsuba
 
 import render.frames
 from render import preset
-from render.backend import Backend
+from render.backend import Backend, packaged_llvm
 from render.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -49,8 +50,8 @@ def refused(capsys: pytest.CaptureFixture[str], arguments: list[str]) -> str:
     return said.err
 
 
+@needs_mitsuba
 def test_a_tiny_shot_renders_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("mitsuba")
     arguments = ["example", "--frames", "3", "--samples", "4", *TINY]
     assert main([*arguments, "--out", str(tmp_path / "one")]) == 0
     said = capsys.readouterr()
@@ -62,6 +63,8 @@ def test_a_tiny_shot_renders_end_to_end(tmp_path: Path, capsys: pytest.CaptureFi
     assert images.min() < 60 < 180 < images.max()
     scene = json.loads((tmp_path / "one" / "scene.json").read_text())
     assert scene["variant"] in scene["variant_reason"]
+    # Mitsuba imported too early, by this test or one before it, finds no LLVM: all later tests would be slow or fail.
+    assert (scene["variant"] == "scalar_rgb") == (packaged_llvm() is None)
     assert scene["shot"]["quality"]["samples"] == 4
 
     assert main([*arguments, "--out", str(tmp_path / "two"), "--quiet"]) == 0
