@@ -28,7 +28,7 @@ def pose() -> Pose:
 
 
 def window(at: Pose) -> view.Window:
-    return cut_window(torch.zeros(60, 60), torch.full((60, 60), 40.0), at.centre, RADIUS, None)
+    return cut_window(torch.zeros(60, 60, dtype=torch.float64), torch.full((60, 60), 40.0), at.centre, RADIUS, None)
 
 
 def test_the_disc_covers_its_area_and_the_share_falls_from_one_to_zero() -> None:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from torchsphere import lit_map, parallel, schur, texture, trust, view
 from torchsphere.trust import Profile
@@ -120,7 +121,7 @@ def adjust(
     poses, profile = trust.first_gains(windows, poses), trust.level_profile(radius)
     for _ in range(GAIN_ROUNDS):
         ball = lit_map.first_map(windows, poses, ball, profile)
-        poses = trust.all_levelled(windows, poses, ball, profile)
+        poses, _ = _levelled(windows, poses, ball, profile)
     state = Bundle(ball, poses, np.zeros((0, 0)), profile, windows, settled=False)
     for spacing, settled in zip(SPACINGS_PX, SETTLED_PX, strict=True):
         cells = texture.cells_for(radius, spacing)
@@ -141,15 +142,27 @@ def _rounds(state: Bundle, settled: float) -> Bundle:
     """Rounds of elimination and steps until a fresh step moves no pose by more than ``settled`` px."""
     for _ in range(ROUNDS):
         ball = state.ball
-        poses = trust.all_levelled(state.windows, state.poses, ball, state.profile)
-        profile = trust.profile(state.windows, poses, ball)
-        windows = trust.all_doubted(state.windows, poses, ball, profile)
+        poses, levels = _levelled(state.windows, state.poses, ball, state.profile)
+        profile = trust.profile(state.windows, poses, levels, ball.radius)
+        each = zip(state.windows, poses, levels, strict=True)
+        windows = [trust.doubt(window, pose, profile, seen) for window, pose, seen in each]
         elimination = schur.eliminate(windows, poses, ball, profile)
         poses, ball, move = _iterate(windows, poses, ball, profile, elimination)
         state = Bundle(ball, poses, elimination.reduced_inverse, profile, windows, move < settled)
         if state.settled:
             break
-    return replace(state, profile=trust.profile(state.windows, state.poses, state.ball))
+    levels = trust.appearances(state.windows, state.poses, state.ball)
+    return replace(state, profile=trust.profile(state.windows, state.poses, levels, state.ball.radius))
+
+
+def _levelled(
+    windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile
+) -> tuple[list[Pose], list[Tensor]]:
+    """The poses with the gains and offsets that fit best, and what the model then gives the pixels (p,) of each."""
+    levels = trust.appearances(windows, poses, ball)
+    each = zip(windows, poses, levels, strict=True)
+    lit = [trust.levelled(window, pose, profile, seen) for window, pose, seen in each]
+    return lit, [view.relit(*column) for column in zip(levels, poses, lit, strict=True)]
 
 
 def _with_systematic(covariance: Array, n: int, edge_blur: float) -> Array:
@@ -197,9 +210,9 @@ def _pull(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile
     def of_one(window: Window, pose: Pose) -> tuple[Array, Array, float]:
         now = view.linearised(window, pose, ball)
         rest = window.levels - now.levels
-        weighted = trust.weights(window, pose, ball, profile) * rest
+        weighted = trust.weights(window, pose, profile) * rest
         own = now.look.add(weighted[window.owner] * now.light)
-        return own.numpy(), (now.slopes.T @ weighted).numpy(), float(weighted @ rest)
+        return own.numpy(), (now.slopes.T @ weighted).numpy(), float(weighted.double() @ rest.double())
 
     for i, (own_map, own_pose, own_squares) in enumerate(parallel.each(of_one, windows, poses)):
         of_map += own_map

@@ -50,8 +50,8 @@ def _map_equations(
     def of_one(window: Window, pose: Pose) -> tuple[scipy.sparse.csr_matrix, Array]:
         levels, look, light = view.touched(window, pose, ball)
         design = schur.design_matrix(window, look, light)
-        weighted = design.multiply(trust.weights(window, pose, ball, profile).numpy()[:, None]).tocsr()
-        return weighted.T @ design, weighted.T @ (window.levels - levels).numpy()
+        weighted = design.multiply(trust.weights(window, pose, profile).double().numpy()[:, None]).tocsr()
+        return weighted.T @ design, weighted.T @ (window.levels - levels).double().numpy()
 
     for own_normal, own_gradient in parallel.each(of_one, windows, poses):
         normal = normal + own_normal
@@ -66,8 +66,8 @@ def brought_up_to_date(
 
     def of_map(window: Window, pose: Pose) -> Array:
         levels, look, light = view.touched(window, pose, ball)
-        weighted = trust.weights(window, pose, ball, profile) * (window.levels - levels)
-        return look.add(weighted[window.owner] * light).numpy()
+        weighted = trust.weights(window, pose, profile) * (window.levels - levels)
+        return look.add(weighted[window.owner] * light).double().numpy()
 
     coefficients = ball.coefficients.numpy().copy()
     pull = -schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ coefficients)
@@ -138,9 +138,9 @@ class _Equations:
         for window, pose in zip(windows, poses, strict=True):
             now = view.linearised(window, pose, ball)
             design = schur.design_matrix(window, now.look, now.light)
-            lights = view.lights(window, pose, ball).numpy()
-            weights = trust.weights(window, pose, ball, profile).numpy()
-            rest = (window.levels - now.levels).numpy()
+            lights = view.lights(window, pose, ball).double().numpy()
+            weights = trust.weights(window, pose, profile).double().numpy()
+            rest = (window.levels - now.levels).double().numpy()
             weighted = design.multiply(weights[:, None]).tocsr()
             normal = normal + weighted.T @ design
             of_map += weighted.T @ rest

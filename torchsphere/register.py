@@ -18,6 +18,10 @@ MAX_STEPS, TOLERANCE_PX = 12, 2e-3
 #: Steps after which it is looked once more at what hides the ball.
 SECOND_LOOK = 2
 
+#: After a step no longer than this, px, the derivatives are those of the step before: they cost twice what the grey
+#: levels do, and change by as small a share as the step is of the texture's width.
+SLOPES_HOLD_PX = 0.2
+
 
 @dataclass(frozen=True)
 class Registration:
@@ -43,18 +47,23 @@ def register(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Regist
     """Fit pose, gain and offset of one image, from a pose that is right to within half a speckle."""
     length = torch.inf
     for turn in range(MAX_STEPS):
-        if turn in (0, SECOND_LOOK):
-            pose = trust.levelled(window, pose, ball, profile)
-            window = trust.doubt(window, pose, ball, profile)
-        now = view.linearised(window, pose, ball)
-        weights = trust.weights(window, pose, ball, profile)
+        looked = turn in (0, SECOND_LOOK)
+        if looked or length > SLOPES_HOLD_PX:
+            now = view.linearised(window, pose, ball)
+        else:
+            now = replace(now, levels=view.appearance(window, pose, ball))
+        if looked:
+            lit = trust.levelled(window, pose, profile, now.levels)
+            now, pose = now.relit(pose, lit), lit
+            window = trust.doubt(window, pose, profile, now.levels)
+        weights = trust.weights(window, pose, profile)
         rest = window.levels - now.levels
         # Gain and offset move with the pose, so that they take nothing of its motion.
-        slopes = torch.cat((now.slopes[:, :5], now.levels[:, None] / 100, torch.ones(len(rest), 1).double()), -1)
-        normal = slopes.T @ (weights[:, None] * slopes)
+        slopes = torch.cat((now.slopes[:, :5], now.levels[:, None] / 100, torch.ones_like(rest)[:, None]), -1)
+        normal = (slopes.T @ (weights[:, None] * slopes)).double()
         normal = normal + 1e-9 * normal.trace() * torch.eye(len(normal), dtype=normal.dtype)
         inverse = torch.linalg.inv(normal)
-        step = inverse @ (slopes.T @ (weights * rest))
+        step = inverse @ (slopes.T @ (weights * rest)).double()
         length = float(step[:5].abs().max())
         if not length < ball.radius:
             break
@@ -63,7 +72,7 @@ def register(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Regist
         pose = replace(pose, gain=pose.gain * change, offset=pose.offset * change + float(step[6]))
         if length < TOLERANCE_PX and turn >= SECOND_LOOK:
             break
-    used = (window.trust > 0.5).double()
+    used = (window.trust > 0.5).to(rest)
     misfit = float((weights * used * rest.square()).sum() / used.sum().clamp_min(1))
     return Registration(pose, inverse[:5, :5], length < 5 * TOLERANCE_PX, misfit)
 
@@ -71,6 +80,6 @@ def register(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Regist
 def own_covariance(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Tensor:
     """`Registration.covariance` (5, 5) of an image whose pose is known already."""
     now = view.linearised(window, pose, ball)
-    slopes = torch.cat((now.slopes[:, :5], now.levels[:, None], torch.ones(len(now.levels), 1).double()), -1)
-    weights = trust.weights(window, pose, ball, profile)
-    return torch.linalg.inv(slopes.T @ (weights[:, None] * slopes))[:5, :5]
+    slopes = torch.cat((now.slopes[:, :5], now.levels[:, None], torch.ones_like(now.levels)[:, None]), -1)
+    weights = trust.weights(window, pose, profile)
+    return torch.linalg.inv((slopes.T @ (weights[:, None] * slopes)).double())[:5, :5]

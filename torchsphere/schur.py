@@ -45,9 +45,14 @@ class Elimination:
 def design_matrix(window: Window, look: Stencil, light: Tensor) -> scipy.sparse.csr_matrix:
     """Derivative (p, m) of the grey levels by the map's coefficients: see `view.touched`."""
     index, weight = look.index, light[:, None] * look.weight
-    rows = window.owner[:, None].expand_as(index)
-    entries = (weight.numpy().ravel(), (rows.numpy().ravel(), index.numpy().ravel()))
-    return scipy.sparse.coo_matrix(entries, shape=(len(window.pixels), texture.size(look.cells))).tocsr()
+    rays = len(index)
+    places = np.arange(0, index.numel() + 1, index.shape[1])
+    of_rays = scipy.sparse.csr_matrix(
+        (weight.double().numpy().ravel(), index.numpy().ravel(), places), shape=(rays, texture.size(look.cells))
+    )
+    # The sum over each pixel's rays as a product: half the time of sorting all entries by pixel.
+    entries = (np.ones(rays), (window.owner.numpy(), np.arange(rays)))
+    return scipy.sparse.csr_matrix(entries, shape=(len(window.pixels), rays)) @ of_rays
 
 
 def with_prior(normal: scipy.sparse.csr_matrix, seen: NDArray[np.int64], cells: int) -> scipy.sparse.csr_matrix:
@@ -85,8 +90,8 @@ def eliminate(windows: list[Window], poses: list[Pose], ball: Ball, profile: Pro
 
     def of_one(window: Window, pose: Pose) -> tuple[scipy.sparse.csr_matrix, Array, Array]:
         now = view.linearised(window, pose, ball)
-        design, slopes = design_matrix(window, now.look, now.light), now.slopes.numpy()
-        weights = trust.weights(window, pose, ball, profile).numpy()
+        design, slopes = design_matrix(window, now.look, now.light), now.slopes.double().numpy()
+        weights = trust.weights(window, pose, profile).double().numpy()
         weighted = design.multiply(weights[:, None]).tocsr()
         return weighted.T @ design, weighted.T @ slopes, slopes.T @ (weights[:, None] * slopes)
 

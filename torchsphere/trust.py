@@ -39,6 +39,16 @@ class Profile:
     limits: Tensor
     variance: Tensor
 
+    def at(self, window: Window, centre: Tensor) -> Tensor:
+        """Variance (p,) of a window's pixels."""
+        return self.variance.to(window.levels)[rings(window, centre, self.limits)]
+
+
+def rings(window: Window, centre: Tensor, limits: Tensor) -> Tensor:
+    """Number (p,) of the ring around ``centre`` (2,) that a pixel lies in."""
+    distance = window.around(centre).norm(dim=-1)
+    return torch.bucketize(distance, limits.to(distance))
+
 
 def level_profile(radius: float) -> Profile:
     """One variance everywhere, where nothing is known yet."""
@@ -46,39 +56,38 @@ def level_profile(radius: float) -> Profile:
     return Profile(limits, torch.ones(len(limits) + 1, dtype=torch.float64))
 
 
-def profile(windows: list[Window], poses: list[Pose], ball: Ball) -> Profile:
-    """Mean square of the trusted residuals per ring."""
-    limits = ball.radius + torch.tensor(RINGS_PX, dtype=torch.float64)
+def appearances(windows: list[Window], poses: list[Pose], ball: Ball) -> list[Tensor]:
+    """Grey levels (p,) that the model gives the pixels of each window."""
+    return list(parallel.each(lambda window, pose: view.appearance(window, pose, ball), windows, poses))
+
+
+def profile(windows: list[Window], poses: list[Pose], levels: list[Tensor], radius: float) -> Profile:
+    """Mean square of the trusted residuals per ring, the model giving the pixels these ``levels``."""
+    limits = radius + torch.tensor(RINGS_PX, dtype=torch.float64)
     total, count = torch.zeros(len(limits) + 1, dtype=torch.float64), torch.zeros(len(limits) + 1, dtype=torch.float64)
-    levels = parallel.each(lambda window, pose: view.appearance(window, pose, ball), windows, poses)
     for window, pose, seen in zip(windows, poses, levels, strict=True):
-        ring = torch.bucketize((window.pixels - pose.centre).norm(dim=-1), limits)
-        total.index_add_(0, ring, window.trust * (window.levels - seen).square())
-        count.index_add_(0, ring, window.trust)
+        ring = rings(window, pose.centre, limits)
+        total.index_add_(0, ring, (window.trust * (window.levels - seen).square()).double())
+        count.index_add_(0, ring, window.trust.double())
     floor = 1 / 12  # what rounding alone leaves
     return Profile(limits, (total / count.clamp_min(1)).clamp_min(floor))
 
 
-def weights(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Tensor:
+def weights(window: Window, pose: Pose, profile: Profile) -> Tensor:
     """Weight (p,) of each pixel: its trust over the variance of its ring."""
-    distance = (window.pixels - pose.centre).norm(dim=-1)
-    return window.trust / profile.variance[torch.bucketize(distance, profile.limits)]
+    return window.trust / profile.at(window, pose.centre)
 
 
-def all_doubted(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> list[Window]:
-    """`doubt` of each window."""
-    return list(parallel.each(lambda window, pose: doubt(window, pose, ball, profile), windows, poses))
+def doubt(window: Window, pose: Pose, profile: Profile, levels: Tensor) -> Window:
+    """The window without the pixels whose neighbourhood does not fit the model: something is in front of the ball.
 
-
-def doubt(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Window:
-    """The window without the pixels whose neighbourhood does not fit the model: something is in front of the ball."""
-    distance = (window.pixels - pose.centre).norm(dim=-1)
-    rest = window.levels - view.appearance(window, pose, ball)
-    odd = rest.square() / profile.variance[torch.bucketize(distance, profile.limits)]
+    ``levels`` (p,) are what the model gives the pixels.
+    """
+    odd = (window.levels - levels).square() / profile.at(window, pose.centre)
     column, row = (window.pixels - window.pixels.amin(0)).long().unbind(-1)
     shape = (int(row.max()) + 1, int(column.max()) + 1)
-    grid, there = torch.zeros(shape, dtype=torch.float64), torch.zeros(shape, dtype=torch.float64)
-    usable = (window.trust > 0).double()
+    usable = (window.trust > 0).to(odd)
+    grid, there = odd.new_zeros(2, *shape)
     grid[row, column], there[row, column] = odd * usable, usable
     sums = F.avg_pool2d(torch.stack((grid, there))[:, None], NEIGHBOURS, stride=1, padding=NEIGHBOURS // 2)[:, 0]
     local = (sums[0] / sums[1].clamp_min(1e-6))[row, column]
@@ -92,16 +101,11 @@ def first_gains(windows: list[Window], poses: list[Pose]) -> list[Pose]:
     return [replace(pose, gain=max(float(gain), 0.1)) for pose, gain in zip(poses, gains, strict=True)]
 
 
-def all_levelled(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> list[Pose]:
-    """`levelled` of each pose."""
-    return list(parallel.each(lambda window, pose: levelled(window, pose, ball, profile), windows, poses))
-
-
-def levelled(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Pose:
-    """The pose with the gain and offset that fit its image best."""
-    model = (view.appearance(window, pose, ball) - pose.offset) / pose.gain
+def levelled(window: Window, pose: Pose, profile: Profile, levels: Tensor) -> Pose:
+    """The pose with the gain and offset that fit its image best; ``levels`` (p,) are the model's with those it has."""
+    model = (levels - pose.offset) / pose.gain
     design = torch.stack((model, torch.ones_like(model)), -1)
-    weighted = design * weights(window, pose, ball, profile)[:, None]
-    normal = weighted.T @ design
-    gain, offset = torch.linalg.solve(normal + 1e-9 * normal.trace() * torch.eye(2), weighted.T @ window.levels)
+    weighted = design * weights(window, pose, profile)[:, None]
+    normal, right = (weighted.T @ design).double(), (weighted.T @ window.levels).double()
+    gain, offset = torch.linalg.solve(normal + 1e-9 * normal.trace() * torch.eye(2), right)
     return replace(pose, gain=float(gain), offset=float(offset))

@@ -88,7 +88,7 @@ def coverage(window: Window, centre: Tensor, radius: float, blur: float) -> tupl
     Exact for a straight edge through a square pixel, blurred by a Gaussian: the twofold integral of that Gaussian,
     taken at the four corners.
     """
-    offset = window.pixels - centre
+    offset = window.around(centre)
     distance = offset.square().sum(-1).sqrt().clamp_min(1e-9)
     # A straight edge in place of the circle would make the disc larger by pi times the variance of blur and pixel.
     inwards = radius - (blur**2 + 1 / 12) / (2 * radius) - distance
@@ -111,24 +111,19 @@ def _integrals(x: Tensor, blur: float) -> tuple[Tensor, Tensor]:
     return 0.5 * (x.square() + blur**2) * below + 0.5 * x * blur * density, x * below + blur * density
 
 
-def surface(window: Window, centre: Tensor, radius: float) -> Tensor:
-    """Points (3, q) of the unit sphere that the rays meet, camera axes."""
-    across = window.rays - centre[:, None]
+def met(window: Window, centre: Tensor, radius: float) -> tuple[Tensor, Tensor]:
+    """Points (3, q) of the unit sphere that the rays meet, camera axes, and the rays' weights (q,) in their pixels.
+
+    Rays that pass the ball have none. A ray's turn comes within `TURN_PX`, about its share of a pixel, so that nothing
+    jumps when the ball moves.
+    """
+    across = window.rays_around(centre)
     squared = across.square().sum(0)
+    met = window.part * (torch.special.ndtr((radius - squared.sqrt()) / TURN_PX) + 1e-9)
     # A ray beyond the limb is taken there.
     across = across * (LIMB * torch.rsqrt(squared.clamp_min((LIMB * radius) ** 2)))
     depth = (1 - across.square().sum(0)).sqrt()
-    return torch.cat((across, -depth[None]))
-
-
-def parts_in_sight(window: Window, centre: Tensor, radius: float) -> Tensor:
-    """Weights (q,) of the rays in their pixel's mean over the ball: those that pass the ball have none.
-
-    A ray's turn comes within `TURN_PX`, about its share of a pixel, so that nothing jumps when the ball moves.
-    """
-    beyond = (window.rays - centre[:, None]).square().sum(0).sqrt() - radius
-    met = window.part * (torch.special.ndtr(-beyond / TURN_PX) + 1e-9)
-    return met / window.gather(met)[window.owner]
+    return torch.cat((across, -depth[None])), met / window.gather(met)[window.owner]
 
 
 def shading_basis(normals: Tensor) -> Tensor:
@@ -146,13 +141,18 @@ def appearance(window: Window, pose: Pose, ball: Ball) -> Tensor:
     return touched(window, pose, ball)[0]
 
 
+def relit(levels: Tensor, before: Pose, after: Pose) -> Tensor:
+    """`appearance` (p,) with another gain and offset."""
+    return (levels - before.offset) * (after.gain / before.gain) + after.offset
+
+
 def touched(window: Window, pose: Pose, ball: Ball) -> tuple[Tensor, Stencil, Tensor]:
     """`appearance` (p,), where each ray meets the map, and what a unit of the map there adds to its pixel (q,)."""
-    points = surface(window, pose.centre, ball.radius)
-    look = texture.stencil(pose.orientation.T @ points, ball.cells)
-    light = parts_in_sight(window, pose.centre, ball.radius) * (ball.shading @ shading_basis(points))
+    points, part = met(window, pose.centre, ball.radius)
+    look = texture.stencil(pose.orientation.T.to(points) @ points, ball.cells)
+    light = part * (ball.shading.to(points) @ shading_basis(points))
     share, _ = coverage(window, pose.centre, ball.radius, ball.edge_blur)
-    lit = window.gather(light * look.value(ball.coefficients))
+    lit = window.gather(light * look.value(ball.coefficients.to(light)))
     levels = pose.gain * (share * lit + (1 - share) * window.behind) + pose.offset
     return levels, look, pose.gain * share[window.owner] * light
 
@@ -178,20 +178,26 @@ class Linearised:
     look: Stencil
     light: Tensor
 
+    def relit(self, before: Pose, after: Pose) -> Linearised:
+        """The same with another gain and offset."""
+        change, levels = after.gain / before.gain, relit(self.levels, before, after)
+        return replace(self, levels=levels, slopes=change * self.slopes, light=change * self.light)
+
 
 def linearised(window: Window, pose: Pose, ball: Ball) -> Linearised:
     """The model at a pose, with its derivatives by all that an adjustment changes."""
-    points = surface(window, pose.centre, ball.radius)
-    look = texture.stencil(pose.orientation.T @ points, ball.cells)
-    value, gradient = look.value_and_gradient(ball.coefficients)
-    light = parts_in_sight(window, pose.centre, ball.radius) * (ball.shading @ shading_basis(points))
+    points, part = met(window, pose.centre, ball.radius)
+    orientation = pose.orientation.to(points)
+    look = texture.stencil(orientation.T @ points, ball.cells)
+    value, gradient = look.value_and_gradient(ball.coefficients.to(points))
+    light = part * (ball.shading.to(points) @ shading_basis(points))
     share, edge = coverage(window, pose.centre, ball.radius, ball.edge_blur)
     lit = window.gather(light * value)
     step = lit - window.behind
-    away = window.pixels - pose.centre
+    away = window.around(pose.centre)
     outwards = away / away.norm(dim=-1, keepdim=True).clamp_min(1e-9)
-    of_texture = _of_texture(points, pose.orientation @ (gradient * (light / ball.radius)))
-    slopes = torch.zeros(len(step), 7, dtype=torch.float64)
+    of_texture = _of_texture(points, orientation @ (gradient * (light / ball.radius)))
+    slopes = step.new_zeros(len(step), 7)
     for unknown, change in enumerate(of_texture):
         slopes[:, unknown] = share * window.gather(change)
     slopes[:, :2] += (edge * step)[:, None] * outwards
@@ -208,10 +214,10 @@ def linearised(window: Window, pose: Pose, ball: Ball) -> Linearised:
 
 def lights(window: Window, pose: Pose, ball: Ball) -> Tensor:
     """Derivative (p, 4) of `appearance` by the shading."""
-    points = surface(window, pose.centre, ball.radius)
-    level = texture.stencil(pose.orientation.T @ points, ball.cells).value(ball.coefficients)
+    points, part = met(window, pose.centre, ball.radius)
+    look = texture.stencil(pose.orientation.T.to(points) @ points, ball.cells)
+    level = look.value(ball.coefficients.to(points))
     share, _ = coverage(window, pose.centre, ball.radius, ball.edge_blur)
-    part = parts_in_sight(window, pose.centre, ball.radius)
     return (pose.gain * share)[:, None] * window.gather((part * level * shading_basis(points)).T)
 
 
@@ -237,5 +243,6 @@ def _of_texture(points: Tensor, slope: Tensor) -> list[Tensor]:
 
 def moved(pose: Pose, step: Tensor, radius: float) -> Pose:
     """The pose after a step (5,) in px, rotations times the radius."""
+    step = step.double()
     turn = So3.exp(step[None, 2:5] / radius).matrix()[0]
     return replace(pose, centre=pose.centre + step[:2], orientation=turn @ pose.orientation)
