@@ -37,8 +37,8 @@ EDGE_BLUR_PX = 0.3
 ROUNDS = 4
 SETTLED_PX = (0.1, 0.05, 0.02)
 
-#: Steps at most after each elimination.
-STEPS = 4
+#: Steps at most after each elimination, and the length of the last one, as a share of what settles the width.
+STEPS, DONE = 4, 0.05
 
 #: A round ends when a step is no longer this share of the one before: its elimination is too old then.
 SHRINKS = 0.8
@@ -147,7 +147,7 @@ def _rounds(state: Bundle, settled: float) -> Bundle:
         each = zip(state.windows, poses, levels, strict=True)
         windows = [trust.doubt(window, pose, profile, seen) for window, pose, seen in each]
         elimination = schur.eliminate(windows, poses, ball, profile)
-        poses, ball, move = _iterate(windows, poses, ball, profile, elimination)
+        poses, ball, move = _iterate(windows, poses, ball, profile, elimination, DONE * settled)
         state = Bundle(ball, poses, elimination.reduced_inverse, profile, windows, move < settled)
         if state.settled:
             break
@@ -173,9 +173,17 @@ def _with_systematic(covariance: Array, n: int, edge_blur: float) -> Array:
 
 
 def _iterate(
-    windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile, elimination: schur.Elimination
+    windows: list[Window],
+    poses: list[Pose],
+    ball: Ball,
+    profile: Profile,
+    elimination: schur.Elimination,
+    done_px: float,
 ) -> tuple[list[Pose], Ball, float]:
-    """Steps with one elimination while they shrink -> poses, ball, and how far the first step moved a pose, px."""
+    """Steps with one elimination while they shrink, and are longer than ``done_px``.
+
+    Returns poses, ball, and how far the first step moved a pose, px.
+    """
     moves: list[float] = []
     pull = _pull(windows, poses, ball, profile)
     for _ in range(STEPS):
@@ -189,7 +197,7 @@ def _iterate(
             break
         moves.append(max(float((p.centre - q.centre).abs().max()) for p, q in zip(poses, tried[0], strict=True)))
         poses, ball, pull = tried[0], settled, after
-        if moves[-1] < 0.05 * SETTLED_PX[-1] or (len(moves) > 1 and moves[-1] > SHRINKS * moves[-2]):
+        if moves[-1] < done_px or (len(moves) > 1 and moves[-1] > SHRINKS * moves[-2]):
             break
     return poses, ball, moves[0] if moves else np.inf
 
