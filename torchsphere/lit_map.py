@@ -47,13 +47,17 @@ def _map_equations(
     count = texture.size(ball.cells)
     normal, gradient = scipy.sparse.csr_matrix((count, count)), np.zeros(count)
 
-    def of_one(window: Window, pose: Pose) -> tuple[scipy.sparse.csr_matrix, Array]:
-        levels, look, light = view.touched(window, pose, ball)
-        design = schur.design_matrix(window, look, light)
-        weighted = design.multiply(trust.weights(window, pose, profile).double().numpy()[:, None]).tocsr()
-        return weighted.T @ design, weighted.T @ (window.levels - levels).double().numpy()
+    def of_some(some: list[Window], of_them: list[Pose]) -> tuple[scipy.sparse.csr_matrix, Array]:
+        designs, all_weights, pull = [], [], np.zeros(count)
+        for window, pose in zip(some, of_them, strict=True):
+            levels, look, light = view.touched(window, pose, ball)
+            weights = trust.weights(window, pose, profile)
+            designs.append(schur.design_matrix(window, look, light))
+            all_weights.append(weights.double().numpy())
+            pull += designs[-1].T @ (weights * (window.levels - levels)).double().numpy()
+        return schur.normal_matrix(designs, all_weights), pull
 
-    for own_normal, own_gradient in parallel.each(of_one, windows, poses):
+    for own_normal, own_gradient in parallel.each(of_some, *schur.together(windows, poses)):
         normal = normal + own_normal
         gradient += own_gradient
     return normal, gradient
