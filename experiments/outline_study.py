@@ -88,7 +88,7 @@ def without_background(shot: Shot, position: Array) -> Tensor:
         window = cut_window(image, behind, centre, shot.radius, None)
         y, x = torch.meshgrid(*(torch.arange(n) for n in image.shape), indexing="ij")
         inside = (x - centre[0]).square() + (y - centre[1]).square() < shot.radius**2
-        share, column, row = inside.double(), *window.pixels.long().unbind(-1)
+        share, column, row = inside.to(image), *window.pixels.long().unbind(-1)
         share[row, column], _ = view.coverage(window, centre, shot.radius, view.LEAST_BLUR_PX)
         image -= ((1 - share) * (behind - level)).float()
     return images
