@@ -1,13 +1,13 @@
 """Joint adjustment of map and poses, against exact truth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 import torch
 from shots import Shot, noisy, rotation_matrix, shot
 
-from torchsphere import bundle, trust
+from torchsphere import bundle, register, trust
 from torchsphere.bundle import Bundle
 from torchsphere.view import Pose
 from torchsphere.window import Window, cut_window
@@ -134,3 +134,23 @@ def test_forward_model_and_ray_caster_agree_to_the_noise(adjusted: Adjusted) -> 
     # Noise 2 and rounding make 4.08; a map fitted to 16 images leaves less of it, not more.
     assert 2.0 < float(variance[0]) < 4.4
     assert len(variance) == len(trust.RINGS_PX) + 1
+
+
+@pytest.mark.parametrize("off_px", [0.05, 1.0])
+def test_an_image_is_registered_in_its_own_precision_and_to_the_same_pose(adjusted: Adjusted, off_px: float) -> None:
+    """From a start nearby derivatives are kept for the next step, from one a px away they are not."""
+    found, made = adjusted.bundle, adjusted.made
+    at, image = found.poses[7], made.images[7]
+    start = replace(at, centre=at.centre + off_px * torch.tensor([0.8, -0.6], dtype=torch.float64), gain=1.1)
+    single, double = (
+        register.register(windows_of(same[None], [start], RADIUS)[0], start, found.ball, found.profile)
+        for same in (image, image.double())
+    )
+    assert single.converged
+    assert double.converged
+    # A twentieth of what the last step may be off by, a fiftieth of the standard deviation of 0.005 px.
+    assert float((single.pose.centre - double.pose.centre).abs().max()) < 1e-4
+    assert float((single.pose.orientation - double.pose.orientation).abs().max()) < 1e-4 / RADIUS
+    assert torch.allclose(single.covariance, double.covariance, rtol=1e-3, atol=0)
+    assert float((double.pose.centre - made.centres[7]).abs().max()) < 0.016
+    assert double.pose.gain == pytest.approx(at.gain, rel=0.01)
