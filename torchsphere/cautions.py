@@ -25,7 +25,9 @@ def cautions(
     # What the file lacks and the user gave is nothing to know of.
     found = [note for note in recording.notes if request.fps is None or "no frame rate" not in note]
     n = len(tracked.status)
-    bad = n - int((tracked.status == "ok").sum())
+    # What the model does not measure has a sentence of its own below.
+    good = ("ok", "weak_texture") if request.model == "translation" else ("ok",)
+    bad = n - int(np.isin(tracked.status, good).sum())
     if bad:
         counts = ", ".join(f"{count} {name}" for name, count in results.status_counts(tracked).items())
         found.append(f"{bad} of {n} frames were not fully measured: {counts}.")
@@ -66,7 +68,10 @@ def cautions(
     if request.model == "published":
         found.append("The published modes are no rigid rotation: they bias translation and rotation; see the README.")
     if request.model == "translation":
-        found.append("The translation model takes any rotation of the ball for translation.")
+        found.append(
+            "The translation model takes any rotation of the ball for translation and measures none: rotation and spin "
+            "are left empty, and frames are weak_texture at best. Give --model rigid to have them."
+        )
     return tuple(found)
 
 

@@ -42,7 +42,8 @@ class Track:
     position : ndarray
         Centre in each image (n, 2) as (x, y), px; NaN where it is not known.
     increment : ndarray
-        Motion (n - 1, 5) from each frame to the next as (dx, dy, wx, wy, wz), px and rad; NaN where not measured.
+        Motion (n - 1, 5) from each frame to the next as (dx, dy, wx, wy, wz), px and rad; NaN where not measured, as
+        are all rotations with the model `translation`.
     covariance : ndarray
         Of the increments (n - 1, 5, 5). Successive increments share an image, so that their errors are of opposite
         sign: the covariance of increment i with i + 1 is about minus half of this.
@@ -54,7 +55,8 @@ class Track:
         Gauss-Newton steps (n,).
     status : ndarray
         Strings (n,), one of `torchsphere.correlation.STATUSES`; row i speaks of frame i and of the increment that leads
-        to it. A frame found again after a gap is "lost" with a position: no increment leads to it.
+        to it. A frame found again after a gap is "lost" with a position: no increment leads to it. With the model
+        `translation`, which measures no rotation, a frame is "weak_texture" at best.
     radius : ndarray
         Radius of the ball in each image (n,), px; constant but with the model `pinhole6`, NaN where not known.
     sd_growth : ndarray
@@ -153,7 +155,8 @@ def track(
 
     def followed(first: Circle) -> Record:
         follower = Follower(source, first, mask, settings, progress=progress, in_place=in_place, solver=solver)
-        return follower.run(source.count)
+        record = follower.run(source.count)
+        return record.without_rotation() if settings.model == "translation" else record
 
     measured = followed(first)
     # A ball that cannot leave its place is where the circle says, unless a map is asked for.

@@ -18,7 +18,7 @@ REASONS = {
 
 def why_empty(result: ResultFolder, key: str) -> str:
     """Why the panel ``key`` of `panels.panels` is empty, by the status that most of the frames have but "ok"."""
-    if key in ("spin", "turned") and result.summary["settings"].get("model") == "translation":
+    if key in ("spin", "turned") and result.without_rotation:
         return "not measured: the model 'translation' knows no rotation;\ngive --model rigid"
     counts = {name: int((result.status == name).sum()) for name in REASONS}
     name = max(counts, key=lambda name: counts[name])

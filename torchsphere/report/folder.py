@@ -91,6 +91,11 @@ class ResultFolder:
         return np.isfinite(self.position[:, 0])
 
     @property
+    def without_rotation(self) -> bool:
+        """Whether the ball was tracked with a model that knows no rotation, so that none could be measured."""
+        return bool(self.summary["settings"].get("model") == "translation")
+
+    @property
     def contact_s(self) -> tuple[float, float] | None:
         """Start and end of the contact; None where none was found."""
         contact = self.summary.get("contact_s")

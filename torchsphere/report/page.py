@@ -148,7 +148,7 @@ def _status(result: ResultFolder, name: str) -> dict[str, Any]:
         "name": name.replace("_", " "),
         "colour": STATUS_COLOURS[name],
         "count": int((result.status == name).sum()),
-        "meaning": words.STATUSES[name][0],
+        "meaning": words.told(result, name)[0],
     }
 
 

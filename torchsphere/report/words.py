@@ -40,6 +40,12 @@ STATUSES: dict[str, tuple[str, str]] = {
     ),
 }
 
+#: The same of frames in which the model, not the pattern, kept the rotation from being measured.
+WITHOUT_ROTATION = (
+    "the translation was measured; the rotation was not, as the model 'translation' knows none",
+    "Track again with --model rigid for the rotation, and for a translation that it does not bias.",
+)
+
 #: Numbers of an impact in the order of a report: name in the summary, words, unit to show, factor.
 IMPACT: tuple[tuple[str, str, str, float], ...] = (
     ("speed_before", "Speed before", "m/s", 1),
@@ -93,13 +99,19 @@ def verdict(result: ResultFolder) -> str:
 def problems(result: ResultFolder) -> list[dict[str, str]]:
     """For each status but "ok" that occurs: which frames, what it means, and what to do."""
     found = []
-    for name, (meaning, remedy) in STATUSES.items():
+    for name in STATUSES:
+        meaning, remedy = told(result, name)
         rows = np.flatnonzero(result.status == name)
         if name == "ok" or len(rows) == 0:
             continue
         frames = f"{_count(len(rows), 'frame')} {name.replace('_', ' ')} ({runs(result.frame[rows])})"
         found.append({"status": name, "frames": frames, "meaning": meaning, "remedy": remedy})
     return found
+
+
+def told(result: ResultFolder, name: str) -> tuple[str, str]:
+    """What the status ``name`` means in this result, and what to do about it."""
+    return WITHOUT_ROTATION if result.without_rotation and name == "weak_texture" else STATUSES[name]
 
 
 def absent(result: ResultFolder) -> list[str]:
