@@ -306,6 +306,9 @@ def test_a_recording_in_which_the_ball_is_lost_is_reported_in_words_and_never_as
     assert main([*arguments, "--fps", "36000", "--diameter-mm", "30", "--mass-g", "110", "--quiet"]) == 0
     result = read(tmp_path / "out")
     assert words.verdict(result) == "No motion was measured: the ball was found in 1 frame of 8, but not followed."
+    # A circle was given: to give one is no advice.
+    assert not any("--circle" in p["remedy"] for p in words.problems(result))
+    assert any("circle that was given" in p["remedy"] for p in words.problems(result))
     assert sum(len(p["remedy"]) > 0 for p in words.problems(result)) == len(words.problems(result)) > 0
     text = (tmp_path / "out" / "report.html").read_text()
     assert "nan" not in text.split('id="data"')[0].lower().replace("nano", "")

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from torchsphere import results
-from torchsphere.confirm import confirm
+from torchsphere.confirm import confirm, refined
 from torchsphere.recording import Recording
 from torchsphere.request import Request
 from torchsphere.skipped import skipped
@@ -55,7 +55,9 @@ def cautions(
         found.append("The circle was given without an uncertainty; what it adds to the results' is not included.")
         found += _confirmed(recording, tracked, start)
     if tracked.settings["circle_refined"] and tracked.circle.doubt:
-        found.append(tracked.circle.doubt)
+        in_preview = "with 'torchsphere info INPUT --preview FILE.png'"
+        was_given = tracked.settings["circle_given"]
+        found.append(refined(tracked.circle) if was_given else tracked.circle.doubted(in_preview))
     if request.mm_per_px is not None:
         found.append("The scale was given and taken as exact; its uncertainty is not included.")
     about_map = tracked.settings["sphere_map"]

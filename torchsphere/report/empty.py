@@ -9,11 +9,14 @@ from torchsphere.report.folder import ResultFolder
 #: Per status, what keeps frames from being measured and what to do.
 REASONS = {
     "weak_texture": "too little pattern to tell the rotation:\nput spots of 3 to 5 px on the ball",
-    "low_correlation": "the images do not match:\ngive the ball with --circle, leave out what covers it with --ignore",
-    "not_converged": "no motion explains the images:\nraise the frame rate, shorten the exposure, or give --circle",
+    "low_correlation": "the images do not match:\n{circle}, leave out what covers it with --ignore",
+    "not_converged": "no motion explains the images:\nraise the frame rate, shorten the exposure, or {circle}",
     "out_of_frame": "most of the ball is outside the image:\nchoose other frames with --frames",
-    "lost": "the ball was not found:\ngive it with --circle, choose frames that show it whole with --frames",
+    "lost": "the ball was not found:\n{circle}, choose frames that show it whole with --frames",
 }
+
+#: What to do about the circle: where it was found, and where it was given.
+FOUND, GIVEN = "give the ball with --circle", "check the circle that was given"
 
 
 def why_empty(result: ResultFolder, key: str) -> str:
@@ -24,7 +27,8 @@ def why_empty(result: ResultFolder, key: str) -> str:
     name = max(counts, key=lambda name: counts[name])
     if counts[name] == 0:
         return "not measured"
-    return f"not measured: {name.replace('_', ' ')} in {counts[name]} of {len(result.status)} frames; {REASONS[name]}"
+    reason = REASONS[name].format(circle=GIVEN if result.circle_given else FOUND)
+    return f"not measured: {name.replace('_', ' ')} in {counts[name]} of {len(result.status)} frames; {reason}"
 
 
 def not_in_si(result: ResultFolder) -> str:

@@ -96,6 +96,11 @@ class ResultFolder:
         return bool(self.summary["settings"].get("model") == "translation")
 
     @property
+    def circle_given(self) -> bool:
+        """Whether the user gave the ball's outline."""
+        return bool(self.summary["settings"].get("circle_given", False))
+
+    @property
     def contact_s(self) -> tuple[float, float] | None:
         """Start and end of the contact; None where none was found."""
         contact = self.summary.get("contact_s")

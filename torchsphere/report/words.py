@@ -40,6 +40,14 @@ STATUSES: dict[str, tuple[str, str]] = {
     ),
 }
 
+#: What to do where a circle was given already.
+WITH_CIRCLE = {
+    "not_converged": "The ball may turn or move too far from one frame to the next, or blur too much: raise the frame "
+    "rate, or shorten the exposure. Check below that the circle that was given is the ball's outline.",
+    "lost": "Check below that the circle that was given is the ball's outline in the first frame; start with --frames "
+    "at a frame that shows the whole ball.",
+}
+
 #: The same of frames in which the model, not the pattern, kept the rotation from being measured.
 WITHOUT_ROTATION = (
     "the translation was measured; the rotation was not, as the model 'translation' knows none",
@@ -111,7 +119,10 @@ def problems(result: ResultFolder) -> list[dict[str, str]]:
 
 def told(result: ResultFolder, name: str) -> tuple[str, str]:
     """What the status ``name`` means in this result, and what to do about it."""
-    return WITHOUT_ROTATION if result.without_rotation and name == "weak_texture" else STATUSES[name]
+    if result.without_rotation and name == "weak_texture":
+        return WITHOUT_ROTATION
+    meaning, remedy = STATUSES[name]
+    return meaning, WITH_CIRCLE.get(name, remedy) if result.circle_given else remedy
 
 
 def absent(result: ResultFolder) -> list[str]:
