@@ -191,11 +191,11 @@ def remarks(plan: Plan) -> list[str]:
         )
     frames = plan.target.contact_s * setup.frame_rate
     if frames < LEAST_CONTACT_FRAMES:
-        rate = LEAST_CONTACT_FRAMES / plan.target.contact_s
+        # Rounded up to hundreds, but not for the last digits of a quotient.
+        rate = 100 * math.ceil(round(LEAST_CONTACT_FRAMES / plan.target.contact_s / 100, 6))
         said.append(
-            f"Film at {100 * math.ceil(rate / 100)} frames/s or more to resolve the force: a contact of "
-            f"{1e6 * plan.target.contact_s:.3g} "
-            f"us ({plan.target.origin}) lasts {frames:.1f} frames; impulse and speeds are measured all the same."
+            f"Film at {rate} frames/s or more to resolve the force: a contact of {1e6 * plan.target.contact_s:.3g} us "
+            f"({plan.target.origin}) {_how_short(plan, frames)}; impulse and speeds are measured all the same."
         )
     if setup.turn_deg > NOISE_ONLY_UP_TO_DEG:
         said.append(
@@ -205,6 +205,12 @@ def remarks(plan: Plan) -> list[str]:
     if found is not None and not found.found:
         said.append("The contact does not stand out from the noise: film a larger or better lit ball.")
     return [*said, *_verdict(plan)]
+
+
+def _how_short(plan: Plan, frames: float) -> str:
+    if plan.rehearsal is None or not plan.rehearsal.is_between_frames:
+        return f"lasts {frames:.1f} frames"
+    return f"falls between two frames, {1e6 / plan.setup.frame_rate:.3g} us apart, so that none shows its force"
 
 
 def _about_modes(plan: Plan) -> list[str]:
