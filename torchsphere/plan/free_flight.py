@@ -140,6 +140,7 @@ def from_track(
     ValueError
         If frame rate, diameter or mass are missing, too few increments were measured, or the ball does not fly freely.
     """
+    _require_rotation(origin, track.settings.get("model"))
     sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))
     return _flight(track.increment, sd, track.circle.radius, origin, (frame_rate, diameter_mm, mass_g, shutter_s))
 
@@ -170,20 +171,20 @@ def from_result(
         found = _known(summary, settings, radius)
     except (KeyError, TypeError, json.JSONDecodeError, pa.ArrowException) as error:
         raise ValueError(f"{folder}: is no whole result of 'torchsphere track' ({error}); track again") from error
-    given = (frame_rate, diameter_mm, mass_g, shutter_s)
-    return _flight(
-        increment,
-        sd,
-        radius,
-        f"result folder {folder.name}",
-        tuple(own if own is not None else there for own, there in zip(given, found, strict=True)),
-    )
+    origin, given = f"result folder {folder.name}", (frame_rate, diameter_mm, mass_g, shutter_s)
+    _require_rotation(origin, settings.get("model"))
+    known = tuple(own if own is not None else there for own, there in zip(given, found, strict=True))
+    return _flight(increment, sd, radius, origin, known)
 
 
 def _known(summary: dict[str, Any], settings: dict[str, Any], radius: float) -> tuple[float | None, ...]:
     """Frame rate, diameter (mm), mass (g) and exposure (s) by a summary."""
-    scale = summary["scale"]
-    diameter = None if scale is None else 2e3 * radius * float(scale["m_per_px"])
+    scale, diameter, mm_per_px = summary["scale"], settings.get("diameter_mm"), settings.get("mm_per_px")
+    # Without a frame rate the summary has no scale, but what was given for one.
+    if scale is not None:
+        mm_per_px = 1e3 * float(scale["m_per_px"])
+    if mm_per_px is not None:
+        diameter = 2 * radius * mm_per_px
     return summary["frame_rate"], diameter, settings["mass_g"], summary["input"]["exposure_s"]
 
 
@@ -198,10 +199,20 @@ def require(
         If one of them is not known.
     """
     if frame_rate is None or diameter_mm is None or mass_g is None:
-        named = {"frame rate (--fps)": frame_rate, "diameter (--diameter-mm)": diameter_mm, "mass (--mass-g)": mass_g}
-        missing = ", ".join(name for name, value in named.items() if value is None)
-        raise ValueError(f"{origin}: does not tell the {missing}; a plan needs all three")
+        named = {"--fps": frame_rate, "--diameter-mm": diameter_mm, "--mass-g": mass_g}
+        missing = " and ".join(name for name, value in named.items() if value is None)
+        raise ValueError(
+            f"{origin}: a plan needs frame rate, diameter and mass, which it does not all tell; give {missing}"
+        )
     return frame_rate, diameter_mm, mass_g
+
+
+def _require_rotation(origin: str, model: str | None) -> None:
+    if model == "translation":
+        raise ValueError(
+            f"{origin}: it was tracked with the model 'translation', which measures no rotation, and a plan needs it; "
+            "track again with --model rigid"
+        )
 
 
 def _flight(increment: Array, sd: Array, radius: float, origin: str, known: tuple[float | None, ...]) -> Flight:
