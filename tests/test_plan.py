@@ -20,10 +20,12 @@ from torchsphere import cli, forward, plan_cli
 from torchsphere.arguments import plan as of_plan
 from torchsphere.plan import camera_modes, free_flight
 from torchsphere.plan import text as plan_text
+from torchsphere.plan.advice import remarks
 from torchsphere.plan.example_image import Example, blurred, painted, rescaled, white_noise
 from torchsphere.plan.expected import Setup, differences, increment_covariance
-from torchsphere.plan.plan import Plan, as_table, from_flight, remarks
+from torchsphere.plan.plan import Plan, from_flight
 from torchsphere.plan.rehearsal import Target, hertz, rehearse
+from torchsphere.plan.table import as_table
 
 MARGIN, FRAMES, SPECKLE, GREY = 12, 40, 3.5, (30.0, 220.0)
 

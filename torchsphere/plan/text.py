@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from torchsphere.plan import camera_modes, free_flight
+from torchsphere.plan.advice import cautions, remarks
 from torchsphere.plan.expected import MOST_BLUR_PX
 from torchsphere.plan.free_flight import Flight
-from torchsphere.plan.plan import Plan, cautions, remarks
+from torchsphere.plan.plan import Plan
 
 #: Axes of the image, and of the flight.
 AXES = (("x", "along"), ("y", "across"))
