@@ -39,10 +39,7 @@ def not_in_si(result: ResultFolder) -> str:
     if result.summary.get("frame_rate") is None or not np.isfinite(result.time_s).all():
         missing.append("--fps")
     settings = result.summary["settings"]
-    scale_known = result.summary.get("scale") is not None or any(
-        settings.get(name) is not None for name in ("diameter_mm", "mm_per_px")
-    )
-    if not scale_known:
+    if result.summary.get("scale") is None and not result.scale_given:
         missing.append("--diameter-mm or --mm-per-px")
     if not missing:
         return ""

@@ -96,6 +96,17 @@ class ResultFolder:
         return bool(self.summary["settings"].get("model") == "translation")
 
     @property
+    def has_steps(self) -> bool:
+        """Whether a step of the ball was measured from any frame to the next."""
+        return bool(np.isfinite(self.increment[:, 0]).any())
+
+    @property
+    def scale_given(self) -> bool:
+        """Whether the user gave the ball's diameter or the size of a pixel."""
+        settings = self.summary["settings"]
+        return settings.get("diameter_mm") is not None or settings.get("mm_per_px") is not None
+
+    @property
     def circle_given(self) -> bool:
         """Whether the user gave the ball's outline."""
         return bool(self.summary["settings"].get("circle_given", False))
