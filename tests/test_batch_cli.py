@@ -54,6 +54,17 @@ def test_a_folder_is_measured_with_the_settings_of_track(tmp_path: Path, capsys:
     assert int(row["warnings"]) == len(summary["warnings"])
 
 
+def test_what_the_model_does_not_measure_is_empty_in_the_table(tmp_path: Path) -> None:
+    write_recording(tmp_path / "in" / "shot.tif", 0)
+    out = tmp_path / "out"
+    options = ["--out", str(out), "--workers", "1", *TRACKED, "--model", "translation"]
+    assert main(["batch", str(tmp_path / "in"), *options]) == 0
+    (row,) = rows(out)
+    assert (row["state"], row["frames"], row["ok"], row["mean_spin_rad_s"]) == ("done", "5", "0", "")
+    # The ball turns, and the model takes that for a part of its step of 1.25 m/s.
+    assert float(row["mean_speed_m_s"]) == pytest.approx(1.25, abs=0.15)
+
+
 @pytest.mark.usefixtures("here")
 def test_the_exit_code_tells_failures_from_success_and_the_table_why(
     shots: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -122,7 +122,7 @@ def test_a_circle_cannot_be_changed() -> None:
 def test_a_small_bright_square_is_doubted_and_a_ball_is_not() -> None:
     images = 40 + 3 * torch.randn(6, 120, 160, generator=torch.Generator().manual_seed(0))
     images[:, 53:67, 73:87] += 190
-    assert "px radius, may not be the ball: it is so small" in found_in(images).doubt
+    assert "px radius, may not be the ball: it is so small" in found_in(images).doubted("there")
     assert found_in(shot(0, n=6).images).doubt == ""
 
 

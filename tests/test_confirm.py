@@ -1,10 +1,16 @@
 """A circle that was given is held against the image, since every length scales with its radius."""
 
+import json
+from pathlib import Path
+
+import numpy as np
 import pytest
 import torch
+from shots import speckle
 
-from torchsphere import Circle, demo
-from torchsphere.confirm import confirm
+from torchsphere import Circle, demo, forward
+from torchsphere.cli import main
+from torchsphere.confirm import confirm, refined
 
 
 @pytest.fixture(scope="module")
@@ -24,6 +30,30 @@ def test_one_that_is_off_is_told_with_the_outline_that_is_seen(image: torch.Tens
     assert said.startswith(f"The circle that was given, {circle[0]},{circle[1]},{circle[2]} px, is not the outline")
     assert "at 64." in said
     assert ",40." in said
+
+
+def test_one_that_was_fitted_and_is_doubted_is_not_asked_for_again(image: torch.Tensor) -> None:
+    # The advice was to give --circle, by who had.
+    for radius, guessed, why in ((7.5, False, "so small"), (40.0, True, "no limb")):
+        said = refined(Circle(64.3, 92.6, radius, 0.1, 0.1, 0.1, sd_guessed=guessed))
+        assert said.startswith(f"The circle that was given was fitted by --refine, at 64.3,92.6,{radius} px")
+        assert why in said
+        assert "leave out --refine" in said
+        assert "--circle" not in said
+    assert refined(Circle(64.3, 92.6, 40.0, 0.1, 0.1, 0.1)) == ""
+
+
+def test_a_small_ball_that_was_given_and_fitted_is_told_to_leave_out_the_fit(tmp_path: Path) -> None:
+    moves = torch.tensor([[22.0 + 1.5 * i, 32.3] for i in range(4)])
+    images = forward.render(speckle(0, 8.0), moves, 8.0, torch.eye(3).expand(4, 3, 3), 90.0, shape=(64, 64))
+    np.save(tmp_path / "small.npy", images.round().numpy().astype(np.uint8))
+    for options, advice in (((), "give --circle"), (("--circle", "22.3,32.3,8", "--refine"), "leave out --refine")):
+        out = tmp_path / advice[0]
+        assert main(["track", str(tmp_path / "small.npy"), "--out", str(out), *options, "--no-report", "--quiet"]) == 0
+        warnings = json.loads((out / "summary.json").read_text())["warnings"]
+        (said,) = (sentence for sentence in warnings if "so small" in sentence)
+        assert advice in said
+        assert ("--circle" in said) == (not options)
 
 
 def test_one_that_is_far_off_is_not_confirmed(image: torch.Tensor) -> None:

@@ -11,7 +11,7 @@ from PIL import Image
 
 from torchsphere import demo
 from torchsphere.measure import Request, measure
-from torchsphere.report import image_figures, motion_figures, path_figure
+from torchsphere.report import empty, image_figures, motion_figures, path_figure
 from torchsphere.report.folder import ResultFolder, read
 
 
@@ -205,10 +205,12 @@ def test_nothing_measured_is_said_on_the_axes_instead_of_left_blank(result: Resu
             (text,) = axis.texts
             # Why, in how many frames, and which option helps; nothing that looks like a measurement.
             assert text.get_text().startswith(f"not measured: lost in {len(lost.status)} of {len(lost.status)} frames")
-            assert "--circle" in text.get_text()
+            assert "check the circle that was given, choose frames" in text.get_text()
             assert len(axis.get_yticks()) == 0
             assert not axis.xaxis.get_visible()
             assert axis.get_legend() is None
+    found = lost.summary | {"settings": lost.summary["settings"] | {"circle_given": False}}
+    assert "give the ball with --circle" in empty.why_empty(dataclasses.replace(lost, summary=found), "position")
     labels = ["position (px)", "step (px per frame)", "rotation (deg per frame)"]
     assert [axis.get_title(loc="left") for axis in motion_figures.motion_figure(lost).axes] == labels
     assert any("not measured" in text.get_text() for text in path_figure.path_figure(lost).texts)

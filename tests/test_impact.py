@@ -118,6 +118,26 @@ def test_without_a_mass_nothing_carries_newtons_and_it_is_said(motion: Kinematic
     ] == pytest.approx(-180, abs=0.5)
 
 
+def test_without_a_spin_the_energies_of_the_translation_stand(truth: Pulse, motion: Kinematics, found: Impact) -> None:
+    # They were lost with the spin, times 0 of which they had taken.
+    assert motion.draws is not None
+    unknown, draws = np.full_like(motion.spin_rad_s, np.nan), motion.draws
+    still = dataclasses.replace(
+        motion,
+        spin_rad_s=unknown,
+        draws=dataclasses.replace(draws, spin_rad_s=np.full_like(draws.spin_rad_s, np.nan)),
+    )
+    blind, reason = impact(still, ball(MASS_KG, DIAMETER_M), normal_deg=180.0)
+    assert blind is not None, reason
+    assert blind.energy_before == found.energy_before
+    assert is_right(blind.energy_after, 0.5 * MASS_KG * truth.velocity_m_s[-1, 0] ** 2)
+    assert blind.spin_energy_after is not None
+    assert blind.energy_given is not None
+    assert np.isnan([blind.spin_energy_after.value, blind.energy_given.value, blind.spin_rate_after.value]).all()
+    assert any("spin was not measured" in sentence for sentence in blind.missing)
+    assert not any("spin was not measured" in sentence for sentence in found.missing)
+
+
 def test_there_is_no_impact_without_scale_contact_flight_or_smoother(motion: Kinematics) -> None:
     assert motion.contact_s is not None
     cases = {

@@ -31,7 +31,7 @@ LAYERS = (
     ("rescue",),
     ("follow",),
     ("calibrate", "orientation", "camera"),
-    ("drift", "steady"),
+    ("drift", "steady", "first_circle"),
     ("track",),
     ("process", "plane", "baselines"),
     ("likelihood",),

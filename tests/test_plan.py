@@ -20,10 +20,12 @@ from torchsphere import cli, forward, plan_cli
 from torchsphere.arguments import plan as of_plan
 from torchsphere.plan import camera_modes, free_flight
 from torchsphere.plan import text as plan_text
+from torchsphere.plan.advice import remarks
 from torchsphere.plan.example_image import Example, blurred, painted, rescaled, white_noise
 from torchsphere.plan.expected import Setup, differences, increment_covariance
-from torchsphere.plan.plan import Plan, as_table, from_flight, remarks
+from torchsphere.plan.plan import Plan, from_flight
 from torchsphere.plan.rehearsal import Target, hertz, rehearse
+from torchsphere.plan.table import as_table
 
 MARGIN, FRAMES, SPECKLE, GREY = 12, 40, 3.5, (30.0, 220.0)
 
@@ -283,6 +285,32 @@ def test_a_free_flight_gives_the_table_of_the_paper_from_film_and_from_result_al
     velocity = track.increment[:, :2] * 15e-3 / track.circle.radius * 36_000
     assert first["velocity_m_s"]["std"] == pytest.approx(velocity.std(0, ddof=1), rel=1e-6)
     assert first["force_N"]["std"] == pytest.approx(np.diff(velocity, axis=0).std(0, ddof=1) * 3960, rel=1e-6)
+
+
+@pytest.mark.parametrize("scale", [("--diameter-mm", "30"), ("--mm-per-px", str(1 / 1.2))])
+def test_a_scale_that_was_given_without_a_frame_rate_is_not_asked_for_again(
+    tmp_path: Path, scale: tuple[str, str]
+) -> None:
+    shot = recorded(SMALL, 1, frames=16)
+    film, result = tmp_path / "flight.tif", tmp_path / "result"
+    tifffile.imwrite(film, shot.images.to(torch.uint8).numpy(), photometric="minisblack")
+    given = [*scale, "--mass-g", "110", "--circle", "{},{},{}".format(*shot.circle), "--map", "off", "--no-report"]
+    assert cli.main(["track", str(film), *given, "--out", str(result), "--quiet"]) == 0
+    with pytest.raises(ValueError, match=r"result: a plan needs .* give --fps$"):
+        free_flight.from_result(result)
+    found = free_flight.from_result(result, frame_rate=36_000.0)
+    assert found.setup.diameter_mm == pytest.approx(30.0, rel=1e-6)
+    assert found.setup.speed_m_s == pytest.approx(30.0, rel=0.02)
+
+
+def test_a_flight_tracked_without_rotation_is_not_told_to_have_no_texture(tmp_path: Path) -> None:
+    shot = recorded(SMALL, 1, frames=16)
+    film, result = tmp_path / "flight.tif", tmp_path / "result"
+    tifffile.imwrite(film, shot.images.to(torch.uint8).numpy(), photometric="minisblack")
+    given = [*BALL, "--fps", "36000", "--model", "translation", "--no-report"]
+    assert cli.main(["track", str(film), *given, "--out", str(result), "--quiet"]) == 0
+    with pytest.raises(ValueError, match=r"result: it was tracked with the model 'translation'.* --model rigid"):
+        free_flight.from_result(result)
 
 
 def test_a_flight_whose_velocity_changes_is_no_free_flight_and_says_so() -> None:

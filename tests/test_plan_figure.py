@@ -11,6 +11,7 @@ from torchsphere.plan.expected import Setup, differences
 from torchsphere.plan.free_flight import Flight
 from torchsphere.plan.plan import Plan
 from torchsphere.plan.rehearsal import Target, rehearse
+from torchsphere.plan.text import text
 from torchsphere.report import plan_figure
 
 SETUP = Setup(speed_m_s=72, frame_rate=36_000, shutter_s=1e-6, px_per_mm=3.6, diameter_mm=30, mass_g=110, noise=2)
@@ -84,3 +85,21 @@ def test_a_contact_between_two_frames_is_drawn_with_the_frames_next_to_it(frames
     low, high = axis.get_xlim()
     assert ((axis.lines[0].get_xdata() > low) & (axis.lines[0].get_xdata() < high)).sum() == 2
     assert np.isfinite(axis.get_ylim()).all()
+
+
+def test_a_contact_between_two_frames_is_told_in_words_and_not_as_nan() -> None:
+    plan = made()
+    target = Target(0.2 / SETUP.frame_rate, 0.3, "given")
+    brief = replace(plan, target=target, rehearsal=rehearse(plan.covariance, SETUP, target))
+    figure = plan_figure.drawn(brief)
+    assert figure.axes[2].get_title().endswith("the contact falls between two frames")
+    for axis in figure.axes[4:6]:
+        assert [text.get_text() for text in axis.texts][-1] == "no frame\nin contact"
+        low, high = axis.get_xlim()
+        assert low < 0 < 2 < high
+    words = text(brief)
+    assert "nan" not in words
+    # Five frames in 5.56 us.
+    assert "Film at 900000 frames/s or more" in words
+    assert "falls between two frames, 27.8 us apart" in words
+    assert "nan" not in text(replace(plan, rehearsal=None))

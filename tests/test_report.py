@@ -18,7 +18,7 @@ from torchsphere.cli import main
 from torchsphere.correlation import STATUSES
 from torchsphere.measure import Measurement, Request, measure
 from torchsphere.options import Options
-from torchsphere.report import draw, image_figures, page, words
+from torchsphere.report import draw, image_figures, numbers, page, words
 from torchsphere.report.folder import ResultFolder, read
 from torchsphere.report.kept import LIMIT, chosen, load, save
 from torchsphere.report.panels import panels
@@ -77,8 +77,8 @@ def test_turned_angles_are_sums_of_the_increments_and_end_where_one_is_missing(r
 
 def test_means_that_an_earlier_result_lacks_are_not_measured(result: ResultFolder) -> None:
     earlier = dataclasses.replace(result, summary={k: v for k, v in result.summary.items() if k != "mean_motion"})
-    (rows,) = (rows for title, rows in words.sections(earlier) if title == "Mean motion")
-    assert [text for _, text in rows] == [words.NOT_MEASURED] * 2
+    (rows,) = (rows for title, rows in numbers.sections(earlier) if title == "Mean motion")
+    assert [text for _, text in rows] == [numbers.NOT_MEASURED] * 2
 
 
 def test_the_lab_frame_turns_the_shown_angles_over_as_the_axes(result: ResultFolder) -> None:
@@ -199,7 +199,7 @@ def test_an_ignored_region_has_no_residual() -> None:
     ],
 )
 def test_numbers_have_the_digits_that_their_uncertainty_allows(value: object, sd: object, unit: str, text: str) -> None:
-    values = words.measured(value, sd, unit)
+    values = numbers.measured(value, sd, unit)
     assert values == text
 
 
@@ -306,6 +306,9 @@ def test_a_recording_in_which_the_ball_is_lost_is_reported_in_words_and_never_as
     assert main([*arguments, "--fps", "36000", "--diameter-mm", "30", "--mass-g", "110", "--quiet"]) == 0
     result = read(tmp_path / "out")
     assert words.verdict(result) == "No motion was measured: the ball was found in 1 frame of 8, but not followed."
+    # A circle was given: to give one is no advice.
+    assert not any("--circle" in p["remedy"] for p in words.problems(result))
+    assert any("circle that was given" in p["remedy"] for p in words.problems(result))
     assert sum(len(p["remedy"]) > 0 for p in words.problems(result)) == len(words.problems(result)) > 0
     text = (tmp_path / "out" / "report.html").read_text()
     assert "nan" not in text.split('id="data"')[0].lower().replace("nano", "")

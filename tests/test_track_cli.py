@@ -12,6 +12,7 @@ import torch
 
 from torchsphere import demo, forward
 from torchsphere.cli import main
+from torchsphere.report.folder import read
 from torchsphere.results import TRACK_COLUMNS
 
 CIRCLE = "64.3,92.6,40"
@@ -173,6 +174,35 @@ def test_a_rotation_without_texture_stays_empty_in_the_table(tmp_path: Path) -> 
     assert all(row["wx_rad"] == "nan" and row["sd_wy_rad"] == "nan" for row in table)
     # Edges of a plain ball of this size and contrast are good to a hundredth of a px.
     assert all(float(row["dx_px"]) == pytest.approx(3.0, abs=0.03) for row in table[1:])
+
+
+def test_a_rotation_that_the_model_does_not_know_is_empty_everywhere(tmp_path: Path, demo_shot: demo.Shot) -> None:
+    # It was stated as 0, with an orientation that never changes.
+    path, out = tmp_path / "shot.tif", tmp_path / "out"
+    tifffile.imwrite(path, demo_shot.images[16:50], photometric="minisblack")
+    scale = ["--fps", "36000", "--diameter-mm", "30", "--mass-g", "110"]
+    assert main(["track", str(path), "--out", str(out), *scale, "--model", "translation", "--quiet"]) == 0
+    _, table = rows(out / "track.csv")
+    assert {row["status"] for row in table} == {"weak_texture"}
+    assert all(row[name] == "nan" for row in table for name in ("wx_rad", "wy_rad", "wz_rad", "sd_wx_rad"))
+    assert all(np.isfinite(float(row[name])) for row in table[1:] for name in ("dx_px", "sd_dy_px", "x_px"))
+    assert all(row["qw"] == "nan" for row in table[1:])
+    _, si = rows(out / "kinematics.csv")
+    assert all(row["wx_rad_s"] == "nan" and np.isfinite(float(row["fx_N"])) for row in si)
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["mean_motion"]["increment_px_rad"][2:] == [None] * 3
+    assert summary["impact"]["spin_before"]["value"] == [None] * 3
+    assert summary["impact"]["energy_before"]["value"] > 0
+    assert summary["impact"]["energy_given"]["value"] is None
+    said = " ".join(summary["warnings"])
+    assert "measures none" in said
+    assert "not fully measured" not in said
+    page = (out / "report.html").read_text()
+    assert "the model &#x27;translation&#x27; knows none" in page
+    assert "Put a pattern of spots" not in page
+    assert "nan" not in page.split("<script")[0].lower()
+    # Images have their residual all the same: it shows what the model leaves unexplained.
+    assert read(out).sampled.has_residual[1:].all()  # type: ignore[union-attr]
 
 
 def test_an_impact_that_the_recording_cuts_off_is_doubted(tmp_path: Path, demo_shot: demo.Shot) -> None:

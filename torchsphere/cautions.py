@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from torchsphere import results
-from torchsphere.confirm import confirm
+from torchsphere.confirm import confirm, refined
 from torchsphere.recording import Recording
 from torchsphere.request import Request
 from torchsphere.skipped import skipped
@@ -22,10 +22,24 @@ def cautions(
     request: Request, recording: Recording, tracked: Track, frame_rate: float | None, start: int
 ) -> tuple[str, ...]:
     """Sentences that a reader of the result has to know."""
-    # What the file lacks and the user gave is nothing to know of.
-    found = [note for note in recording.notes if request.fps is None or "no frame rate" not in note]
-    n = len(tracked.status)
-    bad = n - int((tracked.status == "ok").sum())
+    return (
+        # What the file lacks and the user gave is nothing to know of.
+        *(note for note in recording.notes if request.fps is None or "no frame rate" not in note),
+        *_of_frames(request, tracked, start),
+        *_of_rate(request, recording, frame_rate),
+        *_of_circle(recording, tracked, start),
+        *_of_scale(request),
+        *_of_map(request, tracked),
+        *_of_model(request),
+    )
+
+
+def _of_frames(request: Request, tracked: Track, start: int) -> list[str]:
+    """Frames that were not measured, that repeat others, or that are missing."""
+    found, n = [], len(tracked.status)
+    # What the model does not measure has a sentence of its own.
+    good = ("ok", "weak_texture") if request.model == "translation" else ("ok",)
+    bad = n - int(np.isin(tracked.status, good).sum())
     if bad:
         counts = ", ".join(f"{count} {name}" for name, count in results.status_counts(tracked).items())
         found.append(f"{bad} of {n} frames were not fully measured: {counts}.")
@@ -43,31 +57,61 @@ def cautions(
             f"around it: {numbers}{', ...' if len(gaps) > NAMED else ''}. Times, velocities and forces are wrong "
             "there; measure what lies between with --frames."
         )
+    return found
+
+
+def _of_rate(request: Request, recording: Recording, frame_rate: float | None) -> list[str]:
+    """A frame rate that is not known, or that the file contradicts; and a scale that is not known."""
+    found = []
     if frame_rate is None:
         found.append("The frame rate is not known, so there are no times and no kinematics; give --fps.")
     elif recording.frame_rate is not None and request.fps is not None and request.fps != recording.frame_rate:
         found.append(f"The file states {recording.frame_rate:g} frames/s; {request.fps:g} was given and used.")
     if request.diameter_mm is None and request.mm_per_px is None:
         found.append("No scale was given, so there are no kinematics; give --diameter-mm or --mm-per-px.")
+    return found
+
+
+def _of_circle(recording: Recording, tracked: Track, start: int) -> list[str]:
+    """Whether the circle is the ball's outline, by what the image shows."""
+    found = []
     if math.isnan(tracked.circle.sd_radius):
         found.append("The circle was given without an uncertainty; what it adds to the results' is not included.")
         found += _confirmed(recording, tracked, start)
     if tracked.settings["circle_refined"] and tracked.circle.doubt:
-        found.append(tracked.circle.doubt)
-    if request.mm_per_px is not None:
-        found.append("The scale was given and taken as exact; its uncertainty is not included.")
-    about_map = tracked.settings["sphere_map"]
+        in_preview = "with 'torchsphere info INPUT --preview FILE.png'"
+        was_given = tracked.settings["circle_given"]
+        found.append(refined(tracked.circle) if was_given else tracked.circle.doubted(in_preview))
+    return found
+
+
+def _of_scale(request: Request) -> list[str]:
+    if request.mm_per_px is None:
+        return []
+    return ["The scale was given and taken as exact; its uncertainty is not included."]
+
+
+def _of_map(request: Request, tracked: Track) -> list[str]:
+    """What a map of the ball would have done."""
+    about_map, found = tracked.settings["sphere_map"], []
     if not about_map["used"] and not request.in_place and _turns_in_place(tracked):
         found.append(
             "The ball turns fast and hardly moves; if it cannot leave its place, say --in-place against drift."
         )
     if not about_map["used"] and request.map != "off" and not about_map["reason"].startswith("not needed"):
         found.append(f"Poses rest on the frame-to-frame steps, whose errors add up: {about_map['reason']}.")
+    return found
+
+
+def _of_model(request: Request) -> list[str]:
     if request.model == "published":
-        found.append("The published modes are no rigid rotation: they bias translation and rotation; see the README.")
+        return ["The published modes are no rigid rotation: they bias translation and rotation; see the README."]
     if request.model == "translation":
-        found.append("The translation model takes any rotation of the ball for translation.")
-    return tuple(found)
+        return [
+            "The translation model takes any rotation of the ball for translation and measures none: rotation and spin "
+            "are left empty, and frames are weak_texture at best. Give --model rigid to have them."
+        ]
+    return []
 
 
 def _confirmed(recording: Recording, tracked: Track, start: int) -> list[str]:

@@ -70,16 +70,16 @@ class Circle:
 
     @property
     def doubt(self) -> str:
-        """Why what was found may be no ball, or not its outline, in a sentence; empty where nothing speaks for it."""
+        """What speaks against its being a ball, or its outline, in words; empty where nothing does."""
         if self.sd_guessed:
-            seen = "no limb of a speckled ball was seen along it"
-        elif self.radius < SMALL_PX:
-            seen = "it is so small that it may be anything bright or dark"
-        else:
-            return ""
+            return "no limb of a speckled ball was seen along it"
+        return "it is so small that it may be anything bright or dark" if self.radius < SMALL_PX else ""
+
+    def doubted(self, where: str) -> str:
+        """The `doubt` that there is of a circle that was found, in a sentence: ``where`` to look, and what to do."""
         return (
-            f"The circle found, of {self.radius:.1f} px radius, may not be the ball: {seen}; look at it with "
-            "'torchsphere info INPUT --preview FILE.png', and give --circle X,Y,R where it is not."
+            f"The circle found, of {self.radius:.1f} px radius, may not be the ball: {self.doubt}; look at it {where}, "
+            "and give --circle X,Y,R where it is not."
         )
 
 

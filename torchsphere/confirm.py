@@ -30,5 +30,15 @@ def confirm(image: Tensor, given: Circle) -> str:
     return f"{told} is not the outline that the image shows at {_told(seen)} px; --refine takes that. {LOOK}"
 
 
+def refined(fitted: Circle) -> str:
+    """A sentence where a circle that was given and ``fitted`` to the image may not be the ball's outline by now."""
+    if not fitted.doubt:
+        return ""
+    return (
+        f"The circle that was given was fitted by --refine, at {_told(fitted)} px, and may not be the ball's outline: "
+        f"{fitted.doubt}. See figures/path.png: where the circle as given is better, leave out --refine."
+    )
+
+
 def _told(circle: Circle) -> str:
     return f"{circle.x:.1f},{circle.y:.1f},{circle.radius:.1f}"

@@ -205,6 +205,8 @@ def _assembled(
     radius = None if thing is None else thing.radius_m
     if thing is None:
         missing.append("The ball's mass and diameter were not given, so there are no forces and energies.")
+    elif not (np.isfinite(central.spin_before) & np.isfinite(central.spin_after)).all():
+        missing.append("The spin was not measured, so neither its energy nor the one given to the target is known.")
     return Impact(
         contact_start=estimate(lambda s: s.edges[..., 0], "s"),
         contact_end=estimate(lambda s: s.edges[..., 1], "s"),
@@ -247,18 +249,24 @@ def _with_mass(
         return dict.fromkeys(names)
     mass, inertia = thing.mass_kg, thing.inertia_kg_m2
 
-    def energies(velocity: Array, spin: Array) -> Array:
-        return 0.5 * (mass * (velocity**2).sum(-1) + inertia * (spin**2).sum(-1))
+    def moving(velocity: Array) -> Array:
+        return np.asarray(0.5 * mass * (velocity**2).sum(-1))
+
+    def turning(spin: Array) -> Array:
+        return np.asarray(0.5 * inertia * (spin**2).sum(-1))
 
     force, moment = peak(motion, draws, mass)
     found = (
         estimate(lambda s: mass * (s.after - s.before), "N s"),
         estimate(lambda s: mass * length(s.after - s.before), "N s"),
         estimate(lambda s: mass * length(s.after - s.before) / (s.edges[..., 1] - s.edges[..., 0]), "N"),
-        estimate(lambda s: energies(s.before, 0 * s.spin_before), "J"),
-        estimate(lambda s: energies(s.after, 0 * s.spin_after), "J"),
-        estimate(lambda s: energies(0 * s.before, s.spin_before), "J"),
-        estimate(lambda s: energies(0 * s.after, s.spin_after), "J"),
-        estimate(lambda s: energies(s.before, s.spin_before) - energies(s.after, s.spin_after), "J"),
+        estimate(lambda s: moving(s.before), "J"),
+        estimate(lambda s: moving(s.after), "J"),
+        estimate(lambda s: turning(s.spin_before), "J"),
+        estimate(lambda s: turning(s.spin_after), "J"),
+        estimate(
+            lambda s: moving(s.before) + turning(s.spin_before) - moving(s.after) - turning(s.spin_after),
+            "J",
+        ),
     )
     return dict(zip(names, (*found, Estimate(*force, "N"), Estimate(*moment, "s")), strict=True))

@@ -61,5 +61,5 @@ def _preview(recording: Recording, path: Path) -> None:
     preview_figure(path, recording.images(circle.frame, circle.frame + 1)[0], circle, title)
     print(f"{'circle':<11} --circle {text}   ({circle.sd_text}; frame {circle.frame})")
     if circle.doubt:
-        print(f"{'note':<11} {circle.doubt}")
+        print(f"{'note':<11} {circle.doubted('in the preview')}")
     print(f"{'preview':<11} {path}")

@@ -12,7 +12,7 @@ from typing import Any
 from tqdm import tqdm
 
 from torchsphere import results
-from torchsphere.plan import camera_modes, example_image, free_flight, plan, rehearsal
+from torchsphere.plan import camera_modes, example_image, free_flight, plan, rehearsal, table
 from torchsphere.plan import text as plan_text
 from torchsphere.plan.example_image import Example
 from torchsphere.plan.expected import Setup
@@ -47,7 +47,7 @@ def run(options: dict[str, Any]) -> int:
     require_finite("direction_deg", options["direction_deg"])
     made = _from_flight(options, quiet) if options["flight"] is not None else _from_images(options, quiet)
     with results.whole_folder(out, overwrite) as folder:
-        results.write_summary(folder, plan.as_table(made))
+        results.write_summary(folder, table.as_table(made))
         (folder / "summary.json").rename(folder / "plan.json")
         plan_figure.plan_figure(folder / "plan.png", made)
     if not quiet:

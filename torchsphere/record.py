@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -99,3 +100,12 @@ class Record:
         self.iterations[after] = found.iterations[:count].cpu().numpy()
         self.status[after] = "ok"
         return self.increment[rows]
+
+    def without_rotation(self) -> Record:
+        """The same for a model that knows no rotation: where it holds it at 0, none was measured."""
+        increment = self.increment.copy()
+        increment[:, 2:] = np.nan
+        status = np.where(self.status == "ok", "weak_texture", self.status)
+        return dataclasses.replace(
+            self, increment=increment, rotation=np.full_like(self.rotation, np.nan), status=status
+        )

@@ -11,17 +11,15 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
-from torchsphere import circle as circles
 from torchsphere import drift, parallel
-from torchsphere.calibrate import calibrate
 from torchsphere.circle import Circle
+from torchsphere.drift import Motion
+from torchsphere.first_circle import first_circle
 from torchsphere.follow import Follower, Progress
-from torchsphere.inputs import as_mask, check_circle
+from torchsphere.inputs import as_mask
 from torchsphere.joint import ALONE, Solver, together
 from torchsphere.options import Options, suited
-from torchsphere.perspective import sphere_of_outline
 from torchsphere.record import Record
 from torchsphere.source import Source
 from torchsphere.steady import fineness, sd_steady
@@ -42,7 +40,8 @@ class Track:
     position : ndarray
         Centre in each image (n, 2) as (x, y), px; NaN where it is not known.
     increment : ndarray
-        Motion (n - 1, 5) from each frame to the next as (dx, dy, wx, wy, wz), px and rad; NaN where not measured.
+        Motion (n - 1, 5) from each frame to the next as (dx, dy, wx, wy, wz), px and rad; NaN where not measured, as
+        are all rotations with the model `translation`.
     covariance : ndarray
         Of the increments (n - 1, 5, 5). Successive increments share an image, so that their errors are of opposite
         sign: the covariance of increment i with i + 1 is about minus half of this.
@@ -54,7 +53,8 @@ class Track:
         Gauss-Newton steps (n,).
     status : ndarray
         Strings (n,), one of `torchsphere.correlation.STATUSES`; row i speaks of frame i and of the increment that leads
-        to it. A frame found again after a gap is "lost" with a position: no increment leads to it.
+        to it. A frame found again after a gap is "lost" with a position: no increment leads to it. With the model
+        `translation`, which measures no rotation, a frame is "weak_texture" at best.
     radius : ndarray
         Radius of the ball in each image (n,), px; constant but with the model `pinhole6`, NaN where not known.
     sd_growth : ndarray
@@ -147,25 +147,26 @@ def track(
     source = Source.open(recording, device, dtype)
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
     with parallel.one_each():
-        first, settings = _first_circle(source, circle, mask, refine, settings, solver)
+        first, settings = first_circle(source, circle, mask, refine, settings, solver)
     if "pre_blur" not in options:
         settings = suited(settings, first.radius)
 
-    def followed(first: Circle) -> Record:
-        follower = Follower(source, first, mask, settings, progress=progress, in_place=in_place, solver=solver)
-        return follower.run(source.count)
-
-    measured = followed(first)
     # A ball that cannot leave its place is where the circle says, unless a map is asked for.
     asked = False if in_place and sphere_map is None else sphere_map
-    motion = drift.bound(source, measured, first, mask, asked, settings, progress=progress)
+
+    def followed(first: Circle) -> tuple[Record, Motion]:
+        follower = Follower(source, first, mask, settings, progress=progress, in_place=in_place, solver=solver)
+        record = follower.run(source.count)
+        if settings.model == "translation":
+            record = record.without_rotation()
+        return record, drift.bound(source, record, first, mask, asked, settings, progress=progress)
+
+    measured, motion = followed(first)
     if abs(motion.circle.radius - first.radius) > WRONG_RADIUS * first.radius and (measured.status != "ok").any():
         # The map knows better how large the ball is than the circle that frames were given up with.
         first = dataclasses.replace(motion.circle, frame=first.frame)
-        measured = followed(first)
-        motion = drift.bound(source, measured, first, mask, asked, settings, progress=progress)
+        measured, motion = followed(first)
     fine = fineness(source.images(first.frame, first.frame + 1)[0], motion.circle, mask)
-    steps, lit = int(np.isfinite(measured.increment[:, 0]).sum()), int(measured.uneven_light.sum())
     used = dataclasses.asdict(settings) | {
         "circle_given": circle is not None,
         "circle_refined": circle is None or refine,
@@ -175,6 +176,13 @@ def track(
         "device": str(source.device),
         "dtype": str(dtype).removeprefix("torch."),
     }
+    return _as_track(measured, motion, first, fine, used)
+
+
+def _as_track(measured: Record, motion: Motion, first: Circle, fine: float, settings: dict[str, Any]) -> Track:
+    """What was ``measured`` from the circle ``first`` on, as the ``motion``; ``fine`` is the texture's fineness."""
+    steps, lit = int(np.isfinite(measured.increment[:, 0]).sum()), int(measured.uneven_light.sum())
+    radius = motion.circle.radius
     return Track(
         position=motion.position,
         increment=motion.increment,
@@ -183,13 +191,11 @@ def track(
         zncc=measured.zncc,
         iterations=measured.iterations,
         status=measured.status,
-        radius=measured.size * (motion.circle.radius / first.radius),
+        radius=measured.size * (radius / first.radius),
         sd_growth=measured.sd_growth,
-        sd_steady=sd_steady(
-            motion.increment, motion.circle.radius, fine, on_map=motion.about_map["used"], lit=lit / max(steps, 1)
-        ),
+        sd_steady=sd_steady(motion.increment, radius, fine, on_map=motion.about_map["used"], lit=lit / max(steps, 1)),
         circle=motion.circle,
-        settings=used,
+        settings=settings,
     )
 
 
@@ -227,43 +233,3 @@ def track_many(
     with parallel.one_each(), ThreadPoolExecutor(AT_ONCE, initializer=torch.set_num_threads, initargs=(1,)) as pool:
         tracks = [pool.submit(track, *each, solver=solver, **settings) for each in zip(recordings, given, strict=True)]
         return [found.exception() or found.result() for found in tracks]  # type: ignore[misc]
-
-
-def _first_circle(
-    source: Source, given: Any, mask: Tensor | None, refine: bool, options: Options, solver: Solver
-) -> tuple[Circle, Options]:
-    """The ball in the first tracked frame, and the options with a camera that knows its focal length."""
-    if given is None:
-        found, options = _as_sphere(circles.find(source.images, source.count, mask), source, options)
-        if options.camera is not None:
-            image = source.images(found.frame, found.frame + 1)[0]
-            found = circles.refine_circle(image, found, camera=options.camera)
-        return calibrate(source, found, mask, options, solver), options
-    circle = given if isinstance(given, Circle) else Circle(*_three_numbers(given))
-    if not 0 <= circle.frame < source.count:
-        raise ValueError(f"circle: its frame {circle.frame} is not one of the recording's 0 to {source.count - 1}")
-    first = source.images(circle.frame, circle.frame + 1)[0]
-    check_circle(torch.tensor([[circle.x, circle.y, circle.radius]]), first.shape)
-    if not isinstance(given, Circle):
-        circle, options = _as_sphere(circle, source, options)
-    elif options.camera is not None:
-        options = dataclasses.replace(options, camera=options.camera.settled(first.shape, circle.radius))
-    return circles.refine_circle(first, circle, camera=options.camera) if refine else circle, options
-
-
-def _as_sphere(seen: Circle, source: Source, options: Options) -> tuple[Circle, Options]:
-    """The projected centre and the radius at its depth of a ball with that outline, and the camera that tells them."""
-    if options.camera is None:
-        return seen, options
-    camera = options.camera.settled(source.images(0, 1).shape, seen.radius)
-    sphere = sphere_of_outline(torch.tensor([seen.x, seen.y, seen.radius], dtype=torch.float64), camera)
-    x, y, radius = sphere.tolist()
-    return dataclasses.replace(seen, x=x, y=y, radius=radius), dataclasses.replace(options, camera=camera)
-
-
-def _three_numbers(given: Any) -> tuple[float, float, float]:
-    try:
-        x, y, radius = (float(v) for v in given)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"circle: expected three numbers (x, y, radius) in px, got {given!r}") from error
-    return x, y, radius

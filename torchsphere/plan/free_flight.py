@@ -10,27 +10,19 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from torchsphere.plan.change import NO_FLIGHT, change_of
 from torchsphere.plan.expected import Setup
 from torchsphere.track import Track
 
 #: Increments from which a standard deviation is known to a fifth.
 LEAST_STEPS = 12
-
-#: Change of the velocity over the recording, in standard deviations of what scatter alone would give, that is no
-#: scatter any more.
-STEADY = 5.0
-
-#: The same as a share of the speed, from which the standard deviations say nothing at all, if it comes at once; and the
-#: share of the change by which the velocity then departs from a straight line over time: 0.14 and more for a jump in 12
-#: steps or more, 0.08 for drag that takes half of the speed, none for gravity.
-NO_FLIGHT, SUDDEN = 0.1, 0.1
 
 Array = NDArray[np.float64]
 
@@ -78,45 +70,13 @@ class Flight:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What makes the scatter no measure of the uncertainty."""
-        change = _change(self.velocity_m_s)
+        change = change_of(self.velocity_m_s)
         if change is None:
             return ()
         return (
             f"The velocity {change.text} over the recording, more than it scatters: a target, drag or gravity is in "
             "the standard deviations, too; take fewer frames, of free flight alone.",
         )
-
-
-class _Change(NamedTuple):
-    """How a velocity changes: in words, by what share of the speed, and whether at once rather than steadily."""
-
-    text: str
-    share: float
-    is_sudden: bool
-
-
-def _change(velocity_m_s: Array) -> _Change | None:
-    """How the velocity (m, 2) changes over the recording; None where it only scatters."""
-    valid = np.isfinite(velocity_m_s).all(1)
-    known = velocity_m_s[valid]
-    third = len(known) // 3
-    start, end = known[:third].mean(0), known[-third:].mean(0)
-    change = end - start
-    # Scatter from one increment to the next, which a slow change does not enter.
-    scatter = np.diff(known, axis=0).std(0) / math.sqrt(third)
-    beyond = np.abs(change) - STEADY * scatter
-    at = int(beyond.argmax())
-    if beyond[at] <= 0:
-        return None
-    size, speed = abs(float(change[at])), max(float(np.hypot(*start)), float(np.hypot(*end)))
-    is_sudden = _off_line(np.flatnonzero(valid), known[:, at]) > SUDDEN * size
-    return _Change(f"along {'xy'[at]} changes by {change[at]:.3g} m/s", size / speed, is_sudden)
-
-
-def _off_line(frames: NDArray[np.int64], values: Array) -> float:
-    """How far values (m,) are off a straight line over their frames (m,), rms, beside their scatter."""
-    rest = values - np.polyval(np.polyfit(frames, values, 1), frames)
-    return math.sqrt(max(float(rest.var()) - float(np.diff(values).var()) / 2, 0.0))
 
 
 def spread(values: Array) -> tuple[Array, Array]:
@@ -140,6 +100,7 @@ def from_track(
     ValueError
         If frame rate, diameter or mass are missing, too few increments were measured, or the ball does not fly freely.
     """
+    _require_rotation(origin, track.settings.get("model"))
     sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))
     return _flight(track.increment, sd, track.circle.radius, origin, (frame_rate, diameter_mm, mass_g, shutter_s))
 
@@ -170,20 +131,20 @@ def from_result(
         found = _known(summary, settings, radius)
     except (KeyError, TypeError, json.JSONDecodeError, pa.ArrowException) as error:
         raise ValueError(f"{folder}: is no whole result of 'torchsphere track' ({error}); track again") from error
-    given = (frame_rate, diameter_mm, mass_g, shutter_s)
-    return _flight(
-        increment,
-        sd,
-        radius,
-        f"result folder {folder.name}",
-        tuple(own if own is not None else there for own, there in zip(given, found, strict=True)),
-    )
+    origin, given = f"result folder {folder.name}", (frame_rate, diameter_mm, mass_g, shutter_s)
+    _require_rotation(origin, settings.get("model"))
+    known = tuple(own if own is not None else there for own, there in zip(given, found, strict=True))
+    return _flight(increment, sd, radius, origin, known)
 
 
 def _known(summary: dict[str, Any], settings: dict[str, Any], radius: float) -> tuple[float | None, ...]:
     """Frame rate, diameter (mm), mass (g) and exposure (s) by a summary."""
-    scale = summary["scale"]
-    diameter = None if scale is None else 2e3 * radius * float(scale["m_per_px"])
+    scale, diameter, mm_per_px = summary["scale"], settings.get("diameter_mm"), settings.get("mm_per_px")
+    # Without a frame rate the summary has no scale, but what was given for one.
+    if scale is not None:
+        mm_per_px = 1e3 * float(scale["m_per_px"])
+    if mm_per_px is not None:
+        diameter = 2 * radius * mm_per_px
     return summary["frame_rate"], diameter, settings["mass_g"], summary["input"]["exposure_s"]
 
 
@@ -198,10 +159,20 @@ def require(
         If one of them is not known.
     """
     if frame_rate is None or diameter_mm is None or mass_g is None:
-        named = {"frame rate (--fps)": frame_rate, "diameter (--diameter-mm)": diameter_mm, "mass (--mass-g)": mass_g}
-        missing = ", ".join(name for name, value in named.items() if value is None)
-        raise ValueError(f"{origin}: does not tell the {missing}; a plan needs all three")
+        named = {"--fps": frame_rate, "--diameter-mm": diameter_mm, "--mass-g": mass_g}
+        missing = " and ".join(name for name, value in named.items() if value is None)
+        raise ValueError(
+            f"{origin}: a plan needs frame rate, diameter and mass, which it does not all tell; give {missing}"
+        )
     return frame_rate, diameter_mm, mass_g
+
+
+def _require_rotation(origin: str, model: str | None) -> None:
+    if model == "translation":
+        raise ValueError(
+            f"{origin}: it was tracked with the model 'translation', which measures no rotation, and a plan needs it; "
+            "track again with --model rigid"
+        )
 
 
 def _flight(increment: Array, sd: Array, radius: float, origin: str, known: tuple[float | None, ...]) -> Flight:
@@ -232,7 +203,7 @@ def _flight(increment: Array, sd: Array, radius: float, origin: str, known: tupl
         shutter_s=shutter_s,
     )
     flight = Flight(increment, np.median(sd[valid], 0), setup, origin)
-    change = _change(flight.velocity_m_s)
+    change = change_of(flight.velocity_m_s)
     if change is not None and change.is_sudden and change.share > NO_FLIGHT:
         raise ValueError(
             f"{origin}: this is no free flight: the velocity {change.text}, {100 * change.share:.0f} % of the speed, "

@@ -74,8 +74,8 @@ class Rehearsal:
     peak_N : float
         Highest true force.
     velocity_m_s, force_N : ndarray
-        Root mean square of the stated standard deviations (2, 2): in flight and in contact; along and across the
-        flight.
+        Root mean square of the stated standard deviations (2, 2): in flight and in contact, NaN where no frame lies
+        in it; along and across the flight.
     spin_rad_s : ndarray
         Likewise (2, 3), about x, y, z.
     force_error_N : ndarray
@@ -98,6 +98,11 @@ class Rehearsal:
     true_force_N: Array  # noqa: N815
     force_along_N: Array  # noqa: N815
     sd_force_along_N: Array  # noqa: N815
+
+    @property
+    def is_between_frames(self) -> bool:
+        """Whether the contact begins and ends between two frames: then nothing is known of a frame in contact."""
+        return bool(np.isnan(self.force_N[1]).all())
 
 
 def hertz(setup: Setup, modulus_pa: float) -> float:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from torchsphere.plan import camera_modes, free_flight
+from torchsphere.plan.advice import cautions, remarks
 from torchsphere.plan.expected import MOST_BLUR_PX
 from torchsphere.plan.free_flight import Flight
-from torchsphere.plan.plan import Plan, cautions, remarks
+from torchsphere.plan.plan import Plan
 
 #: Axes of the image, and of the flight.
 AXES = (("x", "along"), ("y", "across"))
@@ -78,10 +79,17 @@ def _of_uncertainty(plan: Plan) -> list[str]:
     rows += [(f"force {a} / {b} (kN)", kilo[0][k], *kilo[1][:, k]) for k, (a, b) in reversed([*enumerate(AXES)])]
     if found is not None:
         rows.append(("its true error in rehearsal (kN)", np.nan, *(1e-3 * found.force_error_N)))
-    return lines + [
-        f"{name:<32} {'' if np.isnan(plain) else f'{plain:.3g}':>12} {flight:>18.3g} {contact:>10.3g}"
-        for name, plain, flight, contact in rows
-    ]
+    widths = (12, 18, 10)
+    for name, *values in rows:
+        cells = " ".join(f"{_cell(value):>{width}}" for value, width in zip(values, widths, strict=True))
+        lines.append(f"{name:<32} {cells}".rstrip())
+    if found is not None and found.is_between_frames:
+        lines.append("contact: no numbers, as it falls between two frames")
+    return lines
+
+
+def _cell(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:.3g}"
 
 
 def _of_modes(plan: Plan) -> list[str]:

@@ -91,6 +91,27 @@ class ResultFolder:
         return np.isfinite(self.position[:, 0])
 
     @property
+    def without_rotation(self) -> bool:
+        """Whether the ball was tracked with a model that knows no rotation, so that none could be measured."""
+        return bool(self.summary["settings"].get("model") == "translation")
+
+    @property
+    def has_steps(self) -> bool:
+        """Whether a step of the ball was measured from any frame to the next."""
+        return bool(np.isfinite(self.increment[:, 0]).any())
+
+    @property
+    def scale_given(self) -> bool:
+        """Whether the user gave the ball's diameter or the size of a pixel."""
+        settings = self.summary["settings"]
+        return settings.get("diameter_mm") is not None or settings.get("mm_per_px") is not None
+
+    @property
+    def circle_given(self) -> bool:
+        """Whether the user gave the ball's outline."""
+        return bool(self.summary["settings"].get("circle_given", False))
+
+    @property
     def contact_s(self) -> tuple[float, float] | None:
         """Start and end of the contact; None where none was found."""
         contact = self.summary.get("contact_s")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from torchsphere.orientation import matrices
 from torchsphere.recording.refusal import LibraryMissingError
-from torchsphere.report.folder import ResultFolder
+from torchsphere.report.folder import ALL_KNOWN, TRANSLATION_KNOWN, ResultFolder
 from torchsphere.report.kept import Sampled
 
 if TYPE_CHECKING:
@@ -139,7 +139,8 @@ def _words(draw: Any, result: ResultFolder, row: int) -> None:
         parts.append(f"{np.linalg.norm(motion.spin_rad_s[row]) / (2 * np.pi):.1f} rev/s")
     draw.text((8, 4), "   ".join(parts), fill="white", font=_font(18))
     axes = "lab frame" if motion is not None and result.lab_frame else "camera frame"
-    said = "" if status == "ok" else f"not fully measured: {status.replace('_', ' ')}"
+    measured = TRANSLATION_KNOWN if result.without_rotation else ALL_KNOWN
+    said = "" if status in measured else f"not fully measured: {status.replace('_', ' ')}"
     draw.text((8, WORDS_PX + 4), f"{axes}; axes x, y, z move with the ball   {said}", fill="#BBBBBB", font=_font(15))
 
 

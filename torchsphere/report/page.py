@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.report import words
+from torchsphere.report import numbers, words
 from torchsphere.report.empty import why_empty
 from torchsphere.report.folder import ResultFolder
 from torchsphere.report.image_figures import residual_limit
@@ -59,7 +59,7 @@ def page(result: ResultFolder) -> str:
         verdict=html.escape(words.verdict(result)),
         grade=_grade(result),
         problems=_problems(result),
-        numbers=_sections(words.sections(result)),
+        numbers=_sections(numbers.sections(result)),
         settings=_settings(result),
         version=html.escape(str(result.summary.get("versions", {}).get("torchsphere", ""))),
     )
@@ -69,7 +69,7 @@ def _grade(result: ResultFolder) -> str:
     """How the verdict is marked: all measured, part, or no motion at all."""
     if (result.status == "ok").all():
         return "good"
-    return "part" if np.isfinite(result.increment[:, 0]).any() else "bad"
+    return "part" if result.has_steps else "bad"
 
 
 def fill(name: str, **parts: str) -> str:
@@ -148,7 +148,7 @@ def _status(result: ResultFolder, name: str) -> dict[str, Any]:
         "name": name.replace("_", " "),
         "colour": STATUS_COLOURS[name],
         "count": int((result.status == name).sum()),
-        "meaning": words.STATUSES[name][0],
+        "meaning": words.told(result, name)[0],
     }
 
 
@@ -222,7 +222,7 @@ def _list(heading: str, items: list[str]) -> str:
     return f"{heading}<ul>{''.join(items)}</ul>" if items else ""
 
 
-def _sections(found: Iterable[words.Section]) -> str:
+def _sections(found: Iterable[numbers.Section]) -> str:
     return "".join(
         f"<section class='numbers'><h3>{html.escape(heading)}</h3><table>"
         + "".join(f"<tr><th scope='row'>{html.escape(k)}</th><td>{html.escape(v)}</td></tr>" for k, v in rows)

@@ -96,6 +96,8 @@ def _force(figure: Figure, place: SubplotSpec, plan: Plan) -> None:
     """The rehearsed force, and below it its error, which its own scale would hide."""
     found = plan.rehearsal
     title = "The force along the flight, rehearsed with the expected errors"
+    if found is not None and found.is_between_frames:
+        title = "The force along the flight: the contact falls between two frames"
     if found is None:
         axis = figure.add_subplot(place, xticks=[], yticks=[])
         axis.set_title(title, fontsize=9)
@@ -159,7 +161,12 @@ def _methods(figure: Figure, place: SubplotSpec, plan: Plan) -> None:
 def _bars(axis: Axes, names: Sequence[str], heights: Sequence[float], span: float, colour: str) -> None:
     """Bars with their numbers on an axis of logarithms that covers ``span`` and some room, whatever their heights."""
     bars = axis.bar(range(len(names)), heights, 0.6, color=colour)
-    axis.bar_label(bars, [f"{height:.2g}" for height in heights], fontsize=8, padding=2)
+    axis.bar_label(bars, ["" if np.isnan(height) else f"{height:.2g}" for height in heights], fontsize=8, padding=2)
+    # A share of the axis for a height, since there is no bar to stand on.
+    across = axis.get_xaxis_transform()
+    for place in (i for i, height in enumerate(heights) if np.isnan(height)):
+        axis.text(place, 0.03, "no frame\nin contact", fontsize=8, color="0.25", ha="center", transform=across)
+    axis.set_xlim(-0.45, len(names) - 0.55)
     axis.set_yscale("log")
     middle = float(np.sqrt(np.nanmin(heights) * np.nanmax(heights)))
     axis.set_ylim(middle / np.sqrt(span) / 3, 2 * middle * np.sqrt(span))

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from torchsphere import parallel
 from torchsphere.follow import BATCH
+from torchsphere.report.folder import TRANSLATION_KNOWN
 from torchsphere.report.kept import LIMIT, NOTHING, Sampled, chosen
 from torchsphere.report.residuals import Pairs, binning, options_of, residual_maps
 from torchsphere.source import Source
@@ -144,12 +145,13 @@ def _maps(
     q = np.concatenate((np.full((1, 5), np.nan), track.increment))[rows]
     before = np.maximum(rows - 1, 0)
     growth = track.radius[rows] / track.radius[before] - 1
-    translation = track.settings["model"] == "translation"
     # The translation model knows no rotation; for all others an unknown one is no zero.
-    q[:, 2:] = np.where(translation & np.isfinite(q[:, :1]), 0.0, q[:, 2:])
+    if track.settings["model"] == "translation":
+        q[:, 2:] = np.where(np.isfinite(q[:, :1]), 0.0, q[:, 2:])
     motion = np.concatenate((q, growth[:, None]), 1)
     circles = np.concatenate((track.position[before], track.radius[before, None]), 1)
-    good = (rows > 0) & (track.status[rows] == "ok") & np.isfinite(motion).all(1) & np.isfinite(circles).all(1)
+    stands = np.isin(track.status[rows], TRANSLATION_KNOWN)
+    good = (rows > 0) & stands & np.isfinite(motion).all(1) & np.isfinite(circles).all(1)
     if not good.any():
         return np.full((len(rows), 1, 1), NOTHING, dtype=np.int8)
     pairs = Pairs(

@@ -1,0 +1,58 @@
+"""The circle that a recording is followed from: found, or as given, or as given and fitted to the image."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torchsphere import circle as circles
+from torchsphere.calibrate import calibrate
+from torchsphere.circle import Circle
+from torchsphere.inputs import check_circle
+from torchsphere.joint import Solver
+from torchsphere.options import Options
+from torchsphere.perspective import sphere_of_outline
+from torchsphere.source import Source
+
+
+def first_circle(
+    source: Source, given: Any, mask: Tensor | None, refine: bool, options: Options, solver: Solver
+) -> tuple[Circle, Options]:
+    """The ball in the first tracked frame, and the options with a camera that knows its focal length."""
+    if given is None:
+        found, options = _as_sphere(circles.find(source.images, source.count, mask), source, options)
+        if options.camera is not None:
+            image = source.images(found.frame, found.frame + 1)[0]
+            found = circles.refine_circle(image, found, camera=options.camera)
+        return calibrate(source, found, mask, options, solver), options
+    circle = given if isinstance(given, Circle) else Circle(*_three_numbers(given))
+    if not 0 <= circle.frame < source.count:
+        raise ValueError(f"circle: its frame {circle.frame} is not one of the recording's 0 to {source.count - 1}")
+    first = source.images(circle.frame, circle.frame + 1)[0]
+    check_circle(torch.tensor([[circle.x, circle.y, circle.radius]]), first.shape)
+    if not isinstance(given, Circle):
+        circle, options = _as_sphere(circle, source, options)
+    elif options.camera is not None:
+        options = dataclasses.replace(options, camera=options.camera.settled(first.shape, circle.radius))
+    return circles.refine_circle(first, circle, camera=options.camera) if refine else circle, options
+
+
+def _as_sphere(seen: Circle, source: Source, options: Options) -> tuple[Circle, Options]:
+    """The projected centre and the radius at its depth of a ball with that outline, and the camera that tells them."""
+    if options.camera is None:
+        return seen, options
+    camera = options.camera.settled(source.images(0, 1).shape, seen.radius)
+    sphere = sphere_of_outline(torch.tensor([seen.x, seen.y, seen.radius], dtype=torch.float64), camera)
+    x, y, radius = sphere.tolist()
+    return dataclasses.replace(seen, x=x, y=y, radius=radius), dataclasses.replace(options, camera=camera)
+
+
+def _three_numbers(given: Any) -> tuple[float, float, float]:
+    try:
+        x, y, radius = (float(v) for v in given)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"circle: expected three numbers (x, y, radius) in px, got {given!r}") from error
+    return x, y, radius
