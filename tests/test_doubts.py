@@ -8,7 +8,8 @@ from test_smooth import M_PER_PX, MASS_KG, NOISES_M, RATE, pulse
 
 import torchsphere as ts
 from torchsphere.doubts import doubts
-from torchsphere.impact import Estimate, Impact, impact
+from torchsphere.estimates import Estimate, Impact
+from torchsphere.impact import impact
 from torchsphere.kinematics import Kinematics
 
 

@@ -9,7 +9,8 @@ if TYPE_CHECKING:
     from torchsphere.circle import Circle
     from torchsphere.correlate import correlate
     from torchsphere.correlation import Correlation
-    from torchsphere.impact import Impact, impact
+    from torchsphere.estimates import Impact
+    from torchsphere.impact import impact
     from torchsphere.inertia import Ball, ball
     from torchsphere.kinematics import Kinematics, kinematics, kinematics_of_many
     from torchsphere.perspective import Camera
@@ -44,7 +45,7 @@ _HOMES = {
     "Camera": "perspective",
     "Circle": "circle",
     "Correlation": "correlation",
-    "Impact": "impact",
+    "Impact": "estimates",
     "Kinematics": "kinematics",
     "Recording": "recording",
     "Track": "track",

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from torchsphere.impact import Estimate, Impact
+from torchsphere.estimates import Estimate, Impact
 from torchsphere.kinematics import Kinematics
+from torchsphere.short_contact import SHORT, frames_of
 
 #: Frames of flight before or after a contact below which a contact that the recording cuts off may pass for a shorter
 #: one: of a half-sine of force whose first half was missing, up to 5 frames were taken for flight.
 FEW = 6
-
-#: Frames that a contact has to last for its course to be seen. Of half-sines of force of 3 frames and more, peak and
-#: duration were right to three standard deviations; of 2 frames the peak was up to seven too low, and of less than one
-#: a tenth of the true one, with durations of 1.1 to 1.7 frames.
-SHORT = 2.5
 
 #: Standard deviations beyond which a restitution is out of its range.
 BEYOND = 3.0
@@ -60,11 +56,11 @@ def _out_of_range(restitution: Estimate) -> list[str]:
 
 def _short(motion: Kinematics, found: Impact) -> list[str]:
     """Whether there are too few frames within the contact to tell its course."""
-    frames = float(found.duration.value) / float(np.diff(motion.time_s).min())
+    frames = frames_of(found, motion.time_s)
     if frames >= SHORT:
         return []
     return [
-        f"The contact lasts {frames:.1f} frames, too few to see its course: it may be shorter, and its peak and mean "
-        "force larger, by more than their standard deviations. Impulse, speeds and spin stand; for the force film at a "
-        "higher frame rate."
+        f"The contact lasts {frames:.1f} frames, too few to see its course: its edges are known to about half a frame, "
+        "and its peak and mean force are left empty. Impulse, speeds and spin stand; for the force film at a higher "
+        "frame rate."
     ]

@@ -18,8 +18,9 @@ from torchsphere.cautions import cautions
 from torchsphere.choices import MAPS
 from torchsphere.circle import Circle
 from torchsphere.doubts import doubts
+from torchsphere.estimates import Impact
 from torchsphere.follow import Progress
-from torchsphere.impact import Impact, impact
+from torchsphere.impact import impact
 from torchsphere.inertia import ball
 from torchsphere.joint import ALONE, Solver, together
 from torchsphere.kinematics import Kinematics, kinematics

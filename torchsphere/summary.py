@@ -14,7 +14,7 @@ import torch
 
 from torchsphere import results
 from torchsphere.drift import STEP_PER_RADIUS
-from torchsphere.impact import Impact
+from torchsphere.estimates import Impact
 from torchsphere.kinematics import ROTATION_PER_RADIUS, Kinematics
 from torchsphere.mean_motion import mean_motion
 from torchsphere.recording import Recording

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable
 
-from torchsphere.impact import Impact
+from torchsphere.estimates import Impact
 from torchsphere.kinematics import Kinematics
 from torchsphere.request import Request
 from torchsphere.setting import option
