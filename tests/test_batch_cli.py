@@ -120,6 +120,23 @@ def test_every_setting_has_an_option_that_turns_it_from_its_default(
     assert seen == [{"lab_frame": True, "report": False}] * 2
 
 
+def test_a_region_to_ignore_may_be_given_several_times_as_of_track(
+    shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[Any] = []
+
+    def engine(jobs: Any, **_: Any) -> Any:
+        for job in jobs:
+            seen.append(dict(job.item.settings))
+            yield settle(job, pretended)
+
+    monkeypatch.setattr(batch_cli.processes, "run", engine)
+    regions = ["0,0 9,0 9,9", "20,20 30,20 30,30"]
+    ignored = [word for region in regions for word in ("--ignore", region)]
+    main(["batch", str(shots), "--out", str(tmp_path / "out"), "--quiet", *ignored])
+    assert seen == [{"ignore": regions}] * 2
+
+
 @pytest.mark.usefixtures("here")
 def test_a_shard_measures_its_part_and_leaves_the_rest_pending(shots: Path, tmp_path: Path) -> None:
     for k in range(6):
