@@ -144,6 +144,15 @@ def test_a_result_without_its_record_is_taken_over_and_a_record_without_its_resu
     assert calls(shots) == ["a", "b", "c", "c"]
 
 
+def test_a_result_that_a_power_failure_left_empty_is_measured_again(shots: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    again(shots, out)
+    for name in ("summary.json", "batch.json"):
+        (out / "b" / name).write_bytes(b"")
+    assert again(shots, out) == Counts(done=3, failed=1, pending=0, measured=1)
+    assert (out / "b" / "summary.json").stat().st_size > 0
+
+
 def test_an_error_that_nobody_foresaw_is_a_failure_with_its_trace(shots: Path, tmp_path: Path) -> None:
     def broken(*_: Any) -> None:
         raise RuntimeError("out of memory")
