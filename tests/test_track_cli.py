@@ -86,6 +86,25 @@ def test_a_file_of_options_may_begin_with_a_byte_order_mark_and_says_nothing_twi
     assert "mm_per_px stands there twice" in capsys.readouterr().err
 
 
+def test_a_region_beside_the_image_is_told_to_be_without_effect(tmp_path: Path, short: Path) -> None:
+    out = tmp_path / "result"
+    arguments = [
+        "track",
+        str(short),
+        "--out",
+        str(out),
+        "--circle",
+        CIRCLE,
+        "--frames",
+        "0:3",
+        "--no-report",
+        "--quiet",
+    ]
+    assert main([*arguments, "--ignore", "900,900 910,900 910,910"]) == 0
+    warnings = json.loads((out / "summary.json").read_text())["warnings"]
+    assert any("--ignore '900,900 910,900 910,910' covers no pixel" in sentence for sentence in warnings)
+
+
 def test_a_camera_comes_from_the_command_line_or_a_file_and_its_focal_length_from_the_distance(
     tmp_path: Path, short: Path
 ) -> None:
