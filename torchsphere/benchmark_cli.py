@@ -63,7 +63,7 @@ def _run(options: dict[str, Any]) -> int:
             print(f"torchsphere: {sentence}", file=sys.stderr)  # noqa: T201  (the command line)
             return 130
     rows = [row for name in names for row in standing.standings(made, out / folder_of(name), name, truth)]
-    standing.write(out / "scores.csv", rows)
+    standing.write(out / "scores.csv", [*standing.earlier(out / "scores.csv", made, rows), *rows])
     _tell(rows, quiet)
     kept, failed = sum(o.kept for o in outcomes), [o for o in outcomes if o.failed]
     _say(quiet, f"{len(outcomes) - kept} run, {kept} kept from before, {len(failed)} failed; see {out / 'scores.csv'}")
