@@ -271,6 +271,7 @@ def test_a_suite_without_a_file_is_lost_and_one_file_can_be_scored_alone(
     capsys.readouterr()
     assert "has no suite 'mine'" in refused(capsys, "score", bench, renamed)
     assert "holds no predictions" in refused(capsys, "score", bench, made)
+    assert "elsewhere.csv: does not exist" in refused(capsys, "score", bench, tmp_path / "elsewhere.csv")
 
 
 def test_images_that_were_changed_are_not_run_on_and_not_scored(

@@ -80,6 +80,8 @@ def _failures(failed: Sequence[Outcome]) -> int:
 
 def _score(options: dict[str, Any]) -> int:
     made, path, quiet = folder.read_benchmark(options["benchmark"]), options["predictions"], options["quiet"]
+    if not path.exists():
+        raise ValueError(f"{path}: does not exist; give a folder with SUITE.csv files, or one such file")
     name = options["name"] or (path.resolve().name if path.is_dir() else path.stem)
     if path.is_dir():
         truth = standing.truths(made.suite(suite) for suite in _suites(made, options["suite"]))
