@@ -144,6 +144,18 @@ def test_a_result_without_its_record_is_taken_over_and_a_record_without_its_resu
     assert calls(shots) == ["a", "b", "c", "c"]
 
 
+def test_an_output_folder_without_its_state_is_known_by_its_table(shots: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    again(shots, out)
+    shutil.rmtree(out / ".batch")
+    # Results are found again, failures are tried again.
+    assert again(shots, out) == Counts(done=3, failed=1, pending=0, measured=1)
+    shutil.rmtree(out / ".batch")
+    (out / "summary.csv").write_text("name,price\n")
+    with pytest.raises(FileExistsError, match="no results of 'torchsphere batch'"):
+        again(shots, out)
+
+
 def test_a_result_that_a_power_failure_left_empty_is_measured_again(shots: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     again(shots, out)
