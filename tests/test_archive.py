@@ -288,6 +288,18 @@ def test_the_table_tells_the_spin_of_an_impact_in_rad_per_s() -> None:
     assert row["spin_before_rad_s"] is None
 
 
+def test_the_table_has_a_standard_deviation_for_the_radius_and_the_lengths_of_the_means() -> None:
+    mean = {"velocity_m_s": [3.0, 4.0], "sd_velocity_m_s": [0.3, 0.4], "spin_rad_s": [0.0, 2.0, 0.0]}
+    row = summary.measured({"circle": {"radius": 40.1, "sd_radius": 0.09}, "mean_motion": mean})
+    assert (row["radius_px"], row["sd_radius_px"]) == (40.1, 0.09)
+    assert row["mean_speed_m_s"] == 5
+    # The length's change is that of the components along the vector: 0.6 * 0.3 and 0.8 * 0.4.
+    assert row["sd_mean_speed_m_s"] == pytest.approx(math.hypot(0.18, 0.32))
+    # A result of an earlier version has no standard deviation of its mean.
+    assert (row["mean_spin_rad_s"], row["sd_mean_spin_rad_s"]) == (2, None)
+    assert set(row) < set(summary.COLUMNS)
+
+
 def test_the_table_keeps_the_sign_of_a_restitution() -> None:
     # A ball that goes through its target has a negative one.
     row = summary.measured({"impact": {"restitution_normal": {"value": -0.28, "sd": 0.002, "unit": "1"}}})
