@@ -224,6 +224,15 @@ def test_a_missing_dask_is_named_with_its_extra(
     assert "pip install 'torchsphere[dask]'" in capsys.readouterr().err
 
 
+def test_a_gpu_that_is_not_there_fails_the_run_and_no_recording(
+    shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("torch.cuda.device_count", lambda: 0)
+    assert main(["batch", str(shots), "--out", str(tmp_path / "out"), "--device", "cuda"]) == 1
+    assert "--device cuda was asked for, but torch finds no CUDA device" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_every_core_that_may_be_used_is(shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[int] = []
 
