@@ -70,15 +70,13 @@ def test_barriers_that_stay_dark_or_are_cut_by_the_end_have_the_delay_of_their_e
     assert np.sqrt((np.array(off) ** 2).mean()) == pytest.approx(1.0, abs=0.48)
 
 
-@pytest.mark.parametrize("case", ["noise", "turned over", "hum"])
+@pytest.mark.parametrize("case", ["noise", "turned over"])
 def test_signals_of_two_shapes_have_no_velocity(case: str) -> None:
     time_s, first, second = gate(628.63e-6, 0.05, 3)
     if case == "noise":
         second = np.random.default_rng(4).normal(size=COUNT)
-    elif case == "turned over":
-        second = -second
     else:
-        first, second = (signal + 0.3 * np.sin(2 * np.pi * 5000 * time_s) for signal in (first, second))
+        second = -second
     with pytest.raises(ValueError, match="give the part of both that holds the whole event"):
         light_gate(time_s, first, second, spacing_m=0.04)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
-from torchsphere.delay import FEWEST, coarse, fit_delay, sd_by_raw_noise, smoothing
+from torchsphere.delay import FEWEST, best_fit, coarse, fit_delay, sd_by_raw_noise, smoothing
 from torchsphere.kinematics import Kinematics
 
 Array = NDArray[np.float64]
@@ -140,8 +140,9 @@ def light_gate(
     first, second = _checked(first, len(time_s), "first"), _checked(second, len(time_s), "second")
     width = smoothing(first, second)
     smooth = gaussian_filter1d(first, width), gaussian_filter1d(second, width)
-    # By their slopes: of barriers that stay dark, or of one that is cut, many delays put dark over dark.
-    fit = fit_delay(*smooth, coarse(np.gradient(smooth[0]), np.gradient(smooth[1])))
+    # By their slopes, too: of barriers that stay dark, or of one that is cut, many delays put dark over dark.
+    starts = coarse(first, second), coarse(np.gradient(smooth[0]), np.gradient(smooth[1]))
+    fit = best_fit(*smooth, starts)
     fit = dataclasses.replace(fit, sd=sd_by_raw_noise(first, second, fit, width))
     delay, sd = fit.delay * interval, fit.sd * interval
     if delay <= 0:
