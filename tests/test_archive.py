@@ -144,6 +144,27 @@ def test_a_result_without_its_record_is_taken_over_and_a_record_without_its_resu
     assert calls(shots) == ["a", "b", "c", "c"]
 
 
+def test_an_output_folder_without_its_state_is_known_by_its_table(shots: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    again(shots, out)
+    shutil.rmtree(out / ".batch")
+    # Results are found again, failures are tried again.
+    assert again(shots, out) == Counts(done=3, failed=1, pending=0, measured=1)
+    shutil.rmtree(out / ".batch")
+    (out / "summary.csv").write_text("name,price\n")
+    with pytest.raises(FileExistsError, match="no results of 'torchsphere batch'"):
+        again(shots, out)
+
+
+def test_a_result_that_a_power_failure_left_empty_is_measured_again(shots: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    again(shots, out)
+    for name in ("summary.json", "batch.json"):
+        (out / "b" / name).write_bytes(b"")
+    assert again(shots, out) == Counts(done=3, failed=1, pending=0, measured=1)
+    assert (out / "b" / "summary.json").stat().st_size > 0
+
+
 def test_an_error_that_nobody_foresaw_is_a_failure_with_its_trace(shots: Path, tmp_path: Path) -> None:
     def broken(*_: Any) -> None:
         raise RuntimeError("out of memory")
@@ -265,6 +286,18 @@ def test_the_table_tells_the_spin_of_an_impact_in_rad_per_s() -> None:
     assert row["spin_after_rad_s"] == pytest.approx(math.pi / 2)
     assert row["sd_spin_after_rad_s"] == pytest.approx(0.02 * math.pi)
     assert row["spin_before_rad_s"] is None
+
+
+def test_the_table_has_a_standard_deviation_for_the_radius_and_the_lengths_of_the_means() -> None:
+    mean = {"velocity_m_s": [3.0, 4.0], "sd_velocity_m_s": [0.3, 0.4], "spin_rad_s": [0.0, 2.0, 0.0]}
+    row = summary.measured({"circle": {"radius": 40.1, "sd_radius": 0.09}, "mean_motion": mean})
+    assert (row["radius_px"], row["sd_radius_px"]) == (40.1, 0.09)
+    assert row["mean_speed_m_s"] == 5
+    # The length's change is that of the components along the vector: 0.6 * 0.3 and 0.8 * 0.4.
+    assert row["sd_mean_speed_m_s"] == pytest.approx(math.hypot(0.18, 0.32))
+    # A result of an earlier version has no standard deviation of its mean.
+    assert (row["mean_spin_rad_s"], row["sd_mean_spin_rad_s"]) == (2, None)
+    assert set(row) < set(summary.COLUMNS)
 
 
 def test_the_table_keeps_the_sign_of_a_restitution() -> None:

@@ -132,6 +132,10 @@ BAD = {
     "no recording column": ("path,fps\na.npy,5\n", "expected one named 'recording'"),
     "unknown column": ("recording,speed\na.npy,5\n", "column 'speed' is no setting"),
     "column twice": ("recording,fps,fps\na.npy,5,6\n", "two columns 'fps'"),
+    "column twice in other words": ("recording,mm-per-px,mm_per_px\na.npy,5,6\n", "'mm-per-px' and 'mm_per_px'"),
+    "recordings twice": ("recording,input\na.npy,b.npy\n", "two columns of one meaning, 'recording' and 'input'"),
+    "column without a name": ("recording;fps;;\na.npy;5;;\n", "column 3 has no name; name it, or remove it"),
+    "tabs": ("recording\tfps\na.npy\t5\n", "commas or semicolons part the columns, not tabs"),
     "overwrite": ("recording,overwrite\na.npy,yes\n", "column 'overwrite'"),
     "no number": (
         "recording,fps\na.npy,5\nb.npy,fast\n",
@@ -182,6 +186,12 @@ def test_a_csv_that_cannot_be_used_is_refused_by_row_and_column(case: str, tmp_p
     assert "\n" not in str(refusal.value)
 
 
+def test_a_comma_that_parts_numbers_is_not_taken_for_a_decimal_sign() -> None:
+    with pytest.raises(ValueError, match="expected three numbers") as refusal:
+        settings.from_text("circle", "12,20")
+    assert "decimal" not in str(refusal.value)
+
+
 BAD_TOML = {
     "no toml": "fps = ",
     "no recordings": "fps = 5",
@@ -193,6 +203,8 @@ BAD_TOML = {
     "truth for a number": '[[recordings]]\nrecording = "a.npy"\nfps = true',
     "number for a name": "[[recordings]]\nrecording = 3",
     "twice": '[[recordings]]\nrecording = "a.npy"\n[[recordings]]\nrecording = "a.npy"',
+    "key twice in other words": '[[recordings]]\nrecording = "a.npy"\nmm-per-px = 3\nmm_per_px = 4',
+    "two recordings": '[[recordings]]\nrecording = "a.npy"\ninput = "b.npy"',
     "words in a list": '[[recordings]]\nrecording = "a.npy"\ncircle = ["a", 2, 3]',
 }
 

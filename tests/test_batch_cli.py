@@ -131,6 +131,23 @@ def test_every_setting_has_an_option_that_turns_it_from_its_default(
     assert seen == [{"lab_frame": True, "report": False}] * 2
 
 
+def test_a_region_to_ignore_may_be_given_several_times_as_of_track(
+    shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[Any] = []
+
+    def engine(jobs: Any, **_: Any) -> Any:
+        for job in jobs:
+            seen.append(dict(job.item.settings))
+            yield settle(job, pretended)
+
+    monkeypatch.setattr(batch_cli.processes, "run", engine)
+    regions = ["0,0 9,0 9,9", "20,20 30,20 30,30"]
+    ignored = [word for region in regions for word in ("--ignore", region)]
+    main(["batch", str(shots), "--out", str(tmp_path / "out"), "--quiet", *ignored])
+    assert seen == [{"ignore": regions}] * 2
+
+
 @pytest.mark.usefixtures("here")
 def test_a_shard_measures_its_part_and_leaves_the_rest_pending(shots: Path, tmp_path: Path) -> None:
     for k in range(6):
@@ -216,6 +233,15 @@ def test_a_missing_dask_is_named_with_its_extra(
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert main(["batch", str(shots), "--out", str(tmp_path / "out"), "--scheduler", "tcp://h:1", "--quiet"]) == 1
     assert "pip install 'torchsphere[dask]'" in capsys.readouterr().err
+
+
+def test_a_gpu_that_is_not_there_fails_the_run_and_no_recording(
+    shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("torch.cuda.device_count", lambda: 0)
+    assert main(["batch", str(shots), "--out", str(tmp_path / "out"), "--device", "cuda"]) == 1
+    assert "--device cuda was asked for, but torch finds no CUDA device" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_every_core_that_may_be_used_is(shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -154,6 +154,27 @@ def test_a_function_of_the_users_own_is_run_from_its_module(bench: Path, tmp_pat
     assert float(row["silent_percent"]) == pytest.approx(100 * 2 / (FRAMES - 1), rel=1e-4)
 
 
+def test_the_scores_of_an_earlier_run_stay_beside_those_of_a_new_one_on_the_same_images(
+    bench: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    arguments = ["benchmark", "run", str(bench), "--out", str(out), "--quiet"]
+    assert main([*arguments, "--tracker", "edge_fit"]) == 0
+    before = scores(out / "scores.csv")
+    assert main([*arguments, "--tracker", "user_tracker:still", "--suite", "plain"]) == 0
+    after = scores(out / "scores.csv")
+    assert {key: after[key] for key in before} == before
+    assert set(after) - set(before) == {("user_tracker:still", "plain")}
+    # Of other images, or of another version: they do not stand beside these.
+    text = (out / "scores.csv").read_text()
+    (out / "scores.csv").write_text(text.replace("edge_fit,plain,sha256:", "edge_fit,plain,sha256:0"))
+    assert main([*arguments, "--tracker", "user_tracker:still", "--suite", "plain"]) == 0
+    assert set(scores(out / "scores.csv")) == set(after) - {("edge_fit", "plain")}
+    (out / "scores.csv").write_text("tracker,suite\na,b\n")
+    assert main([*arguments, "--tracker", "user_tracker:still", "--suite", "plain"]) == 0
+    assert set(scores(out / "scores.csv")) == {("user_tracker:still", "plain")}
+
+
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
@@ -250,6 +271,7 @@ def test_a_suite_without_a_file_is_lost_and_one_file_can_be_scored_alone(
     capsys.readouterr()
     assert "has no suite 'mine'" in refused(capsys, "score", bench, renamed)
     assert "holds no predictions" in refused(capsys, "score", bench, made)
+    assert "elsewhere.csv: does not exist" in refused(capsys, "score", bench, tmp_path / "elsewhere.csv")
 
 
 def test_images_that_were_changed_are_not_run_on_and_not_scored(

@@ -24,3 +24,19 @@ def test_every_command_shows_an_example(capsys) -> None:
             main([command, "--help"])
         assert stop.value.code == 0
         assert "example:" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "command"),
+    [
+        (["track", "shot.tif", "--out", "result", "--diameter", "30"], "torchsphere track"),
+        (["benchmark", "run", "bench", "--out", "mine", "--overwrite"], "torchsphere benchmark run"),
+    ],
+)
+def test_an_option_that_a_command_does_not_have_leads_to_the_help_of_that_command(
+    arguments: list[str], command: str, capsys
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+    assert capsys.readouterr().err.endswith(f"; see '{command} --help'\n")

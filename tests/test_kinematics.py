@@ -178,6 +178,7 @@ def test_uneven_times_leave_a_steady_acceleration_what_it_is(falling: ts.Track) 
     [
         ({"frame_rate": 0.0, "m_per_px": 1e-3}, "frame_rate"),
         ({"frame_rate": float("nan"), "m_per_px": 1e-3}, "frame_rate"),
+        ({"frame_rate": None, "m_per_px": 1e-3}, "frame_rate = None: the recording does not tell it; give"),
         ({"frame_rate": 1.0}, "either"),
         ({"frame_rate": 1.0, "m_per_px": 1e-3, "diameter_m": 0.02}, "either"),
         ({"frame_rate": 1.0, "diameter_m": -0.02}, "diameter_m"),

@@ -4,7 +4,7 @@ import imagecodecs
 import numpy as np
 import pytest
 
-from torchsphere.masks import inside_polygon, read_ignore
+from torchsphere.masks import inside_polygon, read_ignore, without_effect
 
 
 def test_a_rectangle_covers_the_pixels_whose_centres_it_holds() -> None:
@@ -42,3 +42,15 @@ def test_a_mask_of_another_size_is_refused(tmp_path) -> None:
     (tmp_path / "mask.png").write_bytes(imagecodecs.png_encode(np.zeros((4, 4), dtype=np.uint8)))
     with pytest.raises(ValueError, match="4 x 4 px"):
         read_ignore([str(tmp_path / "mask.png")], (20, 30))
+
+
+def test_a_region_that_covers_nothing_is_told_and_one_that_covers_all_is_refused(tmp_path) -> None:
+    (tmp_path / "black.png").write_bytes(imagecodecs.png_encode(np.zeros((20, 30), dtype=np.uint8)))
+    (tmp_path / "white.png").write_bytes(imagecodecs.png_encode(np.full((20, 30), 255, dtype=np.uint8)))
+    texts = ["0,0 9,0 9,9", "100,100 110,100 110,110", str(tmp_path / "black.png"), ""]
+    told = without_effect(texts, (20, 30))
+    assert len(told) == 3
+    assert "--ignore '100,100 110,100 110,110' covers no pixel of the 30 x 20 px" in told[0]
+    assert "black.png" in told[1]
+    with pytest.raises(ValueError, match="leaves nothing of the recording"):
+        read_ignore([str(tmp_path / "white.png")], (20, 30))

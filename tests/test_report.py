@@ -283,6 +283,33 @@ def test_a_folder_that_is_no_result_or_a_damaged_one_is_refused_in_one_sentence(
         (copy / name).write_bytes(kept)
 
 
+def test_a_result_that_lacks_frames_or_a_section_is_told_from_a_whole_one(
+    measured: tuple[Path, Measurement], tmp_path: Path, capsys
+) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(measured[0], copy)
+    summary = json.loads((copy / "summary.json").read_text())
+    tables = ("track.csv", "kinematics.csv")
+    half = {name: b"".join((copy / name).read_bytes().splitlines(True)[:11]) for name in tables}
+    for name, damage, reason in (
+        ("track.csv", half["track.csv"], "track.csv has 10 of the 26 frames"),
+        ("kinematics.csv", half["kinematics.csv"], "kinematics.csv has 10 of the 26 frames"),
+        ("summary.json", b"[]", "input"),
+        ("summary.json", json.dumps(summary | {"circle": None}).encode(), "circle"),
+        ("summary.json", json.dumps(summary | {"input": {"path": "shot.tif"}}).encode(), "input"),
+    ):
+        kept = (copy / name).read_bytes()
+        (copy / name).write_bytes(damage)
+        assert main(["report", str(copy)]) == 1
+        sentence = capsys.readouterr().err.strip()
+        assert "damaged" in sentence
+        assert reason in sentence
+        assert "\n" not in sentence
+        (copy / name).write_bytes(kept)
+    assert main(["report", str(copy / "elsewhere")]) == 1
+    assert "does not exist" in capsys.readouterr().err
+
+
 def test_a_report_can_be_left_out_and_drawn_later_without_images(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "shot.tif", demo.make_shot().images[:4], photometric="minisblack")
     arguments = ["track", str(tmp_path / "shot.tif"), "--out", str(tmp_path / "out"), "--circle", "64.3,92.6,40"]

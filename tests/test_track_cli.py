@@ -74,6 +74,38 @@ def test_options_come_from_a_file_and_the_command_line_wins(tmp_path: Path, shor
     assert summary["input"]["last_frame"] == 3
 
 
+def test_a_file_of_options_may_begin_with_a_byte_order_mark_and_says_nothing_twice(
+    tmp_path: Path, short: Path, capsys
+) -> None:
+    config = tmp_path / "shot.toml"
+    config.write_text('fps = 1000\nframes = "0:4"\n', encoding="utf-8-sig")
+    arguments = ["track", str(short), "--circle", CIRCLE, "--config", str(config), "--quiet"]
+    assert main([*arguments, "--out", str(tmp_path / "result")]) == 0
+    assert json.loads((tmp_path / "result" / "summary.json").read_text())["frame_rate"] == 1000
+    config.write_text("mm-per-px = 1\nmm_per_px = 2\n")
+    assert main([*arguments, "--out", str(tmp_path / "other")]) == 1
+    assert "mm_per_px stands there twice" in capsys.readouterr().err
+
+
+def test_a_region_beside_the_image_is_told_to_be_without_effect(tmp_path: Path, short: Path) -> None:
+    out = tmp_path / "result"
+    arguments = [
+        "track",
+        str(short),
+        "--out",
+        str(out),
+        "--circle",
+        CIRCLE,
+        "--frames",
+        "0:3",
+        "--no-report",
+        "--quiet",
+    ]
+    assert main([*arguments, "--ignore", "900,900 910,900 910,910"]) == 0
+    warnings = json.loads((out / "summary.json").read_text())["warnings"]
+    assert any("--ignore '900,900 910,900 910,910' covers no pixel" in sentence for sentence in warnings)
+
+
 def test_a_camera_comes_from_the_command_line_or_a_file_and_its_focal_length_from_the_distance(
     tmp_path: Path, short: Path
 ) -> None:

@@ -99,6 +99,11 @@ def _absolute(common: Mapping[str, Any]) -> dict[str, Any]:
 def _engine(options: Mapping[str, Any], on_gpu: bool, measurement: Measure) -> Engine:
     if options["scheduler"] is not None:
         return functools.partial(dask_engine.run, address=options["scheduler"], measure=measurement)
+    if on_gpu and not torch.cuda.device_count():
+        # Each recording would fail for it, and stand as failed on a machine that has one.
+        raise ValueError(
+            "--device cuda was asked for, but torch finds no CUDA device here; leave it out to use the CPU"
+        )
     workers = options["workers"]
     if workers is None:
         # Processes that share a GPU would each hold its context and its memory.

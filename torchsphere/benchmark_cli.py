@@ -63,7 +63,7 @@ def _run(options: dict[str, Any]) -> int:
             print(f"torchsphere: {sentence}", file=sys.stderr)  # noqa: T201  (the command line)
             return 130
     rows = [row for name in names for row in standing.standings(made, out / folder_of(name), name, truth)]
-    standing.write(out / "scores.csv", rows)
+    standing.write(out / "scores.csv", [*standing.earlier(out / "scores.csv", made, rows), *rows])
     _tell(rows, quiet)
     kept, failed = sum(o.kept for o in outcomes), [o for o in outcomes if o.failed]
     _say(quiet, f"{len(outcomes) - kept} run, {kept} kept from before, {len(failed)} failed; see {out / 'scores.csv'}")
@@ -80,6 +80,8 @@ def _failures(failed: Sequence[Outcome]) -> int:
 
 def _score(options: dict[str, Any]) -> int:
     made, path, quiet = folder.read_benchmark(options["benchmark"]), options["predictions"], options["quiet"]
+    if not path.exists():
+        raise ValueError(f"{path}: does not exist; give a folder with SUITE.csv files, or one such file")
     name = options["name"] or (path.resolve().name if path.is_dir() else path.stem)
     if path.is_dir():
         truth = standing.truths(made.suite(suite) for suite in _suites(made, options["suite"]))

@@ -28,8 +28,14 @@ class _Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; the exit code is 0 only where the result was written."""
-    options = vars(_parser().parse_args(arguments))
+    parser = _parser()
+    known, unknown = parser.parse_known_args(arguments)
+    options = vars(known)
     name = options.pop("command")
+    if unknown:
+        # argparse itself would send the user to the list of commands.
+        parser.prog += f" {name}"
+        parser.error(f"unrecognized arguments: {' '.join(unknown)}")
     try:
         with _ending_in_order():
             with _loading():

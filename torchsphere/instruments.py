@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
-from torchsphere.delay import FEWEST, coarse, fit_delay, sd_by_raw_noise, smoothing
+from torchsphere.delay import FEWEST, best_fit, coarse, fit_delay, sd_by_raw_noise, smoothing
 from torchsphere.kinematics import Kinematics
 
 Array = NDArray[np.float64]
@@ -75,31 +75,50 @@ class Alignment:
     rms_difference_m_s2: float
 
 
-def read_signals(path: Path, *, time: str = "time_s", time_unit_s: float = 1.0) -> Signals:
+def read_signals(path: str | Path, *, time: str = "time_s", time_unit_s: float = 1.0) -> Signals:
     """Read a CSV file with a line of names; all columns of numbers, with the times in ``time_unit_s``.
 
     Raises
     ------
     ValueError
-        If there is no such column of times, a value is no number, or the times do not rise evenly.
+        If there is no such column of times, two columns have one name, a value is no number, or the times do not rise
+        evenly.
     OSError
         If the file cannot be read.
     """
-    with path.open(newline="", encoding="utf-8-sig") as stream:
-        rows = [row for row in csv.reader(stream) if row and not row[0].startswith("#")]
-    if not rows or time not in (names := [name.strip() for name in rows[0]]):
-        raise ValueError(f"{path}: expected a first line of names with a column {time!r}; say which holds the times")
     try:
-        table = np.array([[float(value) for value in row] for row in rows[1:]])
-    except ValueError as error:
+        with Path(path).open(newline="", encoding="utf-8-sig") as stream:
+            rows = [row for row in csv.reader(stream) if row and not row[0].startswith("#")]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(f"{path}: is no CSV file in UTF-8 ({error}); save it as one") from None
+    names = [name.strip() for name in rows[0]] if rows else []
+    if time not in names:
         raise ValueError(
-            f"{path}: expected numbers below the names ({error}); use points, and commas between"
-        ) from None
-    if table.ndim != 2 or table.shape[1] != len(names) or len(table) < FEWEST:
-        raise ValueError(f"{path}: expected {FEWEST} or more rows of {len(names)} numbers each, got {table.shape}")
+            f"{path}: expected a first line of names, parted by commas, with a column {time!r}, got "
+            f"{', '.join(map(repr, names)) or 'nothing'}; say with `time` which holds the times"
+        )
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ValueError(f"{path}: has two columns {twice!r}; give each a name of its own")
+    table = np.array([_numbers(path, number, row, names) for number, row in enumerate(rows[1:], start=1)])
+    if len(table) < FEWEST:
+        raise ValueError(f"{path}: expected {FEWEST} or more rows of numbers below the names, got {len(table)}")
     times = table[:, names.index(time)] * time_unit_s
     _interval(times, str(path))
     return Signals(times, {name: column for name, column in zip(names, table.T, strict=True) if name != time})
+
+
+def _numbers(path: str | Path, number: int, row: list[str], names: list[str]) -> list[float]:
+    """The values of a row, the ``number``-th below the names."""
+    where = f"{path}, row {number} below the names"
+    if len(row) != len(names):
+        raise ValueError(
+            f"{where}: expected {len(names)} numbers, parted by commas, with points, got {len(row)} values"
+        )
+    try:
+        return [float(value) for value in row]
+    except ValueError:
+        raise ValueError(f"{where}: expected numbers with points, parted by commas, got {', '.join(row)!r}") from None
 
 
 def light_gate(
@@ -110,8 +129,8 @@ def light_gate(
     Raises
     ------
     ValueError
-        If a signal is too short, not finite or constant, the times are not even, the spacing is not positive, or the
-        second signal does not come after the first.
+        If a signal is too short, not finite or constant, the times are not even, the spacing is not positive, the
+        signals are not of one shape, or the second does not come after the first.
     """
     if not (math.isfinite(spacing_m) and spacing_m > 0):
         raise ValueError(f"spacing_m = {spacing_m!r}: expected a finite, positive length in m")
@@ -120,11 +139,18 @@ def light_gate(
     interval = _interval(time_s, "time_s")
     first, second = _checked(first, len(time_s), "first"), _checked(second, len(time_s), "second")
     width = smoothing(first, second)
-    fit = fit_delay(gaussian_filter1d(first, width), gaussian_filter1d(second, width), coarse(first, second))
+    smooth = gaussian_filter1d(first, width), gaussian_filter1d(second, width)
+    # By their slopes, too: of barriers that stay dark, or of one that is cut, many delays put dark over dark.
+    starts = coarse(first, second), coarse(np.gradient(smooth[0]), np.gradient(smooth[1]))
+    fit = best_fit(*smooth, starts)
     fit = dataclasses.replace(fit, sd=sd_by_raw_noise(first, second, fit, width))
     delay, sd = fit.delay * interval, fit.sd * interval
     if delay <= 0:
         raise ValueError(f"light_gate: the second barrier comes {-delay:g} s before the first; swap the signals")
+    if delay < 2 * sd:
+        raise ValueError(
+            f"light_gate: a delay of {delay:g} s with {sd:g} s of uncertainty gives no velocity; are both one?"
+        )
     velocity = spacing_m / delay
     spread = velocity * math.hypot(sd / delay, sd_spacing_m / spacing_m)
     return GateVelocity(velocity, spread, delay, sd, fit.correlation)
@@ -145,8 +171,8 @@ def align(motion: Kinematics, time_s: Array, sensor_m_s2: Array, *, direction: A
     Raises
     ------
     ValueError
-        If a signal is too short, not finite or constant, the times are not even, or the sensor's rate is below the
-        camera's.
+        If a signal is too short, not finite or constant, the times are not even, the sensor's rate is below the
+        camera's, or the sensor does not show what the track does.
     """
     interval = _interval(time_s, "time_s")
     signal = _checked(sensor_m_s2, len(time_s), "sensor_m_s2")
@@ -194,6 +220,8 @@ def align(motion: Kinematics, time_s: Array, sensor_m_s2: Array, *, direction: A
 def _interval(times: Array, name: str) -> float:
     """The even interval of times (n,)."""
     steps = np.diff(np.asarray(times, dtype=np.float64))
+    if steps.ndim != 1:
+        raise ValueError(f"{name}: expected times (n,), got an array {np.shape(times)}")
     if len(steps) < FEWEST - 1 or not np.isfinite(steps).all() or (steps <= 0).any():
         raise ValueError(f"{name}: expected {FEWEST} or more finite, rising times")
     middle = float(np.median(steps))
@@ -204,8 +232,14 @@ def _interval(times: Array, name: str) -> float:
 
 def _checked(signal: Array, count: int, name: str) -> Array:
     values = np.asarray(signal, dtype=np.float64)
-    if values.shape != (count,) or not np.isfinite(values).all():
-        raise ValueError(f"{name}: expected {count} finite numbers, one per time, got an array {values.shape}")
+    if values.shape != (count,):
+        raise ValueError(f"{name}: expected {count} numbers, one per time, got an array {values.shape}")
+    wrong = np.flatnonzero(~np.isfinite(values))
+    if len(wrong):
+        raise ValueError(
+            f"{name}: expected finite numbers, got {values[wrong[0]]:g} at {wrong[0]} and {len(wrong)} such in all; "
+            "give a part without them, or fill them in"
+        )
     if float(np.ptp(values)) == 0:
         raise ValueError(
             f"{name}: the signal is constant, so that it has no time of its own; give the one of the event"

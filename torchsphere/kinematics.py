@@ -132,12 +132,15 @@ def kinematics_of_many(
 
 def _scale(
     track: Track,
-    frame_rate: float,
+    frame_rate: float | None,
     diameter_m: float | None,
     m_per_px: float | None,
     relative_sd: float,
     mass_kg: float | None,
 ) -> camera.Scale:
+    if frame_rate is None:
+        # What `Recording.frame_rate` is where the file does not tell it.
+        raise ValueError("frame_rate = None: the recording does not tell it; give the camera's, frames per second")
     for name, value in (("frame_rate", frame_rate), ("mass_kg", mass_kg)):
         if value is not None and not (math.isfinite(value) and value > 0):
             raise ValueError(f"{name} = {value!r}: expected a finite, positive number")

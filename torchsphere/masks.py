@@ -27,21 +27,41 @@ def read_ignore(texts: Sequence[str], shape: tuple[int, ...]) -> NDArray[np.bool
     Raises
     ------
     ValueError, OSError
-        If a text is neither, or the image has another size.
+        If a text is neither, the image has another size, or nothing of the recording is left.
     """
     mask = np.zeros(shape, dtype=bool)
     for text in texts:
-        if re.search(r"\.(png|tiff?)$", text, re.IGNORECASE):
-            image = read_image(Path(text))
-            if image.shape != tuple(shape):
-                raise ValueError(
-                    f"ignore {text}: has {image.shape[1]} x {image.shape[0]} px, "
-                    f"the recording {shape[1]} x {shape[0]} px; save the mask at the size of the recording"
-                )
-            mask |= image > 0
-        else:
-            for part in filter(str.strip, text.split(";")):
-                mask |= inside_polygon(_corners(part), shape)
+        mask |= _region(text, shape)
+    if mask.all():
+        raise ValueError(
+            f"ignore {', '.join(texts)}: leaves nothing of the recording's images; what is not black in a mask, or "
+            "within a polygon, is not used"
+        )
+    return mask
+
+
+def without_effect(texts: Sequence[str], shape: tuple[int, ...]) -> tuple[str, ...]:
+    """Sentences on those of the texts that leave out no pixel of the images (h, w)."""
+    return tuple(
+        f"Given and without effect: --ignore {text!r} covers no pixel of the {shape[1]} x {shape[0]} px."
+        for text in texts
+        if not _region(text, shape).any()
+    )
+
+
+def _region(text: str, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """The mask (h, w) of one text."""
+    mask = np.zeros(shape, dtype=bool)
+    if re.search(r"\.(png|tiff?)$", text, re.IGNORECASE):
+        image = read_image(Path(text))
+        if image.shape != tuple(shape):
+            raise ValueError(
+                f"ignore {text}: has {image.shape[1]} x {image.shape[0]} px, "
+                f"the recording {shape[1]} x {shape[0]} px; save the mask at the size of the recording"
+            )
+        return image > 0
+    for part in filter(str.strip, text.split(";")):
+        mask |= inside_polygon(_corners(part), shape)
     return mask
 
 

@@ -24,7 +24,7 @@ from torchsphere.impact import impact
 from torchsphere.inertia import ball
 from torchsphere.joint import ALONE, Solver, together
 from torchsphere.kinematics import Kinematics, kinematics
-from torchsphere.masks import read_ignore
+from torchsphere.masks import read_ignore, without_effect
 from torchsphere.part import frames, part
 from torchsphere.recording import Recording, open_recording
 from torchsphere.report import draw, kept, overlay, paraview, sampled
@@ -91,6 +91,7 @@ def measure(
                 *cautions(request, recording, tracked, frame_rate, start),
                 *missing,
                 *unused(request, motion, found, has_rate=frame_rate is not None),
+                *without_effect(request.ignore, recording.shape[1:]),
             )
             seconds = time.perf_counter() - began
             done = Measurement(recording, tracked, motion, found, start, warnings, seconds, extra or {}, name)

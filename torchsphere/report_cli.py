@@ -29,7 +29,7 @@ def run(options: dict[str, Any]) -> int:
         try:
             _draw(result, options)
         except (ValueError, OSError) as error:
-            wrong.append(f"{result}: {error}")
+            wrong.append(str(error) if str(error).startswith(str(result)) else f"{result}: {error}")
     index.write_index(folder, rows)
     _say(quiet, f"report  {folder / 'index.html'}")
     if wrong:

@@ -21,7 +21,7 @@ from torchsphere.results import status_counts
 def _configured(path: Path) -> dict[str, Any]:
     """Options from a TOML file, by the names of the command line."""
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: is no TOML file ({error}); see the README for one") from error
     known = {f.name for f in dataclasses.fields(Request)} - {"input", "out"}
@@ -31,6 +31,8 @@ def _configured(path: Path) -> dict[str, Any]:
         if name not in known:
             hint = "; write report = false" if name == "no_report" else ""
             raise ValueError(f"{path}: unknown option {key!r}{hint}; expected one of {', '.join(sorted(known))}")
+        if name in options:
+            raise ValueError(f"{path}: {name} stands there twice, with '-' and with '_'; leave one out")
         options[name] = _typed(path, name, value)
     return options
 

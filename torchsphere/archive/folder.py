@@ -26,10 +26,19 @@ def prepare(out: Path) -> Claims:
     """
     if out.exists() and not out.is_dir():
         raise FileExistsError(f"{out} is a file; give the name of a folder for the results")
-    if out.is_dir() and not (out / STATE).is_dir() and any(out.iterdir()):
+    if out.is_dir() and not (out / STATE).is_dir() and any(out.iterdir()) and not _has_table(out):
         raise FileExistsError(f"{out} holds files that are no results of 'torchsphere batch'; give another folder")
     (out / STATE / "records").mkdir(parents=True, exist_ok=True)
     return claims_of(out)
+
+
+def _has_table(out: Path) -> bool:
+    """Whether the folder has an archive's table: a copy may have left out what is hidden, its state among it."""
+    try:
+        with (out / SUMMARIES[0]).open(encoding="utf-8") as stream:
+            return stream.readline().startswith("recording,state,")
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 def claims_of(out: Path) -> Claims:

@@ -110,15 +110,22 @@ def _csv_rows(source: Path) -> Iterator[tuple[str, dict[str, str]]]:
 
 def _require_columns(source: Path, names: list[str]) -> None:
     if not set(names) & set(RECORDING):
-        raise ValueError(f"{source}: has the columns {', '.join(names) or 'none'}; expected one named 'recording'")
+        tabs = "; commas or semicolons part the columns, not tabs" if any("\t" in name for name in names) else ""
+        raise ValueError(
+            f"{source}: has the columns {', '.join(names) or 'none'}; expected one named 'recording'{tabs}"
+        )
+    if "" in names:
+        raise ValueError(f"{source}: column {names.index('') + 1} has no name; name it, or remove it")
+    first: dict[str, str] = {}
     for name in names:
-        if names.count(name) > 1:
-            raise ValueError(f"{source}: has two columns {name!r}; leave one out")
-        if name not in (*RECORDING, RESULT):
-            try:
-                settings.name_of(name)
-            except ValueError as error:
-                raise ValueError(f"{source}: column {error}, or 'recording', or 'result'") from error
+        try:
+            meaning = RECORDING[0] if name in RECORDING else name if name == RESULT else settings.name_of(name)
+        except ValueError as error:
+            raise ValueError(f"{source}: column {error}, or 'recording', or 'result'") from error
+        if meaning in first:
+            both = repr(name) if first[meaning] == name else f"of one meaning, {first[meaning]!r} and {name!r}"
+            raise ValueError(f"{source}: has two columns {both}; leave one out")
+        first[meaning] = name
 
 
 def _from_rows(
@@ -151,6 +158,8 @@ def _from_toml(source: Path, common: Mapping[str, Any]) -> list[tuple[str, Item]
     for number, row in enumerate(rows, start=1):
         where = f"{source}, recording {number}"
         names = {key: row.pop(key) for key in (*RECORDING, RESULT) if key in row}
+        if all(key in names for key in RECORDING):
+            raise ValueError(f"{where}: has both {' and '.join(map(repr, RECORDING))}; leave one out")
         if not all(isinstance(value, str) for value in names.values()):
             raise ValueError(f"{where}: {', '.join(names)}: expected text")
         placed.append((where, _item(source, where, names, settings.table(where, row), common)))

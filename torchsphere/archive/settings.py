@@ -85,7 +85,9 @@ def from_text(name: str, text: str) -> Any:
     except (ValueError, KeyError):
         value = None
     if value is None or (name in CHOICES and value not in CHOICES[name]):
-        point = "; the decimal sign is a point" if "float" in NAMES[name] and "," in text else ""
+        # Between several numbers a comma may as well part them.
+        several = "tuple[float" in NAMES[name] and re.search(r"[;\s]", text.strip()) is not None
+        point = "; the decimal sign is a point" if "," in text and (several or NAMES[name] == "float") else ""
         raise ValueError(f"{name} = {text.strip()!r}: expected {expected}{point}")
     return value
 
@@ -128,6 +130,8 @@ def table(where: str, values: Mapping[str, Any]) -> dict[str, Any]:
     for key, value in values.items():
         try:
             name = name_of(key)
+            if name in found:
+                raise ValueError(f"{name} stands there twice, with '-' and with '_'; leave one out")
             found[name] = from_toml(name, value)
         except ValueError as error:
             raise ValueError(f"{where}: {error}") from error

@@ -26,12 +26,15 @@ IMPACT = {
     "restitution": ("restitution_normal", 1.0),
 }
 
+#: Columns of every measured recording that have a standard deviation.
+MEANS = ("radius_px", "mean_speed_m_s", "mean_spin_rad_s")
+
 #: Columns and their types; what is not known is empty in the CSV and null in the Parquet file.
 COLUMNS: dict[str, pa.DataType] = {
     **dict.fromkeys(("recording", "state", "reason"), pa.string()),
     **dict.fromkeys(("frames", "ok"), pa.int64()),
-    **dict.fromkeys(("frame_rate", "radius_px", "mean_speed_m_s", "mean_spin_rad_s"), pa.float64()),
-    **{name: pa.float64() for column in IMPACT for name in (column, f"sd_{column}")},
+    "frame_rate": pa.float64(),
+    **{name: pa.float64() for column in (*MEANS, *IMPACT) for name in (column, f"sd_{column}")},
     "warnings": pa.int64(),
     "seconds": pa.float64(),
     **dict.fromkeys(("finished", "result"), pa.string()),
@@ -41,14 +44,19 @@ COLUMNS: dict[str, pa.DataType] = {
 def measured(table: Mapping[str, Any]) -> dict[str, Any]:
     """The columns that come from a recording's ``summary.json``."""
     counts = table.get("frames_per_status") or {}
-    mean, impact = table.get("mean_motion") or {}, table.get("impact") or {}
+    circle, mean, impact = (table.get(name) or {} for name in ("circle", "mean_motion", "impact"))
+    speed = _length(mean.get("velocity_m_s"), mean.get("sd_velocity_m_s"))
+    spin = _length(mean.get("spin_rad_s"), mean.get("sd_spin_rad_s"))
     row = {
         "frames": sum(counts.values()),
         "ok": counts.get("ok", 0),
         "frame_rate": table.get("frame_rate"),
-        "radius_px": (table.get("circle") or {}).get("radius"),
-        "mean_speed_m_s": _length(mean.get("velocity_m_s"))[0],
-        "mean_spin_rad_s": _length(mean.get("spin_rad_s"))[0],
+        "radius_px": circle.get("radius"),
+        "sd_radius_px": circle.get("sd_radius"),
+        "mean_speed_m_s": speed[0],
+        "sd_mean_speed_m_s": speed[1],
+        "mean_spin_rad_s": spin[0],
+        "sd_mean_spin_rad_s": spin[1],
         "warnings": len(table.get("warnings") or ()),
         "seconds": table.get("seconds"),
     }

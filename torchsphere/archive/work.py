@@ -109,8 +109,16 @@ def is_settled(record: Record, job: Job) -> bool:
     if not records.is_current(record, job.key):
         return False
     if record.state == DONE:
-        return (job.folder / "summary.json").is_file()
+        return _has_summary(job.folder)
     return not job.retry_failed or record.run == job.run
+
+
+def _has_summary(folder: Path) -> bool:
+    try:
+        # After a power failure a file may be there and empty.
+        return (folder / "summary.json").stat().st_size > 0
+    except OSError:
+        return False
 
 
 def _known(job: Job) -> Record | None:

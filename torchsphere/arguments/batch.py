@@ -45,6 +45,9 @@ def add(commands: Any) -> None:
             common.add_argument(f"--no-{option[2:]}", action="store_false", default=None, dest=name)
         elif kind == "bool":
             common.add_argument(option, action="store_true", default=None)
+        elif kind == "Sequence[str]":
+            # Given twice, both hold, as of 'track'.
+            common.add_argument(option, action="extend", type=_setting(name), metavar=name.upper())
         else:
             common.add_argument(option, type=_setting(name), metavar=name.split("_")[-1].upper())
 

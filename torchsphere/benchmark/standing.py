@@ -158,6 +158,19 @@ def write(path: Path, rows: Sequence[Standing]) -> None:
             writer.writerow((row.tracker, row.suite, row.checksum, row.rotation, *cells, row.notes))
 
 
+def earlier(path: Path, benchmark: Benchmark, rows: Sequence[Standing]) -> list[Standing]:
+    """Scores in the file at ``path`` that stand beside new ``rows``: of other trackers or suites, of these images."""
+    if not path.is_file():
+        return []
+    images, new = {suite.name: suite.checksum for suite in benchmark}, {(row.tracker, row.suite) for row in rows}
+    try:
+        known = read(path)
+    except ValueError:
+        # Of another version, or cut: the predictions are there to be scored again.
+        return []
+    return [row for row in known if images.get(row.suite) == row.checksum and (row.tracker, row.suite) not in new]
+
+
 def read(path: Path) -> list[Standing]:
     """Read what `write` wrote.
 

@@ -16,6 +16,13 @@ from torchsphere.report.kept import Sampled, load
 
 Array = NDArray[np.float64]
 
+#: What a summary tells of every result, and what each of these tells at least.
+_SECTIONS = {
+    "input": ("path", "kind", "frames", "first_frame", "last_frame", "width_px", "height_px"),
+    "circle": ("radius", "frame"),
+    "settings": (),
+}
+
 #: Status of frames whose translation was measured, and of those whose rotation was, too.
 TRANSLATION_KNOWN, ALL_KNOWN = ("ok", "weak_texture"), ("ok",)
 
@@ -143,6 +150,8 @@ def read(path: Path) -> ResultFolder:
     ValueError
         If it is no result folder of ``torchsphere track``, or one that is damaged.
     """
+    if not path.exists():
+        raise ValueError(f"{path}: does not exist; give the result folder that --out named")
     for name in ("track.csv", "summary.json"):
         if not (path / name).is_file():
             raise ValueError(
@@ -153,6 +162,7 @@ def read(path: Path) -> ResultFolder:
         summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
         table = _columns(path / "track.csv", ("status",))
         motion = _motion(path / "kinematics.csv") if (path / "kinematics.csv").is_file() else None
+        _require_whole(summary, table, motion)
         increments = ("dx_px", "dy_px", "wx_rad", "wy_rad", "wz_rad")
         return ResultFolder(
             path=path,
@@ -169,8 +179,28 @@ def read(path: Path) -> ResultFolder:
             motion=motion,
             sampled=load(path / "frames.npz") if (path / "frames.npz").is_file() else None,
         )
-    except (json.JSONDecodeError, UnicodeDecodeError, pa.ArrowInvalid, KeyError) as error:
+    except (_DamageError, json.JSONDecodeError, UnicodeDecodeError, pa.ArrowInvalid) as error:
         raise ValueError(f"{path}: the result is damaged ({error}); track the recording again") from error
+    except KeyError as error:
+        raise ValueError(f"{path}: the result is damaged (there is no {error}); track the recording again") from error
+
+
+class _DamageError(Exception):
+    """What is wrong with a result, in a few words."""
+
+
+def _require_whole(summary: Any, table: dict[str, NDArray[Any]], motion: SIMotion | None) -> None:
+    """Raise _DamageError where the summary lacks a section, or a table, as one cut between two lines, lacks frames."""
+    sections = summary if isinstance(summary, dict) else {}
+    for name, parts in _SECTIONS.items():
+        section = sections.get(name)
+        if not isinstance(section, dict) or any(section.get(part) is None for part in parts):
+            raise _DamageError(f"summary.json does not tell {', '.join(parts) or 'anything'} of its {name}")
+    count = summary["input"]["last_frame"] - summary["input"]["first_frame"] + 1
+    lengths = {"track.csv": len(table["frame"])} | ({} if motion is None else {"kinematics.csv": len(motion.time_s)})
+    for name, length in lengths.items():
+        if length != count:
+            raise _DamageError(f"{name} has {length} of the {count} frames")
 
 
 def _columns(path: Path, texts: tuple[str, ...] = ()) -> dict[str, NDArray[Any]]:
