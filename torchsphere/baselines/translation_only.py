@@ -10,6 +10,7 @@ import numpy as np
 
 from torchsphere.baselines.baseline import Baseline, Progress
 from torchsphere.baselines.stepwise import opened, result
+from torchsphere.interpolate import PRE_BLUR_PX
 from torchsphere.track import track
 
 
@@ -36,10 +37,12 @@ def translation_only(images: Any, circle: Any, *, roi: float = 1.0, progress: Pr
 def correlated(images: Any, circle: Any, model: str, roi: float, progress: Progress | None) -> Baseline:
     """Pairs of successive images correlated by torchsphere with another motion model, and nothing else of it.
 
-    No map of the ball: it holds rotations that these models do not have.
+    No map of the ball: it holds rotations that these models do not have. A region up to the outline would by itself be
+    blurred by 0.7 px only. With the full px these models are better: on the benchmark's 18 suites the printed modes'
+    mean errors of a step are 0.05 px and 0.2 deg instead of 0.11 and 0.3, most of it where the ball turns fast.
     """
     began = time.perf_counter()
     _, first = opened(images, circle)
-    found = track(images, first, model=model, roi=roi, sphere_map=False, progress=progress)
+    found = track(images, first, model=model, roi=roi, pre_blur=PRE_BLUR_PX, sphere_map=False, progress=progress)
     measured = found.position, found.increment, found.status
     return result(began, measured, "torchsphere.track", first, **found.settings)
