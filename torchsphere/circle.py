@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from torchsphere import disc, limb, outline
+from torchsphere.inputs import check_finite_around
 from torchsphere.perspective import Camera
 from torchsphere.setting import SettingError
 from torchsphere.silhouette import Images, saturated, silhouettes, still_background
@@ -127,6 +128,7 @@ def refine_circle(image: Tensor, circle: Circle, window: float | None = None, ca
     """
     guess = torch.tensor([[circle.x, circle.y, circle.radius]], dtype=torch.float64)
     reach = max(2.0, 0.06 * circle.radius) if window is None else window
+    check_finite_around(image, circle.x, circle.y, circle.radius + outline.OUTWARDS * reach)
     plain = outline.is_plain(image, guess[0])
     fit = outline.refine(image[None], guess, window=reach, plain=plain, patterned=not plain, camera=camera)
     level = image.median() if float(fit.support[0]) == 0 else _level_around(image, fit.circle[0])

@@ -40,6 +40,16 @@ def first_circle(
     return circles.refine_circle(first, circle, camera=options.camera) if refine else circle, options
 
 
+def shows_ball(source: Source, circle: Circle, options: Options) -> bool:
+    """Whether the image that a circle was given for shows an outline near it."""
+    image = source.images(circle.frame, circle.frame + 1)[0]
+    try:
+        circles.refine_circle(image, circle, camera=options.camera)
+    except ValueError:
+        return False
+    return True
+
+
 def _as_sphere(seen: Circle, source: Source, options: Options) -> tuple[Circle, Options]:
     """The projected centre and the radius at its depth of a ball with that outline, and the camera that tells them."""
     if options.camera is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,11 @@ def as_images(images: Any, name: str = "images") -> Tensor:
     try:
         tensor = images if isinstance(images, Tensor) else torch.from_numpy(_native(np.asarray(images)))
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name}: expected an array (n, h, w) of grey levels, got {type(images).__name__}") from error
+        is_name = isinstance(images, (str, Path))
+        hint = f"; open the file with torchsphere.open_recording({str(images)!r}) first" if is_name else ""
+        raise ValueError(
+            f"{name}: expected an array (n, h, w) of grey levels, got {type(images).__name__}{hint}"
+        ) from error
     if tensor.is_complex() or tensor.ndim not in (2, 3) or 0 in tensor.shape:
         raise ValueError(f"{name}: expected real grey levels (n, h, w) or (h, w), got shape {tuple(tensor.shape)}")
     tensor = tensor if tensor.ndim == 3 else tensor[None]
@@ -87,3 +92,13 @@ def check_circle(circles: Tensor, shape: tuple[int, ...] | torch.Size) -> None:
             raise ValueError(f"circle of radius {radius:g} px is larger than the image of {width} x {height} px")
     if len(circles) and bool((circles[:, 2] != circles[0, 2]).any()):
         raise ValueError("circle: all pairs of one call must have the same radius")
+
+
+def check_finite_around(image: Tensor, x: float, y: float, reach: float) -> None:
+    """Raise ValueError where a pixel of ``image`` (h, w) within ``reach`` of the circle's centre, px, is no number."""
+    left, right, top, bottom = (max(math.floor(v), 0) for v in (x - reach, x + reach, y - reach, y + reach))
+    if not bool(image[top : bottom + 1, left : right + 1].isfinite().all()):
+        raise ValueError(
+            f"the image holds values near the circle at ({x:g}, {y:g}) that are not finite, so that no outline can be "
+            "fitted to it: replace them, or track with the circle as given"
+        )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torchsphere import drift, parallel
 from torchsphere.circle import Circle
 from torchsphere.drift import Motion
-from torchsphere.first_circle import first_circle
+from torchsphere.first_circle import first_circle, shows_ball
 from torchsphere.follow import Follower, Progress
 from torchsphere.inputs import as_mask
 from torchsphere.joint import ALONE, Solver, together
@@ -157,6 +157,9 @@ def track(
     def followed(first: Circle) -> tuple[Record, Motion]:
         follower = Follower(source, first, mask, settings, progress=progress, in_place=in_place, solver=solver)
         record = follower.run(source.count)
+        if circle is not None and not record.is_confirmed(first.frame) and not shows_ball(source, first, settings):
+            # A circle around nothing: neither its own image nor any other speaks for it.
+            record = record.without(first.frame)
         if settings.model == "translation":
             record = record.without_rotation()
         return record, drift.bound(source, record, first, mask, asked, settings, progress=progress)
