@@ -110,9 +110,12 @@ def find(images: Images, count: int, ignore: Tensor | None = None) -> Circle:
         found = _find_in(images, frame, count, background, ignore)
         if found is not None:
             return found
+    left_out = 0.0 if ignore is None else 100 * float(ignore.double().mean())
+    masked = f"; or correct `ignore`, which leaves out {left_out:.0f} % of the image: a mask is black where it is used"
     raise SettingError(
         f"no ball was found in {count} frames: expected a round object that differs from its background, wholly in "
         "view in at least one frame; give its outline with `circle` as x, y, radius in px of the first frame to track"
+        f"{masked if left_out else ''}"
     )
 
 
