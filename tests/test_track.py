@@ -200,6 +200,8 @@ WAYS_IN = {
     "uint8 tensor": lambda images, folder: images.to(torch.uint8),
     "list of arrays": lambda images, folder: list(images.numpy()),
     "read-only array": lambda images, folder: np.lib.stride_tricks.as_strided(images.numpy(), writeable=False),
+    "array backwards in memory": lambda images, folder: images.flip(0).numpy()[::-1],
+    "tensor with a gradient": lambda images, folder: images.clone().requires_grad_(),
     "recording": lambda images, folder: save_npy(folder, images.numpy().astype(np.uint8)),
 }
 
@@ -366,6 +368,24 @@ BAD = {
     "a mask of another shape": ({"circle": (40, 40, 20), "ignore": np.zeros((3, 3))}, "ignore"),
     "an unknown model": ({"circle": (40, 40, 20), "model": "affine"}, "unknown model"),
     "an unknown device": ({"circle": (40, 40, 20), "device": "abacus"}, "abacus"),
+    "a mask that leaves nothing": ({"circle": (40, 40, 20), "ignore": np.ones((80, 90))}, "leaves nothing"),
+    "a mask without numbers": ({"circle": (40, 40, 20), "ignore": "mask.png"}, r"ignore: expected an array \(h, w\)"),
+    "a mask of NaN": ({"circle": (40, 40, 20), "ignore": np.full((80, 90), np.nan)}, "ignore: holds NaN"),
+    "complex images": ({"recording": np.zeros((3, 80, 90), complex)}, "got ndarray of type complex128"),
+    "a circle of text": ({"circle": Circle("left", 40, 20)}, "three numbers"),  # type: ignore[arg-type]
+    "a circle in half a frame": ({"circle": Circle(40, 40, 20, frame=0.5)}, "frame 0.5"),  # type: ignore[arg-type]
+    "a device that is not supported": ({"circle": (40, 40, 20), "device": "meta"}, "'meta': expected one of cpu, cuda"),
+    "a camera that is none": ({"circle": (40, 40, 20), "model": "pinhole", "camera": 500}, "torchsphere.Camera"),
+    "a map in words": (
+        {"circle": (40, 40, 20), "sphere_map": "off"},
+        "sphere_map = 'off': expected True, False or None",
+    ),
+    "a switch in words": ({"circle": (40, 40, 20), "robust": "no"}, "robust = 'no': expected True or False"),
+    "refined in words": ({"circle": (40, 40, 20), "refine": "no"}, "refine = 'no': expected True or False"),
+    "a truth for a number": (
+        {"circle": (40, 40, 20), "max_iterations": True},
+        "max_iterations = True: expected a whole",
+    ),
     "half precision": ({"circle": (40, 40, 20), "dtype": torch.float16}, "float32"),
 }
 

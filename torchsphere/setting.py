@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any
 
 #: Radius of the region of interest over the ball's.
@@ -54,6 +54,17 @@ def require_within(name: str, value: Any, limits: tuple[float, float]) -> None:
     low, high = limits
     if value is not None and not (isinstance(value, Real) and low <= float(value) <= high):
         raise SettingError(f"`{name}` = {value!r}: expected a number from {low:g} to {high:g}")
+
+
+def require_switch(name: str, value: Any, allowed: str = "True or False") -> None:
+    """Raise SettingError where the value of something that is on or off is a text: "off", too, would count as true."""
+    if isinstance(value, str):
+        raise SettingError(f"`{name}` = {value!r}: expected {allowed}")
+
+
+def is_whole(value: Any) -> bool:
+    """Whether the value is a whole number, Python's or NumPy's."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
 
 
 def require_window(window: int, order: int) -> None:

@@ -21,6 +21,7 @@ from torchsphere.inputs import as_mask
 from torchsphere.joint import ALONE, Solver, together
 from torchsphere.options import Options, suited
 from torchsphere.record import Record
+from torchsphere.setting import require_switch
 from torchsphere.source import Source
 from torchsphere.steady import fineness, sd_steady
 
@@ -143,6 +144,9 @@ def track(
         If there are fewer than two images, no ball is found, the circle does not fit the image, or an option is out
         of its range.
     """
+    for name, switch in (("refine", refine), ("in_place", in_place)):
+        require_switch(name, switch)
+    require_switch("sphere_map", sphere_map, "True, False or None")
     settings = Options(**options)
     source = Source.open(recording, device, dtype)
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
