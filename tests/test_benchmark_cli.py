@@ -203,6 +203,61 @@ def test_a_tracker_that_fails_on_one_suite_is_lost_there_and_scored_on_the_other
     assert float(found[name, "plain"]["lost_percent"]) < 100
 
 
+def test_a_tracker_that_ends_the_program_has_failed_and_the_others_are_run(
+    bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["--tracker", "user_tracker:exits", "--tracker", "user_tracker:still"]
+    assert main(["benchmark", "run", str(bench), *asked, "--out", str(tmp_path), "--quiet"]) == SOME_FAILED
+    said = capsys.readouterr().err
+    assert "user_tracker:exits failed on fast-flight: RuntimeError: user_tracker:exits called for the program" in said
+    assert "(SystemExit: 0)" in said
+    assert "(SystemExit: no licence)" in said
+    found = scores(tmp_path / "scores.csv")
+    assert float(found["user_tracker:exits", "plain"]["lost_percent"]) == 100
+    assert float(found["user_tracker:still", "plain"]["lost_percent"]) < 100
+
+
+def test_a_request_to_end_is_no_failure_of_the_tracker(bench: Path, tmp_path: Path) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["benchmark", "run", str(bench), "--tracker", "user_tracker:ended", "--out", str(tmp_path), "--quiet"])
+    assert stop.value.code == 143
+    assert not (tmp_path / "scores.csv").exists()
+
+
+@pytest.mark.parametrize("text", ["import sys\nsys.exit('no arguments')\n", "def tracker(:\n", "1 / 0\n"])
+def test_a_module_that_cannot_be_imported_is_refused_with_its_reason(
+    text: str, bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "unfinished_tracker.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    sentence = refused(capsys, "run", bench, "--tracker", "unfinished_tracker:tracker", "--out", tmp_path / "out")
+    assert "importing unfinished_tracker failed (" in sentence
+
+
+def test_scores_are_written_whole_or_not_at_all(
+    bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = ["benchmark", "run", str(bench), "--tracker", "user_tracker:still", "--out", str(tmp_path), "--quiet"]
+    assert main(arguments) == 0
+    before = (tmp_path / "scores.csv").read_text()
+
+    class Full:
+        """A disk that is full after the head of the table."""
+
+        def __init__(self, *_: object, **__: object) -> None:
+            pass
+
+        def writerow(self, row: object) -> None:
+            if not isinstance(row, tuple) or row[0] != "tracker":
+                raise OSError(28, "No space left on device", "scores.csv")
+
+    monkeypatch.setattr("torchsphere.benchmark.standing.csv.writer", Full)
+    monkeypatch.setattr("torchsphere.benchmark_cli.run", lambda *_, **__: [])
+    assert main(arguments) == 1
+    assert "no space left" in capsys.readouterr().err
+    assert (tmp_path / "scores.csv").read_text() == before
+
+
 def test_keep_runs_only_what_is_not_there_of_these_images_or_failed_before(bench: Path, tmp_path: Path) -> None:
     made, entry = folder.read_benchmark(bench), trackers.resolve("user_tracker:raises")
     assert [outcome.kept for outcome in run(made, [entry], tmp_path)] == [False, False]

@@ -1,6 +1,6 @@
 """The names that the command line offers are those that the program has: the modules they belong to take torch."""
 
-from torchsphere import choices, motion
+from torchsphere import choices, correlation, motion
 from torchsphere.benchmark import suites, trackers
 
 
@@ -11,3 +11,7 @@ def test_models_are_those_that_can_be_asked_for() -> None:
 def test_sizes_and_trackers_are_those_of_the_benchmark() -> None:
     assert tuple(suites.SIZES) == choices.SIZES
     assert trackers.names() == choices.TRACKERS
+
+
+def test_statuses_are_those_of_the_correlation() -> None:
+    assert correlation.STATUSES == choices.STATUSES

@@ -172,6 +172,8 @@ def test_a_shell_has_the_inertia_between_that_of_a_ball_and_of_a_skin() -> None:
     ("settings", "word"),
     [
         ({"mass_kg": 0.0}, "mass_kg"),
+        ({"mass_kg": "0.1"}, "mass_kg = '0.1': expected a finite, positive number"),
+        ({"mass_kg": None}, "mass_kg = None"),
         ({"diameter_m": float("nan")}, "diameter_m"),
         ({"shell_m": 1.5}, "thicker"),
         ({"shell_m": 0.1, "inertia_kg_m2": 0.1}, "both"),

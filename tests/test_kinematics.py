@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import torch
 
 import torchsphere as ts
 from torchsphere.orientation import chain
@@ -187,9 +188,39 @@ def test_uneven_times_leave_a_steady_acceleration_what_it_is(falling: ts.Track) 
         ({"frame_rate": 1.0, "m_per_px": 1e-3, "method": "guess"}, "method"),
         ({"frame_rate": 1.0, "m_per_px": 1e-3, "method": "savitzky-golay", "window": 6}, "window"),
         ({"frame_rate": 1.0, "m_per_px": 1e-3, "times_s": np.zeros(N)}, "times_s"),
+        ({"frame_rate": "1000", "m_per_px": 1e-3}, "frame_rate = '1000': expected a finite, positive number"),
+        ({"frame_rate": 1.0, "m_per_px": 1e-3, "mass_kg": "0.1"}, "mass_kg = '0.1': expected a finite"),
+        ({"frame_rate": 1.0, "diameter_m": "0.03"}, "diameter_m = '0.03'"),
+        ({"frame_rate": 1.0, "m_per_px": 1e-3, "relative_sd_scale": None}, "relative_sd_scale = None"),
+        ({"frame_rate": 1.0, "m_per_px": 1e-3, "first_frame": "3"}, "first_frame = '3'"),
+        ({"frame_rate": 1.0, "m_per_px": 1e-3, "times_s": "abc"}, "times_s: expected"),
+        ({"frame_rate": 1.0, "m_per_px": 1e-3, "method": "savitzky-golay", "window": 7.0}, "window = 7.0"),
         ({"frame_rate": 1e300, "m_per_px": 1e-3}, "frame_rate = 1e.300: expected .* frames per second"),
     ],
 )
 def test_a_senseless_number_is_refused_by_its_name(falling: ts.Track, settings: dict, word: str) -> None:
     with pytest.raises(ValueError, match=word):
         ts.kinematics(falling, **settings)
+
+
+def test_numbers_may_be_those_of_arrays_and_tensors(falling: ts.Track) -> None:
+    expected = ts.kinematics(falling, frame_rate=1000.0, diameter_m=0.5, mass_kg=0.25)
+    # As numpy.load gives the scalars of an archive, and torch a single value.
+    for rate, mass in ((np.array(1000.0), np.float32(0.25)), (torch.tensor(1000.0), torch.tensor(0.25))):
+        found = ts.kinematics(falling, frame_rate=rate, diameter_m=np.array(0.5), mass_kg=mass)  # type: ignore[arg-type]
+        np.testing.assert_array_equal(found.velocity_m_s, expected.velocity_m_s)
+        np.testing.assert_array_equal(found.force_N, expected.force_N)
+
+
+def test_what_is_no_track_is_refused_as_that(falling: ts.Track) -> None:
+    known = {"frame_rate": 1000.0, "m_per_px": 1e-3}
+    for wrong, said in ((None, "got NoneType"), ([falling], "got list"), (np.zeros((3, 4, 4)), "got ndarray")):
+        with pytest.raises(ValueError, match=rf"track: expected what torchsphere.track returns, {said}"):
+            ts.kinematics(wrong, **known)  # type: ignore[arg-type]
+    # What track_many returns for a recording that could not be tracked.
+    with pytest.raises(ValueError, match="got OSError"):
+        ts.kinematics_of_many([falling, OSError("cut")], **known)  # type: ignore[list-item]
+    with pytest.raises(ValueError, match="expected a sequence of tracks, got one"):
+        ts.kinematics_of_many(falling, **known)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"motion: expected what torchsphere.kinematics returns, got Track"):
+        ts.impact(falling)  # type: ignore[arg-type]

@@ -4,7 +4,7 @@ import imagecodecs
 import numpy as np
 import pytest
 
-from torchsphere.masks import inside_polygon, read_ignore, without_effect
+from torchsphere.masks import hides_ball, inside_polygon, read_ignore, without_effect
 
 
 def test_a_rectangle_covers_the_pixels_whose_centres_it_holds() -> None:
@@ -44,6 +44,23 @@ def test_a_mask_of_another_size_is_refused(tmp_path) -> None:
         read_ignore([str(tmp_path / "mask.png")], (20, 30))
 
 
+def test_the_shape_of_a_transparent_mask_is_not_seen_and_the_sentence_says_why(tmp_path) -> None:
+    image = np.zeros((20, 30, 4), dtype=np.uint8)
+    image[5:9, 5:9, 3] = 255
+    (tmp_path / "alpha.png").write_bytes(imagecodecs.png_encode(image))
+    (told,) = without_effect([str(tmp_path / "alpha.png")], (20, 30))
+    assert "transparency is not read" in told
+
+
+def test_a_mask_over_the_ball_is_told_with_its_share() -> None:
+    ball = inside_polygon(np.array([[2.5, 2.5], [17.5, 2.5], [17.5, 17.5], [2.5, 17.5]]), (20, 30))
+    (told,) = hides_ball(ball, 10.0, 10.0, 5.0, 3)
+    assert told.startswith("--ignore covers 100 % of the ball in frame 3; ")
+    assert "invert" in told
+    assert hides_ball(~ball, 10.0, 10.0, 5.0, 3) == ()
+    assert hides_ball(None, 10.0, 10.0, 5.0, 3) == ()
+
+
 def test_a_region_that_covers_nothing_is_told_and_one_that_covers_all_is_refused(tmp_path) -> None:
     (tmp_path / "black.png").write_bytes(imagecodecs.png_encode(np.zeros((20, 30), dtype=np.uint8)))
     (tmp_path / "white.png").write_bytes(imagecodecs.png_encode(np.full((20, 30), 255, dtype=np.uint8)))
@@ -52,5 +69,7 @@ def test_a_region_that_covers_nothing_is_told_and_one_that_covers_all_is_refused
     assert len(told) == 3
     assert "--ignore '100,100 110,100 110,110' covers no pixel of the 30 x 20 px" in told[0]
     assert "black.png" in told[1]
-    with pytest.raises(ValueError, match="leaves nothing of the recording"):
+    assert "transparency" not in told[0]
+    assert "its transparency is not read: paint the region white" in told[1]
+    with pytest.raises(ValueError, match=r"leaves nothing of the recording.* transparency is not read"):
         read_ignore([str(tmp_path / "white.png")], (20, 30))

@@ -160,11 +160,20 @@ def test_a_sideways_step_shows_the_rotation_that_a_person_sees() -> None:
         ({"distance_radii": 0.5}, "above 1"),
         ({"focal_px": 500.0, "distortion": (0.1, 0.0)}, "3 finite numbers"),
         ({"focal_px": 500.0, "principal_px": (math.nan, 0.0)}, "2 finite numbers"),
+        ({"focal_px": "500"}, "focal_px = '500': expected"),
+        ({"focal_px": 500.0, "distortion": 0.1}, "distortion = 0.1: expected 3 finite numbers"),
+        ({"focal_px": 500.0, "principal_px": "12"}, "principal_px = '12': expected 2 finite numbers"),
     ],
 )
 def test_a_camera_that_cannot_be_is_refused(fields: dict[str, Any], said: str) -> None:
     with pytest.raises(ValueError, match=said):
         Camera(**fields)
+
+
+def test_a_camera_takes_the_arrays_of_a_calibration() -> None:
+    given = Camera(500.0, np.array([256.0, 128.0]), np.array([-0.1, 0.02, 0.0]))  # type: ignore[arg-type]
+    assert given == Camera(500.0, (256.0, 128.0), (-0.1, 0.02, 0.0))
+    assert hash(given) == hash(Camera(500.0, (256.0, 128.0), (-0.1, 0.02, 0.0)))
 
 
 @pytest.mark.parametrize(("model", "camera"), [("pinhole", None), ("pinhole6", None), ("rigid", Camera(500.0))])

@@ -388,6 +388,14 @@ def test_what_makes_a_flight_s_numbers_doubtful_is_said_before_them() -> None:
     assert plan_text.text(steady).startswith("test ")
 
 
+def test_a_mass_in_kg_is_doubted_before_the_numbers() -> None:
+    made = from_flight(free_flight.from_track(example_track(flown()), "kg", **KNOWN), Target(2e-4, 0.3, "given"))
+    light = replace(made, setup=replace(made.setup, mass_g=1e-3 * made.setup.mass_g))
+    assert plan_text.text(light).startswith("caution The ball's diameter is ")
+    assert "see that the units are mm and g" in remarks(light)[0]
+    assert not plan_text.text(made).startswith("caution")
+
+
 @pytest.mark.parametrize(
     ("more", "said"),
     [

@@ -291,9 +291,16 @@ def test_a_result_that_lacks_frames_or_a_section_is_told_from_a_whole_one(
     summary = json.loads((copy / "summary.json").read_text())
     tables = ("track.csv", "kinematics.csv")
     half = {name: b"".join((copy / name).read_bytes().splitlines(True)[:11]) for name in tables}
+    whole = (copy / "track.csv").read_bytes()
     for name, damage, reason in (
         ("track.csv", half["track.csv"], "track.csv has 10 of the 26 frames"),
         ("kinematics.csv", half["kinematics.csv"], "kinematics.csv has 10 of the 26 frames"),
+        (
+            "track.csv",
+            whole.replace(b",ok,", b",banana,", 1),
+            "the status of frame 0 in track.csv is 'banana', and none",
+        ),
+        ("track.csv", whole.replace(b",ok,", b",,", 1), "the status of frame 0 in track.csv is '', and none of ok, "),
         ("summary.json", b"[]", "input"),
         ("summary.json", json.dumps(summary | {"circle": None}).encode(), "circle"),
         ("summary.json", json.dumps(summary | {"input": {"path": "shot.tif"}}).encode(), "input"),

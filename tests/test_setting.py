@@ -66,8 +66,11 @@ def test_a_refusal_names_the_option_on_the_command_line_and_the_parameter_in_pyt
         ("5:5", "--frames 5:5 holds no frame"),
         ("5:2", "--frames 5:2 holds no frame"),
         ("3:4", "--frames 3:4 holds one frame"),
-        ("8:", "--frames 8: reaches beyond the end"),
+        ("8:", "--frames 8: starts behind the last frame"),
+        ("8:", "give a first number below 8,"),
+        ("20:30", "give a first number below 8,"),
         ("0:99", "--frames 0:99 reaches beyond the end"),
+        ("7:99", "give 8 at most behind the colon"),
     ],
 )
 def test_frames_that_are_not_there_are_told_with_how_many_there_are_and_what_to_give(

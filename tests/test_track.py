@@ -200,6 +200,8 @@ WAYS_IN = {
     "uint8 tensor": lambda images, folder: images.to(torch.uint8),
     "list of arrays": lambda images, folder: list(images.numpy()),
     "read-only array": lambda images, folder: np.lib.stride_tricks.as_strided(images.numpy(), writeable=False),
+    "array backwards in memory": lambda images, folder: images.flip(0).numpy()[::-1],
+    "tensor with a gradient": lambda images, folder: images.clone().requires_grad_(),
     "recording": lambda images, folder: save_npy(folder, images.numpy().astype(np.uint8)),
 }
 
@@ -278,6 +280,46 @@ def test_a_circle_where_no_ball_is_gives_no_path(noise: float) -> None:
     assert np.isnan(measured.position[1:]).all()
 
 
+def nothing(image: torch.Tensor, kind: str, seed: int = 0) -> torch.Tensor:
+    """An image of the same size that shows no ball."""
+    noise = torch.randn(image.shape, generator=torch.Generator().manual_seed(seed))
+    return {"blank": torch.zeros_like(image), "dark": 5 + 2 * noise, "no number": torch.nan * image}[kind]
+
+
+@pytest.mark.parametrize("kind", ["blank", "dark", "no number"])
+def test_a_first_frame_without_a_ball_is_not_vouched_for_whatever_circle_was_given(short: Any, kind: str) -> None:
+    images = short.images.clone()
+    images[0] = nothing(images[0], kind)
+    measured = track(images, short.circle)
+    assert measured.status[0] == "lost"
+    assert np.isnan(measured.position[0]).all()
+    assert np.isnan(measured.orientation[0]).all()
+    # Found again by its outline in frame 3, and followed from there.
+    assert measured.status.tolist()[3:] == ["lost", "ok", "ok"]
+    np.testing.assert_allclose(measured.orientation[3], np.eye(3), atol=1e-12)
+    assert np.isfinite(measured.sd_steady).all()
+    alone = track(torch.stack([nothing(images[0], kind, seed) for seed in range(3)]), short.circle)
+    assert set(alone.status) <= {"lost", "low_correlation"}
+    assert np.isnan(alone.position).all()
+
+
+def test_a_first_frame_that_shows_the_ball_is_ok_though_all_others_are_blank(short: Any) -> None:
+    images = short.images.clone()
+    images[1:] = 0
+    measured = track(images, short.circle)
+    assert measured.status.tolist() == ["ok"] + ["lost"] * 5
+    np.testing.assert_allclose(measured.position[0], short.circle[:2])
+
+
+def test_a_circle_is_not_fitted_to_values_that_are_no_numbers(short: Any) -> None:
+    images = short.images.clone()
+    images[:, 100, 90] = torch.nan
+    with pytest.raises(ValueError, match="not finite"):
+        track(images, short.circle, refine=True)
+    images[:, 100, 90], images[:, 0, 0] = 100, torch.nan
+    assert track(images, short.circle, refine=True).status[0] == "ok"
+
+
 def test_a_plain_ball_has_a_path_but_no_rotation() -> None:
     made = shot(4, n=6, low=200.0, high=200.001, background=40.0)
     measured = track(made.images)
@@ -313,7 +355,8 @@ IMAGES = torch.full((3, 80, 90), 100.0)
 BAD = {
     "one image": ({"recording": IMAGES[:1]}, "1 image"),
     "no array": ({"recording": object()}, "expected an array"),
-    "text": ({"recording": "shot.tif"}, "expected an array"),
+    "text": ({"recording": "shot.tif"}, r"expected an array .* torchsphere.open_recording\('shot.tif'\)"),
+    "a path": ({"recording": Path("shot.tif")}, r"open_recording\('shot.tif'\)"),
     "nothing to find": ({}, "no ball was found in 3 frames"),
     "two numbers for a circle": ({"circle": (40, 40)}, "three numbers"),
     "words for a circle": ({"circle": "middle"}, "three numbers"),
@@ -325,6 +368,24 @@ BAD = {
     "a mask of another shape": ({"circle": (40, 40, 20), "ignore": np.zeros((3, 3))}, "ignore"),
     "an unknown model": ({"circle": (40, 40, 20), "model": "affine"}, "unknown model"),
     "an unknown device": ({"circle": (40, 40, 20), "device": "abacus"}, "abacus"),
+    "a mask that leaves nothing": ({"circle": (40, 40, 20), "ignore": np.ones((80, 90))}, "leaves nothing"),
+    "a mask without numbers": ({"circle": (40, 40, 20), "ignore": "mask.png"}, r"ignore: expected an array \(h, w\)"),
+    "a mask of NaN": ({"circle": (40, 40, 20), "ignore": np.full((80, 90), np.nan)}, "ignore: holds NaN"),
+    "complex images": ({"recording": np.zeros((3, 80, 90), complex)}, "got ndarray of type complex128"),
+    "a circle of text": ({"circle": Circle("left", 40, 20)}, "three numbers"),  # type: ignore[arg-type]
+    "a circle in half a frame": ({"circle": Circle(40, 40, 20, frame=0.5)}, "frame 0.5"),  # type: ignore[arg-type]
+    "a device that is not supported": ({"circle": (40, 40, 20), "device": "meta"}, "'meta': expected one of cpu, cuda"),
+    "a camera that is none": ({"circle": (40, 40, 20), "model": "pinhole", "camera": 500}, "torchsphere.Camera"),
+    "a map in words": (
+        {"circle": (40, 40, 20), "sphere_map": "off"},
+        "sphere_map = 'off': expected True, False or None",
+    ),
+    "a switch in words": ({"circle": (40, 40, 20), "robust": "no"}, "robust = 'no': expected True or False"),
+    "refined in words": ({"circle": (40, 40, 20), "refine": "no"}, "refine = 'no': expected True or False"),
+    "a truth for a number": (
+        {"circle": (40, 40, 20), "max_iterations": True},
+        "max_iterations = True: expected a whole",
+    ),
     "half precision": ({"circle": (40, 40, 20), "dtype": torch.float16}, "float32"),
 }
 

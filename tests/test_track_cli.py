@@ -194,6 +194,31 @@ def test_a_frame_rate_that_was_given_is_not_missed(tmp_path: Path, short: Path) 
         assert ("no frame rate" in warnings) == noted
 
 
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--diameter-mm", "0.03"], "The ball's diameter is 0.03 mm by --diameter-mm 0.03, which is implausible"),
+        (["--diameter-mm", "0.03", "--mass-g", "110"], "0.03 mm by --diameter-mm 0.03, which is implausible"),
+        (["--diameter-mm", "30", "--mass-g", "0.11"], "0.11 g by --mass-g 0.11, which makes 7.8 kg/m3"),
+        (["--mm-per-px", "0.000375"], "0.03 mm by --mm-per-px 0.000375"),
+        (["--diameter-mm", "30", "--mass-g", "110"], ""),
+        (["--diameter-mm", "40", "--mass-g", "2.7"], ""),
+        (["--diameter-mm", "30"], ""),
+        (["--mm-per-px", "0.375"], ""),
+    ],
+)
+def test_a_diameter_or_a_mass_in_another_unit_is_told_once_and_taken_as_it_is(
+    given: list[str], said: str, tmp_path: Path, short: Path
+) -> None:
+    arguments = ["track", str(short), "--circle", CIRCLE, "--frames", "0:2", "--no-report", "--quiet"]
+    assert main([*arguments, "--out", str(tmp_path / "result"), *given]) == 0
+    warnings = json.loads((tmp_path / "result" / "summary.json").read_text())["warnings"]
+    found = [sentence for sentence in warnings if "implausible" in sentence]
+    assert len(found) == (1 if said else 0)
+    assert said in " ".join(found)
+    assert all("mm" in sentence for sentence in found)
+
+
 def test_a_rotation_without_texture_stays_empty_in_the_table(tmp_path: Path) -> None:
     plain = forward.Pattern(torch.full((8, 8, 8), 200.0))
     centres = torch.tensor([[40.0, 50.0], [43.0, 50.5], [46.0, 51.0], [49.0, 51.5]])

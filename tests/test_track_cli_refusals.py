@@ -161,6 +161,20 @@ def test_a_recording_without_a_ball_is_refused_with_the_option_that_helps(tmp_pa
     assert "give its outline with --circle" in sentence
 
 
+def test_a_mask_over_the_ball_is_named_where_no_ball_is_found_and_where_its_circle_was_given(
+    tmp_path: Path, short: Path, capsys
+) -> None:
+    mask = np.full(tifffile.imread(short).shape[1:], 255, dtype=np.uint8)
+    mask[-8:] = 0
+    tifffile.imwrite(tmp_path / "inverted.tif", mask)
+    arguments = ["track", str(short), "--out", str(tmp_path / "out"), "--ignore", str(tmp_path / "inverted.tif")]
+    sentence = refused([*arguments, "--quiet"], capsys)
+    assert "no ball was found" in sentence
+    assert "or correct --ignore, which leaves out 9" in sentence
+    assert main([*arguments, "--circle", CIRCLE, "--no-report"]) == 0
+    assert "--ignore covers 100 % of the ball in frame 0" in capsys.readouterr().out
+
+
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path, short: Path, capsys) -> None:
     (tmp_path / "file").touch()
     refused(["track", str(short), "--out", str(tmp_path / "file" / "out"), "--circle", CIRCLE, "--quiet"], capsys)

@@ -1,5 +1,7 @@
 """Trackers of a user's own, as the benchmark's tests run them by ``user_tracker:NAME``."""
 
+import os
+import signal
 from typing import Any
 
 import numpy as np
@@ -33,6 +35,17 @@ def long_quaternions(images: Any, circle: tuple[float, float, float]) -> dict[st
 def stopped(images: Any, circle: tuple[float, float, float]) -> dict[str, Any]:
     """Be interrupted by the user."""
     raise KeyboardInterrupt
+
+
+def exits(images: Any, circle: tuple[float, float, float]) -> dict[str, Any]:
+    """End the program, as scripts do."""
+    raise SystemExit(0 if circle[0] > 40 else "no licence")
+
+
+def ended(images: Any, circle: tuple[float, float, float]) -> dict[str, Any]:
+    """Run while a job scheduler asks to end."""
+    os.kill(os.getpid(), signal.SIGTERM)
+    return still(images, circle)
 
 
 not_a_function = 3

@@ -10,7 +10,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from torchsphere.circle import Circle
-
+from torchsphere.setting import positive
 
 #: From the camera frame (y down, z away from the camera) to the lab frame (y up, z towards the camera).
 LAB_AXES = np.diag([1.0, -1.0, -1.0])
@@ -43,11 +43,10 @@ def scale(circle: Circle, *, diameter_m: float | None = None, m_per_px: float | 
     """
     if (diameter_m is None) == (m_per_px is None):
         raise ValueError("scale: give either the ball's diameter or the size of a pixel, not both and not neither")
-    name, value = ("diameter_m", diameter_m) if m_per_px is None else ("m_per_px", m_per_px)
-    if value is None or not (math.isfinite(value) and value > 0):
-        raise ValueError(f"{name} = {value!r}: expected a finite, positive length in m")
+    name, given = ("diameter_m", diameter_m) if m_per_px is None else ("m_per_px", m_per_px)
+    value = positive(name, given, "a finite, positive length in m")
     if m_per_px is not None:
-        return Scale(m_per_px, 0.0, "given, taken as exact")
+        return Scale(value, 0.0, "given, taken as exact")
     size = value / (2 * circle.radius)
     # A circle that was given has no stated uncertainty; what it adds is then unknown and the summary says so.
     sd = 0.0 if math.isnan(circle.sd_radius) else size * circle.sd_radius / circle.radius

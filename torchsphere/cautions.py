@@ -9,8 +9,10 @@ import torch
 
 from torchsphere import results
 from torchsphere.confirm import confirm, refined
+from torchsphere.plausible import implausible
 from torchsphere.recording import Recording
 from torchsphere.request import Request
+from torchsphere.setting import option
 from torchsphere.skipped import skipped
 from torchsphere.track import Track
 
@@ -28,7 +30,7 @@ def cautions(
         *_of_frames(request, tracked, start),
         *_of_rate(request, recording, frame_rate),
         *_of_circle(recording, tracked, start),
-        *_of_scale(request),
+        *_of_scale(request, tracked),
         *_of_map(request, tracked),
         *_of_model(request),
     )
@@ -85,10 +87,18 @@ def _of_circle(recording: Recording, tracked: Track, start: int) -> list[str]:
     return found
 
 
-def _of_scale(request: Request) -> list[str]:
+def _of_scale(request: Request, tracked: Track) -> list[str]:
+    """A scale or a mass that may have been meant in another unit, and an uncertainty that is not known."""
+    if request.diameter_mm is not None:
+        given = f"{option('diameter_mm')} {request.diameter_mm:g}"
+        return [*implausible(request.diameter_mm, request.mass_g, given)]
     if request.mm_per_px is None:
         return []
-    return ["The scale was given and taken as exact; its uncertainty is not included."]
+    given = f"{option('mm_per_px')} {request.mm_per_px:g}"
+    return [
+        "The scale was given and taken as exact; its uncertainty is not included.",
+        *implausible(2 * tracked.circle.radius * request.mm_per_px, request.mass_g, given),
+    ]
 
 
 def _of_map(request: Request, tracked: Track) -> list[str]:

@@ -1,4 +1,4 @@
-"""Names that the command line offers and what it takes where nothing is said, without the libraries they stand for.
+"""Names that the command line offers, reads, and takes where nothing is said, without the libraries they stand for.
 
 ``--help`` and a wrong option wait for no torch. Each belongs to what it is the name of, in the module that is given
 with it; tests/test_choices.py holds both together.
@@ -17,6 +17,9 @@ MAPS: dict[str, bool | None] = {"auto": None, "on": True, "off": False}
 
 #: Where to compute.
 DEVICES = ("cpu", "cuda")
+
+#: `correlation.STATUSES`: the words that a frame may have in `track.csv`.
+STATUSES = ("ok", "weak_texture", "low_correlation", "not_converged", "out_of_frame", "lost")
 
 #: Keys of `benchmark.suites.SIZES`.
 SIZES = ("smoke", "standard", "full")

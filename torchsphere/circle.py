@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from torchsphere import disc, limb, outline
+from torchsphere.inputs import check_finite_around
 from torchsphere.perspective import Camera
 from torchsphere.setting import SettingError
 from torchsphere.silhouette import Images, saturated, silhouettes, still_background
@@ -109,9 +110,12 @@ def find(images: Images, count: int, ignore: Tensor | None = None) -> Circle:
         found = _find_in(images, frame, count, background, ignore)
         if found is not None:
             return found
+    left_out = 0.0 if ignore is None else 100 * float(ignore.double().mean())
+    masked = f"; or correct `ignore`, which leaves out {left_out:.0f} % of the image: a mask is black where it is used"
     raise SettingError(
         f"no ball was found in {count} frames: expected a round object that differs from its background, wholly in "
         "view in at least one frame; give its outline with `circle` as x, y, radius in px of the first frame to track"
+        f"{masked if left_out else ''}"
     )
 
 
@@ -127,6 +131,7 @@ def refine_circle(image: Tensor, circle: Circle, window: float | None = None, ca
     """
     guess = torch.tensor([[circle.x, circle.y, circle.radius]], dtype=torch.float64)
     reach = max(2.0, 0.06 * circle.radius) if window is None else window
+    check_finite_around(image, circle.x, circle.y, circle.radius + outline.OUTWARDS * reach)
     plain = outline.is_plain(image, guess[0])
     fit = outline.refine(image[None], guess, window=reach, plain=plain, patterned=not plain, camera=camera)
     level = image.median() if float(fit.support[0]) == 0 else _level_around(image, fit.circle[0])

@@ -5,13 +5,11 @@ from __future__ import annotations
 import argparse
 import contextlib
 import gc
-import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NoReturn
 
-from torchsphere import __version__
+from torchsphere import __version__, ending
 from torchsphere.arguments import batch, benchmark, plan, report, track
 from torchsphere.setting import SettingError
 
@@ -37,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.prog += f" {name}"
         parser.error(f"unrecognized arguments: {' '.join(unknown)}")
     try:
-        with _ending_in_order():
+        with ending.in_order():
             with _loading():
                 run = _command(name)
             return run(options)
@@ -67,26 +65,6 @@ def _loading() -> Iterator[None]:
         gc.freeze()
     finally:
         gc.enable()
-
-
-@contextlib.contextmanager
-def _ending_in_order() -> Iterator[None]:
-    """Make a request to end (SIGTERM), as job schedulers send it, an exception, so that what was begun is cleaned up.
-
-    Unfinished folders are removed, and processes that were started end, too. The exit code is the shells' own, 143.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def end(number: int, _: Any) -> NoReturn:
-        sys.exit(128 + number)
-
-    before = signal.signal(signal.SIGTERM, end)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _sentence(error: Exception) -> str:

@@ -15,6 +15,7 @@ from torchsphere.inputs import check_circle
 from torchsphere.joint import Solver
 from torchsphere.options import Options
 from torchsphere.perspective import sphere_of_outline
+from torchsphere.setting import is_whole
 from torchsphere.source import Source
 
 
@@ -28,9 +29,11 @@ def first_circle(
             image = source.images(found.frame, found.frame + 1)[0]
             found = circles.refine_circle(image, found, camera=options.camera)
         return calibrate(source, found, mask, options, solver), options
-    circle = given if isinstance(given, Circle) else Circle(*_three_numbers(given))
-    if not 0 <= circle.frame < source.count:
-        raise ValueError(f"circle: its frame {circle.frame} is not one of the recording's 0 to {source.count - 1}")
+    three = (given.x, given.y, given.radius) if isinstance(given, Circle) else given
+    x, y, radius = _three_numbers(three)
+    circle = dataclasses.replace(given, x=x, y=y, radius=radius) if isinstance(given, Circle) else Circle(x, y, radius)
+    if not is_whole(circle.frame) or not 0 <= circle.frame < source.count:
+        raise ValueError(f"circle: its frame {circle.frame!r} is not one of the recording's 0 to {source.count - 1}")
     first = source.images(circle.frame, circle.frame + 1)[0]
     check_circle(torch.tensor([[circle.x, circle.y, circle.radius]]), first.shape)
     if not isinstance(given, Circle):
@@ -38,6 +41,16 @@ def first_circle(
     elif options.camera is not None:
         options = dataclasses.replace(options, camera=options.camera.settled(first.shape, circle.radius))
     return circles.refine_circle(first, circle, camera=options.camera) if refine else circle, options
+
+
+def shows_ball(source: Source, circle: Circle, options: Options) -> bool:
+    """Whether the image that a circle was given for shows an outline near it."""
+    image = source.images(circle.frame, circle.frame + 1)[0]
+    try:
+        circles.refine_circle(image, circle, camera=options.camera)
+    except ValueError:
+        return False
+    return True
 
 
 def _as_sphere(seen: Circle, source: Source, options: Options) -> tuple[Circle, Options]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ from torchsphere.estimates import Estimate, Impact
 from torchsphere.inertia import Ball
 from torchsphere.kinematics import Draws, Kinematics
 from torchsphere.peak import peak
+from torchsphere.setting import number
 from torchsphere.short_contact import as_far_as_seen
 
 Array = NDArray[np.float64]
@@ -74,12 +76,15 @@ def impact(
     Raises
     ------
     ValueError
-        If the normal is not finite.
+        If the normal is not finite, or the motion is no `Kinematics`.
     """
-    if normal_deg is not None and not math.isfinite(normal_deg):
+    if normal_deg is not None and not math.isfinite(number(normal_deg)):
         raise ValueError(f"normal_deg = {normal_deg!r}: expected a finite angle in degrees")
     if motion is None:
         return None, "Frame rate or scale are not known, so no impact can be stated; give both."
+    given: Any = motion
+    if not isinstance(given, Kinematics):
+        raise ValueError(f"motion: expected what torchsphere.kinematics returns, got {type(given).__name__}")
     if not np.isfinite(motion.velocity_m_s).any():
         return None, "No frame has a velocity: fewer frames were measured in a row than that takes."
     if "contact_found" not in motion.about:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+
+from torchsphere.setting import positive
 
 
 @dataclass(frozen=True)
@@ -36,8 +37,8 @@ def ball(
     """
     given = {"mass_kg": mass_kg, "diameter_m": diameter_m, "shell_m": shell_m, "inertia_kg_m2": inertia_kg_m2}
     for name, value in given.items():
-        if value is not None and not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} = {value!r}: expected a finite, positive number")
+        if value is not None or name in ("mass_kg", "diameter_m"):
+            positive(name, value)
     if shell_m is not None and inertia_kg_m2 is not None:
         raise ValueError(
             "ball: shell_m and inertia_kg_m2 were both given; the inertia needs one of them, leave one out"

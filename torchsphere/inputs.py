@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,21 +20,34 @@ def as_images(images: Any, name: str = "images") -> Tensor:
         If the array is not of numbers, or has not two or three axes.
     """
     try:
-        tensor = images if isinstance(images, Tensor) else torch.from_numpy(_native(np.asarray(images)))
+        tensor = images.detach() if isinstance(images, Tensor) else torch.from_numpy(_native(np.asarray(images)))
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name}: expected an array (n, h, w) of grey levels, got {type(images).__name__}") from error
+        raise ValueError(f"{name}: expected an array (n, h, w) of grey levels, got {_instead(images)}") from error
     if tensor.is_complex() or tensor.ndim not in (2, 3) or 0 in tensor.shape:
         raise ValueError(f"{name}: expected real grey levels (n, h, w) or (h, w), got shape {tuple(tensor.shape)}")
     tensor = tensor if tensor.ndim == 3 else tensor[None]
     return tensor if tensor.dtype == torch.float64 else tensor.float()
 
 
+def _instead(images: Any) -> str:
+    """What came in place of images, in words, and what to do."""
+    if isinstance(images, (str, Path)):
+        hint = f"; open the file with torchsphere.open_recording({str(images)!r}) first"
+    elif isinstance(images, np.ndarray):
+        hint = f" of type {images.dtype}"
+    elif hasattr(images, "images"):
+        hint = "; give what its images(start, stop) returns"
+    else:
+        hint = ""
+    return f"{type(images).__name__}{hint}"
+
+
 def _native(array: np.ndarray) -> np.ndarray:
     """The array in a type that torch knows: unsigned 16 and 32 bit and foreign byte orders are widened."""
     if array.dtype.kind not in "buif":
         raise ValueError(f"no numbers: {array.dtype}")
-    if not array.flags.writeable:
-        # Torch cannot share memory that it must not write to.
+    if not array.flags.writeable or min(array.strides, default=0) < 0:
+        # Torch cannot share memory that it must not write to, or that runs backwards.
         array = array.copy()
     return array if array.dtype in (np.float64, np.float32, np.uint8) else array.astype(np.float32)
 
@@ -44,13 +58,23 @@ def as_mask(mask: Any, images: Tensor) -> Tensor:
     Raises
     ------
     ValueError
-        If its shape is not that of one image.
+        If it is not of numbers, its shape is not that of one image, or it leaves nothing of the images.
     """
-    tensor = torch.as_tensor(np.asarray(mask) if not isinstance(mask, Tensor) else mask)
+    try:
+        tensor = mask.detach() if isinstance(mask, Tensor) else torch.from_numpy(_native(np.asarray(mask)))
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"ignore: expected an array (h, w), True where images are not to be used, got {type(mask).__name__}"
+        ) from error
     if tuple(tensor.shape) != tuple(images.shape[-2:]):
         expected = tuple(images.shape[-2:])
         raise ValueError(f"ignore: expected a mask of the image's shape (h, w) = {expected}, got {tuple(tensor.shape)}")
-    return tensor.to(images.device) != 0
+    if bool(tensor.isnan().any()):
+        raise ValueError("ignore: holds NaN; expected True where images are not to be used, and False elsewhere")
+    ignored = tensor.to(images.device) != 0
+    if bool(ignored.all()):
+        raise ValueError("ignore: leaves nothing of the images; True is where they are not to be used")
+    return ignored
 
 
 def as_rows(values: Any, n: int, k: int, name: str) -> Tensor:
@@ -59,9 +83,14 @@ def as_rows(values: Any, n: int, k: int, name: str) -> Tensor:
     Raises
     ------
     ValueError
-        If the shape is another.
+        If it is not of numbers, or the shape is another.
     """
-    tensor = torch.as_tensor(values, dtype=torch.float64, device="cpu")
+    try:
+        tensor = torch.as_tensor(values, dtype=torch.float64, device="cpu")
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise ValueError(
+            f"{name}: expected {k} numbers, or one row of {k} for each of {n} pairs, got {values!r}"
+        ) from error
     if tuple(tensor.shape) not in ((k,), (1, k), (n, k)):
         raise ValueError(f"{name}: expected {k} numbers, or one row of {k} for each of {n} pairs, got {_shape(tensor)}")
     return tensor.expand(n, k)
@@ -87,3 +116,13 @@ def check_circle(circles: Tensor, shape: tuple[int, ...] | torch.Size) -> None:
             raise ValueError(f"circle of radius {radius:g} px is larger than the image of {width} x {height} px")
     if len(circles) and bool((circles[:, 2] != circles[0, 2]).any()):
         raise ValueError("circle: all pairs of one call must have the same radius")
+
+
+def check_finite_around(image: Tensor, x: float, y: float, reach: float) -> None:
+    """Raise ValueError where a pixel of ``image`` (h, w) within ``reach`` of the circle's centre, px, is no number."""
+    left, right, top, bottom = (max(math.floor(v), 0) for v in (x - reach, x + reach, y - reach, y + reach))
+    if not bool(image[top : bottom + 1, left : right + 1].isfinite().all()):
+        raise ValueError(
+            f"the image holds values near the circle at ({x:g}, {y:g}) that are not finite, so that no outline can be "
+            "fitted to it: replace them, or track with the circle as given"
+        )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from torchsphere import camera
 from torchsphere.choices import METHODS, ORDER, WINDOW
 from torchsphere.differentiate import polynomials, smoothed
 from torchsphere.plane import in_plane
-from torchsphere.setting import FRAME_RATES
+from torchsphere.setting import FRAME_RATES, number, positive
 from torchsphere.shared import ROTATION_PER_RADIUS
 from torchsphere.si import Draws, Kinematics, in_si
 from torchsphere.track import Track
@@ -85,7 +86,7 @@ def kinematics(
     -----
     Velocity is increment over frame interval, force is mass times acceleration: sections 2.2 and 5 of the paper.
     """
-    scale = _scale(track, frame_rate, diameter_m, m_per_px, relative_sd_scale, mass_kg)
+    scale, frame_rate, mass_kg = _calibrated(track, frame_rate, diameter_m, m_per_px, relative_sd_scale, mass_kg)
     track = in_plane(track)
     times = _times(track, frame_rate, first_frame, times_s)
     if method not in METHODS:
@@ -120,49 +121,62 @@ def kinematics_of_many(
     ValueError
         As `kinematics`.
     """
+    if isinstance(tracks, Track):
+        raise ValueError("tracks: expected a sequence of tracks, got one Track; see torchsphere.kinematics")
+    given = (frame_rate, diameter_m, m_per_px, relative_sd_scale, mass_kg)
+    calibrated = [_calibrated(track, *given) for track in tracks]
     tracks = [in_plane(track) for track in tracks]
-    scales = [_scale(track, frame_rate, diameter_m, m_per_px, relative_sd_scale, mass_kg) for track in tracks]
     times = [_times(track, frame_rate, 0, None) for track in tracks]
     motions = smoothed(tracks, times) if tracks else []
     return [
-        in_si(track, motion, moments / frame_rate, scale, frame_rate, mass_kg, lab_frame)
-        for track, motion, moments, scale in zip(tracks, motions, times, scales, strict=True)
+        in_si(track, motion, moments / rate, scale, rate, mass, lab_frame)
+        for track, motion, moments, (scale, rate, mass) in zip(tracks, motions, times, calibrated, strict=True)
     ]
 
 
-def _scale(
+def _calibrated(
     track: Track,
     frame_rate: float | None,
     diameter_m: float | None,
     m_per_px: float | None,
     relative_sd: float,
     mass_kg: float | None,
-) -> camera.Scale:
+) -> tuple[camera.Scale, float, float | None]:
+    """The scale, the frame rate and the mass, as numbers; ValueError where one of them cannot be."""
+    found: Any = track
+    if not isinstance(found, Track):
+        raise ValueError(f"track: expected what torchsphere.track returns, got {type(found).__name__}")
     if frame_rate is None:
         # What `Recording.frame_rate` is where the file does not tell it.
         raise ValueError("frame_rate = None: the recording does not tell it; give the camera's, frames per second")
-    for name, value in (("frame_rate", frame_rate), ("mass_kg", mass_kg)):
-        if value is not None and not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} = {value!r}: expected a finite, positive number")
-    if not FRAME_RATES[0] <= frame_rate <= FRAME_RATES[1]:
+    rate = positive("frame_rate", frame_rate)
+    mass = None if mass_kg is None else positive("mass_kg", mass_kg)
+    if not FRAME_RATES[0] <= rate <= FRAME_RATES[1]:
         raise ValueError(
             f"frame_rate = {frame_rate!r}: expected {FRAME_RATES[0]:g} to {FRAME_RATES[1]:g} frames per second"
         )
-    if not (math.isfinite(relative_sd) and 0 <= relative_sd < 1):
+    share = number(relative_sd)
+    if not 0 <= share < 1:
         raise ValueError(f"relative_sd_scale = {relative_sd!r}: expected a share from 0 to below 1")
-    found = camera.scale(track.circle, diameter_m=diameter_m, m_per_px=m_per_px)
-    if relative_sd == 0:
-        return found
-    origin = found.origin.replace(", taken as exact", "") + f", itself known to {100 * relative_sd:.2g} %"
-    return camera.Scale(found.m_per_px, math.hypot(found.sd_m_per_px, found.m_per_px * relative_sd), origin)
+    exact = camera.scale(track.circle, diameter_m=diameter_m, m_per_px=m_per_px)
+    if share == 0:
+        return exact, rate, mass
+    origin = exact.origin.replace(", taken as exact", "") + f", itself known to {100 * share:.2g} %"
+    sd = math.hypot(exact.sd_m_per_px, exact.m_per_px * share)
+    return camera.Scale(exact.m_per_px, sd, origin), rate, mass
 
 
 def _times(track: Track, frame_rate: float, first_frame: int, times_s: Array | None) -> Array:
     """Times of the frames (n,), in frames."""
     n = len(track.status)
+    if not math.isfinite(number(first_frame)):
+        raise ValueError(f"first_frame = {first_frame!r}: expected the number of a frame")
     if times_s is None:
         return first_frame + np.arange(float(n))
-    times = np.asarray(times_s, dtype=np.float64)
+    try:
+        times = np.asarray(times_s, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"times_s: expected {n} finite, rising times, one per frame, got {times_s!r}") from error
     if times.shape != (n,) or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
         raise ValueError(f"times_s: expected {n} finite, rising times, one per frame, got an array {times.shape}")
     return times * frame_rate

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 
 from torchsphere.recording.folder import read_image
 
+#: Share of the ball's disc from which a mask that covers it is taken for one that is inverted.
+MOST_OF_BALL = 0.7
+
 
 def read_ignore(texts: Sequence[str], shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """Union of masks (h, w), True where the image is not to be used.
@@ -35,24 +38,45 @@ def read_ignore(texts: Sequence[str], shape: tuple[int, ...]) -> NDArray[np.bool
     if mask.all():
         raise ValueError(
             f"ignore {', '.join(texts)}: leaves nothing of the recording's images; what is not black in a mask, or "
-            "within a polygon, is not used"
+            "within a polygon, is not used, and a mask's transparency is not read; if it is inverted, invert it again"
         )
     return mask
 
 
 def without_effect(texts: Sequence[str], shape: tuple[int, ...]) -> tuple[str, ...]:
     """Sentences on those of the texts that leave out no pixel of the images (h, w)."""
+    black = "; what is not black in a mask is ignored, and its transparency is not read: paint the region white"
     return tuple(
-        f"Given and without effect: --ignore {text!r} covers no pixel of the {shape[1]} x {shape[0]} px."
+        f"Given and without effect: --ignore {text!r} covers no pixel of the {shape[1]} x {shape[0]} px"
+        f"{black if _is_image(text) else ''}."
         for text in texts
         if not _region(text, shape).any()
     )
 
 
+def hides_ball(ignore: NDArray[np.bool_] | None, x: float, y: float, radius: float, frame: int) -> tuple[str, ...]:
+    """A sentence where a mask (h, w) covers most of the ball's disc, px, in a ``frame``, as an inverted one does."""
+    if ignore is None:
+        return ()
+    rows, columns = np.indices(ignore.shape)
+    disc = (columns - x) ** 2 + (rows - y) ** 2 < radius**2
+    share = float(ignore[disc].mean()) if disc.any() else 0.0
+    if share < MOST_OF_BALL:
+        return ()
+    return (
+        f"--ignore covers {100 * share:.0f} % of the ball in frame {frame}; what is not black in a mask is ignored, so "
+        "invert one that shows the ball in white.",
+    )
+
+
+def _is_image(text: str) -> bool:
+    return re.search(r"\.(png|tiff?)$", text, re.IGNORECASE) is not None
+
+
 def _region(text: str, shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """The mask (h, w) of one text."""
     mask = np.zeros(shape, dtype=bool)
-    if re.search(r"\.(png|tiff?)$", text, re.IGNORECASE):
+    if _is_image(text):
         image = read_image(Path(text))
         if image.shape != tuple(shape):
             raise ValueError(

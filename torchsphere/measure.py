@@ -24,7 +24,7 @@ from torchsphere.impact import impact
 from torchsphere.inertia import ball
 from torchsphere.joint import ALONE, Solver, together
 from torchsphere.kinematics import Kinematics, kinematics
-from torchsphere.masks import read_ignore, without_effect
+from torchsphere.masks import hides_ball, read_ignore, without_effect
 from torchsphere.part import frames, part
 from torchsphere.recording import Recording, open_recording
 from torchsphere.report import draw, kept, overlay, paraview, sampled
@@ -92,11 +92,18 @@ def measure(
                 *missing,
                 *unused(request, motion, found, has_rate=frame_rate is not None),
                 *without_effect(request.ignore, recording.shape[1:]),
+                *_hidden(ignore, tracked, start),
             )
             seconds = time.perf_counter() - began
             done = Measurement(recording, tracked, motion, found, start, warnings, seconds, extra or {}, name)
             _write(request, done, frame_rate, chosen, ignore)
     return done
+
+
+def _hidden(ignore: NDArray[np.bool_] | None, tracked: Track, start: int) -> tuple[str, ...]:
+    """Whether the region that is not used covers the ball."""
+    circle = tracked.circle
+    return hides_ball(ignore, circle.x, circle.y, circle.radius, start + circle.frame)
 
 
 @functools.cache

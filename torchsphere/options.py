@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 from torchsphere import interpolate, motion
 from torchsphere.perspective import Camera
-from torchsphere.setting import ROI, require_within
+from torchsphere.setting import ROI, is_whole, require_switch, require_within
 
 #: Pre-blur where the outline is near, px, and the room between it and the region of interest, in pre-blurs, that keeps
 #: what is behind the ball out. Measured over a background of blotches (speckle of 2.2 to 3 px, noise of 2 grey levels),
@@ -66,12 +67,16 @@ class Options:
             raise ValueError(f"unknown model {self.model!r}: expected one of {', '.join(motion.MODELS)}")
         if self.jacobian not in ("constant", "autograd"):
             raise ValueError(f"unknown jacobian {self.jacobian!r}: expected 'constant' or 'autograd'")
+        given: Any = self.camera
+        if given is not None and not isinstance(given, Camera):
+            raise ValueError(f"camera = {given!r}: expected a torchsphere.Camera, as in Camera(focal_px=500)")
         if (motion.MODELS[self.model] in motion.PERSPECTIVE) != (self.camera is not None):
             raise ValueError(
                 f"model {self.model!r}: a camera belongs to the models pinhole and pinhole6, which need one "
                 "(its focal length in px, or the ball's distance); give both or neither"
             )
-        if not isinstance(self.max_iterations, int):
+        require_switch("robust", self.robust)
+        if not is_whole(self.max_iterations):
             raise ValueError(f"max_iterations = {self.max_iterations!r}: expected a whole number")
         limits = {"roi": ROI, "pre_blur": (0.0, 5.0), "max_iterations": (1, 10_000), "tolerance_px": (1e-9, 1.0)}
         limits |= {"min_zncc": (0.0, 1.0), "min_visible": (0.0, 1.0), "finite_from_deg": (0.0, 180.0)}

@@ -24,8 +24,16 @@ def frames(asked: tuple[int | None, int | None], count: int) -> tuple[int, int]:
             f"`frames` = {given} counts from the end, and frames are counted from 0; {there}, so give numbers from "
             f"0 to {count}, as in {max(count - 5, 0)}: for the last {min(count, 5)}"
         )
-    if stop > count or start >= count:
-        raise SettingError(f"`frames` = {given} reaches beyond the end; {there}, so give numbers up to {count}")
+    if start >= count:
+        raise SettingError(
+            f"`frames` = {given} starts behind the last frame; {there}, so give a first number below {count}, and "
+            f"below {count - 1} for the two frames that motion needs"
+        )
+    if stop > count:
+        raise SettingError(
+            f"`frames` = {given} reaches beyond the end; {there}, so give {count} at most behind the colon, which is "
+            "the first frame that is left out"
+        )
     if stop - start < 2:
         first = min(start, max(count - 2, 0))
         holds = "holds one frame, and motion needs two or more" if stop - start == 1 else "holds no frame"

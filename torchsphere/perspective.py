@@ -10,11 +10,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
+
+from torchsphere.setting import number, positive
 
 #: Steps that invert the distortion: each gains about two digits at the corners of usual lenses.
 INVERSION_STEPS = 12
@@ -49,13 +52,19 @@ class Camera:
     def __post_init__(self) -> None:
         if (self.focal_px is None) == (self.distance_radii is None):
             raise ValueError("camera: give either the focal length in px or the ball's distance in radii, not both")
-        if self.focal_px is not None and not (math.isfinite(self.focal_px) and self.focal_px > 0):
-            raise ValueError(f"camera: focal_px = {self.focal_px!r}: expected a finite, positive number of px")
-        if self.distance_radii is not None and not (math.isfinite(self.distance_radii) and self.distance_radii > 1):
+        if self.focal_px is not None:
+            positive("camera: focal_px", self.focal_px, "a finite, positive number of px")
+        if self.distance_radii is not None and not 1 < number(self.distance_radii) < math.inf:
             raise ValueError(f"camera: distance_radii = {self.distance_radii!r}: expected a number above 1")
-        for name, values, count in (("principal_px", self.principal_px, 2), ("distortion", self.distortion, 3)):
-            if values is not None and not (len(values) == count and all(map(math.isfinite, values))):
+        for name, count in (("principal_px", 2), ("distortion", 3)):
+            values: Any = getattr(self, name)
+            if values is None:
+                continue
+            found = tuple(map(number, values)) if isinstance(values, Iterable) else ()
+            if not (len(found) == count and all(map(math.isfinite, found))):
                 raise ValueError(f"camera: {name} = {values!r}: expected {count} finite numbers")
+            # Calibration programs give arrays, and two cameras are compared.
+            object.__setattr__(self, name, found)
 
     def settled(self, shape: tuple[int, ...], outline_radius: float = math.nan) -> Camera:
         """The camera with focal length and principal point, for images (h, w) of a ball of that radius, px."""

@@ -79,6 +79,18 @@ class Record:
         """Note where the ball is in one frame, px."""
         self.position[frame], self.size[frame] = centre, radius
 
+    def is_confirmed(self, first: int) -> bool:
+        """Whether a later frame was measured against the ``first`` one in which the ball is known."""
+        later = np.flatnonzero(np.isfinite(self.position[first + 1 :, 0])) + first + 1
+        # A ball that was found anew, by its outline alone, has no rotation since the frame before.
+        return len(later) > 0 and (self.status[first] != "ok" or bool(np.isfinite(self.rotation[later[0], 0])))
+
+    def without(self, frame: int) -> Record:
+        """The same with nothing known of that frame."""
+        position, status = self.position.copy(), self.status.copy()
+        position[frame], status[frame] = np.nan, "lost"
+        return dataclasses.replace(self, position=position, status=status)
+
     def note(self, frame: int, found: Correlation) -> str:
         """Note status, coefficient and steps of a frame that was measured by itself, and return its status."""
         self.status[frame], self.zncc[frame] = found.status[0], float(found.zncc[0])

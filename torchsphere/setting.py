@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any
 
 #: Radius of the region of interest over the ball's.
@@ -56,10 +56,39 @@ def require_within(name: str, value: Any, limits: tuple[float, float]) -> None:
         raise SettingError(f"`{name}` = {value!r}: expected a number from {low:g} to {high:g}")
 
 
+def require_switch(name: str, value: Any, allowed: str = "True or False") -> None:
+    """Raise SettingError where the value of something that is on or off is a text: "off", too, would count as true."""
+    if isinstance(value, str):
+        raise SettingError(f"`{name}` = {value!r}: expected {allowed}")
+
+
+def number(value: Any) -> float:
+    """The value as a float; NaN, which no check of a range lets pass, where it is a text or no single number."""
+    if isinstance(value, (str, bytes)):
+        return math.nan
+    try:
+        return float(value)
+    except (TypeError, ValueError, RuntimeError):
+        return math.nan
+
+
+def positive(name: str, value: Any, expected: str = "a finite, positive number") -> float:
+    """The value as a float; ValueError unless it is finite and positive."""
+    found = number(value)
+    if not (math.isfinite(found) and found > 0):
+        raise ValueError(f"{name} = {value!r}: expected {expected}")
+    return found
+
+
+def is_whole(value: Any) -> bool:
+    """Whether the value is a whole number, Python's or NumPy's."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
 def require_window(window: int, order: int) -> None:
     """Raise SettingError unless local polynomials of that order can be fitted to so many frames around each frame."""
-    if window % 2 == 0 or order < 2 or window <= order:
+    if not (is_whole(window) and is_whole(order)) or window % 2 == 0 or order < 2 or window <= order:
         raise SettingError(
-            f"`window` = {window} with `order` = {order}: expected an order of 2 or more and an odd window longer than "
-            "that"
+            f"`window` = {window!r} with `order` = {order!r}: expected an order of 2 or more and an odd window longer "
+            "than that"
         )

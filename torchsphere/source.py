@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchsphere.choices import DEVICES
 from torchsphere.inputs import as_images
 from torchsphere.recording import Recording
 
@@ -50,8 +51,7 @@ class Source:
             images = as_images(recording, "recording")
             chosen = torch.device(device) if device is not None else images.device
             source = cls(lambda start, stop: images[start:stop], len(images), chosen, dtype)
-        if chosen.type == "cuda" and not torch.cuda.is_available():
-            raise ValueError("device 'cuda' was asked for, but torch finds no CUDA device here; use device 'cpu'")
+        _require_device(chosen)
         if source.count < 2:
             raise ValueError(f"the recording has {source.count} image(s); motion needs two or more")
         return source
@@ -59,3 +59,14 @@ class Source:
     def images(self, start: int, stop: int) -> Tensor:
         """Grey levels (stop - start, h, w)."""
         return torch.as_tensor(self.read(start, stop)).to(self.device, self.dtype)
+
+
+def _require_device(chosen: torch.device) -> None:
+    """Raise ValueError unless that device is here, and one that the code runs on."""
+    if chosen.type not in DEVICES:
+        raise ValueError(f"device {str(chosen)!r}: expected one of {', '.join(DEVICES)}; all else is not supported")
+    if chosen.type == "cuda" and not torch.cuda.is_available():
+        raise ValueError("device 'cuda' was asked for, but torch finds no CUDA device here; use device 'cpu'")
+    if chosen.type == "cuda" and (chosen.index or 0) >= torch.cuda.device_count():
+        count = torch.cuda.device_count()
+        raise ValueError(f"device {str(chosen)!r}: torch finds {count} CUDA device(s) here, counted from cuda:0")

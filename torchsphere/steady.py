@@ -88,7 +88,7 @@ def fineness(image: Tensor, circle: Circle, ignore: Tensor | None = None) -> flo
     """How fine a ball's texture is, 1/px^2: mean square of the gradient over the variance, of the pre-blurred image.
 
     About ``5 / d^2`` to ``9 / d^2`` for sharp spots of d = 3 to 6 px. ``image`` (h, w); ``ignore`` (h, w), where it is
-    not to be used.
+    not to be used. `TYPICAL` where the image holds no numbers.
     """
     circles = torch.tensor([[circle.x, circle.y, circle.radius]], dtype=torch.float64)
     blur = interpolate.PRE_BLUR_PX
@@ -97,7 +97,8 @@ def fineness(image: Tensor, circle: Circle, ignore: Tensor | None = None) -> flo
     weights = reference.weights
     variance = (weights * criterion.centred(reference.values, weights).square()).sum()
     slope = (weights * reference.gradient.square().sum(1)).sum()
-    return min(float(slope / variance.clamp_min(1e-12)), FINEST)
+    found = float(slope / variance.clamp_min(1e-12))
+    return min(found, FINEST) if math.isfinite(found) else TYPICAL
 
 
 def sd_steady(increment: Array, radius: float, fine: float = TYPICAL, *, on_map: bool, lit: float = 0.0) -> Array:

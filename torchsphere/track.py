@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from torchsphere import drift, parallel
 from torchsphere.circle import Circle
 from torchsphere.drift import Motion
-from torchsphere.first_circle import first_circle
+from torchsphere.first_circle import first_circle, shows_ball
 from torchsphere.follow import Follower, Progress
 from torchsphere.inputs import as_mask
 from torchsphere.joint import ALONE, Solver, together
 from torchsphere.options import Options, suited
 from torchsphere.record import Record
+from torchsphere.setting import require_switch
 from torchsphere.source import Source
 from torchsphere.steady import fineness, sd_steady
 
@@ -143,6 +144,9 @@ def track(
         If there are fewer than two images, no ball is found, the circle does not fit the image, or an option is out
         of its range.
     """
+    for name, switch in (("refine", refine), ("in_place", in_place)):
+        require_switch(name, switch)
+    require_switch("sphere_map", sphere_map, "True, False or None")
     settings = Options(**options)
     source = Source.open(recording, device, dtype)
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
@@ -157,6 +161,9 @@ def track(
     def followed(first: Circle) -> tuple[Record, Motion]:
         follower = Follower(source, first, mask, settings, progress=progress, in_place=in_place, solver=solver)
         record = follower.run(source.count)
+        if circle is not None and not record.is_confirmed(first.frame) and not shows_ball(source, first, settings):
+            # A circle around nothing: neither its own image nor any other speaks for it.
+            record = record.without(first.frame)
         if settings.model == "translation":
             record = record.without_rotation()
         return record, drift.bound(source, record, first, mask, asked, settings, progress=progress)

@@ -29,6 +29,22 @@ def test_an_npz_is_read_forwards_and_backwards_with_its_scalars(tmp_path: Path, 
         assert recording.origins["frame_rate"] == "NPZ frame_rate"
 
 
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [("1/1000", "<U6 ()"), (np.full(7, 1e-4), "float64 (7,)"), (None, "object ()"), (True, "bool ()")],
+    ids=["words", "several", "nothing", "a truth"],
+)
+@pytest.mark.parametrize("name", ["exposure_s", "frame_rate"])
+def test_a_scalar_of_an_npz_that_is_no_number_is_noted_and_not_used(
+    tmp_path: Path, name: str, value: object, told: str
+) -> None:
+    np.savez(tmp_path / "a.npz", images=IMAGES, **{name: value})  # type: ignore[arg-type]
+    with open_recording(tmp_path / "a.npz") as recording:
+        assert getattr(recording, name) is None
+        assert f"{name} in the file is {told} and no single number, so it is not used" in " ".join(recording.notes)
+        np.testing.assert_array_equal(recording.images(0, 2), IMAGES[:2])
+
+
 def test_an_npz_with_several_stacks_is_refused_by_their_names(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", left=IMAGES, right=IMAGES)
     with pytest.raises(ValueError, match=r"left.*right"):

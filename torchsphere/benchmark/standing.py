@@ -147,15 +147,17 @@ def _values(found: Score) -> dict[str, float]:
 
 
 def write(path: Path, rows: Sequence[Standing]) -> None:
-    """Write scores as CSV; what there is none of stays empty."""
+    """Write scores as CSV, whole or not at all; what there is none of stays empty."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="", encoding="utf-8") as stream:
+    part = path.with_name(f".{path.name}.part")
+    with part.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(COLUMNS)
         for row in rows:
             numbers = (row.values[name] for name in VALUES)
             cells = ("" if math.isnan(value) else format(value, ".6g") for value in numbers)
             writer.writerow((row.tracker, row.suite, row.checksum, row.rotation, *cells, row.notes))
+    part.replace(path)
 
 
 def earlier(path: Path, benchmark: Benchmark, rows: Sequence[Standing]) -> list[Standing]:

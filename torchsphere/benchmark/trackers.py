@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from torchsphere.baselines import TRACKERS, Baseline
 from torchsphere.benchmark.prediction_table import IGNORED, KNOWN, PLACE, QUATERNION, STEP, TURN
+from torchsphere.ending import Ending
 from torchsphere.orientation import quaternions
 from torchsphere.perspective import Camera
 from torchsphere.track import Track, track
@@ -142,6 +143,11 @@ def _imported(name: str) -> Callable[..., Any]:
         function = getattr(importlib.import_module(module), attribute, None)
     except ImportError as error:
         raise ValueError(f"tracker {name!r}: {error}; run from its folder, or set PYTHONPATH") from error
+    except Ending:
+        raise
+    except (Exception, SystemExit) as error:
+        told = f"{type(error).__name__}: {error}"
+        raise ValueError(f"tracker {name!r}: importing {module} failed ({told}); correct the module") from error
     if not callable(function):
         raise ValueError(f"tracker {name!r}: {module} has no function {attribute!r}")
     return function
@@ -152,7 +158,13 @@ def _users(name: str, function: Callable[..., Any]) -> Callable[[Task], tuple[Co
 
     def run(task: Task) -> tuple[Columns, float]:
         began = time.perf_counter()
-        found = function(task.images, task.circle)
+        try:
+            found = function(task.images, task.circle)
+        except Ending:
+            raise
+        except SystemExit as error:
+            # It would end the whole run, and without a word where its code is 0.
+            raise RuntimeError(f"{name} called for the program's end (SystemExit: {error.code})") from error
         return checked(name, found, len(task.images)), time.perf_counter() - began
 
     return run

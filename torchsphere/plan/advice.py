@@ -7,6 +7,7 @@ import math
 from torchsphere.plan.camera_modes import LEAST_CONTACT_FRAMES, LEAST_IN_VIEW, Verdict, best
 from torchsphere.plan.expected import MOST_BLUR_PX, NOISE_ONLY_UP_TO_DEG
 from torchsphere.plan.plan import Plan
+from torchsphere.plausible import implausible
 
 #: Share of the peak force that its error may be: 1.5 % is the paper's (table 3).
 PAPER_SHARE = 0.015
@@ -17,7 +18,9 @@ TIE = 0.15
 
 def cautions(plan: Plan) -> tuple[str, ...]:
     """What makes the plan's numbers others than they are taken for."""
-    return plan.flight.warnings if plan.flight else ()
+    setup = plan.setup
+    odd = implausible(setup.diameter_mm, setup.mass_g, f"--diameter-mm {setup.diameter_mm:g}")
+    return (*odd, *(plan.flight.warnings if plan.flight else ()))
 
 
 def remarks(plan: Plan) -> list[str]:

@@ -69,7 +69,7 @@ def open_npy(path: Path) -> Recording:
             stack = np.memmap(path, layout.dtype, "r", layout.data_at, layout.shape, order)  # type: ignore[call-overload]
             return _grey(np.array(stack[start:stop]), layout)
 
-    return _recording(path, "NumPy array (NPY)", layout, read, {})
+    return _recording(path, layout, read, {})
 
 
 def open_npz(path: Path) -> Recording:
@@ -107,7 +107,16 @@ def open_npz(path: Path) -> Recording:
             "save numpy.ascontiguousarray of them"
         )
     stream = _Stream(path, member, layout)
-    return _recording(path, "NumPy archive (NPZ)", layout, stream.read, scalars, stream)
+    return _recording(path, layout, stream.read, scalars, stream, _not_read(layouts))
+
+
+def _not_read(layouts: dict[str, _Layout]) -> tuple[str, ...]:
+    """Notes on what has the name of a scalar and is none."""
+    return tuple(
+        f"{name} in the file is {layouts[f'{name}.npy']} and no single number, so it is not used; save it as one."
+        for name in _SCALARS
+        if f"{name}.npy" in layouts
+    )
 
 
 def _read_layout(path: Path, file: IO[bytes]) -> _Layout:
@@ -134,9 +143,14 @@ def _grey(images: NDArray[Any], layout: _Layout) -> NDArray[Any]:
 
 
 def _recording(
-    path: Path, kind: str, layout: _Layout, read: Reader, scalars: dict[str, float], stream: _Stream | None = None
+    path: Path,
+    layout: _Layout,
+    read: Reader,
+    scalars: dict[str, float],
+    stream: _Stream | None = None,
+    doubts: tuple[str, ...] = (),
 ) -> Recording:
-    notes: tuple[str, ...] = () if "frame_rate" in scalars else ("The file states no frame rate.",)
+    notes: tuple[str, ...] = doubts if "frame_rate" in scalars else (*doubts, "The file states no frame rate.")
     if len(layout.shape) == 4:
         notes += (GREY_NOTE,) + ((ALPHA_NOTE,) if layout.shape[3] == 4 else ())
     depth = 8 if layout.dtype == np.uint8 else None
@@ -144,7 +158,7 @@ def _recording(
     n, height, width = layout.shape[:3]
     recording = Recording(
         path=path,
-        kind=kind,
+        kind="NumPy archive (NPZ)" if stream else "NumPy array (NPY)",
         shape=(n, height, width),
         bit_depth=depth,
         frame_rate=scalars.get("frame_rate"),
@@ -170,7 +184,8 @@ def _members(path: Path) -> tuple[dict[str, _Layout], dict[str, float]]:
             layout = _read_layout(path, file)
             name = info.filename.removesuffix(".npy")
             value = file.read(layout.dtype.itemsize) if name in _SCALARS and prod(layout.shape) == 1 else b""
-        if layout.data_at + layout.nbytes != info.file_size:
+        # Of Python objects the header states no size; they are never loaded.
+        if not layout.dtype.hasobject and layout.data_at + layout.nbytes != info.file_size:
             raise OSError(
                 f"{path}: array {name} states {layout}, but its data have another size; it is cut, copy it again"
             )

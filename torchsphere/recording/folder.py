@@ -120,9 +120,12 @@ def _gaps(files: list[Path]) -> tuple[str, ...]:
     if first is None:
         return ()
     missing = sum(step // usual - 1 for step in steps)
+    lack = f"{missing} of the numbered images are missing, the first of them"
+    if missing == 1:
+        lack = "1 of the numbered images is missing,"
     return (
-        f"{missing} of the numbered images are missing, the first of them between {files[first].name} and "
-        f"{files[first + 1].name}; the images are taken as successive, so motion across a gap comes out too fast.",
+        f"{lack} between {files[first].name} and {files[first + 1].name}; the images are taken as successive, so "
+        "motion across a gap comes out too fast.",
     )
 
 

@@ -12,6 +12,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv
 
+from torchsphere.choices import STATUSES
 from torchsphere.report.kept import Sampled, load
 
 Array = NDArray[np.float64]
@@ -190,12 +191,18 @@ class _DamageError(Exception):
 
 
 def _require_whole(summary: Any, table: dict[str, NDArray[Any]], motion: SIMotion | None) -> None:
-    """Raise _DamageError where the summary lacks a section, or a table, as one cut between two lines, lacks frames."""
+    """Raise _DamageError where the summary lacks a section, a table lacks frames, or a frame has no known status."""
     sections = summary if isinstance(summary, dict) else {}
     for name, parts in _SECTIONS.items():
         section = sections.get(name)
         if not isinstance(section, dict) or any(section.get(part) is None for part in parts):
             raise _DamageError(f"summary.json does not tell {', '.join(parts) or 'anything'} of its {name}")
+    for row, status in enumerate(table["status"]):
+        if status not in STATUSES:
+            raise _DamageError(
+                f"the status of frame {summary['input']['first_frame'] + row} in track.csv is {status!r}, and none of "
+                f"{', '.join(STATUSES)}"
+            )
     count = summary["input"]["last_frame"] - summary["input"]["first_frame"] + 1
     lengths = {"track.csv": len(table["frame"])} | ({} if motion is None else {"kinematics.csv": len(motion.time_s)})
     for name, length in lengths.items():
