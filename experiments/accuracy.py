@@ -2,10 +2,11 @@
 
 Claim: up to 0.6 deg per frame the error of a step between frames is what the noise in the images makes it, its stated
 uncertainty is true to 20 % (single components at R = 10 px to a third), and a bias of 0.0002 px, independent of the
-noise, of 0.0005 to 0.002 px with finer and coarser speckle, and of 0.005 px at R = 10 px, comes on top. From 2 deg per frame on the changing view of the texture adds
-errors: at 5 deg stated to 25 %, at 10 deg too wide by a third for all but wz, which is a quarter too narrow, at 20 deg
-by a half and 1.6 times. The map of the ball (``sphere_map=True``) is twice as precise, has a bias of 0.0002 px at most
-under noise of 2 grey levels, and measures and states 10 deg per frame as well as 0.57.
+noise, of 0.0005 to 0.002 px with finer and coarser speckle, and of 0.005 px at R = 10 px, comes on top. From 2 deg per
+frame on the changing view of the texture adds errors: at 5 deg stated to 25 %, at 10 deg too wide by a third for all
+but wz, which is a quarter too narrow, at 20 deg by a half and 1.6 times. The map of the ball (``sphere_map=True``) is
+twice as precise, has a bias of 0.0002 px at most under noise of 2 grey levels, and measures and states 10 deg per
+frame as well as 0.57.
 
 Base case: R = 50 px, noise 2 grey levels, 8 bit, speckle 4 px from 30 to 220 grey levels over a uniform background of
 90, steps of (1.4, 0.2) +- 0.3 px, rotation 0.57 deg per frame; one property is varied at a time, three patterns of 30
