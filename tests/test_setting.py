@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from refusals import refused
 
+import torchsphere as ts
 from torchsphere.cli import main
 from torchsphere.options import Options
 from torchsphere.request import Request
@@ -125,3 +126,22 @@ def test_without_a_scale_nothing_is_said_to_be_in_the_lab_frame(tmp_path: Path, 
     assert main(["track", str(short), "--out", str(out), "--circle", CIRCLE, "--frames", "0:6", "--lab-frame"]) == 0
     assert json.loads((out / "summary.json").read_text())["axes"].startswith("camera frame")
     assert '"lab":false' in (out / "report.html").read_text().replace(": ", ":")
+
+
+ARGUMENTS = {
+    "an option": ({"roii": 0.9}, "track has no argument 'roii': did you mean roi?"),
+    "an argument of its own": ({"circl": (25, 25, 10)}, "track has no argument 'circl': did you mean circle?"),
+    "like none": ({"qqq": 3}, "track has no argument 'qqq': the settings are model, roi, pre_blur"),
+}
+
+
+@pytest.mark.parametrize("case", ARGUMENTS)
+def test_an_argument_that_there_is_not_is_told_with_the_one_that_was_meant(case: str) -> None:
+    given, words = ARGUMENTS[case]
+    with pytest.raises(TypeError, match=re.escape(words)):
+        ts.track(np.zeros((2, 50, 50), np.float32), **given)
+
+
+def test_so_it_is_for_pairs() -> None:
+    with pytest.raises(TypeError, match=r"correlate has no argument 'starts': did you mean start\?"):
+        ts.correlate(np.zeros((50, 50)), np.zeros((50, 50)), (25, 25, 10), starts=None)

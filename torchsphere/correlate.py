@@ -20,7 +20,7 @@ from torch import Tensor
 from torchsphere import crop
 from torchsphere.correlation import Correlation
 from torchsphere.inputs import as_images, as_mask, as_rows, check_circle
-from torchsphere.options import Options, margin, suited
+from torchsphere.options import Options, given_to, margin, suited
 from torchsphere.pairs import Pairs
 from torchsphere.reference import Filtered
 from torchsphere.solve import approach, solve
@@ -53,12 +53,14 @@ def correlate(f: Any, g: Any, circle: Any, *, start: Any = None, ignore: Any = N
     ------
     ValueError
         If shapes do not fit, a circle is not finite or lies outside the image, or an option is out of its range.
+    TypeError
+        If there is no such option.
 
     Notes
     -----
     Equations (3) and (5) to (10) of the paper.
     """
-    settings = Options(**options)
+    settings = given_to(correlate, options)
     f, g = as_images(f, "f"), as_images(g, "g")
     if f.shape != g.shape:
         raise ValueError(f"f and g must have one shape, got {tuple(f.shape)} and {tuple(g.shape)}")

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import difflib
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from torchsphere import interpolate, motion
@@ -82,6 +85,18 @@ class Options:
         limits |= {"min_zncc": (0.0, 1.0), "min_visible": (0.0, 1.0), "finite_from_deg": (0.0, 180.0)}
         for name, allowed in limits.items():
             require_within(name, getattr(self, name), allowed)
+
+
+def given_to(function: Callable[..., Any], options: Mapping[str, Any]) -> Options:
+    """The ``options`` that were given to a ``function`` beside its own arguments; TypeError for a name that is none."""
+    names = [field.name for field in fields(Options)]
+    for name in options:
+        if name not in names:
+            own = [p.name for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
+            near = difflib.get_close_matches(name, own + names, 1)
+            advice = f"did you mean {near[0]}?" if near else f"the settings are {', '.join(names)}"
+            raise TypeError(f"{function.__name__} has no argument {name!r}: {advice}")
+    return Options(**options)
 
 
 def suited(options: Options, radius: float) -> Options:

@@ -19,7 +19,7 @@ from torchsphere.first_circle import first_circle, shows_ball
 from torchsphere.follow import Follower, Progress
 from torchsphere.inputs import as_mask
 from torchsphere.joint import ALONE, Solver, together
-from torchsphere.options import Options, suited
+from torchsphere.options import given_to, suited
 from torchsphere.record import Record
 from torchsphere.setting import require_switch
 from torchsphere.source import Source
@@ -143,11 +143,13 @@ def track(
     ValueError
         If there are fewer than two images, no ball is found, the circle does not fit the image, or an option is out
         of its range.
+    TypeError
+        If there is no such option.
     """
     for name, switch in (("refine", refine), ("in_place", in_place)):
         require_switch(name, switch)
     require_switch("sphere_map", sphere_map, "True, False or None")
-    settings = Options(**options)
+    settings = given_to(track, options)
     source = Source.open(recording, device, dtype)
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
     with parallel.one_each():
