@@ -30,7 +30,7 @@ class Window:
     """The pixels of one image around the ball.
 
     Places are in double precision, all else in that of the image; what is computed from places is so, too, once they
-    are taken from the ball's centre. Single is twice as fast and moves a pose by 1e-5 px.
+    are taken from the ball's centre. Single is nearly twice as fast and moves a pose by 1e-6 px.
 
     Attributes
     ----------
