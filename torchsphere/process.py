@@ -85,33 +85,48 @@ def transitions(times: Tensor, windows: Tensor) -> Transitions:
     starts, ends = touching & (start >= before), touching & (end <= after)
     inside = inside.clamp_min(0.0)
     first, last = torch.where(starts, first, 0.0), torch.where(ends, last, 0.0)
-    first = torch.where(touching, first, after - before)
     unit = torch.eye(STATES, dtype=times.dtype, device=times.device)
     steady_states = torch.diag((torch.arange(STATES, device=times.device) < STEADY).to(times))
 
     def steady(duration: Tensor, where: Tensor) -> Tensor:
         return torch.where(where[..., None, None], integrator(duration) @ steady_states, unit)
 
-    middle, finish = integrator(inside), steady(last, ends | ~touching)
-    matrix = finish @ middle @ steady(first, starts | ~touching)
+    # Most frames are in flight in any interval, and alike: the rest is computed for the others alone.
+    bound = touching.any(1).any(0)
+    starts, idle = starts | ~touching, ends | ~touching
+    first = torch.where(touching, first, after - before)
+    begin, finish = (steady(v[..., bound], where[..., bound]) for v, where in ((first, starts), (last, idle)))
+    middle = integrator(inside[..., bound])
+    matrix = (integrator(after - before) @ steady_states).repeat(1, windows.shape[1], 1, 1, 1)
+    matrix[:, :, bound] = finish @ middle @ begin
+    length = torch.where(starts & touching, end - start, 0.0)[..., bound]
 
     def added(order: int) -> Tensor:
-        # The size of the first jerk and snap is tied to the intensity by the contact's own duration: no number of its
-        # own to find.
-        size = torch.zeros(*starts.shape, STATES, dtype=times.dtype, device=times.device)
-        for i in range(STEADY, order):
-            size[..., i] = torch.where(starts, end - start, 0.0) ** (2 * (order - i) - 1)
-        within = white_noise(inside, order) + middle @ torch.diag_embed(size) @ middle.mT
-        return finish @ within @ finish.mT
+        within = white_noise(inside[..., bound], order) + middle @ _first_size(length, order) @ middle.mT
+        found = torch.zeros_like(matrix)
+        found[:, :, bound] = finish @ within @ finish.mT
+        return found
 
     return Transitions(
         matrix=matrix,
         rough=added(ROUGH),
         smooth=added(STATES),
         flight=white_noise(after - before, STEADY),
-        idle=ends | ~touching,
-        touching=touching.any(1).any(0).tolist(),
+        idle=idle,
+        touching=bound.tolist(),
     )
+
+
+def _first_size(length: Tensor, order: int) -> Tensor:
+    """Covariance (..., 5, 5), per unit intensity, of the states that a contact of so many frames (...) starts with.
+
+    The size of the first jerk and snap is tied to the intensity by the contact's own duration: no number of its own to
+    find.
+    """
+    size = length.new_zeros(*length.shape, STATES)
+    for i in range(STEADY, order):
+        size[..., i] = length ** (2 * (order - i) - 1)
+    return torch.diag_embed(size)
 
 
 def integrator(duration: Tensor) -> Tensor:
