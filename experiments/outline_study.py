@@ -54,7 +54,7 @@ from experiments.accuracy import (
     root_mean_square,
     row,
 )
-from torchsphere import outline, still, view
+from torchsphere import outline, sight, still
 from torchsphere.correlate import correlate_pairs
 from torchsphere.interpolate import blur
 from torchsphere.options import Options
@@ -89,7 +89,7 @@ def without_background(shot: Shot, position: Array) -> Tensor:
         y, x = torch.meshgrid(*(torch.arange(n) for n in image.shape), indexing="ij")
         inside = (x - centre[0]).square() + (y - centre[1]).square() < shot.radius**2
         share, column, row = inside.to(image), *window.pixels.long().unbind(-1)
-        share[row, column], _ = view.coverage(window, centre, shot.radius, view.LEAST_BLUR_PX)
+        share[row, column], _ = sight.coverage(window, centre, shot.radius, sight.LEAST_BLUR_PX)
         image -= ((1 - share) * (behind - level)).float()
     return images
 

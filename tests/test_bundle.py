@@ -9,7 +9,7 @@ from shots import Shot, noisy, rotation_matrix, shot
 
 from torchsphere import bundle, register, trust
 from torchsphere.bundle import Bundle
-from torchsphere.view import Pose
+from torchsphere.sight import Pose
 from torchsphere.window import Window, cut_window
 
 RADIUS, LEVEL = 20.0, 90.0

@@ -7,8 +7,8 @@ import pytest
 import torch
 from shots import rotation_matrix
 
-from torchsphere import forward, texture, view
-from torchsphere.view import Ball, Pose
+from torchsphere import forward, sight, texture, view
+from torchsphere.sight import Ball, Pose
 from torchsphere.window import cut_window
 
 RADIUS = 20.0
@@ -17,7 +17,7 @@ RADIUS = 20.0
 def ball(cells: int = 8) -> Ball:
     generator = torch.Generator().manual_seed(2)
     coefficients = 60 + 100 * torch.rand(texture.size(cells), generator=generator, dtype=torch.float64)
-    shading = torch.zeros(view.SHADES, dtype=torch.float64)
+    shading = torch.zeros(sight.SHADES, dtype=torch.float64)
     shading[0] = 1.0
     return Ball(RADIUS, 0.4, cells, coefficients, shading)
 
@@ -34,7 +34,7 @@ def window(at: Pose) -> view.Window:
 def test_the_disc_covers_its_area_and_the_share_falls_from_one_to_zero() -> None:
     at = pose()
     pixels = window(at)
-    share, slope = view.coverage(pixels, at.centre, RADIUS, 0.3)
+    share, slope = sight.coverage(pixels, at.centre, RADIUS, 0.3)
     # Blur conserves area; 2e-5 of it is a tenth of what a straight edge in place of the circle would add.
     assert float(share.sum()) == pytest.approx(math.pi * RADIUS**2, rel=2e-5)
     # The slope is the disc's growth with its radius: its circumference.
@@ -47,7 +47,7 @@ def test_the_disc_covers_its_area_and_the_share_falls_from_one_to_zero() -> None
 def test_a_pixels_share_is_that_of_many_rays() -> None:
     at = pose()
     pixels = window(at)
-    share, _ = view.coverage(pixels, at.centre, RADIUS, view.LEAST_BLUR_PX)
+    share, _ = sight.coverage(pixels, at.centre, RADIUS, sight.LEAST_BLUR_PX)
     steps = (torch.arange(40, dtype=torch.float64) + 0.5) / 40 - 0.5
     rays = pixels.pixels[:, None] + torch.cartesian_prod(steps, steps)
     counted = ((rays - at.centre).norm(dim=-1) < RADIUS).double().mean(1)
@@ -113,7 +113,7 @@ def test_it_looks_like_the_ray_caster_where_the_texture_is_smooth() -> None:
     coefficients = torch.linalg.lstsq(
         design.T @ design + 1e-9 * torch.eye(texture.size(cells)), design.T @ levels
     ).solution
-    seen = replace(ball(cells), coefficients=coefficients, edge_blur=view.LEAST_BLUR_PX)
+    seen = replace(ball(cells), coefficients=coefficients, edge_blur=sight.LEAST_BLUR_PX)
     difference = view.appearance(pixels, at, seen) - pixels.levels
     # Of 110 grey levels of texture, and steps of up to 140 at the outline.
     assert float(difference.abs().max()) < 3.0

@@ -5,7 +5,7 @@ with it the poses, the radius and the blur of the outline. The map's coefficient
 touch their neighbours only, so they are eliminated exactly (Schur complement); what remains are five unknowns per image
 and two in common. Its inverse is the covariance of all poses with the map's own uncertainty in it.
 
-The way to it is Gauss-Newton: the elimination is costly and is renewed rarely, the residuals are always exact.
+The way to it is Gauss-Newton (`torchsphere.adjusting`).
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
-from torchsphere import lit_map, parallel, schur, texture, trust, view
+from torchsphere import adjusting, lit_map, schur, sight, texture, trust
+from torchsphere.adjusting import State
+from torchsphere.sight import Ball, Pose
 from torchsphere.trust import Profile
-from torchsphere.view import Ball, Pose
 from torchsphere.window import Window
 
 Array = NDArray[np.float64]
@@ -35,16 +35,10 @@ EDGE_BLUR_PX = 0.3
 #: Rounds at most with cells of one width, and how far the last step of a round may still have moved a pose, px, to go
 #: on to the next width.
 ROUNDS = 4
-SETTLED_PX = (0.1, 0.05, 0.02)
+SETTLED_PX = (0.1, 0.1, 0.02)
 
-#: Steps at most after each elimination, and the length of the last one, as a share of what settles the width.
-STEPS, DONE = 4, 0.05
-
-#: A round ends when a step is no longer this share of the one before: its elimination is too old then.
-SHRINKS = 0.8
-
-#: Shares of a step that are tried until the residuals fall: near the limb no step is linear.
-SHARES = (1.0, 0.3, 0.1)
+#: Length of the last step of a round for each width, px.
+DONE_PX = (0.02, 0.01, 0.001)
 
 #: Variance within the disc, against that of the noise, from which a shading is sought. Without need, its terms would
 #: wander with the map's own slow changes.
@@ -58,8 +52,8 @@ SYSTEMATIC_RADIUS_PX = 0.015
 #: which the model does not know. Measured with 0.65 px: the radius stays up to 0.29 px away, where it started from.
 SHARP_PX, SYSTEMATIC_PER_BLUR = 0.3, 0.8
 
-#: Rounds of map and gains in turns at the start, for recordings that flicker.
-GAIN_ROUNDS = 3
+#: Rounds of gains and map in turns at the start, after a first map, for recordings that flicker.
+GAIN_ROUNDS = 2
 
 
 @dataclass(frozen=True)
@@ -115,54 +109,41 @@ def adjust(
     -------
     Bundle
     """
-    shading = torch.zeros(view.SHADES, dtype=torch.float64)
+    shading = torch.zeros(sight.SHADES, dtype=torch.float64)
     shading[0] = 1.0
     ball = Ball(radius, EDGE_BLUR_PX, texture.cells_for(radius, SPACINGS_PX[0]), torch.zeros(0).double(), shading)
     poses, profile = trust.first_gains(windows, poses), trust.level_profile(radius)
-    for _ in range(GAIN_ROUNDS):
-        ball = lit_map.first_map(windows, poses, ball, profile)
-        poses, _ = _levelled(windows, poses, ball, profile)
+    ball, poses = lit_map.first_map(windows, poses, ball, profile, GAIN_ROUNDS)
     state = Bundle(ball, poses, np.zeros((0, 0)), profile, windows, settled=False)
-    for spacing, settled in zip(SPACINGS_PX, SETTLED_PX, strict=True):
+    for spacing, settled, done in zip(SPACINGS_PX, SETTLED_PX, DONE_PX, strict=True):
         cells = texture.cells_for(radius, spacing)
         if cells != state.ball.cells:
             finer = replace(state.ball, cells=cells)
-            state = replace(state, ball=lit_map.first_map(state.windows, state.poses, finer, state.profile))
-        state = _rounds(state, settled)
+            state = replace(state, ball=lit_map.first_map(state.windows, state.poses, finer, state.profile)[0])
+        state = _rounds(state, settled, done)
         if progress is not None:
             # A width costs as its number of cells.
             progress(sum(s**-2 for s in SPACINGS_PX if s >= spacing) / sum(s**-2 for s in SPACINGS_PX))
     if state.profile.variance[0] > SHADED_FROM * noise_variance:
         state = replace(state, ball=lit_map.shaded(state.windows, state.poses, state.ball, state.profile))
-        state = _rounds(state, SETTLED_PX[-1])
+        state = _rounds(state, SETTLED_PX[-1], DONE_PX[-1])
     return replace(state, covariance=_with_systematic(state.covariance, len(poses), state.ball.edge_blur))
 
 
-def _rounds(state: Bundle, settled: float) -> Bundle:
-    """Rounds of elimination and steps until a fresh step moves no pose by more than ``settled`` px."""
+def _rounds(before: Bundle, settled: float, done: float) -> Bundle:
+    """Rounds of elimination and steps until a fresh step moves no pose by more than ``settled`` px.
+
+    The steps of a round end with one of ``done`` px.
+    """
+    state = State.of(before.windows, before.poses, before.ball, before.profile)
     for _ in range(ROUNDS):
-        ball = state.ball
-        poses, levels = _levelled(state.windows, state.poses, ball, state.profile)
-        profile = trust.profile(state.windows, poses, levels, ball.radius)
-        each = zip(state.windows, poses, levels, strict=True)
-        windows = [trust.doubt(window, pose, profile, seen) for window, pose, seen in each]
-        elimination = schur.eliminate(windows, poses, ball, profile)
-        poses, ball, move = _iterate(windows, poses, ball, profile, elimination, DONE * settled)
-        state = Bundle(ball, poses, elimination.reduced_inverse, profile, windows, move < settled)
-        if state.settled:
+        state = state.levelled().profiled().doubted()
+        elimination = schur.eliminate(state.windows, state.poses, state.model, state.profile)
+        state, move = adjusting.iterate(state, elimination, done)
+        if move < settled:
             break
-    levels = trust.appearances(state.windows, state.poses, state.ball)
-    return replace(state, profile=trust.profile(state.windows, state.poses, levels, state.ball.radius))
-
-
-def _levelled(
-    windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile
-) -> tuple[list[Pose], list[Tensor]]:
-    """The poses with the gains and offsets that fit best, and what the model then gives the pixels (p,) of each."""
-    levels = trust.appearances(windows, poses, ball)
-    each = zip(windows, poses, levels, strict=True)
-    lit = [trust.levelled(window, pose, profile, seen) for window, pose, seen in each]
-    return lit, [view.relit(*column) for column in zip(levels, poses, lit, strict=True)]
+    profile = state.profiled().profile
+    return Bundle(state.ball, state.poses, elimination.reduced_inverse, profile, state.windows, move < settled)
 
 
 def _with_systematic(covariance: Array, n: int, edge_blur: float) -> Array:
@@ -170,85 +151,3 @@ def _with_systematic(covariance: Array, n: int, edge_blur: float) -> Array:
     of_radius = covariance[:, 5 * n] / covariance[5 * n, 5 * n]
     systematic = np.hypot(SYSTEMATIC_RADIUS_PX, SYSTEMATIC_PER_BLUR * max(edge_blur - SHARP_PX, 0.0))
     return covariance + systematic**2 * np.outer(of_radius, of_radius)
-
-
-def _iterate(
-    windows: list[Window],
-    poses: list[Pose],
-    ball: Ball,
-    profile: Profile,
-    elimination: schur.Elimination,
-    done_px: float,
-) -> tuple[list[Pose], Ball, float]:
-    """Steps with one elimination while they shrink, and are longer than ``done_px``.
-
-    Returns poses, ball, and how far the first step moved a pose, px.
-    """
-    moves: list[float] = []
-    pull = _pull(windows, poses, ball, profile)
-    for _ in range(STEPS):
-        for share in SHARES:
-            tried = _step(pull, poses, ball, elimination, share)
-            settled = lit_map.brought_up_to_date(windows, *tried, profile, elimination)
-            after = _pull(windows, tried[0], settled, profile)
-            if after.squares < pull.squares:
-                break
-        else:
-            break
-        moves.append(max(float((p.centre - q.centre).abs().max()) for p, q in zip(poses, tried[0], strict=True)))
-        poses, ball, pull = tried[0], settled, after
-        if moves[-1] < done_px or (len(moves) > 1 and moves[-1] > SHRINKS * moves[-2]):
-            break
-    return poses, ball, moves[0] if moves else np.inf
-
-
-@dataclass(frozen=True)
-class _Pull:
-    """Where the residuals pull the map (m,) and the poses (5 n + 2,), and their weighted sum of squares."""
-
-    of_map: Array
-    of_poses: Array
-    squares: float
-
-
-def _pull(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> _Pull:
-    n, squares = len(windows), 0.0
-    of_map, of_poses = np.zeros(texture.size(ball.cells)), np.zeros(5 * n + schur.SHARED)
-
-    def of_one(window: Window, pose: Pose) -> tuple[Array, Array, float]:
-        now = view.linearised(window, pose, ball)
-        rest = window.levels - now.levels
-        weighted = trust.weights(window, pose, profile) * rest
-        own = now.look.add(weighted[window.owner] * now.light)
-        return own.numpy(), (now.slopes.T @ weighted).numpy(), float(weighted.double() @ rest.double())
-
-    for i, (own_map, own_pose, own_squares) in enumerate(parallel.each(of_one, windows, poses)):
-        of_map += own_map
-        of_poses[schur.columns_of(i, n)] += own_pose
-        squares += own_squares
-    coefficients = ball.coefficients.numpy()
-    rough = schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ coefficients)
-    return _Pull(of_map - rough, of_poses, squares + float(coefficients @ rough))
-
-
-def _step(
-    pull: _Pull, poses: list[Pose], ball: Ball, elimination: schur.Elimination, share: float
-) -> tuple[list[Pose], Ball]:
-    """A ``share`` of one step of Gauss-Newton, with an elimination that may be a few steps old."""
-    right = elimination.map.solve(pull.of_map[elimination.seen])
-    inverse, blur = elimination.reduced_inverse, 5 * len(poses) + 1
-    step = share * inverse @ (pull.of_poses - elimination.coupling.T @ right)
-    # An edge cannot be sharper than the pixels make it: the blur stops there, and the others take that into account.
-    least = view.LEAST_BLUR_PX - ball.edge_blur
-    if step[blur] < least:
-        step = step + inverse[:, blur] / inverse[blur, blur] * (least - step[blur])
-    coefficients = ball.coefficients.numpy().copy()
-    coefficients[elimination.seen] += share * right - elimination.solved @ step
-    steps = torch.from_numpy(step)
-    poses = [view.moved(pose, steps[5 * i : 5 * i + 5], ball.radius) for i, pose in enumerate(poses)]
-    return poses, replace(
-        ball,
-        radius=ball.radius + float(step[blur - 1]),
-        edge_blur=ball.edge_blur + float(step[blur]),
-        coefficients=torch.from_numpy(coefficients),
-    )

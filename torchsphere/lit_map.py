@@ -12,9 +12,9 @@ import scipy  # which imports scipy.sparse on its first use: 0.1 s, and a track 
 import torch
 from numpy.typing import NDArray
 
-from torchsphere import parallel, schur, texture, trust, view
+from torchsphere import parallel, schur, sight, texture, trust, view
+from torchsphere.sight import Ball, Pose, Sight
 from torchsphere.trust import Profile
-from torchsphere.view import Ball, Pose
 from torchsphere.window import Window
 
 Array = NDArray[np.float64]
@@ -27,58 +27,104 @@ MAP_STEPS = 60
 EXPLAINED, SHADING_ROUNDS, SHADING_SD = 0.01, 4, 0.3
 
 
-def first_map(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> Ball:
-    """The map that fits the images best where the poses are what they are."""
+def first_map(
+    windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile, gain_rounds: int = 0
+) -> tuple[Ball, list[Pose]]:
+    """The map that fits the images best where the poses are what they are, and the poses.
+
+    With ``gain_rounds`` map and gains are fitted in turns. The equations stay those of the first gains then: they only
+    lead the way to where the exact residuals pull no more.
+    """
+    sights = sight.sights(windows, poses, ball)
     ball = replace(ball, coefficients=torch.zeros(texture.size(ball.cells), dtype=torch.float64))
-    normal, gradient = _map_equations(windows, poses, ball, profile)
+    normal = _map_equations(windows, sights, poses, ball.cells, profile)
     seen = np.flatnonzero(normal.diagonal() > 0)
-    coefficients = np.zeros(len(gradient))
-    coefficients[seen], _ = scipy.sparse.linalg.cg(
-        schur.with_prior(normal, seen, ball.cells), gradient[seen], maxiter=MAP_STEPS
-    )
+    matrix = schur.with_prior(normal, seen, ball.cells)
+    ball = _nearer(windows, sights, poses, ball, profile, matrix, seen)
+    for _ in range(gain_rounds):
+        poses = _levelled(windows, sights, poses, ball, profile)
+        ball = _nearer(windows, sights, poses, ball, profile, matrix, seen)
     # What no image has shown is as grey as the rest.
-    coefficients[normal.diagonal() == 0] = np.median(coefficients[seen])
+    coefficients = ball.coefficients.clone()
+    coefficients[normal.diagonal() == 0] = coefficients[seen].median()
+    return replace(ball, coefficients=coefficients), poses
+
+
+def _nearer(
+    windows: list[Window],
+    sights: list[Sight],
+    poses: list[Pose],
+    ball: Ball,
+    profile: Profile,
+    matrix: scipy.sparse.csr_matrix,
+    seen: NDArray[np.int64],
+) -> Ball:
+    """The ball with its map a step nearer to what fits best, by the normal ``matrix`` of its ``seen`` coefficients."""
+    coefficients = ball.coefficients.numpy().copy()
+    pull = _pull(windows, sights, poses, ball, profile) - schur.RIDGE * coefficients
+    step, _ = scipy.sparse.linalg.cg(matrix, pull[seen], maxiter=MAP_STEPS)
+    coefficients[seen] += step
     return replace(ball, coefficients=torch.from_numpy(coefficients))
 
 
 def _map_equations(
-    windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile
-) -> tuple[scipy.sparse.csr_matrix, Array]:
-    count = texture.size(ball.cells)
-    normal, gradient = scipy.sparse.csr_matrix((count, count)), np.zeros(count)
+    windows: list[Window], sights: list[Sight], poses: list[Pose], cells: int, profile: Profile
+) -> scipy.sparse.csr_matrix:
+    """Normal equations (m, m) of the map alone."""
+    count = texture.size(cells)
+    normal = scipy.sparse.csr_matrix((count, count))
 
-    def of_some(some: list[Window], of_them: list[Pose]) -> tuple[scipy.sparse.csr_matrix, Array]:
-        designs, all_weights, pull = [], [], np.zeros(count)
-        for window, pose in zip(some, of_them, strict=True):
-            levels, look, light = view.touched(window, pose, ball)
-            weights = trust.weights(window, pose, profile)
-            designs.append(schur.design_matrix(window, look, light))
-            all_weights.append(weights.double().numpy())
-            pull += designs[-1].T @ (weights * (window.levels - levels)).double().numpy()
-        return schur.normal_matrix(designs, all_weights), pull
+    def of_some(some: list[Window], of_them: list[Sight], their: list[Pose]) -> scipy.sparse.csr_matrix:
+        each = list(zip(some, of_them, their, strict=True))
+        designs = [
+            schur.design_matrix(window, seen.look, seen.onto_pixels(window, pose)) for window, seen, pose in each
+        ]
+        weights = [trust.weights(window, pose, profile).double().numpy() for window, _, pose in each]
+        return schur.normal_matrix(designs, weights)
 
-    for own_normal, own_gradient in parallel.each(of_some, *schur.together(windows, poses)):
-        normal = normal + own_normal
-        gradient += own_gradient
-    return normal, gradient
+    for own in parallel.each(of_some, *schur.together(windows, sights, poses)):
+        normal = normal + own
+    return normal
+
+
+def _levelled(
+    windows: list[Window], sights: list[Sight], poses: list[Pose], ball: Ball, profile: Profile
+) -> list[Pose]:
+    """The poses with the gains and offsets that fit best."""
+
+    def of_one(window: Window, seen: Sight, pose: Pose) -> Pose:
+        return trust.levelled(window, pose, profile, view.levels(window, seen, pose, ball.coefficients))
+
+    return list(parallel.each(of_one, windows, sights, poses))
 
 
 def brought_up_to_date(
-    windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile, elimination: schur.Elimination
+    windows: list[Window],
+    sights: list[Sight],
+    poses: list[Pose],
+    ball: Ball,
+    profile: Profile,
+    elimination: schur.Elimination,
 ) -> Ball:
     """The ball with its map brought up to date with poses that have moved; near the limb that is no linear change."""
-
-    def of_map(window: Window, pose: Pose) -> Array:
-        levels, look, light = view.touched(window, pose, ball)
-        weighted = trust.weights(window, pose, profile) * (window.levels - levels)
-        return look.add(weighted[window.owner] * light).double().numpy()
-
+    pull = _pull(windows, sights, poses, ball, profile)
     coefficients = ball.coefficients.numpy().copy()
-    pull = -schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ coefficients)
-    for own in parallel.each(of_map, windows, poses):
-        pull += own
     coefficients[elimination.seen] += elimination.map.solve(pull[elimination.seen])
     return replace(ball, coefficients=torch.from_numpy(coefficients))
+
+
+def _pull(windows: list[Window], sights: list[Sight], poses: list[Pose], ball: Ball, profile: Profile) -> Array:
+    """Where the residuals and the map's smoothness pull its coefficients (m,)."""
+
+    def of_one(window: Window, seen: Sight, pose: Pose) -> Array:
+        rest = window.levels - view.levels(window, seen, pose, ball.coefficients)
+        weighted = trust.weights(window, pose, profile) * rest
+        return seen.look.add(weighted[window.owner] * seen.onto_pixels(window, pose)).double().numpy()
+
+    pull = -schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ ball.coefficients.numpy())
+    for own in parallel.each(of_one, windows, sights, poses):
+        pull += own
+    return pull
 
 
 def shaded(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> Ball:
@@ -97,7 +143,7 @@ def shaded(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profil
         right, _ = cg(matrix, pull, maxiter=MAP_STEPS)
         # The constant of the light only scales the map.
         reduced, gradient = (equations.own - coupling.T @ solved)[1:, 1:], (equations.of_light - coupling.T @ right)[1:]
-        change = np.linalg.solve(reduced + np.eye(view.SHADES - 1) / SHADING_SD**2, gradient)
+        change = np.linalg.solve(reduced + np.eye(sight.SHADES - 1) / SHADING_SD**2, gradient)
         if change @ gradient < EXPLAINED * equations.squares:
             return ball
         change = np.concatenate(([0.0], change))
@@ -137,8 +183,8 @@ class _Equations:
         """Those of all images together."""
         count = texture.size(ball.cells)
         normal, of_map = scipy.sparse.csr_matrix((count, count)), np.zeros(count)
-        coupling, own = np.zeros((count, view.SHADES)), np.zeros((view.SHADES, view.SHADES))
-        of_light, squares = np.zeros(view.SHADES), 0.0
+        coupling, own = np.zeros((count, sight.SHADES)), np.zeros((sight.SHADES, sight.SHADES))
+        of_light, squares = np.zeros(sight.SHADES), 0.0
         for window, pose in zip(windows, poses, strict=True):
             now = view.linearised(window, pose, ball)
             design = schur.design_matrix(window, now.look, now.light)

@@ -8,7 +8,6 @@ outline against the still background. The map also knows the radius better than 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -20,9 +19,10 @@ from torch import Tensor
 from torchsphere import bundle, parallel, register, still
 from torchsphere.bundle import Bundle
 from torchsphere.circle import Circle
+from torchsphere.map_steps import step_covariances
 from torchsphere.register import Registration
+from torchsphere.sight import Pose
 from torchsphere.source import Source
-from torchsphere.view import Pose
 from torchsphere.window import Window, cut_window
 
 Array = NDArray[np.float64]
@@ -219,36 +219,5 @@ def _assemble(
         sd_y=float(sd_y),
         sd_radius=float(np.hypot(np.sqrt(spread[size, size]), SYSTEMATIC_RADIUS_SHARE * adjusted.ball.radius)),
     )
-    steps = _step_covariances(n, found, keys, adjusted)
+    steps = step_covariances(n, found, keys, adjusted)
     return Mapped(position, orientation, steps, outline, len(keys), adjusted.ball.edge_blur, misfit)
-
-
-def _step_covariances(n: int, found: dict[int, Registration], keys: list[int], adjusted: Bundle) -> Array:
-    """Covariance (n - 1, 5, 5) of the steps between frames that are both on the map.
-
-    Between keyframes it is that of the adjustment. Elsewhere the two images' own noise is scaled to it: the map that
-    they are registered on is uncertain, too.
-    """
-    unit = np.array([1.0, 1.0, *3 * [1 / adjusted.ball.radius]])
-    to_units = np.outer(unit, unit)
-    between = np.full((n - 1, 5, 5), np.nan)
-    place = {i: k for k, i in enumerate(keys)}
-    ratios = []
-    for a, b in itertools.pairwise(keys):
-        alone = (found[a].covariance + found[b].covariance).numpy()
-        ratios.append(np.sqrt(np.diag(_difference(adjusted, place[a], place[b])) / np.diag(alone)))
-    wider = np.maximum(np.median(ratios, axis=0), 1.0)
-    for i in range(n - 1):
-        if i in place and i + 1 in place:
-            between[i] = _difference(adjusted, place[i], place[i + 1]) * to_units
-        elif i in found and i + 1 in found:
-            own = (found[i].covariance + found[i + 1].covariance).numpy()
-            between[i] = wider[:, None] * own * wider * to_units
-    return between
-
-
-def _difference(adjusted: Bundle, a: int, b: int) -> Array:
-    """Covariance (5, 5) of the step from the adjusted pose number ``a`` to number ``b``."""
-    spread, first, second = adjusted.covariance, slice(5 * a, 5 * a + 5), slice(5 * b, 5 * b + 5)
-    shared = spread[first, second]
-    return spread[first, first] + spread[second, second] - shared - shared.T

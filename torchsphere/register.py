@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from torchsphere import trust, view
+from torchsphere.sight import Ball, Pose
 from torchsphere.trust import Profile
-from torchsphere.view import Ball, Pose
 from torchsphere.window import Window
 
 #: Steps at most, and the length below which the last one ends the iteration, px. Steps shrink tenfold each.

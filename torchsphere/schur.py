@@ -8,17 +8,20 @@ covariance of the poses with the map's own uncertainty in it.
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy  # which imports scipy.sparse on its first use: 0.1 s, and a track without a map has none
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere import parallel, texture, trust, view
+from torchsphere import parallel, texture, trust
+from torchsphere.sight import Pose
 from torchsphere.texture import Stencil
 from torchsphere.trust import Profile
-from torchsphere.view import Ball, Pose
+from torchsphere.view import Linearised
 from torchsphere.window import Window
 
 Array = NDArray[np.float64]
@@ -58,10 +61,10 @@ def design_matrix(window: Window, look: Stencil, light: Tensor) -> scipy.sparse.
     return scipy.sparse.csr_matrix(entries, shape=(len(window.pixels), rays)) @ of_rays
 
 
-def together(windows: list[Window], poses: list[Pose]) -> tuple[list[list[Window]], list[list[Pose]]]:
-    """Windows and poses in groups of `TOGETHER`."""
-    starts = range(0, len(windows), TOGETHER)
-    return [windows[i : i + TOGETHER] for i in starts], [poses[i : i + TOGETHER] for i in starts]
+def together(*columns: list[Any]) -> Iterator[list[list[Any]]]:
+    """What belongs to each image, column by column, in groups of `TOGETHER` images."""
+    for column in columns:
+        yield [column[i : i + TOGETHER] for i in range(0, len(column), TOGETHER)]
 
 
 def normal_matrix(designs: list[scipy.sparse.csr_matrix], weights: list[Array]) -> scipy.sparse.csr_matrix:
@@ -96,17 +99,19 @@ def roughness_matrix(cells: int) -> scipy.sparse.csr_matrix:
     return scipy.sparse.kron(scipy.sparse.identity(6), face).tocsr()
 
 
-def eliminate(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> Elimination:
-    """Normal equations of map and poses together, and the map eliminated from them."""
-    count, n = texture.size(ball.cells), len(windows)
+def eliminate(windows: list[Window], poses: list[Pose], model: list[Linearised], profile: Profile) -> Elimination:
+    """Normal equations of map and poses together, and the map eliminated from them; ``model`` is that at the poses."""
+    cells, n = model[0].look.cells, len(windows)
+    count = texture.size(cells)
     total = 5 * n + SHARED
     normal = scipy.sparse.csr_matrix((count, count))
     coupling, own = np.zeros((count, total)), np.zeros((total, total))
 
-    def of_some(some: list[Window], of_them: list[Pose]) -> tuple[scipy.sparse.csr_matrix, list[tuple[Array, Array]]]:
+    def of_some(
+        some: list[Window], of_them: list[Pose], their: list[Linearised]
+    ) -> tuple[scipy.sparse.csr_matrix, list[tuple[Array, Array]]]:
         designs, all_weights, others = [], [], []
-        for window, pose in zip(some, of_them, strict=True):
-            now = view.linearised(window, pose, ball)
+        for window, pose, now in zip(some, of_them, their, strict=True):
             designs.append(design_matrix(window, now.look, now.light))
             all_weights.append(trust.weights(window, pose, profile).double().numpy())
             slopes = now.slopes.double().numpy()
@@ -115,7 +120,7 @@ def eliminate(windows: list[Window], poses: list[Pose], ball: Ball, profile: Pro
         return normal_matrix(designs, all_weights), others
 
     i = 0
-    for of_map, others in parallel.each(of_some, *together(windows, poses)):
+    for of_map, others in parallel.each(of_some, *together(windows, poses, model)):
         normal = normal + of_map
         for between, of_pose in others:
             columns = columns_of(i, n)
@@ -123,7 +128,7 @@ def eliminate(windows: list[Window], poses: list[Pose], ball: Ball, profile: Pro
             own[np.ix_(columns, columns)] += of_pose
             i += 1
     seen = np.flatnonzero(normal.diagonal() > 0)
-    factor = _factor(with_prior(normal, seen, ball.cells))
+    factor = _factor(with_prior(normal, seen, cells))
     coupling = coupling[seen]
     solved = factor.solve(coupling)
     reduced = own - coupling.T @ solved

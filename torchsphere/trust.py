@@ -12,8 +12,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
 
-from torchsphere import parallel, view
-from torchsphere.view import Ball, Pose
+from torchsphere.sight import Pose
 from torchsphere.window import Window
 
 #: Limits of the rings that the residual is taken over, px from the outline.
@@ -54,11 +53,6 @@ def level_profile(radius: float) -> Profile:
     """One variance everywhere, where nothing is known yet."""
     limits = radius + torch.tensor(RINGS_PX, dtype=torch.float64)
     return Profile(limits, torch.ones(len(limits) + 1, dtype=torch.float64))
-
-
-def appearances(windows: list[Window], poses: list[Pose], ball: Ball) -> list[Tensor]:
-    """Grey levels (p,) that the model gives the pixels of each window."""
-    return list(parallel.each(lambda window, pose: view.appearance(window, pose, ball), windows, poses))
 
 
 def profile(windows: list[Window], poses: list[Pose], levels: list[Tensor], radius: float) -> Profile:
