@@ -10,6 +10,9 @@ from torchsphere import parallel
 
 CPU = torch.device("cpu")
 
+#: Pixels of a row that is worth a thread.
+ENOUGH = parallel.LEAST_PIXELS
+
 
 @pytest.fixture(params=[1, 3])
 def threads(request: pytest.FixtureRequest) -> Iterator[int]:
@@ -21,10 +24,23 @@ def threads(request: pytest.FixtureRequest) -> Iterator[int]:
 
 @pytest.mark.parametrize("rows", [1, 5, 8, 100])
 def test_the_shares_are_all_rows_once_and_in_order(threads: int, rows: int) -> None:
-    with parallel.sharing(CPU) as run:
+    with parallel.sharing(CPU, ENOUGH) as run:
         parts = run(lambda start, stop: list(range(start, stop)), rows)
     assert [row for part in parts for row in part] == list(range(rows))
     assert len(parts) <= threads
+
+
+def test_small_balls_stay_on_one_thread_and_large_ones_get_as_many_as_their_pixels_are_worth() -> None:
+    before = torch.get_num_threads()
+    torch.set_num_threads(8)
+    try:
+        shares = []
+        for radius in (15, 50, 100, 300):
+            with parallel.sharing(CPU, (2 * radius) ** 2) as run:
+                shares.append(len(run(lambda start, stop: None, 32)))
+    finally:
+        torch.set_num_threads(before)
+    assert shares == [1, 1, 3, 8]
 
 
 def test_each_share_has_its_own_thread_with_a_single_torch_thread_and_the_number_is_given_back(threads: int) -> None:
@@ -35,7 +51,7 @@ def test_each_share_has_its_own_thread_with_a_single_torch_thread_and_the_number
         meeting.wait()
         return threading.get_ident(), torch.get_num_threads()
 
-    with parallel.sharing(CPU) as run:
+    with parallel.sharing(CPU, ENOUGH) as run:
         found = run(part, 100)
     assert len({name for name, _ in found}) == threads
     assert {count for _, count in found} == {1}
@@ -46,7 +62,7 @@ def test_an_error_in_a_share_is_raised_and_the_number_of_threads_given_back(thre
     def part(start: int, stop: int) -> None:
         raise ArithmeticError("a share failed")
 
-    with pytest.raises(ArithmeticError, match="a share failed"), parallel.sharing(CPU) as run:
+    with pytest.raises(ArithmeticError, match="a share failed"), parallel.sharing(CPU, ENOUGH) as run:
         run(part, 100)
     assert torch.get_num_threads() == threads
 
@@ -54,9 +70,9 @@ def test_an_error_in_a_share_is_raised_and_the_number_of_threads_given_back(thre
 def test_operations_with_a_thread_each_leave_the_shares_as_many_as_before(threads: int) -> None:
     with parallel.one_each():
         assert torch.get_num_threads() == 1
-        with parallel.sharing(CPU) as run:
+        with parallel.sharing(CPU, ENOUGH) as run:
             assert len(run(lambda start, stop: None, 100)) == threads
-        with parallel.one_each(), parallel.sharing(CPU) as run:
+        with parallel.one_each(), parallel.sharing(CPU, ENOUGH) as run:
             assert len(run(lambda start, stop: None, 100)) == threads
         assert torch.get_num_threads() == 1
     assert torch.get_num_threads() == threads
@@ -81,7 +97,7 @@ def test_what_is_shared_out_already_gets_no_threads_of_its_own() -> None:
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     try:
-        with parallel.sharing(CPU) as run:
+        with parallel.sharing(CPU, ENOUGH) as run:
             inner = run(lambda start, stop: len({*parallel.each(lambda _: threading.get_ident(), range(8))}), 8)
         assert inner == [1, 1]
     finally:

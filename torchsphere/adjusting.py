@@ -24,11 +24,15 @@ Array = NDArray[np.float64]
 STEPS, SHRINKS = 4, 0.8
 
 #: Shares of a step that are tried until the residuals fall: near the limb no step is linear.
-SHARES = (1.0, 0.3, 0.1)
+SHARES: tuple[float, ...] = (1.0, 0.3, 0.1)
 
-#: What is tried first from the second step on. Radius, blur and place of the outline are hard to tell apart, and where
-#: they are wrong together each step was measured to leave 0.5 to 0.7 of it: twice the step takes half as many.
+#: What is tried first after a step that was taken as it was meant. Radius, blur and place of the outline are hard to
+#: tell apart: where they are wrong together, each step was measured to leave 0.5 to 0.7 of it.
 FURTHER = 2.0
+
+#: By how much a step must lower the weighted squares for another one: by less, all poses and the ball together are
+#: about one standard deviation from where the squares are least.
+WORTH_IT = 1.0
 
 
 @dataclass(frozen=True)
@@ -90,9 +94,9 @@ def iterate(state: State, elimination: schur.Elimination, done_px: float) -> tup
     With the state comes how far the first step moved a pose, px.
     """
     moves: list[float] = []
-    pull = _pull(state)
+    pull, shares = _pull(state), SHARES
     for _ in range(STEPS):
-        for share in (FURTHER, *SHARES) if moves else SHARES:
+        for share in shares:
             tried = _tried(state, pull, elimination, share)
             after = _pull(tried)
             if after.squares < pull.squares:
@@ -100,9 +104,11 @@ def iterate(state: State, elimination: schur.Elimination, done_px: float) -> tup
         else:
             break
         moves.append(_longest(state.poses, tried.poses) / share)
+        gained = pull.squares - after.squares
         state, pull = tried, after
-        if moves[-1] < done_px or (len(moves) > 1 and moves[-1] > SHRINKS * moves[-2]):
+        if moves[-1] < done_px or gained < WORTH_IT or (len(moves) > 1 and moves[-1] > SHRINKS * moves[-2]):
             break
+        shares = (FURTHER, *SHARES) if share == shares[0] else SHARES
     return state, moves[0] if moves else np.inf
 
 

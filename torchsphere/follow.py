@@ -80,7 +80,7 @@ class Follower:
 
     def run(self, stop: int) -> Record:
         """Measure frame after frame up to ``stop``, in batches that grow while they succeed."""
-        with parallel.sharing(self._source.device) as shared:
+        with parallel.sharing(self._source.device, (2 * self._seen.radius) ** 2) as shared:
             self._setup = dataclasses.replace(self._setup, shared=shared)
             at, size = self._seen.frame + 1, 1
             while at < stop:

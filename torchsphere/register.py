@@ -48,7 +48,7 @@ def register(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Regist
     length = torch.inf
     for turn in range(MAX_STEPS):
         looked = turn in (0, SECOND_LOOK)
-        if looked or length > SLOPES_HOLD_PX:
+        if length > SLOPES_HOLD_PX:
             now = view.linearised(window, pose, ball)
         else:
             now = replace(now, levels=view.appearance(window, pose, ball))
