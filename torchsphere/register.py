@@ -19,8 +19,8 @@ MAX_STEPS, TOLERANCE_PX = 12, 2e-3
 SECOND_LOOK = 2
 
 #: After a step no longer than this, px, the derivatives are those of the step before: they cost twice what the grey
-#: levels do. In dim light a map is noisy, and with it they change within a fraction of a px: up to 0.05 and 0.2 px steps
-#: were 8 and 16 % less precise there.
+#: levels do. In dim light a map is noisy, and with it they change within a fraction of a px: up to 0.05 and 0.2 px
+#: steps were 8 and 16 % less precise there.
 SLOPES_HOLD_PX = 0.01
 
 
