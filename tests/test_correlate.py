@@ -298,6 +298,12 @@ BAD = {
     "four axes": ({"f": IMAGE[None, None]}, "f: expected real grey levels"),
     "words": ({"f": np.array([["a", "b"]])}, "f: expected an array"),
     "complex": ({"f": IMAGE + 1j}, "f: expected real grey levels"),
+    "masked images": ({"g": np.ma.masked_less(IMAGE.numpy(), 60)}, r"g: got a masked array with \d+ of.*`ignore`"),
+    "masked images in a list": ({"f": [np.ma.masked_less(IMAGE.numpy(), 60)]}, "f: got a masked array"),
+    "a mask that is masked": (
+        {"ignore": np.ma.masked_less(IMAGE.numpy(), 60)},
+        r"ignore: got a masked array.*give its `mask`",
+    ),
     "a circle outside": ({"circle": (300, 64, 40)}, r"outside the image of 130 x 130"),
     "a circle of not a number": ({"circle": (64, np.nan, 40)}, "finite"),
     "an infinite radius": ({"circle": (64, 64, np.inf)}, "finite"),
@@ -326,6 +332,17 @@ BAD = {
     "a coefficient above one": ({"min_zncc": 1.1}, "min_zncc = 1.1: expected"),
     "precisions that differ": ({"f": IMAGE.double()}, "precision|dtype|float64"),
 }
+
+
+def test_a_masked_array_without_masked_values_is_its_data() -> None:
+    f, g, circle = pair(MOTION)
+    ignore = np.zeros(f.shape, bool)
+    ignore[:9] = True
+    plain = correlate(f, g, circle, ignore=ignore).q
+    masked = correlate(
+        np.ma.array(f.numpy()), [np.ma.array(g.numpy())], circle, ignore=np.ma.array(ignore, mask=False)
+    ).q
+    assert masked.equal(plain)
 
 
 @pytest.mark.parametrize(("change", "sentence"), BAD.values(), ids=BAD.keys())

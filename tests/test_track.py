@@ -356,6 +356,7 @@ BAD = {
     "one image": ({"recording": IMAGES[:1]}, "1 image"),
     "no array": ({"recording": object()}, "expected an array"),
     "text": ({"recording": "shot.tif"}, r"expected an array .* torchsphere.open_recording\('shot.tif'\)"),
+    "masked images": ({"recording": np.ma.array(IMAGES, mask=IMAGES > 0)}, "recording: got a masked array with 21600"),
     "a path": ({"recording": Path("shot.tif")}, r"open_recording\('shot.tif'\)"),
     "nothing to find": ({}, "no ball was found in 3 frames"),
     "two numbers for a circle": ({"circle": (40, 40)}, "three numbers"),
