@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from shots import noisy, pair
 
 from torchsphere import correlate, criterion, forward, newton
+from torchsphere.circle import Circle
 from torchsphere.correlation import STATUSES
 
 MOTION = (0.63, -0.41, 0.2, 0.5, -0.3)
@@ -125,6 +126,15 @@ def test_every_pair_may_have_its_own_centre() -> None:
     f, g = (torch.stack([one[k] for one in made]) for k in (0, 1))
     found = correlate(f, g, np.array([one[2] for one in made]))
     np.testing.assert_allclose(to_degrees(found.q), (MOTION, MOTION), atol=0.01)  # as for one pair
+
+
+def test_a_circle_is_taken_as_its_three_numbers() -> None:
+    f, g, numbers = pair(MOTION)
+    plain = correlate(f, g, numbers).q
+    # Found in another recording's frame 7, perhaps: the pair has none.
+    assert correlate(f, g, Circle(*numbers, sd_x=0.1, frame=7)).q.equal(plain)
+    both = correlate(torch.stack((f, f)), torch.stack((g, g)), [Circle(*numbers), Circle(*numbers)])
+    torch.testing.assert_close(both.q, plain.expand(2, 5), atol=1e-9, rtol=0)  # float64, sums in another order
 
 
 def test_a_bad_row_does_not_touch_the_others() -> None:
@@ -311,6 +321,7 @@ BAD = {
     "a negative radius": ({"circle": (64, 64, -40)}, "3 px or more"),
     "a circle larger than the image": ({"circle": (64, 64, 500)}, "larger than the image"),
     "two numbers for a circle": ({"circle": (64, 64)}, "circle"),
+    "a circle in words": ({"circle": Circle("left", 64, 40)}, "circle: expected 3 numbers"),  # type: ignore[arg-type]
     "circles of two radii": (
         {"circle": [(64, 64, 40), (64, 64, 41)], "f": IMAGE.expand(2, -1, -1), "g": IMAGE.expand(2, -1, -1)},
         "same radius",
