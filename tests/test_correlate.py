@@ -150,6 +150,19 @@ def test_a_bad_row_does_not_touch_the_others() -> None:
     assert found.covariance[1:].isnan().all()
 
 
+@pytest.mark.parametrize("model", ["rigid", "finite", "published", "translation"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_values_that_are_no_numbers_are_no_lack_of_texture(value: float, model: str) -> None:
+    f, g, circle = pair(MOTION)
+    all_of_it, one, flat = torch.full_like(f, value), g.clone(), torch.full_like(f, 100)
+    one[70, 60] = value
+    found = correlate(torch.stack((f, all_of_it, f, flat)), torch.stack((all_of_it, g, one, g)), circle, model=model)
+    # As `track` says of such frames.
+    assert found.status.tolist() == ["lost", "lost", "lost", "weak_texture"]
+    assert found.q.isnan().all()
+    assert found.covariance.isnan().all()
+
+
 @settings(max_examples=8, deadline=None, derandomize=True)
 @given(gain=st.floats(0.1, 10), offset=st.floats(-100, 100))
 def test_gain_and_offset_change_nothing(gain: float, offset: float) -> None:

@@ -14,7 +14,9 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere import crop
@@ -101,4 +103,14 @@ def correlate_pairs(
     start = start.to(pairs.g.c)
     near = approach(pairs, start, options)
     found = solve(pairs, near.near, options, start)
-    return dataclasses.replace(found, iterations=found.iterations + near.steps)
+    return dataclasses.replace(found, iterations=found.iterations + near.steps, status=_with_lost(found, pairs))
+
+
+def _with_lost(found: Correlation, pairs: Pairs) -> NDArray[np.str_]:
+    """The status (n,) of each pair, "lost" where values that are no numbers leave nothing to be judged."""
+    judged = ~np.isin(found.status, ("ok", "out_of_frame"))
+    if not judged.any():
+        return found.status
+    # One such value is in all coefficients of its crop's spline.
+    numbers = (pairs.f.crops.images.isfinite() & pairs.g.crops.images.isfinite()).flatten(1).all(1)
+    return np.where(judged & ~numbers.cpu().numpy(), "lost", found.status)
