@@ -258,6 +258,30 @@ def test_scores_are_written_whole_or_not_at_all(
     assert (tmp_path / "scores.csv").read_text() == before
 
 
+def test_a_leaderboard_is_written_whole_or_not_at_all(
+    bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, out, board = toy(bench, tmp_path / "toy"), tmp_path / "a.csv", tmp_path / "LEADERBOARD.md"
+    assert main(["benchmark", "score", str(bench), str(made), "--out", str(out), "--quiet"]) == 0
+    board.write_text("an earlier one")
+
+    def stop(self: Path, target: Path) -> Path:
+        """Killed, or a disk that is full, before the file has its name."""
+        raise OSError(28, "No space left on device", str(target))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "replace", stop)
+        assert "no space left" in refused(capsys, "table", out, "--out", board)
+    assert board.read_text() == "an earlier one"
+    assert not list(tmp_path.glob(".*"))
+    # A folder is named as it was given, and nothing is left beside it.
+    assert f"{made}: is a directory" in refused(capsys, "table", out, "--out", made)
+    assert f"{made}: is a directory" in refused(capsys, "score", bench, made, "--out", made)
+    assert not list(tmp_path.glob(".*"))
+    assert main(["benchmark", "table", str(out), "--out", str(board)]) == 0
+    assert board.read_text().startswith("# Leaderboard\n")
+
+
 def test_keep_runs_only_what_is_not_there_of_these_images_or_failed_before(bench: Path, tmp_path: Path) -> None:
     made, entry = folder.read_benchmark(bench), trackers.resolve("user_tracker:raises")
     assert [outcome.kept for outcome in run(made, [entry], tmp_path)] == [False, False]

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from shots import noisy, pair
 
 from torchsphere import correlate, criterion, forward, newton
+from torchsphere.circle import Circle
 from torchsphere.correlation import STATUSES
 
 MOTION = (0.63, -0.41, 0.2, 0.5, -0.3)
@@ -127,6 +128,15 @@ def test_every_pair_may_have_its_own_centre() -> None:
     np.testing.assert_allclose(to_degrees(found.q), (MOTION, MOTION), atol=0.01)  # as for one pair
 
 
+def test_a_circle_is_taken_as_its_three_numbers() -> None:
+    f, g, numbers = pair(MOTION)
+    plain = correlate(f, g, numbers).q
+    # Found in another recording's frame 7, perhaps: the pair has none.
+    assert correlate(f, g, Circle(*numbers, sd_x=0.1, frame=7)).q.equal(plain)
+    both = correlate(torch.stack((f, f)), torch.stack((g, g)), [Circle(*numbers), Circle(*numbers)])
+    torch.testing.assert_close(both.q, plain.expand(2, 5), atol=1e-9, rtol=0)  # float64, sums in another order
+
+
 def test_a_bad_row_does_not_touch_the_others() -> None:
     f, g, circle = pair(MOTION)
     alone = correlate(f, g, circle)
@@ -138,6 +148,19 @@ def test_a_bad_row_does_not_touch_the_others() -> None:
     torch.testing.assert_close(found.q[0], alone.q[0], atol=1e-9, rtol=0)  # float64, sums in another order
     assert found.q[1:].isnan().all()
     assert found.covariance[1:].isnan().all()
+
+
+@pytest.mark.parametrize("model", ["rigid", "finite", "published", "translation"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_values_that_are_no_numbers_are_no_lack_of_texture(value: float, model: str) -> None:
+    f, g, circle = pair(MOTION)
+    all_of_it, one, flat = torch.full_like(f, value), g.clone(), torch.full_like(f, 100)
+    one[70, 60] = value
+    found = correlate(torch.stack((f, all_of_it, f, flat)), torch.stack((all_of_it, g, one, g)), circle, model=model)
+    # As `track` says of such frames.
+    assert found.status.tolist() == ["lost", "lost", "lost", "weak_texture"]
+    assert found.q.isnan().all()
+    assert found.covariance.isnan().all()
 
 
 @settings(max_examples=8, deadline=None, derandomize=True)
@@ -298,6 +321,12 @@ BAD = {
     "four axes": ({"f": IMAGE[None, None]}, "f: expected real grey levels"),
     "words": ({"f": np.array([["a", "b"]])}, "f: expected an array"),
     "complex": ({"f": IMAGE + 1j}, "f: expected real grey levels"),
+    "masked images": ({"g": np.ma.masked_less(IMAGE.numpy(), 60)}, r"g: got a masked array with \d+ of.*`ignore`"),
+    "masked images in a list": ({"f": [np.ma.masked_less(IMAGE.numpy(), 60)]}, "f: got a masked array"),
+    "a mask that is masked": (
+        {"ignore": np.ma.masked_less(IMAGE.numpy(), 60)},
+        r"ignore: got a masked array.*give its `mask`",
+    ),
     "a circle outside": ({"circle": (300, 64, 40)}, r"outside the image of 130 x 130"),
     "a circle of not a number": ({"circle": (64, np.nan, 40)}, "finite"),
     "an infinite radius": ({"circle": (64, 64, np.inf)}, "finite"),
@@ -305,6 +334,7 @@ BAD = {
     "a negative radius": ({"circle": (64, 64, -40)}, "3 px or more"),
     "a circle larger than the image": ({"circle": (64, 64, 500)}, "larger than the image"),
     "two numbers for a circle": ({"circle": (64, 64)}, "circle"),
+    "a circle in words": ({"circle": Circle("left", 64, 40)}, "circle: expected 3 numbers"),  # type: ignore[arg-type]
     "circles of two radii": (
         {"circle": [(64, 64, 40), (64, 64, 41)], "f": IMAGE.expand(2, -1, -1), "g": IMAGE.expand(2, -1, -1)},
         "same radius",
@@ -326,6 +356,17 @@ BAD = {
     "a coefficient above one": ({"min_zncc": 1.1}, "min_zncc = 1.1: expected"),
     "precisions that differ": ({"f": IMAGE.double()}, "precision|dtype|float64"),
 }
+
+
+def test_a_masked_array_without_masked_values_is_its_data() -> None:
+    f, g, circle = pair(MOTION)
+    ignore = np.zeros(f.shape, bool)
+    ignore[:9] = True
+    plain = correlate(f, g, circle, ignore=ignore).q
+    masked = correlate(
+        np.ma.array(f.numpy()), [np.ma.array(g.numpy())], circle, ignore=np.ma.array(ignore, mask=False)
+    ).q
+    assert masked.equal(plain)
 
 
 @pytest.mark.parametrize(("change", "sentence"), BAD.values(), ids=BAD.keys())

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 import torchsphere as ts
+from torchsphere.cautions import too_short
 from torchsphere.orientation import chain
 
 N = 9
@@ -224,3 +225,44 @@ def test_what_is_no_track_is_refused_as_that(falling: ts.Track) -> None:
         ts.kinematics_of_many(falling, **known)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"motion: expected what torchsphere.kinematics returns, got Track"):
         ts.impact(falling)  # type: ignore[arg-type]
+
+
+def said_of(track: ts.Track, method: str, window: int) -> tuple[str, ...]:
+    return too_short(track, ts.kinematics(track, frame_rate=1e3, m_per_px=5e-4, method=method, window=window))
+
+
+def test_polynomials_longer_than_what_was_measured_say_what_is_empty_and_what_to_give(falling: ts.Track) -> None:
+    (said,) = said_of(falling, "savitzky-golay", 11)
+    assert "takes 11 frames measured in a row, and there are 9 at most" in said
+    assert said.endswith(
+        "velocities, accelerations and spins are empty; give --window 9 or less, or --method smoother."
+    )
+    assert said_of(falling, "savitzky-golay", 9) == said_of(falling, "smoother", 11) == ()
+    # Frames 4 to 8 are left in a row.
+    gap = falling.increment.copy()
+    gap[3] = np.nan
+    (said,) = said_of(dataclasses.replace(falling, increment=gap), "savitzky-golay", 7)
+    assert "there are 5 at most" in said
+    assert "--window 5 or less" in said
+    # Frames 0 to 3: no window beyond the order of 3 is left.
+    gap[4:] = np.nan
+    (said,) = said_of(dataclasses.replace(falling, increment=gap), "savitzky-golay", 7)
+    assert said.endswith(
+        "there are 4 at most, so that velocities, accelerations and spins are empty; give --method smoother."
+    )
+    pairs = falling.increment.copy()
+    pairs[::2] = np.nan
+    (said,) = said_of(dataclasses.replace(falling, increment=pairs), "differences", 7)
+    assert said.startswith("The method differences takes 3 frames measured in a row, and there are 2 at most")
+    nothing = dataclasses.replace(falling, increment=np.full_like(gap, np.nan))
+    assert said_of(nothing, "differences", 7) == ()
+
+
+def test_a_rotation_that_polynomials_are_too_long_for_is_told_alone(falling: ts.Track) -> None:
+    rotation = falling.increment.copy()
+    rotation[5:, 2:] = np.nan
+    (said,) = said_of(dataclasses.replace(falling, increment=rotation), "savitzky-golay", 7)
+    assert said.endswith("there are 6 at most, so that spins are empty; give --window 5 or less, or --method smoother.")
+    # Measured by no model, or nowhere: that has a sentence of its own.
+    rotation[:, 2:] = np.nan
+    assert said_of(dataclasses.replace(falling, increment=rotation), "savitzky-golay", 7) == ()

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from shots import ExampleTrack, angles_between, increment_errors, noisy, shot
+from shots import ExampleTrack, angles_between, increment_errors, noisy, shot, textured
 
-from torchsphere import Circle, open_recording, track
+from torchsphere import Camera, Circle, open_recording, track
 from torchsphere.correlation import STATUSES, Correlation
 from torchsphere.joint import Solver
 from torchsphere.options import Options
@@ -241,6 +241,16 @@ def test_a_given_circle_is_taken_as_it_is_and_refined_on_request_only(short: Any
     assert same == Circle(*off)
 
 
+def test_a_circle_that_was_found_and_does_not_fit_the_camera_is_not_said_to_be_given() -> None:
+    # The blotches touch the ball, and the circle found is off by 6 px.
+    made = shot(n=12, background=textured(1, 3.0, 30), step=(8.4, 0.2))
+    with pytest.raises(ValueError, match=r"the circle found, at \(86.9, 120.5\).*give that with circle") as caught:
+        track(made.images, model="pinhole", camera=Camera(distance_radii=20.0))
+    assert "given" not in str(caught.value)
+    with pytest.raises(ValueError, match="track with the circle as given"):
+        track(made.images, (86.9, 120.5, 53.9), model="pinhole", camera=Camera(distance_radii=20.0), refine=True)
+
+
 def test_an_occlusion_that_is_ignored_does_not_harm(short: Any) -> None:
     images = short.images.clone()
     ignore = np.zeros(images.shape[1:], bool)
@@ -356,6 +366,7 @@ BAD = {
     "one image": ({"recording": IMAGES[:1]}, "1 image"),
     "no array": ({"recording": object()}, "expected an array"),
     "text": ({"recording": "shot.tif"}, r"expected an array .* torchsphere.open_recording\('shot.tif'\)"),
+    "masked images": ({"recording": np.ma.array(IMAGES, mask=IMAGES > 0)}, "recording: got a masked array with 21600"),
     "a path": ({"recording": Path("shot.tif")}, r"open_recording\('shot.tif'\)"),
     "nothing to find": ({}, "no ball was found in 3 frames"),
     "two numbers for a circle": ({"circle": (40, 40)}, "three numbers"),

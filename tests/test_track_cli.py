@@ -166,6 +166,16 @@ def test_other_ways_to_differentiate_are_named_in_the_summary(method: str, tmp_p
     assert json.loads((out / "summary.json").read_text())["differentiation"]["method"] == method
 
 
+def test_a_window_longer_than_the_recording_is_told_and_the_track_kept(tmp_path: Path, short: Path) -> None:
+    out = tmp_path / "result"
+    arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--fps", "36000", "--mm-per-px", "0.375"]
+    assert main([*arguments, "--method", "savitzky-golay", "--window", "9", "--no-report", "--quiet"]) == 0
+    warnings = json.loads((out / "summary.json").read_text())["warnings"]
+    (said,) = (sentence for sentence in warnings if "savitzky-golay" in sentence)
+    assert "there are 8 at most" in said
+    assert "give --window 7 or less" in said
+
+
 def test_an_existing_result_is_replaced_only_on_request_and_other_files_never(
     tmp_path: Path, short: Path, capsys
 ) -> None:

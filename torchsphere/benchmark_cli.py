@@ -13,6 +13,7 @@ from torchsphere.benchmark.folder import Benchmark
 from torchsphere.benchmark.make import make
 from torchsphere.benchmark.run import Outcome, folder_of, run
 from torchsphere.benchmark.standing import Standing
+from torchsphere.results import whole_file
 
 #: Exit code where a tracker failed on a suite; its other results are written.
 SOME_FAILED = 3
@@ -103,8 +104,8 @@ def _table(options: dict[str, Any]) -> int:
     if options["out"] is None:
         print(text, end="")  # noqa: T201  (the command line)
     else:
-        options["out"].parent.mkdir(parents=True, exist_ok=True)
-        options["out"].write_text(text, encoding="utf-8")
+        with whole_file(options["out"]) as stream:
+            stream.write(text)
     return 0
 
 

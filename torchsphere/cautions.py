@@ -9,7 +9,10 @@ import torch
 
 from torchsphere import results
 from torchsphere.confirm import confirm, refined
+from torchsphere.kinematics import Kinematics
+from torchsphere.local import runs
 from torchsphere.plausible import implausible
+from torchsphere.poses import joined
 from torchsphere.recording import Recording
 from torchsphere.request import Request
 from torchsphere.setting import option
@@ -34,6 +37,27 @@ def cautions(
         *_of_map(request, tracked),
         *_of_model(request),
     )
+
+
+def too_short(tracked: Track, motion: Kinematics | None) -> tuple[str, ...]:
+    """A sentence where polynomials take more frames than were measured in a row anywhere: their rates are all NaN."""
+    if motion is None or "window_frames" not in motion.about:
+        return ()
+    window, method = motion.about["window_frames"], motion.about["method"]
+    for what, group in (("velocities, accelerations and spins are", 0), ("spins are", 1)):
+        # A motion that was not measured at all is told elsewhere.
+        longest = max((stop - start for start, stop in runs(joined(tracked)[:, group])), default=window)
+        if longest >= window:
+            continue
+        fits = longest - 1 + longest % 2
+        advice = [f"--window {fits} or less"] if method == "savitzky-golay" and fits > motion.about["order"] else []
+        if "instead_of_smoother" not in motion.about:
+            advice.append("--method smoother")
+        return (
+            f"The method {method} takes {window} frames measured in a row, and there are {longest} at most, so that "
+            f"{what} empty{'; give ' if advice else ''}{', or '.join(advice)}.",
+        )
+    return ()
 
 
 def _of_frames(request: Request, tracked: Track, start: int) -> list[str]:

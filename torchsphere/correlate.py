@@ -14,10 +14,13 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere import crop
+from torchsphere.circle import Circle
 from torchsphere.correlation import Correlation
 from torchsphere.inputs import as_images, as_mask, as_rows, check_circle
 from torchsphere.options import Options, given_to, margin, suited
@@ -34,9 +37,9 @@ def correlate(f: Any, g: Any, circle: Any, *, start: Any = None, ignore: Any = N
     f, g : array_like
         Reference and deformed images (n, h, w) or (h, w), NumPy or torch, grey levels. float64 images are measured
         in float64, all others in float32; the device is that of ``f``.
-    circle : array_like
-        Outline (x, y, radius) of the ball in ``f``, px: one for all pairs, or (n, 3) with one radius. With a camera
-        the projected centre and the radius at its depth, see `torchsphere.perspective`.
+    circle : array_like or Circle
+        Outline (x, y, radius) of the ball in ``f``, px: one for all pairs, or (n, 3), or a list of n `Circle`, with
+        one radius. With a camera the projected centre and the radius at its depth, see `torchsphere.perspective`.
     start : array_like, optional
         First guess of the increments, (5,) or (n, 5); by default none moves. It must be right to about half a
         speckle; `torchsphere.track` finds it by itself.
@@ -67,7 +70,7 @@ def correlate(f: Any, g: Any, circle: Any, *, start: Any = None, ignore: Any = N
     n = len(f)
     if f.dtype != g.dtype:
         raise ValueError(f"f and g must have one precision, got {f.dtype} and {g.dtype}; convert one of them")
-    circles = as_rows(circle, n, 3, "circle")
+    circles = as_rows(_as_numbers(circle), n, 3, "circle")
     check_circle(circles, f.shape[-2:])
     if "pre_blur" not in options:
         settings = suited(settings, float(circles[:, 2].max()))
@@ -82,6 +85,13 @@ def correlate(f: Any, g: Any, circle: Any, *, start: Any = None, ignore: Any = N
     return correlate_pairs(f, g, circles, first, mask, settings)
 
 
+def _as_numbers(circle: Any) -> Any:
+    """A `Circle`, or each in a list, as (x, y, radius); all else as it is."""
+    if isinstance(circle, Circle):
+        return circle.x, circle.y, circle.radius
+    return [_as_numbers(each) for each in circle] if isinstance(circle, (list, tuple)) else circle
+
+
 def correlate_pairs(
     f: Tensor, g: Tensor, circles: Tensor, start: Tensor, ignore: Tensor | None, options: Options
 ) -> Correlation:
@@ -93,4 +103,14 @@ def correlate_pairs(
     start = start.to(pairs.g.c)
     near = approach(pairs, start, options)
     found = solve(pairs, near.near, options, start)
-    return dataclasses.replace(found, iterations=found.iterations + near.steps)
+    return dataclasses.replace(found, iterations=found.iterations + near.steps, status=_with_lost(found, pairs))
+
+
+def _with_lost(found: Correlation, pairs: Pairs) -> NDArray[np.str_]:
+    """The status (n,) of each pair, "lost" where values that are no numbers leave nothing to be judged."""
+    judged = ~np.isin(found.status, ("ok", "out_of_frame"))
+    if not judged.any():
+        return found.status
+    # One such value is in all coefficients of its crop's spline.
+    numbers = (pairs.f.crops.images.isfinite() & pairs.g.crops.images.isfinite()).flatten(1).all(1)
+    return np.where(judged & ~numbers.cpu().numpy(), "lost", found.status)

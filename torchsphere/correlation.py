@@ -37,7 +37,8 @@ class Correlation:
     uneven_light : Tensor
         (n,), True where light that changes unevenly over the ball was allowed for: see `torchsphere.light`.
     status : ndarray
-        Strings (n,), each one of `STATUSES`.
+        Strings (n,), each one of `STATUSES`; from `torchsphere.correlate` "lost" where a value at the ball or near it
+        is no number.
     """
 
     q: Tensor

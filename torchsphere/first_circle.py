@@ -14,8 +14,8 @@ from torchsphere.circle import Circle
 from torchsphere.inputs import check_circle
 from torchsphere.joint import Solver
 from torchsphere.options import Options
-from torchsphere.perspective import sphere_of_outline
-from torchsphere.setting import is_whole
+from torchsphere.perspective import Camera, sphere_of_outline
+from torchsphere.setting import SettingError, is_whole
 from torchsphere.source import Source
 
 
@@ -24,10 +24,10 @@ def first_circle(
 ) -> tuple[Circle, Options]:
     """The ball in the first tracked frame, and the options with a camera that knows its focal length."""
     if given is None:
-        found, options = _as_sphere(circles.find(source.images, source.count, mask), source, options)
+        seen = circles.find(source.images, source.count, mask)
+        found, options = _as_sphere(seen, source, options)
         if options.camera is not None:
-            image = source.images(found.frame, found.frame + 1)[0]
-            found = circles.refine_circle(image, found, camera=options.camera)
+            found = _as_camera_sees(source, seen, found, options.camera)
         return calibrate(source, found, mask, options, solver), options
     three = (given.x, given.y, given.radius) if isinstance(given, Circle) else given
     x, y, radius = _three_numbers(three)
@@ -51,6 +51,19 @@ def shows_ball(source: Source, circle: Circle, options: Options) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _as_camera_sees(source: Source, seen: Circle, sphere: Circle, camera: Camera) -> Circle:
+    """The ``sphere`` of a circle that was ``seen``, fitted to its image with the camera's perspective."""
+    try:
+        return circles.refine_circle(source.images(seen.frame, seen.frame + 1)[0], sphere, camera=camera)
+    except ValueError as error:
+        # The advice there is for a circle that was given.
+        raise SettingError(
+            f"the circle found, at ({seen.x:.1f}, {seen.y:.1f}) with a radius of {seen.radius:.1f} px, could not be "
+            "fitted to the image with the camera's perspective, so it may not be the ball's outline: give that with "
+            "`circle` as x, y, radius in px of the first frame to track"
+        ) from error
 
 
 def _as_sphere(seen: Circle, source: Source, options: Options) -> tuple[Circle, Options]:

@@ -17,8 +17,11 @@ def as_images(images: Any, name: str = "images") -> Tensor:
     Raises
     ------
     ValueError
-        If the array is not of numbers, or has not two or three axes.
+        If the array is not of numbers, has not two or three axes, or some of its values are masked.
     """
+    _require_unmasked(
+        images, name, "plain grey levels: give its `data`, and as `ignore` (h, w) what is masked in any of the images"
+    )
     try:
         tensor = images.detach() if isinstance(images, Tensor) else torch.from_numpy(_native(np.asarray(images)))
     except (TypeError, ValueError) as error:
@@ -42,6 +45,14 @@ def _instead(images: Any) -> str:
     return f"{type(images).__name__}{hint}"
 
 
+def _require_unmasked(values: Any, name: str, expected: str) -> None:
+    """Raise ValueError where values of a NumPy masked array, or of one in a list, are masked: torch knows no masks."""
+    parts = values if isinstance(values, (list, tuple)) else [values]
+    masked = sum(int(np.ma.getmaskarray(part).sum()) for part in parts if isinstance(part, np.ma.MaskedArray))
+    if masked:
+        raise ValueError(f"{name}: got a masked array with {masked} of its values masked; expected {expected}")
+
+
 def _native(array: np.ndarray) -> np.ndarray:
     """The array in a type that torch knows: unsigned 16 and 32 bit and foreign byte orders are widened."""
     if array.dtype.kind not in "buif":
@@ -58,8 +69,10 @@ def as_mask(mask: Any, images: Tensor) -> Tensor:
     Raises
     ------
     ValueError
-        If it is not of numbers, its shape is not that of one image, or it leaves nothing of the images.
+        If it is not of numbers, its shape is not that of one image, some of its values are masked, or it leaves
+        nothing of the images.
     """
+    _require_unmasked(mask, "ignore", "True where images are not to be used: give its `mask` alone, or `filled(True)`")
     try:
         tensor = mask.detach() if isinstance(mask, Tensor) else torch.from_numpy(_native(np.asarray(mask)))
     except (TypeError, ValueError) as error:

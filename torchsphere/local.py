@@ -70,7 +70,7 @@ def rates(
     n = len(times)
     first, second, variance_first, variance_second = (np.full((n, 5), np.nan) for _ in range(4))
     for group, columns in enumerate((slice(0, 2), slice(2, 5))):
-        for start, stop in _runs(joined[:, group]):
+        for start, stop in runs(joined[:, group]):
             if stop - start < window:
                 continue
             frames = np.arange(start, stop)
@@ -87,7 +87,7 @@ def rates(
     return Rates(first, second, variance_first, variance_second, _weights(offsets[None], order)[0], offsets)
 
 
-def _runs(joined: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def runs(joined: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """First frame and the one after the last of each run of frames without a gap."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], joined, [False])).astype(int)))
     return [(int(a), int(b) + 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -13,7 +13,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 import pyarrow as pa
@@ -87,6 +87,24 @@ def whole_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
     finally:
         if new.exists():
             shutil.rmtree(new)
+
+
+@contextlib.contextmanager
+def whole_file(path: Path) -> Iterator[TextIO]:
+    """A text to write to, which takes the place of the file at ``path`` when the block ends without an error."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.exists() and not path.is_file():
+        # A pipe or a terminal is written to as it is; a folder is refused by its own name.
+        with path.open("w", newline="", encoding="utf-8") as stream:
+            yield stream
+        return
+    part = path.with_name(f".{path.name}.part")
+    try:
+        with part.open("w", newline="", encoding="utf-8") as stream:
+            yield stream
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def write_track(folder: Path, track: Track, frame_rate: float | None, first_frame: int) -> None:

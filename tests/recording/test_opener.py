@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import imagecodecs
 import numpy as np
@@ -188,3 +189,19 @@ def test_memory_does_not_grow_with_the_images_read(tmp_path: Path, suffix: str) 
         recording.images(start, start + 10)
     # The file has 49 MB; ten images as float32 have 0.7 MB.
     assert resident() - before < 10e6
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        (None, "got NoneType; give text"),
+        (5, "got int; give text"),
+        (b"shot.tif", "got bytes; give text"),
+        (np.zeros((3, 8, 8)), "got ndarray; give it to torchsphere.track as it is"),
+    ],
+)
+def test_what_is_no_path_is_refused_in_a_sentence(given: Any, sentence: str) -> None:
+    with pytest.raises(TypeError, match=sentence) as caught:
+        open_recording(given)
+    assert "expected the path of a recording" in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.results import whole_file
+
 Array = NDArray[np.float64]
 
 PLACE = ("x_px", "y_px")
@@ -95,14 +97,12 @@ def read(path: Path) -> Table:
 
 def write(path: Path, keys: Mapping[str, str], columns: Mapping[str, Sequence[float | int | str]]) -> None:
     """Write a file of predictions, whole or not at all; ``columns`` of one length by name, ``frame`` among them."""
-    part = path.with_name(f".{path.name}.part")
-    with part.open("w", newline="", encoding="utf-8") as stream:
+    with whole_file(path) as stream:
         for key, value in keys.items():
             stream.write(f"# {key}: {' '.join(str(value).split())}\n")
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(zip(*(map(_text, column) for column in columns.values()), strict=True))
-    part.replace(path)
 
 
 def columns_of(table: Table, names: Sequence[str]) -> Array:

@@ -17,7 +17,7 @@ from torchsphere.benchmark.prediction_checks import Given
 from torchsphere.benchmark.predictions import Prediction
 from torchsphere.benchmark.score import KINDS, Score, score
 from torchsphere.orientation import matrices
-from torchsphere.results import INCREMENTS
+from torchsphere.results import INCREMENTS, whole_file
 
 #: Kinds of suites whose ball has no pattern: nobody can see it turn.
 WITHOUT_PATTERN = ("no-speckle",)
@@ -148,16 +148,13 @@ def _values(found: Score) -> dict[str, float]:
 
 def write(path: Path, rows: Sequence[Standing]) -> None:
     """Write scores as CSV, whole or not at all; what there is none of stays empty."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.part")
-    with part.open("w", newline="", encoding="utf-8") as stream:
+    with whole_file(path) as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(COLUMNS)
         for row in rows:
             numbers = (row.values[name] for name in VALUES)
             cells = ("" if math.isnan(value) else format(value, ".6g") for value in numbers)
             writer.writerow((row.tracker, row.suite, row.checksum, row.rotation, *cells, row.notes))
-    part.replace(path)
 
 
 def earlier(path: Path, benchmark: Benchmark, rows: Sequence[Standing]) -> list[Standing]:

@@ -56,8 +56,10 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
         Where the file is of another kind than its name says, or of one that is not supported.
     OSError
         Where the file is cut or damaged.
+    TypeError
+        Where it is no path.
     """
-    place = Path(path)
+    place = _as_path(path)
     if place.is_dir():
         return open_folder(place)
     if not place.exists():
@@ -83,3 +85,15 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
             "give it the right suffix or find the right file"
         )
     return opener(place)
+
+
+def _as_path(path: object) -> Path:
+    try:
+        return Path(path)  # type: ignore[arg-type]
+    except TypeError as error:
+        # Images, or a recording that is open already.
+        usable = bool(getattr(path, "shape", ()))
+        raise TypeError(
+            f"open_recording: expected the path of a recording or of a folder of images, got {type(path).__name__}; "
+            f"{'give it to torchsphere.track as it is' if usable else 'give text or a pathlib.Path'}"
+        ) from error
