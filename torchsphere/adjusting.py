@@ -91,7 +91,7 @@ def _model(windows: list[Window], poses: list[Pose], ball: Ball, sights: list[Si
 def iterate(state: State, elimination: schur.Elimination, done_px: float) -> tuple[State, float]:
     """Steps with one elimination while they shrink, and are longer than ``done_px``.
 
-    With the state comes how far the first step moved a pose, px.
+    With the state comes how far the first step, taken whole, moves a pose, px.
     """
     moves: list[float] = []
     pull, shares = _pull(state), SHARES
@@ -99,17 +99,20 @@ def iterate(state: State, elimination: schur.Elimination, done_px: float) -> tup
         for share in shares:
             tried = _tried(state, pull, elimination, share)
             after = _pull(tried)
+            length = _longest(state.poses, tried.poses) / share
             if after.squares < pull.squares:
                 break
         else:
+            # Nothing is to be gained any more: settled, if what was tried is as short as that.
+            moves = moves or [length]
             break
-        moves.append(_longest(state.poses, tried.poses) / share)
+        moves.append(length)
         gained = pull.squares - after.squares
         state, pull = tried, after
         if moves[-1] < done_px or gained < WORTH_IT or (len(moves) > 1 and moves[-1] > SHRINKS * moves[-2]):
             break
         shares = (FURTHER, *SHARES) if share == shares[0] else SHARES
-    return state, moves[0] if moves else np.inf
+    return state, moves[0]
 
 
 def _longest(before: list[Pose], after: list[Pose]) -> float:
