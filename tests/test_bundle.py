@@ -7,7 +7,8 @@ import pytest
 import torch
 from shots import Shot, noisy, rotation_matrix, shot
 
-from torchsphere import bundle, register, trust
+from torchsphere import adjusting, bundle, register, schur, trust
+from torchsphere.adjusting import State
 from torchsphere.bundle import Bundle
 from torchsphere.sight import Pose
 from torchsphere.window import Window, cut_window
@@ -56,6 +57,19 @@ def adjusted() -> Adjusted:
 
 def test_the_adjustment_settles(adjusted: Adjusted) -> None:
     assert adjusted.bundle.settled
+
+
+def test_an_adjustment_goes_on_to_where_the_residuals_are_least_and_knows_that_it_is_there(adjusted: Adjusted) -> None:
+    found = adjusted.bundle
+    state = State.of(found.windows, found.poses, found.ball, found.profile)
+    elimination = schur.eliminate(state.windows, state.poses, state.model, state.profile)
+    moves = []
+    for _ in range(15):
+        state, move = adjusting.iterate(state, elimination, 0.0)
+        moves.append(move)
+    # What a step tries where nothing lowers the squares any more is rounding.
+    assert moves[-1] < 1e-3
+    assert np.isfinite(moves).all()
 
 
 def test_positions_are_absolute_to_a_hundredth_of_a_px(adjusted: Adjusted) -> None:
