@@ -103,16 +103,23 @@ class Run:
     ok: int
 
 
-#: What the process does: `torchsphere.measure.measure`, with a clock around its stages.
+#: Where a clock is put around what a track does: module, function, and the name of the time.
+STAGES = (
+    ("torchsphere.measure", "open_recording", "open_s"),
+    ("torchsphere.track", "first_circle", "circle_s"),
+    ("torchsphere.measure", "track", "track_s"),
+)
+
+#: What the process does: `torchsphere.measure.measure`, with clocks around its stages, which come as its last argument.
 _CODE = """
 import json, resource, sys, time
 import importlib
 begin = time.perf_counter()
 from pathlib import Path
 from torchsphere import follow, measure
-track = importlib.import_module("torchsphere.track")
 spent = {"import_s": time.perf_counter() - begin}
-def timed(module, name, key):
+def timed(place, name, key):
+    module = importlib.import_module(place)
     def wrapper(*args, **kwargs):
         start = time.perf_counter()
         try:
@@ -121,9 +128,8 @@ def timed(module, name, key):
             spent[key] = spent.get(key, 0) + time.perf_counter() - start
     inner = getattr(module, name)
     setattr(module, name, wrapper)
-timed(measure, "open_recording", "open_s")
-timed(track, "_first_circle", "circle_s")
-timed(measure, "track", "track_s")
+for stage in json.loads(sys.argv[3]):
+    timed(*stage)
 request = measure.Request(input=Path(sys.argv[1]), out=Path(sys.argv[2]), fps=20000.0, diameter_mm=30.0, mass_g=110.0,
                           map="off")
 done = measure.measure(request)
@@ -143,7 +149,7 @@ def measured(kind: str, count: int) -> Run:
     """Track ``count`` frames in a file of that ``kind`` in a process of its own, find and write included."""
     with tempfile.TemporaryDirectory() as folder:
         path = write(Path(folder) / f"swing.{kind}", count)
-        command = [sys.executable, "-c", _CODE, str(path), str(Path(folder) / "result")]
+        command = [sys.executable, "-c", _CODE, str(path), str(Path(folder) / "result"), json.dumps(STAGES)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise RuntimeError(f"the track of {count} frames as {kind} failed: {done.stderr[-2000:]}")

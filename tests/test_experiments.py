@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 from types import ModuleType
 
@@ -16,6 +17,7 @@ from experiments.fig11 import matched
 from experiments.fig15 import hidden_share
 from experiments.result import Row
 from experiments.shots import described, frames_of, key_of, spread
+from experiments.speed_files import STAGES
 from experiments.table1 import RISE_S, SPACING_M, barrier_light, gate_signals
 from render import preset
 from render.trajectory import DropWeight
@@ -149,3 +151,8 @@ def test_a_figure_drawn_elsewhere_is_shown_with_the_others(tmp_path: Path) -> No
     module.OUT.write_bytes(b"picture")
     everything.keep_figure(module, tmp_path / "figures")
     assert (tmp_path / "figures" / "output.png").read_bytes() == b"picture"
+
+
+@pytest.mark.parametrize(("place", "name"), [stage[:2] for stage in STAGES])
+def test_what_the_clock_is_put_around_is_where_it_is_looked_for(place: str, name: str) -> None:
+    assert callable(getattr(importlib.import_module(place), name))
