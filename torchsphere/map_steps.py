@@ -20,8 +20,8 @@ def step_covariances(n: int, found: dict[int, Registration], keys: list[int], ad
     Between keyframes it is that of the adjustment. Elsewhere it is the two images' own noise and what the map's errors
     add. Those are the same for both frames as far as they see the ball from the same side: the variance that they add
     between keyframes counts by the square of how far the ball turns, against how far it turns between these. Measured
-    on eleven rendered suites of balls of 20 and 50 px, errors of steps are then 0.76 to 1.08 times what is stated, but
-    for dim light (1.23) and motion blur (0.60). With the whole of it they were 0.69 to 1.07, and 0.46 to 0.57 on three
+    on eleven rendered suites of balls of 20 and 50 px, errors of steps are then 0.75 to 1.07 times what is stated, but
+    for dim light (1.19) and motion blur (0.59). With the whole of it they were 0.69 to 1.07, and 0.46 to 0.57 on three
     of them with 18 keyframes instead of 36, though the errors were the same.
     """
     unit = np.array([1.0, 1.0, *3 * [1 / adjusted.ball.radius]])
