@@ -1,6 +1,7 @@
 """Shares of a batch on threads."""
 
 import threading
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -86,11 +87,16 @@ def test_each_result_comes_in_order_from_threads_with_a_single_torch_thread(thre
         meeting.wait()
         return a * b, threading.get_ident(), torch.get_num_threads()
 
-    found = list(parallel.each(product, range(12), range(100, 112)))
+    found = list(parallel.each(product, range(12), range(100, 112), at_most=None))
     assert [value for value, _, _ in found] == [a * (100 + a) for a in range(12)]
     assert len({name for _, name, _ in found}) == threads
     assert {count for _, _, count in found} == {1}
     assert torch.get_num_threads() == threads
+
+
+def test_functions_of_short_operations_get_few_threads_whatever_torch_may_use(threads: int) -> None:
+    names = set(parallel.each(lambda _: (time.sleep(0.01), threading.get_ident())[1], range(12)))
+    assert len(names) == min(threads, parallel.FEW)
 
 
 def test_what_is_shared_out_already_gets_no_threads_of_its_own() -> None:
