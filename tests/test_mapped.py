@@ -65,6 +65,20 @@ def test_progress_goes_from_frame_to_frame_and_once_more_for_the_map(turning: Tu
     assert done[-1] == N
 
 
+def test_torch_has_a_single_thread_to_itself_in_all_of_a_track_and_its_own_number_afterwards(turning: Turning) -> None:
+    """Where other programs use the cores, too, its threads wait for each other."""
+    before, seen = torch.get_num_threads(), set()
+    torch.set_num_threads(2)
+    try:
+        track(
+            turning.images[:8], turning.circle, sphere_map=True, progress=lambda *_: seen.add(torch.get_num_threads())
+        )
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
+    assert seen == {1}
+
+
 def test_neither_position_nor_orientation_drifts(turning: Turning) -> None:
     measured = turning.track
     assert (measured.status == "ok").all()

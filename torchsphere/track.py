@@ -84,6 +84,7 @@ class Track:
     settings: dict[str, Any]
 
 
+@parallel.one_each()
 def track(
     recording: Any,
     circle: Any = None,
@@ -152,8 +153,7 @@ def track(
     settings = given_to(track, options)
     source = Source.open(recording, device, dtype)
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
-    with parallel.one_each():
-        first, settings = first_circle(source, circle, mask, refine, settings, solver)
+    first, settings = first_circle(source, circle, mask, refine, settings, solver)
     if "pre_blur" not in options:
         settings = suited(settings, first.radius)
 
