@@ -28,7 +28,6 @@ from torchsphere.source import Source
 from torchsphere.successive import PREDICTION_TOLERANCE, Setup, correlate_successive, leading
 
 #: Pairs correlated at once. Measured on one thread: 16 and 32 are within a tenth of each other, 8 and 64 slower.
-#: On two threads 32 for each are 3 % faster than 16, for a third more memory: threads wait for Python's lock.
 BATCH = 32
 
 #: Pairs of a batch from which the change of the increment from one to the next is believed as well. Fewer pairs of a
