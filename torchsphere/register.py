@@ -15,8 +15,9 @@ from torchsphere.window import Window
 #: Steps at most, and the length below which the last one ends the iteration, px. Steps shrink tenfold each.
 MAX_STEPS, TOLERANCE_PX = 12, 2e-3
 
-#: Steps after which it is looked once more at what hides the ball.
-SECOND_LOOK = 2
+#: Steps after which it is looked once more at what hides the ball, or one step no longer than this, px: a pose within a
+#: hundredth of a px, as most are guessed, is right enough for that.
+SECOND_LOOK, LOOK_AGAIN_PX = 2, 0.01
 
 #: After a step no longer than this, px, the derivatives are those of the step before: they cost twice what the grey
 #: levels do. In dim light a map is noisy, and with it they change within a fraction of a px: up to 0.05 and 0.2 px
@@ -46,11 +47,12 @@ class Registration:
 
 def register(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Registration:
     """Fit pose, gain and offset of one image, from a pose that is right to within half a speckle."""
-    length = torch.inf
+    length, looks = torch.inf, 0
     for turn in range(MAX_STEPS):
-        looked = turn in (0, SECOND_LOOK)
+        looked = looks == 0 or (looks == 1 and (turn == SECOND_LOOK or length <= LOOK_AGAIN_PX))
+        looks += looked
         if length > SLOPES_HOLD_PX:
-            now = view.linearised(window, pose, ball)
+            now = view.linearised(window, pose, ball, of_ball=False)
         else:
             now = replace(now, levels=view.appearance(window, pose, ball))
         if looked:
@@ -60,7 +62,7 @@ def register(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Regist
         weights = trust.weights(window, pose, profile)
         rest = window.levels - now.levels
         # Gain and offset move with the pose, so that they take nothing of its motion.
-        slopes = torch.cat((now.slopes[:, :5], now.levels[:, None] / 100, torch.ones_like(rest)[:, None]), -1)
+        slopes = torch.cat((now.slopes, now.levels[:, None] / 100, torch.ones_like(rest)[:, None]), -1)
         normal = (slopes.T @ (weights[:, None] * slopes)).double()
         normal = normal + 1e-9 * normal.trace() * torch.eye(len(normal), dtype=normal.dtype)
         inverse = torch.linalg.inv(normal)
@@ -71,7 +73,7 @@ def register(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Regist
         pose = view.moved(pose, step[:5], ball.radius)
         change = 1 + float(step[5]) / 100
         pose = replace(pose, gain=pose.gain * change, offset=pose.offset * change + float(step[6]))
-        if length < TOLERANCE_PX and turn >= SECOND_LOOK:
+        if length < TOLERANCE_PX and looks == 2:
             break
     used = (window.trust > 0.5).to(rest)
     misfit = float((weights * used * rest.square()).sum() / used.sum().clamp_min(1))
@@ -80,7 +82,7 @@ def register(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Regist
 
 def own_covariance(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Tensor:
     """`Registration.covariance` (5, 5) of an image whose pose is known already."""
-    now = view.linearised(window, pose, ball)
-    slopes = torch.cat((now.slopes[:, :5], now.levels[:, None], torch.ones_like(now.levels)[:, None]), -1)
+    now = view.linearised(window, pose, ball, of_ball=False)
+    slopes = torch.cat((now.slopes, now.levels[:, None], torch.ones_like(now.levels)[:, None]), -1)
     weights = trust.weights(window, pose, profile)
     return torch.linalg.inv((slopes.T @ (weights[:, None] * slopes)).double())[:5, :5]

@@ -46,7 +46,8 @@ class Linearised:
     levels : Tensor
         Grey levels (p,).
     slopes : Tensor
-        Derivatives (p, 7) by dx, dy (px), by the rotations times the radius (px), by radius and edge blur.
+        Derivatives (p, 7) by dx, dy (px), by the rotations times the radius (px), by radius and edge blur; (p, 5) where
+        the last two were not asked for.
     look : Stencil
         Where each ray meets the map.
     light : Tensor
@@ -64,10 +65,13 @@ class Linearised:
         return replace(self, levels=levels, slopes=change * self.slopes, light=change * self.light)
 
 
-def linearised(window: Window, pose: Pose, ball: Ball, seen: Sight | None = None) -> Linearised:
+def linearised(
+    window: Window, pose: Pose, ball: Ball, seen: Sight | None = None, *, of_ball: bool = True
+) -> Linearised:
     """The model at a pose, with its derivatives by all that an adjustment changes.
 
-    ``seen`` is the `sight` at this pose, where that is known already: it is half of the work.
+    ``seen`` is the `sight` at this pose, where that is known already: it is half of the work. Without ``of_ball`` the
+    derivatives are those by the pose alone, which spares a tenth.
     """
     seen = seen or sight(window, pose, ball)
     points, share = seen.points, seen.share
@@ -78,13 +82,14 @@ def linearised(window: Window, pose: Pose, ball: Ball, seen: Sight | None = None
     away = window.around(pose.centre)
     outwards = away / away.norm(dim=-1, keepdim=True).clamp_min(1e-9)
     of_texture = _of_texture(points, orientation @ (gradient * (seen.light / ball.radius)))
-    slopes = step.new_zeros(len(step), 7)
-    for unknown, change in enumerate(of_texture):
+    slopes = step.new_zeros(len(step), 7 if of_ball else 5)
+    for unknown, change in enumerate(of_texture[: slopes.shape[1]]):
         slopes[:, unknown] = share * window.gather(change)
     slopes[:, :2] += (seen.edge * step)[:, None] * outwards
-    slopes[:, 5] += seen.edge * step
-    wider, _ = coverage(window, pose.centre, ball.radius, ball.edge_blur + 0.01)
-    slopes[:, 6] = (wider - share) / 0.01 * step
+    if of_ball:
+        slopes[:, 5] += seen.edge * step
+        wider, _ = coverage(window, pose.centre, ball.radius, ball.edge_blur + 0.01)
+        slopes[:, 6] = (wider - share) / 0.01 * step
     return Linearised(
         levels=pose.gain * (share * lit + (1 - share) * window.behind) + pose.offset,
         slopes=pose.gain * slopes,
