@@ -72,6 +72,7 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
         # give it within 0.15 px at up to 5 deg per frame, where the exact one's evidence runs away.
         options = dataclasses.replace(options, model="rigid", finite_from_deg=GRADIENT_FROM_DEG)
     stop = min(found.frame + FRAMES, source.count)
+    source = source.keeping(found.frame, stop)
     followed = Follower(source, found, ignore, options, solver=solver, searches=SEARCHES).run(stop)
     frames = np.flatnonzero(followed.status[:stop] == "ok")
     if len(frames) < 3:
