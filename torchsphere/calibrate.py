@@ -166,10 +166,11 @@ def _hidden(followed: Record, found: Circle, shape: torch.Size) -> Tensor:
     known = np.flatnonzero(np.isfinite(followed.position[:, 0]))
     known = known[known != found.frame]
     chosen = known[np.unique(np.linspace(0, len(known) - 1, PLACES).round().astype(int))]
-    x, y = torch.from_numpy(followed.position[chosen]).unbind(-1)
     rows, columns = (torch.arange(size, dtype=torch.float64) for size in shape)
-    squared = (columns - x[:, None]).square()[:, None] + (rows - y[:, None]).square()[..., None]
-    return (squared < (found.radius + still.CLEARANCE_PX) ** 2).all(0)
+    hidden, limit = torch.ones(shape, dtype=torch.bool), (found.radius + still.CLEARANCE_PX) ** 2
+    for x, y in followed.position[chosen].tolist():
+        hidden &= (columns - x).square() < (limit - (rows - y).square())[:, None]
+    return hidden
 
 
 def _relative_size(followed: Record, found: Circle, frames: NDArray[np.int64]) -> Tensor:

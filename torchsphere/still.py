@@ -46,7 +46,7 @@ def background(source: Source, position: NDArray[np.float64], radius: float) -> 
     for top in range(0, height, ROWS):
         rows = torch.arange(top, min(top + ROWS, height), dtype=torch.float64)
         x, y = columns - centres[:, 0, None], rows - centres[:, 1, None]
-        hidden = x.square()[:, None, :] + y.square()[:, :, None] < (radius + CLEARANCE_PX) ** 2
+        hidden = x.square()[:, None, :] < ((radius + CLEARANCE_PX) ** 2 - y.square())[:, :, None]
         parts.append(_nanmedian(images[:, top : top + len(rows)].masked_fill(hidden, math.nan)))
     return _filled(torch.cat(parts).double())
 
