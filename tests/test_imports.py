@@ -17,7 +17,7 @@ PACKAGE = ROOT / "torchsphere"
 #: The data's way. A module imports from lines above its own, never from its own or from one below.
 LAYERS = (
     ("recording", "inputs", "parallel", "choices", "setting", "plausible", "ending"),
-    ("source", "masks", "perspective", "interpolate"),
+    ("source", "masks", "ordered", "perspective", "interpolate"),
     ("motion", "crop", "texture", "still", "turning", "criterion", "request", "predict"),
     ("forward", "reference", "interlace", "window", "options", "repeated", "rays", "silhouette", "disc"),
     ("covariance", "outline", "sight", "locate", "newton", "misfit", "search", "correlation", "pairs"),

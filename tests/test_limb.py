@@ -92,3 +92,11 @@ def test_a_texture_behind_the_ball_does_not_make_it_larger(blur_px: float, level
         # With the background's level and variance from the same places it was 0.2 to 6 px too large.
         assert off[2] < WITHIN
         assert (off < 3 * covariance[0].diagonal().sqrt()).all()
+
+
+def test_neighbours_are_averaged_around_the_whole_outline() -> None:
+    values = torch.rand(2, 37, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
+    # A fifth of 37 rays: four neighbours on either side, and the ray itself.
+    expected = torch.stack([values.roll(shift, 1) for shift in range(-4, 5)]).mean(0)
+    assert torch.allclose(limb._averaged(values, 0.2), expected, rtol=0, atol=1e-12)
+    assert torch.allclose(limb._averaged(values[..., None], 0.2)[..., 0], expected, rtol=0, atol=1e-12)

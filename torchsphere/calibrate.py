@@ -21,9 +21,11 @@ from torchsphere.circle import Circle, at_limb
 from torchsphere.follow import Follower
 from torchsphere.joint import ALONE, Solver
 from torchsphere.options import Options, margin
+from torchsphere.pairs import Pairs
 from torchsphere.perspective import Camera
 from torchsphere.radius import radius_evidence
 from torchsphere.record import Record
+from torchsphere.reference import Filtered
 from torchsphere.solve import GRADIENT_FROM_DEG
 from torchsphere.source import Source
 
@@ -51,6 +53,9 @@ MAX_CHANGE = 0.03
 #: one to first order. At 0.5 deg per frame it moves x by 0.026 px per px of radius, 0.04 px after 65 frames at R = 50.
 FOLLOWED_ANEW = 5e-4
 
+#: How often the correlation is asked for the radius: the second time, with the increments that belong to it.
+ROUNDS = 2
+
 #: Frames whose radius is less certain than that of the frame in which the ball was found by more are left out.
 WORSE = 1.2
 
@@ -72,6 +77,7 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
         # give it within 0.15 px at up to 5 deg per frame, where the exact one's evidence runs away.
         options = dataclasses.replace(options, model="rigid", finite_from_deg=GRADIENT_FROM_DEG)
     stop = min(found.frame + FRAMES, source.count)
+    source = source.keeping(found.frame, stop)
     followed = Follower(source, found, ignore, options, solver=solver, searches=SEARCHES).run(stop)
     frames = np.flatnonzero(followed.status[:stop] == "ok")
     if len(frames) < 3:
@@ -79,7 +85,7 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
     found = _before_background(source, found, followed, ignore, options.camera)
     known = radius = _over_frames(source, found, followed, frames, ignore, options.camera)
     sd = found.sd_radius
-    for _ in range(2):
+    for turn in range(ROUNDS):
         tried = dataclasses.replace(found, radius=radius)
         correction, sd_correction = _radius_correction(source, followed, frames, tried, ignore, options)
         # Two independent values of the radius: the outline's and the correlation's.
@@ -90,7 +96,8 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
             radius, sd_correction = known, math.inf
             break
         radius = by_both
-        if abs(radius - followed.radius) > FOLLOWED_ANEW * radius:
+        # After the last round nobody asks where the ball is.
+        if turn < ROUNDS - 1 and abs(radius - followed.radius) > FOLLOWED_ANEW * radius:
             anew = dataclasses.replace(found, radius=radius)
             followed = Follower(source, anew, ignore, options, solver=solver, searches=SEARCHES).run(stop)
             frames = np.flatnonzero(followed.status[:stop] == "ok")
@@ -159,10 +166,11 @@ def _hidden(followed: Record, found: Circle, shape: torch.Size) -> Tensor:
     known = np.flatnonzero(np.isfinite(followed.position[:, 0]))
     known = known[known != found.frame]
     chosen = known[np.unique(np.linspace(0, len(known) - 1, PLACES).round().astype(int))]
-    x, y = torch.from_numpy(followed.position[chosen]).unbind(-1)
     rows, columns = (torch.arange(size, dtype=torch.float64) for size in shape)
-    squared = (columns - x[:, None]).square()[:, None] + (rows - y[:, None]).square()[..., None]
-    return (squared < (found.radius + still.CLEARANCE_PX) ** 2).all(0)
+    hidden, limit = torch.ones(shape, dtype=torch.bool), (found.radius + still.CLEARANCE_PX) ** 2
+    for x, y in followed.position[chosen].tolist():
+        hidden &= (columns - x).square() < (limit - (rows - y).square())[:, None]
+    return hidden
 
 
 def _relative_size(followed: Record, found: Circle, frames: NDArray[np.int64]) -> Tensor:
@@ -197,12 +205,8 @@ def _radius_correction(
     if len(second) < FEWEST_PAIRS:
         return 0.0, math.inf
     for some in np.array_split(second, max(1, math.ceil(len(second) / BATCH))):
-        images = [torch.cat([source.images(int(i), int(i) + 1) for i in some + shift]) for shift in (-1, 0)]
-        circles = [_balls(followed, tried, some + shift) for shift in (-1, 0)]
-        half = crop.half_size(max(float(circle[:, 2].max()) for circle in circles), margin(options))
-        f, g = (crop.cut(image, circle[:, :2], half, ignore) for image, circle in zip(images, circles, strict=True))
-        increments = torch.from_numpy(followed.increment[some - 1])
-        score, information = radius_evidence((f, g), circles[0], increments, options)
+        pairs = _pairs(source, followed, some, tried, ignore, options)
+        score, information = radius_evidence(pairs, torch.from_numpy(followed.increment[some - 1]), options)
         scores.append(score)
         informations.append(information)
     score, information = torch.cat(scores), torch.cat(informations)
@@ -214,3 +218,26 @@ def _radius_correction(
     scatter = float((score - information * correction).square().sum().sqrt()) / total
     turn = np.sqrt(np.mean(np.sum(followed.increment[second - 1, 2:4] ** 2, axis=1)))
     return correction, math.hypot(scatter, SYSTEMATIC_RESIDUAL_PX / max(float(turn), 1e-6))
+
+
+def _pairs(
+    source: Source,
+    followed: Record,
+    second: NDArray[np.int64],
+    tried: Circle,
+    ignore: Tensor | None,
+    options: Options,
+) -> Pairs:
+    """The frames ``second`` (m,) and those before them; each is cut and filtered once, for both of its pairs."""
+    shown = np.union1d(second - 1, second)
+    balls = _balls(followed, tried, shown)
+    half = crop.half_size(float(balls[:, 2].max()), margin(options))
+    runs = np.split(shown, np.flatnonzero(np.diff(shown) > 1) + 1)
+    images = [source.images(int(run[0]), int(run[-1]) + 1) for run in runs]
+    # One run of frames, as there mostly is, needs no copy.
+    crops = crop.cut(images[0] if len(images) == 1 else torch.cat(images), balls[:, :2], half, ignore)
+    filtered = Filtered.of(crops, options.pre_blur)
+    if len(runs) == 1:
+        return Pairs(filtered.rows(0, len(second)), filtered.rows(1, len(shown)), balls[:-1])
+    first = torch.from_numpy(np.searchsorted(shown, second - 1))
+    return Pairs(filtered.take(first), filtered.take(first + 1), balls[first])

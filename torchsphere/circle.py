@@ -203,8 +203,11 @@ def _find_in(images: Images, frame: int, count: int, background: Tensor | None, 
         # A blank image differs from its background where the ball is in other images.
         return None
     candidates = []
-    for silhouette, contrast in silhouettes(images, frame, count, background, ignore):
-        found = _outline_of(silhouette, contrast)
+    seen = list(silhouettes(images, frame, count, background, ignore))
+    if not seen:
+        return None
+    for (silhouette, contrast), guess in zip(seen, disc.best(torch.stack([each[0] for each in seen])), strict=True):
+        found = None if guess is None else _outline_of(silhouette, contrast, guess)
         if found is not None:
             fit, plain = found
             explained = disc.explained_by(silhouette, fit.circle[0])
@@ -220,11 +223,8 @@ def _find_in(images: Images, frame: int, count: int, background: Tensor | None, 
     return at_limb(image[None] if contrast.equal(image) else torch.stack((contrast, image)), circle, ignore)
 
 
-def _outline_of(silhouette: Tensor, contrast: Tensor) -> tuple[outline.OutlineFit, bool] | None:
-    """Disc filter and silhouette bring the circle within a px or two; the image places it. And whether it is plain."""
-    guess = disc.best(silhouette)
-    if guess is None:
-        return None
+def _outline_of(silhouette: Tensor, contrast: Tensor, guess: Tensor) -> tuple[outline.OutlineFit, bool] | None:
+    """The silhouette brings the ``guess`` within a px or two; the image places it. And whether it is plain."""
     coarse = outline.refine(silhouette[None], guess, window=max(2.0, 0.08 * float(guess[0, 2])))
     if float(coarse.support[0]) < MIN_SUPPORT or not _within(coarse.circle[0], silhouette.shape):
         return None

@@ -18,52 +18,62 @@ RADIUS_STEP, RING = 1.1, 1.35
 MIN_EXPLAINED = 0.35
 
 
-def best(silhouette: Tensor) -> Tensor | None:
-    """The disc (1, 3), float64, that tells inside from outside best; None where none does."""
-    factor = max(1, math.ceil(max(silhouette.shape) / COARSE_PX))
-    small = F.avg_pool2d(silhouette[None, None], factor)[0, 0]
-    best, guess = MIN_EXPLAINED, None
-    radius, largest = max(8.0 / factor, 2.5), 0.5 * min(small.shape)
+def best(silhouettes: Tensor) -> list[Tensor | None]:
+    """The disc (1, 3), float64, that tells inside from outside best in each silhouette (k, h, w); None where none does.
+
+    All at once: what belongs to a disc alone is the same for them.
+    """
+    factor = max(1, math.ceil(max(silhouettes.shape[1:]) / COARSE_PX))
+    small = F.avg_pool2d(silhouettes[:, None], factor)[:, 0]
+    best: list[float] = [MIN_EXPLAINED] * len(small)
+    guesses: list[Tensor | None] = [None] * len(small)
+    radius, largest = max(8.0 / factor, 2.5), 0.5 * min(small.shape[1:])
     while radius < largest:
-        explained = _explained(small, radius)
-        # Of two discs that explain equally well the larger is the ball and the smaller one of its speckles.
-        value = float(explained.max()) * radius**0.25
-        if value > best:
-            y, x = divmod(int(explained.argmax()), small.shape[1])
-            best = value
-            guess = torch.tensor([[(v + 0.5) * factor - 0.5 for v in (x, y)] + [radius * factor]], dtype=torch.float64)
+        shares, places = (values.tolist() for values in _explained(small, radius).flatten(1).max(-1))
+        for i, (share, place) in enumerate(zip(shares, places, strict=True)):
+            # Of two discs that explain equally well the larger is the ball and the smaller one of its speckles.
+            if share * radius**0.25 > best[i]:
+                best[i] = share * radius**0.25
+                y, x = divmod(place, small.shape[2])
+                guess = [(v + 0.5) * factor - 0.5 for v in (x, y)] + [radius * factor]
+                guesses[i] = torch.tensor([guess], dtype=torch.float64)
         radius *= RADIUS_STEP
-    return guess
+    return guesses
 
 
 def _explained(small: Tensor, radius: float) -> Tensor:
-    """Share (h, w) of the silhouette's variance, in disc and ring around each place, that the two means explain."""
-    height, width = small.shape
+    """Share (k, h, w) of each silhouette's variance, in disc and ring around each place, that the two means explain."""
+    count, height, width = small.shape
     reach = math.ceil(RING * radius)
     steps = torch.arange(-reach, reach + 1, dtype=small.dtype, device=small.device)
     distance = (steps[:, None] ** 2 + steps[None] ** 2).sqrt()
-    disc = (radius - distance + 0.5).clamp(0, 1)
-    ring = (RING * radius - distance + 0.5).clamp(0, 1) - disc
-    stack = torch.stack((small, small.square(), torch.ones_like(small)))
-    size = (height + 2 * reach, width + 2 * reach)
-    spectrum = torch.fft.rfft2(stack, s=size)
-    sums = [
-        torch.fft.irfft2(spectrum * torch.fft.rfft2(kernel, s=size), s=size)[
-            :, reach : reach + height, reach : reach + width
-        ]
-        for kernel in (disc, ring)
-    ]
-    (inner, inner_squared, n), (outer, outer_squared, m) = sums
-    n, m = n.clamp_min(1e-3), m.clamp_min(1e-3)
-    mean = (inner + outer) / (n + m)
-    total = (inner_squared + outer_squared - (n + m) * mean**2).clamp_min(1e-3)
+    disc, both = ((outer - distance + 0.5).clamp(0, 1) for outer in (radius, RING * radius))
+    # What comes around from the other side of a plane no larger than this is in the margin that is cut off.
+    size = (_fast_length(height + reach), _fast_length(width + reach))
+    of_disc, of_both = torch.fft.rfft2(torch.stack((disc, both)), s=size)
+    spectrum = torch.fft.rfft2(torch.cat((small, torch.ones_like(small[:1]), small.square())), s=size)
+    products = torch.cat((spectrum[: count + 1] * of_disc, spectrum * of_both))
+    sums = torch.fft.irfft2(products, s=size)[:, reach : reach + height, reach : reach + width]
+    inner, n, total, every, squared = sums.split((count, 1, count, 1, count))
+    outer, m = total - inner, (every - n).clamp_min(1e-3)
+    n = n.clamp_min(1e-3)
     difference = inner / n - outer / m
-    explained = n * m / (n + m) * difference.clamp_min(0) ** 2 / total
+    rest = (squared - total.square() / (n + m)).clamp_min(1e-3)
+    explained = n * m / (n + m) * difference.clamp_min(0) ** 2 / rest
     # The disc must lie in the image.
     r = math.ceil(radius * 0.97)
-    allowed = torch.zeros_like(small, dtype=torch.bool)
+    allowed = torch.zeros_like(small[0], dtype=torch.bool)
     allowed[r : height - r, r : width - r] = True
     return torch.where(allowed, explained, 0.0)
+
+
+def _fast_length(least: int) -> int:
+    """The next length without prime factors above 5: Fourier transforms of others take five times as long."""
+    left = least
+    for factor in (2, 3, 5):
+        while left % factor == 0:
+            left //= factor
+    return least if left == 1 else _fast_length(least + 1)
 
 
 def explained_by(silhouette: Tensor, circle: Tensor) -> float:

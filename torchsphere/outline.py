@@ -12,7 +12,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere import rays
@@ -133,6 +135,7 @@ def refine(
     angles = rays.angles(float(fitted[0, 2]))
     k = 2 if fixed_radius else 3
     design = rays.design(angles)[:, :k]
+    splines = rays.Splines(images, ignore)
     for turn in range(rounds):
         # Geometric descent to the sharpest step, which the last two rounds use.
         step_blur = STEP_BLUR_PX * max(window / STEP_BLUR_PX, 1.0) ** max(1 - turn / max(rounds - 2, 1), 0.0)
@@ -141,14 +144,16 @@ def refine(
         if by_light:
             first, last = -PLAIN_INWARDS * float(fitted[0, 2].nan_to_num(1.0)), PLAIN_OUTWARDS
         steps = torch.arange(first, last + 0.125, 0.25, dtype=torch.float64)
-        levels, known = rays.across_edge(images, fitted, steps, angles, ignore, camera)
+        levels, known = rays.across_edge(splines, fitted, steps, angles, camera)
         if patterned and turn < rounds - 2:
             levels = _silhouette(levels)
         shift, height = light_shifts(levels, steps) if by_light else step_shifts(levels, steps, step_blur)
         shift, height = shift.double().cpu(), height.double().cpu()
-        correction, weights, spread = _robust(design, shift, height.square() * known)
+        correction, weights, normal = _robust(design, shift, height.square() * known)
         fitted[:, :k] += correction
-    on_circle = (weights > 0) & known & ((shift - correction @ design.T).abs() < 1.0)
+    rest = shift - correction @ design.T
+    spread = _spread(rest, height.square() * known, weights, normal)
+    on_circle = (weights > 0) & known & (rest.abs() < 1.0)
     steepness = torch.where(known, height.abs(), torch.nan)
     support = on_circle.sum(-1) / known.sum(-1).clamp_min(1)
     failed = (known.double().mean(-1) < 0.3) | ~fitted.isfinite().all(-1) | (fitted[:, 2] < 2)
@@ -156,7 +161,6 @@ def refine(
     covariance[:, :k, :k] = spread
     fitted[failed] = torch.nan
     support = torch.where(failed, 0.0, support)
-    rest = shift - correction @ design.T
     return OutlineFit(fitted, covariance, support, steepness.nanmedian(-1).values, rest, weights)
 
 
@@ -195,7 +199,7 @@ def is_plain(image: Tensor, circle: Tensor) -> bool:
     """
     angles = rays.angles(float(circle[2]))
     radii = circle[2] * torch.tensor([[[0.80, 0.85, 0.90, 1.1]]], dtype=torch.float64)
-    levels, inside = rays.levels(image[None], circle[None], radii, angles)
+    levels, inside = rays.levels(rays.Splines(image[None]), circle[None], radii, angles)
     known = inside.all(-1)[0].to(levels.device)
     limb, outside = levels[0, known, :3], levels[0, known, 3]
     if len(limb) < 16:
@@ -205,32 +209,44 @@ def is_plain(image: Tensor, circle: Tensor) -> bool:
 
 
 def _robust(design: Tensor, shift: Tensor, precision: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Reweighted least squares of ``design @ c = shift`` -> c (n, k), weights (n, a), covariance (n, k, k).
+    """Reweighted least squares of ``design @ c = shift`` -> c (n, k), weights (n, a), normal matrices (n, k, k).
 
-    ``precision`` (n, a) are the weights of the rays before any is doubted.
+    ``precision`` (n, a) are the weights of the rays before any is doubted. In NumPy: of arrays this small an operation
+    of torch's costs twice as much.
     """
-    precision = precision / precision.amax(-1, keepdim=True).clamp_min(1e-12)
-    weights = precision
-    for _ in range(12):
-        normal = (design.T * weights[:, None]) @ design
-        normal = normal + 1e-9 * torch.eye(design.shape[-1], dtype=normal.dtype)
-        solution = torch.linalg.solve(normal, (design.T @ (weights * shift)[..., None]))[..., 0]
-        # Deviations in units of their own expected size, which goes with one over the step's height.
-        rest = (shift - solution @ design.T) * precision.sqrt()
-        scale = _weighted_median(rest.abs(), precision) * 1.4826
-        weights = precision * (1 - (rest / (TUKEY * scale.clamp_min(1e-3))).square()).clamp_min(0.0).square()
-    used = (weights > 0).double()
-    variance = (used * rest.square()).sum(-1) / (used.sum(-1) - design.shape[-1]).clamp_min(1)
-    inverse = torch.linalg.inv(normal)
-    return solution, weights, (variance * _run_length(rest * used))[:, None, None] * inverse
+    across, shifts, first = design.numpy(), shift.numpy(), _relative(precision).numpy()
+    k, root, weights = across.shape[1], np.sqrt(first), first
+    products = (across[:, :, None] * across[:, None]).reshape(-1, k * k)
+    # A fit that failed holds no numbers, and none come of it.
+    with np.errstate(invalid="ignore"):
+        for _ in range(12):
+            normal = (weights @ products).reshape(-1, k, k) + 1e-9 * np.eye(k)
+            solution = np.linalg.solve(normal, ((weights * shifts) @ across)[..., None])[..., 0]
+            # Deviations in units of their own expected size, which goes with one over the step's height.
+            rest = (shifts - solution @ across.T) * root
+            scale = _weighted_median(np.abs(rest), first) * 1.4826
+            weights = first * np.maximum(1 - np.square(rest / (TUKEY * np.maximum(scale, 1e-3))), 0.0) ** 2
+    return torch.from_numpy(solution), torch.from_numpy(weights), torch.from_numpy(normal)
 
 
-def _weighted_median(values: Tensor, weights: Tensor) -> Tensor:
+def _relative(precision: Tensor) -> Tensor:
+    """Of each row (n, a) in units of its largest."""
+    return precision / precision.amax(-1, keepdim=True).clamp_min(1e-12)
+
+
+def _spread(shift: Tensor, precision: Tensor, weights: Tensor, normal: Tensor) -> Tensor:
+    """Covariance (n, k, k) of what `_robust` found, which leaves ``shift`` (n, a)."""
+    rest, used = shift * _relative(precision).sqrt(), (weights > 0).double()
+    variance = (used * rest.square()).sum(-1) / (used.sum(-1) - normal.shape[-1]).clamp_min(1)
+    return (variance * _run_length(rest * used))[:, None, None] * torch.linalg.inv(normal)
+
+
+def _weighted_median(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
     """Median (n, 1) of each row of ``values`` (n, a), every value counted by its weight."""
-    order = values.argsort(-1)
-    share = weights.gather(-1, order).cumsum(-1)
-    at = (share < 0.5 * share[:, -1:]).sum(-1, keepdim=True).clamp_max(values.shape[-1] - 1)
-    return values.gather(-1, order.gather(-1, at))
+    order, rows = values.argsort(-1), np.arange(len(values))
+    share = weights[rows[:, None], order].cumsum(-1)
+    at = np.minimum((share < 0.5 * share[:, -1:]).sum(-1), values.shape[-1] - 1)
+    return values[rows, order[rows, at]][:, None]
 
 
 def _run_length(rest: Tensor) -> Tensor:

@@ -7,11 +7,12 @@ import math
 import torch
 from torch import Tensor
 
-from torchsphere import criterion, crop, interpolate, motion, robust, turning
+from torchsphere import criterion, motion, robust, turning
 from torchsphere.motion import Displacement, as_unknowns
-from torchsphere.newton import operator, warp_with_gradient
+from torchsphere.newton import warp_with_gradient
 from torchsphere.options import Options
-from torchsphere.reference import IN_CLOSED_FORM, Filtered, Reference, build_reference, nuisances
+from torchsphere.pairs import Pairs
+from torchsphere.reference import IN_CLOSED_FORM, Reference, build_reference, nuisances, slopes
 from torchsphere.solve import GRADIENT_FROM_DEG
 
 #: Turn per pair above which the residual tells nothing of the radius, deg: the changing view of the texture leaves
@@ -19,9 +20,7 @@ from torchsphere.solve import GRADIENT_FROM_DEG
 RADIUS_UP_TO_DEG = 8.0
 
 
-def radius_evidence(
-    crops: tuple[crop.Crops, crop.Crops], circles: Tensor, q: Tensor, options: Options
-) -> tuple[Tensor, Tensor]:
+def radius_evidence(pairs: Pairs, q: Tensor, options: Options) -> tuple[Tensor, Tensor]:
     """What n correlated pairs say of the radius that they were correlated with.
 
     The residual that the increments ``q`` (n, 5) leave is compared with what a change of the radius would leave after
@@ -32,20 +31,20 @@ def radius_evidence(
     score, information : Tensor
         (n,) each; the pairs' common correction of the radius is ``sum(score) / sum(information)``, px.
     """
-    model = motion.MODELS[options.model]
-    f, c_g = Filtered.of(crops[0], options.pre_blur), interpolate.coefficients(crops[1].images, options.pre_blur)
+    model, c_g = motion.MODELS[options.model], pairs.g.c
     # All pixels: half of them told radii of 50 px to 0.095 px, root mean square of twelve shots, and all to 0.063.
-    reference = build_reference(f, circles, options.roi, options.pre_blur, options.camera)
-    shift = (circles[:, :2] - crops[1].origin).to(c_g)
+    reference = build_reference(pairs.f, pairs.circles, options.roi, options.pre_blur, options.camera, blurred=False)
     q = as_unknowns(q.to(c_g), model)
     # The exact Jacobian: at the limb, where the radius shows, the reference's gradient is off by a third at 5 deg.
-    warped, weights, gradient = warp_with_gradient(reference, c_g, shift, q, model)
+    warped, weights, gradient = warp_with_gradient(reference, c_g, pairs.shift, q, model)
     difference = criterion.residual(reference.values, warped, weights)
     of_radius = (_radius_mode(reference, q, model) * gradient).sum(1, keepdim=True)
-    jacobian, factor = operator(reference, gradient, q, model, weights)
-    slope = criterion.project(of_radius, nuisances(reference, model, weights), weights)
-    shared = ((jacobian * weights[:, None]) @ slope.mT).double()
-    left = (slope - torch.cholesky_solve(shared, factor).to(jacobian).mT @ jacobian)[:, 0]
+    # The radius is one more unknown, the last: what belongs to all of them is computed once.
+    both = torch.cat((slopes(gradient, q, model, reference), of_radius), 1)
+    both = criterion.project(both, nuisances(reference, model, weights), weights)
+    normal = criterion.operator(both, weights)
+    adapted = torch.cholesky_solve(normal[:, :-1, -1:], criterion.cholesky(normal[:, :-1, :-1])).to(both)
+    left = (both[:, -1:] - adapted.mT @ both[:, :-1])[:, 0]
     # Of fast turns the exact models tell no radius at all: errors of 0.3 px of 50 at 7 deg and 3 radii's distance.
     up_to = RADIUS_UP_TO_DEG if options.camera is None else GRADIENT_FROM_DEG
     weights = weights * (q[:, 2:5].norm(dim=-1, keepdim=True) < math.radians(up_to))

@@ -163,13 +163,14 @@ def build_reference(
     *,
     spacing: float = 1.0,
     every: int = 1,
+    blurred: bool = True,
 ) -> Reference:
     """Points, values and gradients of the reference image over the region of interest.
 
     ``circles`` (n, 3): the ball in the reference images, px, float64 on the CPU, within `SLACK_PX` of where they were
     cut around; ``camera`` for models that need one; ``spacing`` of the points 1 px or `CHESSBOARD`. With ``every``
-    above 1 only so many-th of these are taken, to find the motion roughly; then nothing is known of the noise, and the
-    gradient stands for its blurred self.
+    above 1 only so many-th of these are taken, to find the motion roughly; then nothing is known of the noise. There,
+    and where no covariance is asked of the pairs (``blurred`` False), the gradient stands for its blurred self.
     """
     crops, c = images.crops, images.c
     half = c.shape[-1] // 2
@@ -187,11 +188,12 @@ def build_reference(
     if crops.usable is not None:
         weights = weights * _looked_up([crops.usable], grid, offset)[0]
     values, *gradient = _looked_up(images.nodes.unbind(1), grid, offset - 1)
-    blurred, noise = gradient, torch.zeros_like(radius)
-    if every == 1:
+    carrying, noise = gradient, torch.zeros_like(radius)
+    if every == 1 and blurred:
         twice = interpolate.blur_within(c, pre_blur)
         border = (c.shape[-1] - twice.shape[-1]) // 2 + 1
-        blurred = _looked_up(interpolate.nodes(twice).unbind(1)[1:], grid, offset - border)
+        carrying = _looked_up(interpolate.nodes(twice).unbind(1)[1:], grid, offset - border)
+    if every == 1:
         (noise,) = _looked_up([_image_noise(crops.images)], grid, offset - 1)
         noise = torch.linalg.vecdot(noise, weights) / weights.sum(-1).clamp_min(1)
     return Reference(
@@ -200,7 +202,7 @@ def build_reference(
         weights=weights,
         values=values,
         gradient=torch.stack(gradient, 1),
-        blurred_gradient=torch.stack(blurred, 1),
+        blurred_gradient=torch.stack(carrying, 1),
         noise=noise,
         geometry=Geometry(radius, None if camera is None else view_of(camera, centres, c)),
         places=places.to(c.device),

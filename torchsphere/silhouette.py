@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator
 import torch
 from torch import Tensor
 
+from torchsphere import ordered
+
 #: Frames that tell the still background.
 BACKGROUND_FRAMES = 25
 
@@ -23,7 +25,7 @@ def still_background(images: Images, count: int) -> Tensor | None:
     if count < 5:
         return None
     chosen = torch.linspace(0, count - 1, min(count, BACKGROUND_FRAMES)).round().long().tolist()
-    return torch.cat([images(i, i + 1) for i in chosen]).median(0).values
+    return ordered.median(torch.cat([images(i, i + 1) for i in chosen]))
 
 
 def silhouettes(
@@ -50,6 +52,7 @@ def silhouettes(
 
 def saturated(difference: Tensor) -> Tensor:
     """From 0 to 1: most of the image is background, whose spread is the noise; strong differences all count as one."""
-    noise = 1.4826 * float(difference.median())
-    strong = float(torch.quantile(difference.flatten()[:: max(1, difference.numel() // 100_000)], 0.97))
+    flat = difference.flatten()
+    noise = 1.4826 * float(ordered.median(flat))
+    strong = ordered.quantile(flat[:: max(1, len(flat) // 100_000)], 0.97)
     return (difference / max(5 * noise, 0.25 * strong, 1e-6)).clamp(max=1.0)

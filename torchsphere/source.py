@@ -13,6 +13,9 @@ from torchsphere.choices import DEVICES
 from torchsphere.inputs import as_images
 from torchsphere.recording import Recording
 
+#: Images that are wanted several times are kept up to this many bytes in all: 65 of 1024 x 480 px.
+KEPT_BYTES = 2**27
+
 
 @dataclass(frozen=True)
 class Source:
@@ -59,6 +62,30 @@ class Source:
     def images(self, start: int, stop: int) -> Tensor:
         """Grey levels (stop - start, h, w)."""
         return torch.as_tensor(self.read(start, stop)).to(self.device, self.dtype)
+
+    def keeping(self, start: int, stop: int) -> Source:
+        """The same images, of which ``start`` to ``stop - 1`` are read once; as it is where they are too large to keep.
+
+        They are handed out as views, which nobody may write to.
+        """
+        first = self.images(start, start + 1)
+        if (stop - start) * first.nbytes > KEPT_BYTES:
+            return self
+        kept = first.new_empty(stop - start, *first.shape[1:])
+        known = [False] * (stop - start)
+
+        def read(first: int, last: int) -> Tensor:
+            if not start <= first < last <= stop:
+                return self.images(first, last)
+            a, b = first - start, last - start
+            while not all(known[a:b]):
+                lacking = known.index(False, a, b)
+                end = next((i for i in range(lacking, b) if known[i]), b)
+                kept[lacking:end] = self.images(start + lacking, start + end)
+                known[lacking:end] = [True] * (end - lacking)
+            return kept[a:b]
+
+        return Source(read, self.count, self.device, self.dtype)
 
 
 def _require_device(chosen: torch.device) -> None:

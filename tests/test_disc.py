@@ -1,0 +1,31 @@
+"""The disc that tells inside from outside best."""
+
+import torch
+
+from torchsphere import disc
+
+
+def silhouette(x: float, y: float, radius: float, seed: int) -> torch.Tensor:
+    rows, columns = torch.arange(120.0)[:, None], torch.arange(200.0)
+    noise = 0.1 * torch.rand(120, 200, generator=torch.Generator().manual_seed(seed))
+    return ((columns - x) ** 2 + (rows - y) ** 2 < radius**2).float() * 0.9 + noise
+
+
+def test_silhouettes_together_give_what_each_gives_alone() -> None:
+    some = torch.stack((silhouette(60.0, 50.0, 20.0, 1), torch.zeros(120, 200), silhouette(140.0, 70.0, 35.0, 2)))
+    found = disc.best(some)
+    assert found[1] is None
+    for each, guess in zip(some[::2], found[::2], strict=True):
+        (alone,) = disc.best(each[None])
+        assert alone is not None
+        assert guess is not None
+        assert torch.equal(guess, alone)
+
+
+def test_a_ring_beyond_the_border_holds_nothing_of_the_other_side() -> None:
+    # Rings that reach beyond one border: in a plane that is too small they would hold what is at the other.
+    found = disc.best(torch.stack((silhouette(30.0, 60.0, 28.0, 3), silhouette(170.0, 60.0, 28.0, 4))))
+    for guess, x in zip(found, (30.0, 170.0), strict=True):
+        assert guess is not None
+        # Steps of the coarse image and of the radius.
+        assert float((guess[0] - torch.tensor([x, 60.0, 28.0])).abs().max()) < 3.0

@@ -1,0 +1,43 @@
+"""Images that are read when they are asked for, and those that are kept."""
+
+import pytest
+import torch
+from torch import Tensor
+
+from torchsphere import source
+from torchsphere.source import Source
+
+
+def counted() -> tuple[Source, list[int]]:
+    """Twelve images whose every reading is written down."""
+    images = torch.arange(12 * 4 * 5, dtype=torch.float32).reshape(12, 4, 5)
+    reads: list[int] = []
+
+    def read(start: int, stop: int) -> Tensor:
+        reads.extend(range(start, stop))
+        return images[start:stop]
+
+    return Source(read, 12, torch.device("cpu"), torch.float32), reads
+
+
+def test_what_is_kept_is_read_once_and_is_the_same() -> None:
+    kept_from, reads = counted()
+    kept, plain = kept_from.keeping(3, 9), counted()[0]
+    reads.clear()
+    for start, stop in ((5, 7), (3, 9), (8, 9), (4, 8)):
+        assert torch.equal(kept.images(start, stop), plain.images(start, stop))
+    assert sorted(reads) == [3, 4, 5, 6, 7, 8]
+
+
+def test_what_is_not_kept_is_read_as_before() -> None:
+    plain, _ = counted()
+    kept = plain.keeping(3, 9)
+    for start, stop in ((0, 2), (2, 5), (8, 11), (0, 12)):
+        assert torch.equal(kept.images(start, stop), plain.images(start, stop))
+
+
+def test_images_that_are_too_large_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(source, "KEPT_BYTES", 6 * 4 * 5 * 4 - 1)
+    plain, _ = counted()
+    assert plain.keeping(3, 9) is plain
+    assert plain.keeping(3, 8) is not plain
