@@ -57,13 +57,13 @@ def half_size(radius: float, margin: float) -> int:
     return math.ceil(radius + margin) + REACH
 
 
-def cut(images: Tensor, centres: Tensor, half: int, ignore: Tensor | None = None) -> Crops:
+def cut(images: Tensor | Sequence[Tensor], centres: Tensor, half: int, ignore: Tensor | None = None) -> Crops:
     """Cut crops of ``2 half + 1`` px around ``centres``.
 
     Parameters
     ----------
-    images : Tensor
-        Grey levels (n, h, w).
+    images : Tensor or sequence of Tensor
+        Grey levels (n, h, w), or n times (h, w): whole images need not lie together for a part of them to be cut out.
     centres : Tensor
         (n, 2) as (x, y), px; on the CPU, so that cutting never waits for the device.
     half : int
@@ -71,23 +71,25 @@ def cut(images: Tensor, centres: Tensor, half: int, ignore: Tensor | None = None
     ignore : Tensor, optional
         (h, w), True where the image is not to be used.
     """
-    height, width = images.shape[-2:]
+    height, width = images.shape[-2:] if isinstance(images, Tensor) else images[0].shape
+    device = images.device if isinstance(images, Tensor) else images[0].device
     middle = centres.to("cpu", torch.float64).round()
     origin = middle - half
     side = 2 * half + 1
     inside = bool(((origin >= 0) & (origin + side <= torch.tensor([width, height]))).all())
-    if inside and ignore is None and images.device.type == "cpu":
+    if inside and ignore is None and device.type == "cpu":
         # Measured 13 times faster than by index; on a GPU each slice would be a launch of its own.
         slices = [
             image[y : y + side, x : x + side] for image, (x, y) in zip(images, origin.long().tolist(), strict=True)
         ]
         return Crops(torch.stack(slices), None, origin)
     steps = torch.arange(side)
-    x = (origin[:, :1].long() + steps).to(images.device)
-    y = (origin[:, 1:].long() + steps).to(images.device)
-    rows = torch.arange(len(images), device=images.device)[:, None, None]
+    x = (origin[:, :1].long() + steps).to(device)
+    y = (origin[:, 1:].long() + steps).to(device)
+    rows = torch.arange(len(images), device=device)[:, None, None]
     columns_in, rows_in = x.clamp(0, width - 1)[:, None, :], y.clamp(0, height - 1)[:, :, None]
-    crops = images[rows, rows_in, columns_in]
+    whole = images if isinstance(images, Tensor) else torch.stack(list(images))
+    crops = whole[rows, rows_in, columns_in]
     if inside and ignore is None:
         return Crops(crops, None, origin)
     unusable = ((x < 0) | (x >= width))[:, None, :] | ((y < 0) | (y >= height))[:, :, None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,13 +26,13 @@ BINNED_TO_PX = 48.0
 
 @dataclass(frozen=True)
 class Pairs:
-    """Pairs of images (m, h, w) of the ball, the place ``circles`` (m, 3) in the first of each, and the motion (m, k).
+    """m pairs of images (h, w) of the ball, the place ``circles`` (m, 3) in the first of each, and the motion (m, k).
 
     The motion as (dx, dy, wx, wy, wz, growth): px and rad; all finite.
     """
 
-    before: Tensor
-    after: Tensor
+    before: Sequence[Tensor]
+    after: Sequence[Tensor]
     circles: Tensor
     motion: Tensor
 
@@ -73,7 +74,7 @@ def residual_maps(pairs: Pairs, ignore: Tensor | None, options: Options) -> NDAr
     camera = None if options.camera is None else options.camera.reduced(k)
     # In means of pixels the pattern is finer, so that without this blur their own aliasing is most of what is left.
     pre_blur = max(options.pre_blur, interpolate.PRE_BLUR_PX) if k > 1 else options.pre_blur
-    reference = build_reference(Filtered.of(crops_f, pre_blur), circles, options.roi, pre_blur, camera)
+    reference = build_reference(Filtered.of(crops_f, pre_blur), circles, options.roi, pre_blur, camera, blurred=False)
     c_g = interpolate.coefficients(crops_g.images, pre_blur)
     model = motion.MODELS["finite" if options.model == "rigid" else options.model]
     q = pairs.motion[:, : motion.degrees_of_freedom(model)].clone()

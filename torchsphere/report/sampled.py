@@ -155,8 +155,8 @@ def _maps(
     if not good.any():
         return np.full((len(rows), 1, 1), NOTHING, dtype=np.int8)
     pairs = Pairs(
-        torch.stack([images[int(row) - 1] for row in rows[good]]),
-        torch.stack([images[int(row)] for row in rows[good]]),
+        [images[int(row) - 1] for row in rows[good]],
+        [images[int(row)] for row in rows[good]],
         torch.from_numpy(circles[good]),
         torch.from_numpy(motion[good]),
     )
