@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import csv
 import hashlib
 import json
 import math
@@ -11,7 +10,7 @@ import os
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -175,21 +174,17 @@ def hash_files(files: Sequence[Path]) -> str:
     return digest.hexdigest()
 
 
-def _numbers(column: NDArray[Any]) -> Iterable[str]:
-    if column.dtype.kind in "iuU":
-        return map(str, column.tolist())
-    return (format(value, ".10g") for value in column.tolist())
-
-
 def _write_csv(path: Path, columns: dict[str, NDArray[Any]]) -> None:
     n = len(next(iter(columns.values())))
+    # One text for a whole row takes half the time of one per number; none of what is written needs quotation marks.
+    kinds = {"i": "%d", "u": "%d", "U": "%s"}
+    row = ",".join(kinds.get(column.dtype.kind, "%.10g") for column in columns.values()) + "\r\n"
     with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(columns)
+        stream.write(",".join(columns) + "\r\n")
         for start in range(0, n, CSV_ROWS):
             # A text takes ten times the memory of its number: never all of a long recording at once.
-            block = [_numbers(column[start : start + CSV_ROWS]) for column in columns.values()]
-            writer.writerows(zip(*block, strict=True))
+            block = [column[start : start + CSV_ROWS].tolist() for column in columns.values()]
+            stream.writelines(row % values for values in zip(*block, strict=True))
 
 
 def _jsonable(value: Any) -> Any:
