@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from torchsphere.likelihood import UNKNOWN
+from torchsphere.entries import UNKNOWN
 from torchsphere.process import ABSENT, STATES, STEADY, transitions
 
 Array = NDArray[np.float64]

@@ -125,7 +125,7 @@ def _best_interval(series: Series) -> Best:
     """The likeliest interval of each recording, with its intensities and its likelihood."""
     if series.times.shape[1] <= SEARCHED:
         return _highest(series)
-    each = [_in_long(series.row(number)) for number in range(len(series.times))]
+    each = [_in_long(series.rows(slice(number, number + 1))) for number in range(len(series.times))]
     return Best(*(torch.cat(values) for values in zip(*each, strict=True)))
 
 

@@ -21,7 +21,7 @@ import torch
 from torch import Tensor
 
 from torchsphere.contact import Contact
-from torchsphere.likelihood import UNKNOWN
+from torchsphere.entries import UNKNOWN
 from torchsphere.moves import FLIGHT, SIZE, Moves
 from torchsphere.poses import FREEDOMS, Poses
 from torchsphere.process import STEADY, transitions
