@@ -42,6 +42,7 @@ LAYERS = (
     ("weigh", "poses"),
     ("contact",),
     ("moves", "bandwidth", "local"),
+    ("passes",),
     ("smooth",),
     ("differentiate", "shared", "delay"),
     ("si",),
