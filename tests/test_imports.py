@@ -40,6 +40,7 @@ LAYERS = (
     ("innovations",),
     ("likelihood",),
     ("weigh", "poses"),
+    ("climb",),
     ("contact",),
     ("moves", "bandwidth", "local"),
     ("passes",),
