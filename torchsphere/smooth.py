@@ -132,7 +132,15 @@ class _Draws:
 
 
 def root(covariance: Tensor) -> Tensor:
-    """Symmetric square root (..., d, d) of a covariance that may be singular."""
+    """A matrix (..., d, d) that times its transpose is a covariance that may be singular.
+
+    Where it is not, by Cholesky: as the covariance changes by rounding so does this root, and motions drawn are the
+    same again. Eigenvectors of errors of the same size turn at random, so that 400 motions were others each time.
+    """
     size = covariance.diagonal(dim1=-2, dim2=-1).clamp_min(1e-300).sqrt()
-    values, vectors = torch.linalg.eigh(covariance / size[..., :, None] / size[..., None, :])
-    return size[..., :, None] * (vectors * values.clamp_min(0.0).sqrt()[..., None, :])
+    even = covariance / size[..., :, None] / size[..., None, :]
+    factor, failed = torch.linalg.cholesky_ex(even)
+    if failed.any():
+        values, vectors = torch.linalg.eigh(even[failed > 0])
+        factor[failed > 0] = vectors * values.clamp_min(0.0).sqrt()[..., None, :]
+    return size[..., :, None] * factor
