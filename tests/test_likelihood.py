@@ -1,10 +1,12 @@
 """The bank of small Kalman filters against the dense joint covariance of all frames, and series that are thinned."""
 
+import dataclasses
 import math
 
 import torch
 
-from torchsphere.likelihood import STATED_COUNTS, UNKNOWN, Series, log_likelihood
+from torchsphere.entries import UNKNOWN
+from torchsphere.likelihood import STATED_COUNTS, Series, log_likelihood
 from torchsphere.process import STATES, STEADY, transitions
 
 #: Frame 4 is missing from the recording, and frame 6 was not measured in the second degree of freedom.
@@ -85,3 +87,45 @@ def test_what_drifts_between_frames_that_are_left_out_is_added_up() -> None:
     assert thin.times.tolist() == [[1.0, 5.0, 8.5]]
     torch.testing.assert_close(thin.drift, torch.stack((own.drift[..., 1:4].sum(-1), own.drift[..., 4:7].sum(-1)), -1))
     torch.testing.assert_close(thin.value, own.value[..., [1, 4, 7]])
+
+
+def long_series() -> Series:
+    """Forty frames, some of them not seen, of a motion that is bent twice: by the tenth frame, and slowly."""
+    generator = torch.Generator().manual_seed(5)
+    times = torch.cat((torch.arange(25.0), 26.5 + torch.arange(15.0)))[None].double()
+    value = torch.stack((300 * (times[0] - 9).clamp_min(0), 0.1 * times[0] ** 2))[None]
+    value = value + torch.randn(value.shape, generator=generator, dtype=torch.float64)
+    seen = torch.ones_like(value, dtype=torch.bool)
+    seen[0, 0, 13:15] = seen[0, 1, 20] = seen[0, 1, 36:] = False
+    variance = 0.5 + torch.rand(value.shape, generator=generator, dtype=torch.float64)
+    return Series(times, value, variance, 0.01 * variance[..., 1:], seen)
+
+
+LONG_WINDOWS = torch.tensor([[[7.2, 11.4], [5.0, 12.0], [8.1, 8.7], [9.5, 13.25]]], dtype=torch.float64)
+
+
+def test_a_filter_among_many_that_share_their_flights_is_what_it_is_alone() -> None:
+    own = long_series()
+    pairs = torch.cartesian_prod(torch.tensor([-9.0, -2.0]), torch.tensor([-3.0, 0.0, 3.0, 5.0])).double()
+    flight, contact = (v.expand(1, 2, 1, -1) for v in pairs.T)
+    fit, noise = log_likelihood(own, LONG_WINDOWS, flight, contact)
+    for place in range(4):
+        for m in range(8):
+            alone = log_likelihood(
+                own, LONG_WINDOWS[:, place : place + 1], flight[..., m : m + 1], contact[..., m : m + 1]
+            )
+            for one, other in zip(alone, (fit, noise), strict=True):
+                torch.testing.assert_close(one[..., 0, 0], other[..., place, m], rtol=0.0, atol=1e-5)
+
+
+def test_recordings_beside_each_other_have_the_likelihoods_that_they_have_alone() -> None:
+    one, flight = long_series(), torch.tensor([-6.0, -2.0], dtype=torch.float64)
+    later = Series(one.times + 0.5, one.value.flip(-1), one.variance, one.drift, one.seen)
+    both = Series(*(torch.cat((getattr(one, f.name), getattr(later, f.name))) for f in dataclasses.fields(Series)))
+    windows = torch.cat((LONG_WINDOWS, 0 * LONG_WINDOWS))
+    contact = torch.tensor([-1.0, 2.0], dtype=torch.float64).expand(2, 2, 1, 2)
+    fit, noise = log_likelihood(both, windows, flight.expand(2, 2, 1, 2), contact)
+    for row, own in enumerate((one, later)):
+        alone = log_likelihood(own, windows[row : row + 1], flight.expand(1, 2, 1, 2), contact[:1])
+        torch.testing.assert_close(alone[0][0], fit[row], rtol=0.0, atol=1e-6)
+        torch.testing.assert_close(alone[1][0], noise[row], rtol=0.0, atol=1e-6)

@@ -9,7 +9,7 @@ import torch
 from shots import shot
 
 import torchsphere as ts
-from torchsphere import smooth
+from torchsphere import passes, smooth
 from torchsphere.impact import impact
 from torchsphere.inertia import ball
 from torchsphere.kinematics import Kinematics, kinematics_of_many
@@ -253,7 +253,20 @@ def test_a_system_that_is_singular_but_for_rounding_is_solved_where_it_says_anyt
     matrix = direction.mT @ direction * (1 + 1e-14 * torch.randn(3, 3, generator=torch.Generator().manual_seed(1)))
     matrix[0, 0] -= 1e-11
     both = torch.stack((matrix, torch.eye(3, dtype=torch.float64)))
-    solution = smooth._solve(both, both)
+    solution = torch.from_numpy(passes._solve(both.numpy(), both.numpy()))
     assert torch.linalg.cholesky_ex(matrix / matrix.diagonal().sqrt()[:, None] / matrix.diagonal().sqrt()).info > 0
     torch.testing.assert_close(matrix @ solution[0], matrix, rtol=1e-8, atol=0.0)
     torch.testing.assert_close(solution[1], both[1])
+
+
+def test_a_root_of_a_covariance_is_one_and_does_not_turn_with_its_rounding() -> None:
+    generator = torch.Generator().manual_seed(4)
+    some = torch.randn(6, 6, generator=generator, dtype=torch.float64)
+    alike = torch.eye(6, dtype=torch.float64) * 1e-4
+    singular = some[:, :4] @ some[:, :4].mT
+    both = torch.stack((some @ some.mT, alike, singular))
+    found = smooth.root(both)
+    torch.testing.assert_close(found @ found.mT, both, rtol=1e-7, atol=1e-9)
+    rounding = 1e-15 * torch.randn(6, 6, generator=generator, dtype=torch.float64)
+    again = smooth.root(both + both * (rounding + rounding.mT))
+    torch.testing.assert_close(again[:2], found[:2], rtol=1e-10, atol=1e-13)

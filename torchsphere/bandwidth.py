@@ -6,13 +6,16 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from torchsphere.likelihood import UNKNOWN
+from torchsphere.entries import UNKNOWN
 from torchsphere.process import ABSENT, STATES, STEADY, transitions
 
 Array = NDArray[np.float64]
 
 #: Amplitude that counts as passed: half of the power, -3 dB.
 PASSED = 0.5**0.5
+
+#: Frequencies up to the highest at which the response is found.
+FREQUENCIES = 2000
 
 #: Frames on either side of one whose response is measured.
 REACH = 60
@@ -30,10 +33,18 @@ def cutoff(weights: Array, offsets: Array, derivative: int) -> float:
     derivative : int
         1 or 2.
     """
-    highest = 0.5 / float(np.median(np.diff(offsets)))
-    frequency = highest * np.linspace(0.0, 1.0, 2001)[1:]
+    step = float(np.median(np.diff(offsets)))
+    frequency = 0.5 / step * np.linspace(0.0, 1.0, FREQUENCIES + 1)[1:]
     circular = 2 * np.pi * frequency
-    gain = np.abs(np.exp(1j * circular[:, None] * offsets) @ weights) / circular**derivative
+    places = np.rint(offsets / step).astype(np.int64)
+    if np.array_equal(places * step, offsets) and np.ptp(places) < 2 * FREQUENCIES:
+        # Of even times it is a Fourier transform, which takes a hundredth of the time.
+        impulses = np.zeros(2 * FREQUENCIES)
+        impulses[places % len(impulses)] = weights
+        response = np.fft.rfft(impulses)[1:]
+    else:
+        response = np.exp(1j * circular[:, None] * offsets) @ weights
+    gain = np.abs(response) / circular**derivative
     passing = np.flatnonzero(gain >= PASSED)
     return float(frequency[passing[-1]]) if len(passing) else 0.0
 

@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from torchsphere.climb import INTENSITY_STEPS, Best, all_intensities, best_at, best_of, climb, refined
 from torchsphere.likelihood import Series
 from torchsphere.weigh import (
     CANDIDATES,
     FINEST_STEP,
-    QUIETEST,
     both_processes,
     candidates,
     intensities,
@@ -27,10 +26,8 @@ from torchsphere.weigh import (
     without_contact,
 )
 
-#: Intensities of the first search, powers of ten, in flight and in contact; and all that are possible, coarsely.
+#: Intensities of the first search, powers of ten, in flight and in contact.
 FIRST_FLIGHT, FIRST_CONTACT = (-11.0, -8.0, -5.0), (-9.0, -4.0, -1.5, 0.5, 2.5, 4.5)
-WHOLE_FLIGHT = tuple(float(power) for power in range(-12, 5))
-WHOLE_CONTACT = tuple(float(power) for power in range(-12, 9))
 
 #: First intervals: that many starts, and the longest as a power of two of the starts' distance. The best of each length
 #: is followed to its maximum: from the best of all alone, one shot in 16 had its end 6 frames off.
@@ -42,15 +39,6 @@ SEARCHED, REACH, WITHIN = 128, 4, 0.25
 
 #: Frames before and after the contact that tell its edges; those in flight keep in mind a hundred at most.
 TELLING = 128
-
-#: Steps of the intensities (powers of ten) in the refinement, coarse to fine, while the interval's steps are halved.
-INTENSITY_STEPS = (1.5, 0.9, 0.5, 0.3, 0.2)
-
-#: Moves of the edges, in steps: the far ones, because the likelihood has more than one maximum.
-EDGE_MOVES = (
-    (0, 0),
-    *((a * d, b * d) for d in (1, 3) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1))),
-)
 
 
 @dataclass(frozen=True)
@@ -82,19 +70,10 @@ class Contact:
     gain: Tensor
 
 
-class Best(NamedTuple):
-    """The likeliest of several: interval (n, 2), powers of ten of its intensities (n, k), likelihood (n,)."""
-
-    window: Tensor
-    flight: Tensor
-    contact: Tensor
-    top: Tensor
-
-
 def find(series: Series) -> Contact:
     """Contact and intensities from the likelihood; the recordings' own, searched for all at once."""
     none = series.times.new_zeros(len(series.times), 2)
-    quiet = _at(series, none, *_all_intensities(series, without_contact=True))
+    quiet = best_at(series, none, *all_intensities(series, without_contact=True))
     window, flight, contact, top = _best_interval(series)
     gain = top - quiet[2]
     counts = series.seen.sum((1, 2)).double().clamp_min(2.0)
@@ -125,7 +104,7 @@ def _best_interval(series: Series) -> Best:
     """The likeliest interval of each recording, with its intensities and its likelihood."""
     if series.times.shape[1] <= SEARCHED:
         return _highest(series)
-    each = [_in_long(series.row(number)) for number in range(len(series.times))]
+    each = [_in_long(series.rows(slice(number, number + 1))) for number in range(len(series.times))]
     return Best(*(torch.cat(values) for values in zip(*each, strict=True)))
 
 
@@ -150,52 +129,24 @@ def _in_long(series: Series) -> Best:
             break
         part = series.between(start, stop, finer)
         finest = FINEST_STEP if finer == 1 else WITHIN * finer
-        best = _climb(part, best, best.window.new_tensor([float(every)]), finest)
+        best = climb(part, best, best.window.new_tensor([float(every)]), finest)
         every = finer
     best = best._replace(window=possible(series, best.window[:, None])[:, 0])
-    flight, contact, _ = _at(series, best.window, *_all_intensities(series))
+    flight, contact, _ = best_at(series, best.window, *all_intensities(series))
     best = best._replace(flight=flight, contact=contact)
     step = best.window.new_tensor([2 * FINEST_STEP])
     for size in INTENSITY_STEPS[2:4]:
-        best = _refined(series, best, step, size)
+        best = refined(series, best, step, size)
     return best
 
 
 def _highest(series: Series, finest: float = FINEST_STEP) -> Best:
     """The highest of the maxima that the starts lead to."""
     many = series.repeated(LONGEST + 1)
-    each = _climb(many, _first(series), _pitch(many), finest)
+    each = climb(many, _first(series), _pitch(many), finest)
     top, number = each.top.unflatten(0, (-1, LONGEST + 1)).max(-1)
     rows = torch.arange(len(number), device=number.device) * (LONGEST + 1) + number
     return Best(each.window[rows], each.flight[rows], each.contact[rows], top)
-
-
-def _climb(series: Series, best: Best, step: Tensor, finest: float) -> Best:
-    """The maximum of the likelihood that a start leads to, with steps of the edges from ``step`` (n,) to ``finest``."""
-    for number in range(max(4, 2 + math.ceil(math.log2(float(step.max()) / finest)))):
-        if number in (2, 5):
-            # The intensities of one degree of freedom have several maxima, too.
-            flight, contact, _ = _at(series, best.window, *_all_intensities(series))
-            best = best._replace(flight=flight, contact=contact)
-        size = INTENSITY_STEPS[min(number, len(INTENSITY_STEPS) - 1)]
-        for _ in range(2):
-            best = _refined(series, best, step, size)
-        step = (0.5 * step).clamp_min(finest)
-    return best
-
-
-def _all_intensities(series: Series, without_contact: bool = False) -> tuple[Tensor, Tensor]:
-    """Powers of ten (n, k, 1, m) over the whole range."""
-    contacts = [-math.inf] if without_contact else list(WHOLE_CONTACT)
-    pairs = torch.cartesian_prod(torch.tensor(WHOLE_FLIGHT), torch.tensor(contacts)).to(series.times)
-    flight, contact = pairs.T[:, None, None, None].expand(-1, *series.value.shape[:2], 1, -1)
-    return flight, contact
-
-
-def _at(series: Series, window: Tensor, flight: Tensor, contact: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Best of the intensities (n, k) at one interval (n, 2) each, and the likelihood (n,)."""
-    fit = posterior(series, window[:, None], flight, contact)[0]
-    return _best(fit, window[:, None], flight, contact)[1:]
 
 
 def _pitch(series: Series) -> Tensor:
@@ -212,31 +163,5 @@ def _first(series: Series) -> Best:
     windows = begin[:, None, None] + pitch[:, None, None] * torch.tensor(places).to(series.times)
     counts = [STARTS - 2**j + 1 for j in range(LONGEST + 1)]
     fits = posterior(series, windows, flight, contact)[0].split(counts, 2)
-    each = [_best(fit, part, flight, contact) for fit, part in zip(fits, windows.split(counts, 1), strict=True)]
+    each = [best_of(fit, part, flight, contact) for fit, part in zip(fits, windows.split(counts, 1), strict=True)]
     return Best(*(torch.stack(values, 1).flatten(0, 1) for values in zip(*each, strict=True)))
-
-
-def _refined(series: Series, best: Best, step: Tensor, size: float) -> Best:
-    """The best neighbour of an interval and its intensities, by ``step`` (n,) frames and ``size`` powers of ten."""
-    moves = torch.cartesian_prod(*2 * [series.times.new_tensor([0.0, -1.0, 1.0])])
-    shifts = series.times.new_tensor(EDGE_MOVES)
-    windows = possible(series, best.window[:, None] + step[:, None, None] * shifts)
-    scaled = best.flight[..., None, None] + size * moves[:, 0], best.contact[..., None, None] + size * moves[:, 1]
-    around = scaled[0].clamp(math.log10(QUIETEST), 8.0), scaled[1].clamp(-12.0, 12.0)
-    fit, _ = posterior(series, windows, *around)
-    return _best(fit, windows, *around)
-
-
-def _best(fit: Tensor, windows: Tensor, flight: Tensor, contact: Tensor) -> Best:
-    """Where the likelihood (n, k, c, m) is highest in all k together."""
-    n, k, c, m = fit.shape
-    per_window, which = fit.max(-1)
-    top, place = per_window.sum(1).max(-1)
-    rows = torch.arange(n, device=fit.device)
-    chosen = which.gather(-1, place[:, None, None].expand(n, k, 1))
-    freedom = torch.arange(k, device=fit.device)
-
-    def at_best(values: Tensor) -> Tensor:
-        return values.expand(n, k, c, m)[rows[:, None], freedom, place[:, None]].gather(-1, chosen)[..., 0]
-
-    return Best(windows[rows, place], at_best(flight), at_best(contact), top)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from torchsphere import bandwidth, contact, local, smooth
 from torchsphere.contact import Contact
-from torchsphere.likelihood import UNKNOWN
+from torchsphere.entries import UNKNOWN
 from torchsphere.poses import FREEDOMS, Poses, joined, poses
 from torchsphere.process import STATES
 from torchsphere.smooth import Smoothed

@@ -25,8 +25,8 @@ from torchsphere.track import Track
 __all__ = ["METHODS", "ROTATION_PER_RADIUS", "Draws", "Kinematics", "kinematics", "kinematics_of_many"]
 
 #: Frames up to which the smoother is run: it keeps 32 x 15 x 15 numbers per frame, 0.06 MB, three times that in
-#: contact, and takes 5 ms with the search for the contact. A recording of an impact has some hundreds; a longer one
-#: gets local polynomials, and says so.
+#: contact, and takes 1 to 4 ms with the search for the contact. A recording of an impact has some hundreds of them; a
+#: longer one gets local polynomials, and says so.
 SMOOTHED_UP_TO = 1500
 
 Array = NDArray[np.float64]

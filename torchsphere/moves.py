@@ -7,62 +7,112 @@ rotation ``Ad`` and left Jacobian ``J``. What the turning of the axis within a s
 
 from __future__ import annotations
 
+import itertools
+from typing import NamedTuple
+
+import numpy as np
 import torch
 from torch import Tensor
 
 from torchsphere.contact import Contact
+from torchsphere.entries import Array
 from torchsphere.poses import FREEDOMS, Poses
-from torchsphere.process import ABSENT, STATES, STEADY, Transitions
+from torchsphere.process import ABSENT, STATES, STEADY, steady, touches, transitions, white_noise
 
 #: Numbers in the state of a flight and of a contact.
 FLIGHT, SIZE = STEADY * FREEDOMS, STATES * FREEDOMS
 
 
+class Steps(NamedTuple):
+    """Some f transitions of n recordings with c intervals each, from states of the size s to the size s'.
+
+    Attributes
+    ----------
+    matrix : ndarray
+        (f, n, c, s', s), or (f, n, 1, s', s) in flight, where all intervals have the same.
+    offset : ndarray
+        (f, n, 1, s').
+    added : ndarray
+        Covariance (f, n, c, s', s').
+    """
+
+    matrix: Array
+    offset: Array
+    added: Array
+
+
 class Moves:
-    """Matrix, offset and covariance of the transition from frame i to the next, of all n c rows.
+    """How the states of n recordings move on, under c contact intervals each.
 
     Where none of the rows is in contact the states have no jerk and snap: most frames cost a fifth.
     """
 
-    def __init__(self, poses: Poses, contact: Contact, moves: Transitions, c: int) -> None:
-        self._step = (poses.step / poses.unit[:, None]).repeat_interleave(c, 0)
-        self._turn, self._jacobian = (v.repeat_interleave(c, 0) for v in _turning(poses.step[..., 2:]))
-        self._moves, self._c = moves, c
-        intensity = (contact.noise**2 * contact.contact).flatten(0, 1)
-        smooth = contact.smooth.flatten(0, 1)
-        self._rough = torch.where(smooth, 0.0, intensity)
-        self._smooth = torch.where(smooth, intensity, ABSENT)
-        self._flight = (contact.noise**2 * contact.flight).flatten(0, 1)
-        self._drift = (poses.drift / poses.unit[:, None] ** 2).repeat_interleave(c, 0)
+    def __init__(self, poses: Poses, contact: Contact) -> None:
+        step, unit = poses.step.swapaxes(0, 1), poses.unit
+        turn, jacobian = _turning(step[..., 2:])
+        self._turn = turn.numpy()[:, :, None]
+        #: The rotation's step is that of a vector, seen from the tangent space at its end.
+        self._along = np.tile(np.eye(FREEDOMS), (*step.shape[:2], 1, 1, 1))
+        self._along[..., 2:, 2:] = jacobian.numpy()[:, :, None]
+        self._step = (step / unit).numpy()[:, :, None]
+        self._drift = (poses.drift.swapaxes(0, 1) / unit**2).numpy()[:, :, None]
+        intensity = contact.noise**2 * contact.contact
+        kinds = (contact.noise**2 * contact.flight, torch.where(contact.smooth, 0.0, intensity))
+        self._intensities = [v.numpy() for v in (*kinds, torch.where(contact.smooth, intensity, ABSENT))]
+        self._duration = poses.times.diff(dim=-1).T[:, :, None].numpy()
+        touching = np.asarray(touches(poses.times.numpy(), contact.windows.numpy()).any((0, 1)))
+        places = np.flatnonzero(touching).tolist() or [0]
+        #: The first transition that is touched, and those from it to the last that is.
+        self._first = places[0]
+        self._moves = transitions(poses.times[:, places[0] : places[-1] + 2], contact.windows)
+        self.touching = [bool(any_of_them) for any_of_them in touching]
         #: Kinds of state that each frame has: its own if the transition to it touches.
-        self._kinds = [STEADY, *(STATES if touching else STEADY for touching in moves.touching)]
+        self._kinds = [STEADY, *(STATES if touching else STEADY for touching in self.touching)]
 
-    def at(self, i: int) -> tuple[Tensor, Tensor, Tensor]:
-        """Matrix (b, s', s), offset (b, s'), covariance (b, s', s'), with s and s' the sizes of both states."""
-        before, after = self._kinds[i : i + 2]
-        block = self._moves.matrix[:, :, i, :after, :before].flatten(0, 1)
-        flight = self._moves.flight[:, :, i, :after, :after].expand(-1, self._c, -1, -1).flatten(0, 1)
-        whole, added = _spread_out(block, torch.ones_like(self._flight)), _spread_out(flight, self._flight)
-        if after > STEADY:
-            for kind, intensity in ((self._moves.rough, self._rough), (self._moves.smooth, self._smooth)):
-                added = added + _spread_out(kind[:, :, i].flatten(0, 1), intensity)
-        # The rotation's step is that of a vector, seen from the tangent space at its end.
-        along = torch.eye(after * FREEDOMS, dtype=whole.dtype, device=whole.device).repeat(len(whole), 1, 1)
-        along[:, 2:FREEDOMS, 2:FREEDOMS] = self._jacobian[:, i]
-        whole, added = along @ whole, along @ added @ along.mT
-        whole[:, 2:FREEDOMS, 2:FREEDOMS] = self._turn[:, i]
-        added[:, :FREEDOMS, :FREEDOMS] += torch.diag_embed(self._drift[:, i])
-        later = torch.arange(FLIGHT, after * FREEDOMS)
-        added[:, later, later] += self._moves.idle[:, :, i].flatten(0, 1)[:, None].to(whole)
-        offset = torch.zeros(len(whole), after * FREEDOMS, dtype=whole.dtype, device=whole.device)
-        offset[:, :FREEDOMS] = -self._step[:, i]
-        return whole, offset, added
+    def alike(self, at_once: int) -> list[slice]:
+        """Transitions one after the other between states of the same sizes, up to so many at once."""
+        pairs = enumerate(itertools.pairwise(self._kinds))
+        found = []
+        for _, group in itertools.groupby(pairs, key=lambda pair: (pair[1], self.touching[pair[0]])):
+            numbers = [i for i, _ in group]
+            found += [slice(i, min(i + at_once, numbers[-1] + 1)) for i in numbers[::at_once]]
+        return found
+
+    def at(self, part: slice) -> Steps:
+        """Transitions of the frames ``part``, of one of the slices of `alike`, to those after them."""
+        before, after = self._kinds[part.start : part.start + 2]
+        along, duration = self._along[part], self._duration[part]
+        if self.touching[part.start]:
+            own = slice(part.start - self._first, part.stop - self._first)
+            block = _frames(self._moves.matrix, own)[..., :after, :before]
+            noises = [_frames(v, own) for v in (self._moves.flight, self._moves.rough, self._moves.smooth)]
+            idle = _frames(self._moves.idle, own)
+        else:
+            block = steady(duration)[..., :after, :before]
+            noises, idle = [white_noise(duration, STEADY)], np.array(1.0)
+        matrix = np.zeros((*block.shape[:-2], after, FREEDOMS, before, FREEDOMS))
+        added = np.zeros((*block.shape[:2], *self._intensities[0].shape[1:2], after, FREEDOMS, after, FREEDOMS))
+        for k in range(FREEDOMS):
+            matrix[..., k, :, k] = block
+            for noise, intensity in zip(noises, self._intensities, strict=False):
+                added[..., k, :, k] += noise[..., :after, :after] * intensity[..., k, None, None]
+        matrix = matrix.reshape(*block.shape[:-2], after * FREEDOMS, before * FREEDOMS)
+        added = added.reshape(*added.shape[:-4], after * FREEDOMS, after * FREEDOMS)
+        matrix[..., :FREEDOMS, :] = along @ matrix[..., :FREEDOMS, :]
+        added[..., :FREEDOMS, :] = along @ added[..., :FREEDOMS, :]
+        added[..., :FREEDOMS] = added[..., :FREEDOMS] @ along.swapaxes(-1, -2)
+        matrix[..., 2:FREEDOMS, 2:FREEDOMS] = self._turn[part]
+        poses, later = np.arange(FREEDOMS), np.arange(FLIGHT, after * FREEDOMS)
+        added[..., poses, poses] += self._drift[part]
+        added[..., later, later] += idle[..., None]
+        offset = np.zeros((*along.shape[:3], after * FREEDOMS))
+        offset[..., :FREEDOMS] = -self._step[part]
+        return Steps(matrix, offset, added)
 
 
-def _spread_out(block: Tensor, factor: Tensor) -> Tensor:
-    """Kronecker product (b, 5 r, 5 s) of (b, r, s) and the diagonal (b, 5)."""
-    product = block[:, :, None, :, None] * torch.diag_embed(factor)[:, None, :, None, :]
-    return product.flatten(3, 4).flatten(1, 2)
+def _frames(values: Tensor, part: slice) -> Array:
+    """Values (n, c, t, ...) of some frames (f, n, c, ...)."""
+    return np.moveaxis(values.numpy()[:, :, part], 2, 0)
 
 
 def _turning(step: Tensor) -> tuple[Tensor, Tensor]:

@@ -31,11 +31,16 @@ sines' own, takes two peaks for smooth, and the bands of their spins hold 84 ins
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
+
+Array = NDArray[np.float64]
 
 #: Pose, rate and acceleration, which flight has, too; jerk; and snap, which the rough process has not.
 STEADY, ROUGH, STATES = 3, 4, 5
@@ -71,79 +76,131 @@ class Transitions:
     touching: list[bool]
 
 
+@dataclass(frozen=True)
+class Passages:
+    """How contact intervals, c of each of n recordings, lie among the transitions between t frames.
+
+    Attributes
+    ----------
+    whole : ndarray
+        (n, c, t - 1), True where the contact lasts throughout.
+    edges : ndarray
+        (n, c, t - 1), True where it begins or ends meanwhile: e places.
+    matrix, rough, smooth : ndarray
+        Of those places (e, 5, 5), as in `Transitions`.
+    """
+
+    whole: NDArray[np.bool_]
+    edges: NDArray[np.bool_]
+    matrix: Array
+    rough: Array
+    smooth: Array
+
+    @classmethod
+    def of(cls, times: Array, windows: Array) -> Passages:
+        """Of frames at ``times`` (n, t) and the intervals ``windows`` (n, c, 2)."""
+        before, after = times[:, None, :-1], times[:, None, 1:]
+        start, end = windows[..., :1], windows[..., 1:]
+        touching = touches(times, windows)
+        edges = touching & ((start >= before) | (end <= after))
+        before, after, start, end = (np.broadcast_to(v, edges.shape)[edges] for v in (before, after, start, end))
+        starts, ends = start >= before, end <= after
+        duration = np.minimum(end, after) - np.maximum(start, before)
+        inside, none = integrator(duration), np.eye(STATES)
+        begin = np.where(starts[:, None, None], steady(start - before), none)
+        finish = np.where(ends[:, None, None], steady(after - end), none)
+        size = np.where(starts, end - start, 0.0)
+
+        def added(order: int) -> Array:
+            within = white_noise(duration, order) + inside @ _first_size(size, order) @ inside.swapaxes(-1, -2)
+            return np.asarray(finish @ within @ finish.swapaxes(-1, -2))
+
+        return cls(touching & ~edges, edges, finish @ inside @ begin, added(ROUGH), added(STATES))
+
+
+def touches(times: Array, windows: Array) -> NDArray[np.bool_]:
+    """Which intervals ``windows`` (n, c, 2) touch what is between a frame and the next (n, c, t - 1)."""
+    before, after = times[:, None, :-1], times[:, None, 1:]
+    return np.asarray(np.minimum(windows[..., 1:], after) > np.maximum(windows[..., :1], before))
+
+
 def transitions(times: Tensor, windows: Tensor) -> Transitions:
     """Transitions between ``times`` (n, t), frames, with the contact intervals ``windows`` (n, c, 2), start and end.
 
     An interval may start and end between frames; one that ends where it starts is no contact.
     """
-    before, after = times[:, None, :-1], times[:, None, 1:]
-    start, end = windows[..., :1], windows[..., 1:]
-    first = (torch.minimum(start, after) - before).clamp_min(0.0)
-    last = (after - torch.maximum(end, before)).clamp_min(0.0)
-    inside = torch.minimum(end, after) - torch.maximum(start, before)
-    touching = inside > 0
-    starts, ends = touching & (start >= before), touching & (end <= after)
-    inside = inside.clamp_min(0.0)
-    first, last = torch.where(starts, first, 0.0), torch.where(ends, last, 0.0)
-    unit = torch.eye(STATES, dtype=times.dtype, device=times.device)
-    steady_states = torch.diag((torch.arange(STATES, device=times.device) < STEADY).to(times))
-
-    def steady(duration: Tensor, where: Tensor) -> Tensor:
-        return torch.where(where[..., None, None], integrator(duration) @ steady_states, unit)
-
-    # Most frames are in flight in any interval, and alike: the rest is computed for the others alone.
-    bound = touching.any(1).any(0)
-    starts, idle = starts | ~touching, ends | ~touching
-    first = torch.where(touching, first, after - before)
-    begin, finish = (steady(v[..., bound], where[..., bound]) for v, where in ((first, starts), (last, idle)))
-    middle = integrator(inside[..., bound])
-    matrix = (integrator(after - before) @ steady_states).repeat(1, windows.shape[1], 1, 1, 1)
-    matrix[:, :, bound] = finish @ middle @ begin
-    length = torch.where(starts & touching, end - start, 0.0)[..., bound]
-
-    def added(order: int) -> Tensor:
-        within = white_noise(inside[..., bound], order) + middle @ _first_size(length, order) @ middle.mT
-        found = torch.zeros_like(matrix)
-        found[:, :, bound] = finish @ within @ finish.mT
-        return found
-
+    moments, intervals = times.numpy(), windows.numpy()
+    duration = np.diff(moments)[:, None]
+    passages = Passages.of(moments, intervals)
+    whole = passages.whole[..., None, None]
+    matrix = np.where(whole, integrator(duration), steady(duration))
+    rough, smooth = (np.where(whole, white_noise(duration, order), 0.0) for order in (ROUGH, STATES))
+    for all_of_them, edges in ((matrix, passages.matrix), (rough, passages.rough), (smooth, passages.smooth)):
+        all_of_them[passages.edges] = edges
+    touching = passages.whole | passages.edges
+    idle = ((intervals[..., 1:] <= moments[:, None, 1:]) & touching) | ~touching
     return Transitions(
-        matrix=matrix,
-        rough=added(ROUGH),
-        smooth=added(STATES),
-        flight=white_noise(after - before, STEADY),
-        idle=idle,
-        touching=bound.tolist(),
+        matrix=torch.from_numpy(matrix),
+        rough=torch.from_numpy(rough),
+        smooth=torch.from_numpy(smooth),
+        flight=torch.from_numpy(white_noise(duration, STEADY)),
+        idle=torch.from_numpy(idle),
+        touching=np.asarray(touching.any((0, 1))).tolist(),
     )
 
 
-def _first_size(length: Tensor, order: int) -> Tensor:
+def _first_size(length: Array, order: int) -> Array:
     """Covariance (..., 5, 5), per unit intensity, of the states that a contact of so many frames (...) starts with.
 
     The size of the first jerk and snap is tied to the intensity by the contact's own duration: no number of its own to
     find.
     """
-    size = length.new_zeros(*length.shape, STATES)
+    size = np.zeros((*length.shape, STATES, STATES))
     for i in range(STEADY, order):
-        size[..., i] = length ** (2 * (order - i) - 1)
-    return torch.diag_embed(size)
+        size[..., i, i] = length ** (2 * (order - i) - 1)
+    return size
 
 
-def integrator(duration: Tensor) -> Tensor:
+def steady(duration: Array) -> Array:
+    """As `integrator`, of flight: without jerk and snap, before and after."""
+    return integrator(duration) * (np.arange(STATES) < STEADY)
+
+
+def integrator(duration: Array) -> Array:
     """State after ``duration`` (...) per state before, (..., 5, 5): Taylor's series."""
-    result = torch.zeros(*duration.shape, STATES, STATES, dtype=duration.dtype, device=duration.device)
+    powers, factors = _taylor()
+    return _powers(duration)[..., powers] * factors
+
+
+def white_noise(duration: Array, order: int) -> Array:
+    """Covariance (..., 5, 5) that white noise of unit intensity adds to ``order`` integrals over ``duration`` (...)."""
+    powers, factors = _noise(order)
+    return _powers(duration)[..., powers] * factors
+
+
+@functools.cache
+def _taylor() -> tuple[NDArray[np.int64], Array]:
+    """Powers of the duration in `integrator`, and their factors (5, 5)."""
+    powers, factors = np.zeros((STATES, STATES), dtype=np.int64), np.zeros((STATES, STATES))
     for i in range(STATES):
         for j in range(i, STATES):
-            result[..., i, j] = duration ** (j - i) / math.factorial(j - i)
-    return result
+            powers[i, j], factors[i, j] = j - i, 1 / math.factorial(j - i)
+    return powers, factors
 
 
-def white_noise(duration: Tensor, order: int) -> Tensor:
-    """Covariance (..., 5, 5) that white noise of unit intensity adds to ``order`` integrals over ``duration`` (...)."""
-    result = torch.zeros(*duration.shape, STATES, STATES, dtype=duration.dtype, device=duration.device)
+@functools.cache
+def _noise(order: int) -> tuple[NDArray[np.int64], Array]:
+    """Powers of the duration in `white_noise`, and their factors (5, 5)."""
+    powers, factors = np.zeros((STATES, STATES), dtype=np.int64), np.zeros((STATES, STATES))
     for i in range(order):
         for j in range(order):
-            power = 2 * order - 1 - i - j
-            factor = math.factorial(order - 1 - i) * math.factorial(order - 1 - j) * power
-            result[..., i, j] = duration**power / factor
-    return result
+            powers[i, j] = power = 2 * order - 1 - i - j
+            factors[i, j] = 1 / (math.factorial(order - 1 - i) * math.factorial(order - 1 - j) * power)
+    return powers, factors
+
+
+def _powers(duration: Array) -> Array:
+    """From the power of 0 to that of 9 (..., 10)."""
+    found = np.ones((*duration.shape, 2 * STATES))
+    found[..., 1:] = duration[..., None]
+    return np.multiply.accumulate(found, -1)
