@@ -64,6 +64,25 @@ def test_every_ray_belongs_to_a_pixel_and_their_weights_sum_to_one() -> None:
     torch.testing.assert_close(middle, pixels.pixels, atol=1e-12, rtol=0)
 
 
+def test_what_a_pixel_at_the_outline_sees_is_the_mean_over_its_area() -> None:
+    """Rays that are too few there leave errors that are alike in neighbouring pixels, and a step follows them."""
+    at, seen = pose(), replace(ball(31), edge_blur=sight.LEAST_BLUR_PX)
+    pixels = window(at)
+    steps = (torch.arange(30, dtype=torch.float64) + 0.5) / 30 - 0.5
+    offsets = torch.cartesian_prod(steps, steps)
+    count = len(pixels.pixels)
+    dense = replace(
+        pixels,
+        rays=(pixels.pixels[:, None] + offsets).flatten(0, 1).T,
+        part=torch.full((count * len(offsets),), 1 / len(offsets), dtype=torch.float64),
+        owner=torch.arange(count).repeat_interleave(len(offsets)),
+    )
+    error = view.appearance(pixels, at, seen) - view.appearance(dense, at, seen)
+    at_outline = ((pixels.pixels - at.centre).norm(dim=-1) - RADIUS).abs() < 0.8
+    # Of a white texture with cells of one px, 29 grey levels rms: 0.54, and 1.36 with three by three rays.
+    assert float(error[at_outline].square().mean().sqrt()) < 0.8
+
+
 @pytest.mark.parametrize("unknown", range(7), ids=["dx", "dy", "wx", "wy", "wz", "radius", "blur"])
 def test_the_derivatives_are_the_appearances_own_change(unknown: int) -> None:
     at, seen = pose(), ball()

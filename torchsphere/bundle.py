@@ -44,9 +44,9 @@ DONE_PX = (0.02, 0.01, 0.001)
 #: wander with the map's own slow changes.
 SHADED_FROM = 1.5
 
-#: What the model of the edge may be wrong by, as an error of the radius, px: measured -0.007 px where pixels are exact
-#: means, and -0.02 where they are means of nine points.
-SYSTEMATIC_RADIUS_PX = 0.015
+#: What the model of the edge may be wrong by, as an error of the radius, px: measured -0.003 px where pixels are exact
+#: means, and -0.011 where they are means of nine points.
+SYSTEMATIC_RADIUS_PX = 0.012
 
 #: The same for each px of the outline's blur above what optics alone make, px: motion blurs the edge to two sides only,
 #: which the model does not know. Measured with 0.65 px: the radius stays up to 0.29 px away, where it started from.

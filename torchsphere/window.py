@@ -1,7 +1,7 @@
 """The pixels of an image around the ball, and the rays that stand for each of them.
 
-What a pixel sees of the ball is the mean over its rays, by a Gauss rule of two points in either direction, and of three
-towards the limb, where the texture is foreshortened to finer than a pixel.
+What a pixel sees of the ball is the mean over its rays, by a Gauss rule of two points in either direction, of three
+towards the limb, where the texture is foreshortened to finer than a pixel, and of five across the outline itself.
 """
 
 from __future__ import annotations
@@ -13,13 +13,22 @@ import numpy as np
 import torch
 from torch import Tensor
 
-#: Points and weights of the Gauss rules over a pixel, px from its centre.
-FEW = (torch.tensor([-1.0, 1.0], dtype=torch.float64) / (2 * math.sqrt(3)), torch.full((2,), 0.5, dtype=torch.float64))
-MANY = tuple(torch.from_numpy(values) / 2 for values in np.polynomial.legendre.leggauss(3))
+#: Points along a side of a pixel of the Gauss rules over it.
+FEW, MANY = 2, 3
 
 #: Distance from the centre, in radii, from which a pixel has many rays. Measured with two by two everywhere: the
 #: radius comes out 0.036 px low at 50 px, from texture that is foreshortened to a third and less.
 MANY_FROM = 0.85
+
+#: Distance from the outline, px, within which a pixel has `ACROSS` of them across it and `MANY` along it, or `SLANTING`
+#: in either direction where it runs neither along rows nor along columns. Measured with three by three there, on balls
+#: of 30 px with speckle of 4 px: the residual at the outline has a variance of 7 instead of 1.4 grey levels squared
+#: without any noise, alike for pixels that lie together, which moves a step by 0.0030 instead of 0.0017 px. Rays are
+#: 13 % more, 8 % at 50 px.
+LIMB_PX, ACROSS, SLANTING = 1.0, 5, 4
+
+#: Slope of the outline's normal against rows or columns up to which it crosses the outline along them.
+UPRIGHT = math.tan(math.radians(30.0))
 
 #: Width around the outline that is looked at, px: the edge's blur and what a pose may still be off by.
 MARGIN_PX = 2.0
@@ -81,17 +90,37 @@ def cut_window(image: Tensor, behind: Tensor, centre: Tensor, radius: float, usa
     column, row = pixels.unbind(-1)
     levels = image[row, column]
     trust = torch.ones_like(levels) if usable is None else usable[row, column].to(levels)
-    rays, part, owner = _rays(pixels.double(), (pixels - centre).norm(dim=-1) > MANY_FROM * radius)
+    rays, part, owner = _rays(pixels.double(), centre, radius)
     return Window(pixels.double(), levels, behind[row, column].to(levels), trust, rays, part.to(levels), owner)
 
 
-def _rays(pixels: Tensor, many: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def _rays(pixels: Tensor, centre: Tensor, radius: float) -> tuple[Tensor, Tensor, Tensor]:
+    """`Window.rays`, `Window.part` and `Window.owner` of the ``pixels`` (p, 2)."""
+    away = pixels - centre
+    distance = away.norm(dim=-1)
+    limb = (distance - radius).abs() < LIMB_PX
+    x, y = away.abs().unbind(-1)
+    along_x, along_y = limb & (y < UPRIGHT * x), limb & (x < UPRIGHT * y)
+    many = ~limb & (distance > MANY_FROM * radius)
+    rules = (
+        (~limb & ~many, FEW, FEW),
+        (many, MANY, MANY),
+        (along_x, ACROSS, MANY),
+        (along_y, MANY, ACROSS),
+        (limb & ~along_x & ~along_y, SLANTING, SLANTING),
+    )
     parts = []
-    for chosen, (points, weights) in ((~many, FEW), (many, MANY)):
-        offsets = torch.cartesian_prod(points, points)
-        of_pixel = torch.outer(weights, weights).flatten()
+    for chosen, columns, rows in rules:
+        offsets, of_pixel = _rule(columns, rows)
         number = torch.nonzero(chosen)[:, 0]
         rays = (pixels[number][:, None] + offsets).flatten(0, 1)
         parts.append((rays.T, of_pixel.repeat(len(number)), number.repeat_interleave(len(offsets))))
     rays, part, owner = (torch.cat(column, -1) for column in zip(*parts, strict=True))
     return rays, part, owner
+
+
+def _rule(columns: int, rows: int) -> tuple[Tensor, Tensor]:
+    """Points (k, 2), px from a pixel's centre, and weights (k,) of a Gauss rule over the pixel."""
+    (x, of_x), (y, of_y) = (np.polynomial.legendre.leggauss(count) for count in (columns, rows))
+    points = torch.cartesian_prod(torch.from_numpy(x) / 2, torch.from_numpy(y) / 2)
+    return points, torch.outer(torch.from_numpy(of_x) / 2, torch.from_numpy(of_y) / 2).flatten()
