@@ -20,6 +20,9 @@ from torchsphere.skipped import skipped
 from torchsphere.steady import ROTATION_PER_STEP
 from torchsphere.track import Track
 
+#: Standard deviations from its median beyond which an acceleration is none of a flight.
+PUSHED = 6.0
+
 #: Gaps that a sentence names.
 NAMED = 5
 
@@ -60,6 +63,21 @@ def too_short(tracked: Track, motion: Kinematics | None) -> tuple[str, ...]:
             f"{what} empty{'; give ' if advice else ''}{', or '.join(advice)}.",
         )
     return ()
+
+
+def flattened(motion: Kinematics | None) -> tuple[str, ...]:
+    """A sentence where polynomials are laid through a motion that may be faster than they."""
+    if motion is None or "window_frames" not in motion.about or not np.isfinite(motion.acceleration_m_s2).any():
+        return ()
+    off = np.abs(motion.acceleration_m_s2 - np.nanmedian(motion.acceleration_m_s2, axis=0))
+    if not (off > PUSHED * motion.sd_acceleration_m_s2).any():
+        return ()
+    return (
+        f"The standard deviations of the method {motion.about['method']} do not hold what its polynomials over "
+        f"{motion.about['window_frames']} frames flatten: of accelerations faster than "
+        f"{motion.about['bandwidth_Hz']['acceleration']:.3g} Hz, as in a contact, peaks come out too small and edges "
+        "too wide.",
+    )
 
 
 def _of_frames(request: Request, tracked: Track, start: int) -> list[str]:
