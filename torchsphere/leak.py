@@ -26,14 +26,14 @@ LEAKED = 0.4
 #: Blur of a pixel and of the spline, px, beside the pre-blur.
 SHARP_PX = 0.5
 
-#: Largest share that is stated: more was not measured.
-MOST = 0.4
+#: Largest share that is stated: that of dark balls of 12 px before a bright background.
+MOST = 0.6
 
 #: The texture within so many radii, and what is behind the ball this far from its outline, px.
 INNER, BEHIND_PX = 0.9, (2.0, 5.0)
 
 #: Share from which the region is made smaller by itself: the distance of its border from the outline, px, where a share
-#: of 0.08 to 0.3 came down to 0.002 to 0.03; and the smallest region.
+#: of 0.06 to 0.6 came down to 0.004 to 0.05, noise included; and the smallest region.
 NOTABLE, ROOM_PX, LEAST_ROI = 0.02, 2.5, 0.7
 
 
