@@ -115,6 +115,11 @@ def test_a_push_outside_the_contact_is_another_impact(motion: Kinematics, sound:
     assert sentence.startswith("In frame 70, outside the contact, the ball is pushed by 10 %")
 
 
+def test_a_push_next_to_the_contact_is_its_own_rest(motion: Kinematics, sound: Impact) -> None:
+    # As in a recording that ends within the contact.
+    assert doubts(pushed(motion, slice(48, 60), 6e3), sound) == ()
+
+
 def test_gravity_is_no_other_impact(motion: Kinematics, sound: Impact) -> None:
     gravity = np.array([0.0, 3e3 / MASS_KG])
     falling = dataclasses.replace(motion, acceleration_m_s2=motion.acceleration_m_s2 + gravity)

@@ -32,7 +32,7 @@ LAYERS = (
     ("rescue",),
     ("follow",),
     ("calibrate", "orientation", "camera"),
-    ("drift", "steady", "first_circle"),
+    ("drift", "leak", "steady", "first_circle"),
     ("track",),
     ("process", "plane", "baselines"),
     ("entries",),

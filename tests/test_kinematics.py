@@ -7,7 +7,7 @@ import pytest
 import torch
 
 import torchsphere as ts
-from torchsphere.cautions import too_short
+from torchsphere.cautions import flattened, too_short
 from torchsphere.orientation import chain
 
 N = 9
@@ -266,3 +266,18 @@ def test_a_rotation_that_polynomials_are_too_long_for_is_told_alone(falling: ts.
     # Measured by no model, or nowhere: that has a sentence of its own.
     rotation[:, 2:] = np.nan
     assert said_of(dataclasses.replace(falling, increment=rotation), "savitzky-golay", 7) == ()
+
+
+@pytest.mark.parametrize("method", ["savitzky-golay", "differences", "smoother"])
+def test_polynomials_through_an_impact_say_that_they_flatten_it(method: str) -> None:
+    velocity = np.interp(np.arange(40), [18, 22], [3.0, -1.0])
+    steps = np.stack((velocity, *np.zeros((4, 40))), 1)
+    sd, circle = np.array([0.01, 0.01, 1e-4, 1e-4, 1e-4]), ts.Circle(50.0, 40.0, 20.0, 0.0, 0.0, 0.0)
+    known = {"frame_rate": 1000.0, "m_per_px": 5e-4, "method": method}
+    said = flattened(ts.kinematics(made_track(steps, sd, circle), **known))
+    assert len(said) == (method != "smoother")
+    assert all(f"the method {method} do not hold what its polynomials" in sentence for sentence in said)
+    steady = np.tile(steps[:1], (40, 1)) + sd * np.random.default_rng(1).normal(size=(40, 5))
+    assert flattened(ts.kinematics(made_track(steady, sd, circle), **known)) == ()
+    nothing = np.full_like(steps, np.nan)
+    assert flattened(ts.kinematics(made_track(nothing, sd, circle), **known)) == ()

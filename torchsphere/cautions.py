@@ -7,7 +7,7 @@ import math
 import numpy as np
 import torch
 
-from torchsphere import results
+from torchsphere import leak, results
 from torchsphere.confirm import confirm, refined
 from torchsphere.kinematics import Kinematics
 from torchsphere.local import runs
@@ -17,7 +17,11 @@ from torchsphere.recording import Recording
 from torchsphere.request import Request
 from torchsphere.setting import option
 from torchsphere.skipped import skipped
+from torchsphere.steady import ROTATION_PER_STEP
 from torchsphere.track import Track
+
+#: Standard deviations from its median beyond which an acceleration is none of a flight.
+PUSHED = 6.0
 
 #: Gaps that a sentence names.
 NAMED = 5
@@ -35,6 +39,7 @@ def cautions(
         *_of_circle(recording, tracked, start),
         *_of_scale(request, tracked),
         *_of_map(request, tracked),
+        *_of_leak(request, tracked),
         *_of_model(request),
     )
 
@@ -58,6 +63,21 @@ def too_short(tracked: Track, motion: Kinematics | None) -> tuple[str, ...]:
             f"{what} empty{'; give ' if advice else ''}{', or '.join(advice)}.",
         )
     return ()
+
+
+def flattened(motion: Kinematics | None) -> tuple[str, ...]:
+    """A sentence where polynomials are laid through a motion that may be faster than they."""
+    if motion is None or "window_frames" not in motion.about or not np.isfinite(motion.acceleration_m_s2).any():
+        return ()
+    off = np.abs(motion.acceleration_m_s2 - np.nanmedian(motion.acceleration_m_s2, axis=0))
+    if not (off > PUSHED * motion.sd_acceleration_m_s2).any():
+        return ()
+    return (
+        f"The standard deviations of the method {motion.about['method']} do not hold what its polynomials over "
+        f"{motion.about['window_frames']} frames flatten: of accelerations faster than "
+        f"{motion.about['bandwidth_Hz']['acceleration']:.3g} Hz, as in a contact, peaks come out too small and edges "
+        "too wide.",
+    )
 
 
 def _of_frames(request: Request, tracked: Track, start: int) -> list[str]:
@@ -135,6 +155,20 @@ def _of_map(request: Request, tracked: Track) -> list[str]:
     if not about_map["used"] and request.map != "off" and not about_map["reason"].startswith("not needed"):
         found.append(f"Poses rest on the frame-to-frame steps, whose errors add up: {about_map['reason']}.")
     return found
+
+
+def _of_leak(request: Request, tracked: Track) -> list[str]:
+    """What is behind the ball and leaks into its region of interest."""
+    share, radius = tracked.settings["leaked"], tracked.circle.radius
+    turns = bool(np.isfinite(tracked.increment[:, 2:]).any())
+    if share < leak.NOTABLE or tracked.settings["sphere_map"]["used"] or not turns:
+        return []
+    smaller = f"leave --roi out, or give {leak.roomy(radius):g}" if request.roi is not None else "film the ball larger"
+    return [
+        "The ball is much brighter or darker than what is behind it, and that reaches over the outline of so small a "
+        f"ball into the region of interest: rotations about x and y may be {100 * ROTATION_PER_STEP * share:.0f} % too "
+        f"large, which their standard deviations hold; {smaller}."
+    ]
 
 
 def _of_model(request: Request) -> list[str]:

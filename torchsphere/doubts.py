@@ -85,7 +85,11 @@ def _two_impacts(motion: Kinematics, found: Impact) -> list[str]:
     largest = np.nanmax(size[inside], initial=0.0)
     none = inside & (size + 2 * margin < NO_FORCE * largest)
     pause = _longest_run(none & _between(inside & (size > NO_FORCE * largest)))
-    pushed = np.where(away & (size - BEYOND * margin > OF_FLIGHT * largest), size, 0.0)
+    # A contact that the recording cuts off goes on beside the one that was found, without a flight between them.
+    free = away & (size + 2 * margin < NO_FORCE * largest)
+    parted = np.logical_or.accumulate(free & (motion.time_s > end))
+    parted |= np.logical_or.accumulate((free & (motion.time_s < start))[::-1])[::-1]
+    pushed = np.where(away & parted & (size - BEYOND * margin > OF_FLIGHT * largest), size, 0.0)
     number = np.rint(motion.time_s * motion.frame_rate).astype(int)
     sentences = []
     if len(pause) >= APART:

@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from torchsphere import parallel, results
-from torchsphere.cautions import cautions, too_short
+from torchsphere.cautions import cautions, flattened, too_short
 from torchsphere.choices import MAPS
 from torchsphere.circle import Circle
 from torchsphere.doubts import doubts
@@ -90,6 +90,7 @@ def measure(
             warnings = (
                 *cautions(request, recording, tracked, frame_rate, start),
                 *too_short(tracked, motion),
+                *flattened(motion),
                 *missing,
                 *unused(request, motion, found, has_rate=frame_rate is not None),
                 *without_effect(request.ignore, recording.shape[1:]),

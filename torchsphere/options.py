@@ -30,7 +30,8 @@ class Options:
     model : str
         Motion model, a key of `motion.MODELS`.
     roi : float
-        Radius of the region of interest as a fraction of the ball's.
+        Radius of the region of interest as a fraction of the ball's. Where none is given, `torchsphere.track` takes a
+        smaller one of a small ball that is much brighter or darker than what is behind it.
     pre_blur : float
         Standard deviation of the Gaussian that blurs both images first, px; 0 for none. Where none is given,
         `torchsphere.track` and `torchsphere.correlate` take what is `suited` to the ball.

@@ -165,4 +165,16 @@ def _of_poses(covariance: Array) -> Array:
             for i in range(5)
         ]
     )
-    return np.where(count > 0, mean, typical)
+    return np.where(count > 0, _apart(mean, count), _apart(typical, finite.sum(0)))
+
+
+def _apart(covariance: Array, count: NDArray[np.int64]) -> Array:
+    """Covariances (..., 5, 5), translation and rotation independent where they rest on different steps.
+
+    Where the outline gives the translation of one step and the texture both of the next, the covariance of the two
+    may be more than the variances allow: such a matrix is none of any error.
+    """
+    mixed = (count != count[..., :1, :1]).any((-2, -1))[..., None, None]
+    of_rotation = np.arange(FREEDOMS) >= 2
+    across = of_rotation[:, None] != of_rotation
+    return np.where(mixed & across, 0.0, covariance)

@@ -10,7 +10,8 @@ of its front, the more the finer the texture; beyond a degree per frame all five
 move the front itself but the weak combination of step and rotation, so that the rotation about the other axis errs by
 the step's error over the radius, and by a fifth more.
 
-A target near the ball adds to it what the light that it takes does to the steps, allowed for as it is.
+A target near the ball adds to it what the light that it takes does to the steps, allowed for as it is; and what is
+behind a small ball adds what of it is carried over the outline (`torchsphere.leak`).
 """
 
 from __future__ import annotations
@@ -55,6 +56,10 @@ LEFT_PX2, LEFT_Z_PX2 = 0.00035 * 50.0, math.radians(0.37)
 #: Error of the shift of each place of a ball that turns about z, over the sine of its own, px: 0.0001 to 0.0004. With
 #: the B-spline it is 0.001 px, and a turn by 0.3 deg about z is off by 0.0017 deg at a radius of 40 px.
 ALIASED_Z_PX = 0.00017
+
+#: What leaks in over the outline moves the step across the motion of the front and turns about z besides: shares of the
+#: error along it, the latter times the radius; 0.1 to 0.9, and 0.02 to 0.1.
+LEAKED_ACROSS, LEAKED_ABOUT_Z = 0.3, 0.08
 
 #: Error of a rotation about x or y times the radius over that of the step along the other axis: 0.7 to 1.5.
 ROTATION_PER_STEP = 1.2
@@ -101,7 +106,9 @@ def fineness(image: Tensor, circle: Circle, ignore: Tensor | None = None) -> flo
     return min(found, FINEST) if math.isfinite(found) else TYPICAL
 
 
-def sd_steady(increment: Array, radius: float, fine: float = TYPICAL, *, on_map: bool, lit: float = 0.0) -> Array:
+def sd_steady(
+    increment: Array, radius: float, fine: float = TYPICAL, *, on_map: bool, lit: float = 0.0, leaked: float = 0.0
+) -> Array:
     """Standard deviation (5,) of what all steps of a flight are off by alike, px and rad.
 
     Parameters
@@ -116,6 +123,8 @@ def sd_steady(increment: Array, radius: float, fine: float = TYPICAL, *, on_map:
         Whether the steps come from a map of the ball.
     lit : float
         Share of the steps with light that changes unevenly over the ball; what it does to a map is in its share.
+    leaked : float
+        Share of the front's motion that steps are off by, by `torchsphere.leak`; a map knows what is behind the ball.
     """
     known = np.isfinite(increment)
     steps = np.where(known, increment, 0.0)
@@ -125,9 +134,10 @@ def sd_steady(increment: Array, radius: float, fine: float = TYPICAL, *, on_map:
     squares = (aliased**2 + turned**2).sum(0) / counted
     light = 0.0 if on_map else lit
     fast = np.zeros(3) if on_map else (_of_fast_turns(steps, radius) ** 2).sum(0) / counted
-    step = np.sqrt(squares + fast[:2] + (LEFT_PX2 / radius) ** 2 + light * LIT_PX**2)
+    leak = np.zeros(3) if on_map else (_of_leak(steps, radius, leaked) ** 2).sum(0) / counted
+    step = np.sqrt(squares + fast[:2] + leak[:2] + (LEFT_PX2 / radius) ** 2 + light * LIT_PX**2)
     local = (_aliased_about_z(steps, radius)[known[:, 0]] ** 2).sum() / counted
-    about_z = np.sqrt(local + fast[2] + (LEFT_Z_PX2 / radius**2) ** 2 + light * (LIT_Z_PX / radius) ** 2)
+    about_z = np.sqrt(local + fast[2] + leak[2] + (LEFT_Z_PX2 / radius**2) ** 2 + light * (LIT_Z_PX / radius) ** 2)
     turn = ROTATION_PER_STEP / radius * step[::-1]
     return (SHARE_ON_MAP if on_map else 1.0) * np.concatenate((step, turn, [about_z]))
 
@@ -141,6 +151,14 @@ def _of_fast_turns(steps: Array, radius: float) -> Array:
     share = np.abs(steps[:, [3, 2]]) / np.maximum(turn, GROWS_UP_TO)[:, None]
     step = along[:, None] * np.hypot(share, FAST_ACROSS * share[:, ::-1])
     return np.concatenate((step, FAST_ABOUT_Z / radius * along[:, None]), 1)
+
+
+def _of_leak(steps: Array, radius: float, leaked: float) -> Array:
+    """Errors (n, 3) in x, y and about z, px and rad, of what leaks in over the outline."""
+    front = radius * np.abs(steps[:, [3, 2]])
+    step = leaked * np.hypot(front, LEAKED_ACROSS * front[:, ::-1])
+    about_z = leaked * LEAKED_ABOUT_Z / radius * np.hypot(front[:, :1], front[:, 1:])
+    return np.concatenate((step, about_z), 1)
 
 
 def _aliased_about_z(steps: Array, radius: float) -> Array:

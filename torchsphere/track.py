@@ -19,7 +19,8 @@ from torchsphere.first_circle import first_circle, shows_ball
 from torchsphere.follow import Follower, Progress
 from torchsphere.inputs import as_mask
 from torchsphere.joint import ALONE, Solver, together
-from torchsphere.options import given_to, suited
+from torchsphere.leak import difference, fitted, leaked
+from torchsphere.options import given_to
 from torchsphere.record import Record
 from torchsphere.setting import require_switch
 from torchsphere.source import Source
@@ -154,8 +155,9 @@ def track(
     source = Source.open(recording, device, dtype)
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
     first, settings = first_circle(source, circle, mask, refine, settings, solver)
-    if "pre_blur" not in options:
-        settings = suited(settings, first.radius)
+    image = source.images(first.frame, first.frame + 1)[0]
+    apart = difference(image, first, mask)
+    settings = fitted(settings, options, first.radius, apart)
 
     # A ball that cannot leave its place is where the circle says, unless a map is asked for.
     asked = False if in_place and sphere_map is None else sphere_map
@@ -175,13 +177,14 @@ def track(
         # The map knows better how large the ball is than the circle that frames were given up with.
         first = dataclasses.replace(motion.circle, frame=first.frame)
         measured, motion = followed(first)
-    fine = fineness(source.images(first.frame, first.frame + 1)[0], motion.circle, mask)
+    fine = fineness(image, motion.circle, mask)
     used = dataclasses.asdict(settings) | {
         "circle_given": circle is not None,
         "circle_refined": circle is None or refine,
         "in_place": in_place,
         "sphere_map": motion.about_map,
         "repeated_frames": measured.repeated,
+        "leaked": leaked(apart, motion.circle.radius, settings),
         "device": str(source.device),
         "dtype": str(dtype).removeprefix("torch."),
     }
@@ -191,7 +194,8 @@ def track(
 def _as_track(measured: Record, motion: Motion, first: Circle, fine: float, settings: dict[str, Any]) -> Track:
     """What was ``measured`` from the circle ``first`` on, as the ``motion``; ``fine`` is the texture's fineness."""
     steps, lit = int(np.isfinite(measured.increment[:, 0]).sum()), int(measured.uneven_light.sum())
-    radius = motion.circle.radius
+    radius, on_map = motion.circle.radius, motion.about_map["used"]
+    share = lit / max(steps, 1)
     return Track(
         position=motion.position,
         increment=motion.increment,
@@ -202,7 +206,7 @@ def _as_track(measured: Record, motion: Motion, first: Circle, fine: float, sett
         status=measured.status,
         radius=measured.size * (radius / first.radius),
         sd_growth=measured.sd_growth,
-        sd_steady=sd_steady(motion.increment, radius, fine, on_map=motion.about_map["used"], lit=lit / max(steps, 1)),
+        sd_steady=sd_steady(motion.increment, radius, fine, on_map=on_map, lit=share, leaked=settings["leaked"]),
         circle=motion.circle,
         settings=settings,
     )

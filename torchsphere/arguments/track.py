@@ -86,7 +86,12 @@ def _add_track(commands: Any) -> None:
     camera.add_argument(
         "--distortion", type=numbers(3, "K1,K2,K3"), metavar="K1,K2,K3", help="radial, OpenCV's convention (none)"
     )
-    parser.add_argument("--roi", type=float, metavar="FRACTION", help="region of interest, share of the radius (0.95)")
+    parser.add_argument(
+        "--roi",
+        type=float,
+        metavar="FRACTION",
+        help="region of interest, share of the radius (0.95, less for a small ball unlike its background)",
+    )
     parser.add_argument(
         "--ignore", action="append", metavar="FILE.png|POLYGON", help="region not to be used, as mask or 'x,y x,y x,y'"
     )
