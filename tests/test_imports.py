@@ -51,7 +51,7 @@ LAYERS = (
     ("before_after", "estimates"),
     ("peak", "short_contact"),
     ("impact", "instruments", "plan", "mean_motion"),
-    ("doubts", "confirm", "skipped", "results", "report", "demo", "unused", "part"),
+    ("doubts", "confirm", "skipped", "shaken", "results", "report", "demo", "unused", "part"),
     ("cautions", "summary"),
     ("measure",),
     ("archive", "benchmark"),

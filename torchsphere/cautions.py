@@ -16,6 +16,7 @@ from torchsphere.poses import joined
 from torchsphere.recording import Recording
 from torchsphere.request import Request
 from torchsphere.setting import option
+from torchsphere.shaken import shaken
 from torchsphere.skipped import skipped
 from torchsphere.steady import ROTATION_PER_STEP
 from torchsphere.track import Track
@@ -40,6 +41,7 @@ def cautions(
         *_of_scale(request, tracked),
         *_of_map(request, tracked),
         *_of_leak(request, tracked),
+        *_of_camera(recording, tracked, start),
         *_of_model(request),
     )
 
@@ -168,6 +170,19 @@ def _of_leak(request: Request, tracked: Track) -> list[str]:
         "The ball is much brighter or darker than what is behind it, and that reaches over the outline of so small a "
         f"ball into the region of interest: rotations about x and y may be {100 * ROTATION_PER_STEP * share:.0f} % too "
         f"large, which their standard deviations hold; {smaller}."
+    ]
+
+
+def _of_camera(recording: Recording, tracked: Track, start: int) -> list[str]:
+    """Whether the camera was shaken."""
+    found = shaken(recording, tracked, start)
+    if found is None:
+        return []
+    size = f"{found.px:.1f} px" if found.px < 1 else "a px or more"
+    return [
+        f"What is behind the ball has moved by {size} in frame {start + found.frame}: the camera was shaken or moved, "
+        "or a target that fills the image. Positions, velocities and forces are those in the image, with that motion "
+        "in them; mount the camera apart from what is hit, or take the frames before it moves with --frames."
     ]
 
 
