@@ -19,7 +19,7 @@ LAYERS = (
     ("recording", "inputs", "parallel", "choices", "setting", "plausible", "ending"),
     ("source", "masks", "ordered", "perspective", "interpolate"),
     ("motion", "crop", "texture", "still", "turning", "criterion", "request", "predict"),
-    ("forward", "reference", "interlace", "window", "options", "repeated", "rays", "silhouette", "disc"),
+    ("forward", "reference", "interlace", "window", "options", "repeated", "rays", "reweighted", "silhouette", "disc"),
     ("covariance", "outline", "sight", "locate", "newton", "misfit", "search", "correlation", "pairs"),
     ("light", "limb", "view"),
     ("robust", "conclude", "trust"),

@@ -29,8 +29,9 @@ def dense(
     own: Series, window: torch.Tensor, freedom: int, flight: float, contact: float, smooth: bool
 ) -> tuple[float, float]:
     """Log-likelihood and noise factor from the joint covariance of all values that were seen."""
-    moves = transitions(own.times, window[None, None])
-    process = moves.smooth if smooth else moves.rough
+    moves = transitions(own.times.numpy(), window[None, None].numpy())
+    parts = moves.matrix, moves.smooth if smooth else moves.rough, moves.flight, moves.idle
+    matrices, process, white, idle = (torch.from_numpy(part)[0, 0] for part in parts)
     t = own.times.shape[1]
     spread = torch.diag(torch.tensor([UNKNOWN] * STEADY + [1.0] * (STATES - STEADY), dtype=torch.float64))
     joint = torch.zeros(t, t, dtype=torch.float64)
@@ -38,11 +39,11 @@ def dense(
     with_past = torch.zeros(STATES, 0, dtype=torch.float64)
     for i in range(t):
         if i:
-            matrix = moves.matrix[0, 0, i - 1]
-            added = 10**flight * moves.flight[0, 0, i - 1] + 10**contact * process[0, 0, i - 1]
+            matrix = matrices[i - 1]
+            added = 10**flight * white[i - 1] + 10**contact * process[i - 1]
             spread = matrix @ spread @ matrix.T + added
             spread[0, 0] += own.drift[0, freedom, i - 1]
-            spread[STEADY:, STEADY:] += moves.idle[0, 0, i - 1]
+            spread[STEADY:, STEADY:] += idle[i - 1]
             with_past = matrix @ with_past
         joint[i, :i] = joint[:i, i] = with_past[0]
         joint[i, i] = spread[0, 0]

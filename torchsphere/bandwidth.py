@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from torchsphere.entries import UNKNOWN
@@ -68,14 +67,14 @@ def smoother_weights(
         Frame.
     """
     part = slice(max(at - REACH, 0), at + REACH + 1)
-    moves = transitions(torch.from_numpy(times[None, part]), torch.tensor([[window]], dtype=torch.float64))
-    matrices = moves.matrix[0, 0].numpy()
+    moves = transitions(times[None, part], np.array([[window]]))
+    matrices = moves.matrix[0, 0]
     intensity, smooth = contact
     own, other = (moves.smooth, moves.rough) if smooth else (moves.rough, moves.smooth)
     # The rough process' snap is none, but must not be known exactly.
-    added = (intensity * own[0, 0] + flight * moves.flight[0, 0] + (0 if smooth else ABSENT) * other[0, 0]).numpy()
+    added = intensity * own[0, 0] + flight * moves.flight[0, 0] + (0 if smooth else ABSENT) * other[0, 0]
     later = np.arange(STEADY, STATES)
-    added[:, later, later] += moves.idle[0, 0].numpy()[:, None]
+    added[:, later, later] += moves.idle[0, 0][:, None]
     impulses, noise = np.eye(len(times[part])), variance[part]
     mean, spread = np.zeros((STATES, len(noise))), np.diag([UNKNOWN] * STEADY + [1.0] * (STATES - STEADY))
     passed = []

@@ -8,7 +8,7 @@ rotation ``Ad`` and left Jacobian ``J``. What the turning of the axis within a s
 from __future__ import annotations
 
 import itertools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -60,11 +60,12 @@ class Moves:
         kinds = (contact.noise**2 * contact.flight, torch.where(contact.smooth, 0.0, intensity))
         self._intensities = [v.numpy() for v in (*kinds, torch.where(contact.smooth, intensity, ABSENT))]
         self._duration = poses.times.diff(dim=-1).T[:, :, None].numpy()
-        touching = np.asarray(touches(poses.times.numpy(), contact.windows.numpy()).any((0, 1)))
+        times, windows = poses.times.numpy(), contact.windows.numpy()
+        touching = np.asarray(touches(times, windows).any((0, 1)))
         places = np.flatnonzero(touching).tolist() or [0]
         #: The first transition that is touched, and those from it to the last that is.
         self._first = places[0]
-        self._moves = transitions(poses.times[:, places[0] : places[-1] + 2], contact.windows)
+        self._moves = transitions(times[:, places[0] : places[-1] + 2], windows)
         self.touching = [bool(any_of_them) for any_of_them in touching]
         #: Kinds of state that each frame has: its own if the transition to it touches.
         self._kinds = [STEADY, *(STATES if touching else STEADY for touching in self.touching)]
@@ -110,9 +111,9 @@ class Moves:
         return Steps(matrix, offset, added)
 
 
-def _frames(values: Tensor, part: slice) -> Array:
+def _frames(values: Any, part: slice) -> Any:
     """Values (n, c, t, ...) of some frames (f, n, c, ...)."""
-    return np.moveaxis(values.numpy()[:, :, part], 2, 0)
+    return np.moveaxis(values[:, :, part], 2, 0)
 
 
 def _turning(step: Tensor) -> tuple[Tensor, Tensor]:

@@ -12,12 +12,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere import rays
+from torchsphere import rays, reweighted
 from torchsphere.perspective import Camera
 
 #: Standard deviation of the step's blur that results from the pixel and the optics, px.
@@ -31,9 +29,6 @@ PLAIN_INWARDS, PLAIN_OUTWARDS = 0.15, 6.0
 
 #: A ball whose limb differs by less from one ray to its neighbours, as a share of the edge's height, is plain.
 PLAIN_UNREST = 0.08
-
-#: Tukey's constant for 95 % efficiency under Gaussian errors.
-TUKEY = 4.685
 
 
 @dataclass(frozen=True)
@@ -149,10 +144,10 @@ def refine(
             levels = _silhouette(levels)
         shift, height = light_shifts(levels, steps) if by_light else step_shifts(levels, steps, step_blur)
         shift, height = shift.double().cpu(), height.double().cpu()
-        correction, weights, normal = _robust(design, shift, height.square() * known)
+        correction, weights, normal = reweighted.least_squares(design, shift, height.square() * known)
         fitted[:, :k] += correction
     rest = shift - correction @ design.T
-    spread = _spread(rest, height.square() * known, weights, normal)
+    spread = reweighted.covariance(rest, height.square() * known, weights, normal)
     on_circle = (weights > 0) & known & (rest.abs() < 1.0)
     steepness = torch.where(known, height.abs(), torch.nan)
     support = on_circle.sum(-1) / known.sum(-1).clamp_min(1)
@@ -188,7 +183,7 @@ def centre_step(fit: OutlineFit) -> tuple[Tensor, Tensor]:
     used = (weights > 0).double()
     change = (fit.rest[1] - fit.rest[0]) * weights.sqrt() * used
     normal = (design.T * weights) @ design + 1e-9 * torch.eye(2, dtype=torch.float64)
-    variance = change.square().sum() / (used.sum() - 2).clamp_min(1) * _run_length(change[None])[0]
+    variance = change.square().sum() / (used.sum() - 2).clamp_min(1) * reweighted.run_length(change[None])[0]
     return fit.circle[1, :2] - fit.circle[0, :2], variance * torch.linalg.inv(normal)
 
 
@@ -206,55 +201,3 @@ def is_plain(image: Tensor, circle: Tensor) -> bool:
         return False
     unrest = (limb[4:] - limb[:-4]).abs().mean()
     return bool(unrest < PLAIN_UNREST * (limb.mean(-1) - outside).abs().median())
-
-
-def _robust(design: Tensor, shift: Tensor, precision: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Reweighted least squares of ``design @ c = shift`` -> c (n, k), weights (n, a), normal matrices (n, k, k).
-
-    ``precision`` (n, a) are the weights of the rays before any is doubted. In NumPy: of arrays this small an operation
-    of torch's costs twice as much.
-    """
-    across, shifts, first = design.numpy(), shift.numpy(), _relative(precision).numpy()
-    k, root, weights = across.shape[1], np.sqrt(first), first
-    products = (across[:, :, None] * across[:, None]).reshape(-1, k * k)
-    # A fit that failed holds no numbers, and none come of it.
-    with np.errstate(invalid="ignore"):
-        for _ in range(12):
-            normal = (weights @ products).reshape(-1, k, k) + 1e-9 * np.eye(k)
-            solution = np.linalg.solve(normal, ((weights * shifts) @ across)[..., None])[..., 0]
-            # Deviations in units of their own expected size, which goes with one over the step's height.
-            rest = (shifts - solution @ across.T) * root
-            scale = _weighted_median(np.abs(rest), first) * 1.4826
-            weights = first * np.maximum(1 - np.square(rest / (TUKEY * np.maximum(scale, 1e-3))), 0.0) ** 2
-    return torch.from_numpy(solution), torch.from_numpy(weights), torch.from_numpy(normal)
-
-
-def _relative(precision: Tensor) -> Tensor:
-    """Of each row (n, a) in units of its largest."""
-    return precision / precision.amax(-1, keepdim=True).clamp_min(1e-12)
-
-
-def _spread(shift: Tensor, precision: Tensor, weights: Tensor, normal: Tensor) -> Tensor:
-    """Covariance (n, k, k) of what `_robust` found, which leaves ``shift`` (n, a)."""
-    rest, used = shift * _relative(precision).sqrt(), (weights > 0).double()
-    variance = (used * rest.square()).sum(-1) / (used.sum(-1) - normal.shape[-1]).clamp_min(1)
-    return (variance * _run_length(rest * used))[:, None, None] * torch.linalg.inv(normal)
-
-
-def _weighted_median(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Median (n, 1) of each row of ``values`` (n, a), every value counted by its weight."""
-    order, rows = values.argsort(-1), np.arange(len(values))
-    share = weights[rows[:, None], order].cumsum(-1)
-    at = np.minimum((share < 0.5 * share[:, -1:]).sum(-1), values.shape[-1] - 1)
-    return values[rows, order[rows, at]][:, None]
-
-
-def _run_length(rest: Tensor) -> Tensor:
-    """Neighbouring rays (n,) that err together: the sum of the autocorrelation around the circle, at least 1."""
-    power = torch.fft.rfft(rest).abs().square()
-    correlation = torch.fft.irfft(power, n=rest.shape[-1])
-    correlation = correlation / correlation[:, :1].clamp_min(1e-12)
-    # Summed up to its first fall below zero; beyond that it is noise.
-    half = correlation[:, : rest.shape[-1] // 2]
-    before = (half <= 0).cumsum(-1) == 0
-    return (2 * (half * before).sum(-1) - 1).clamp_min(1.0)

@@ -36,9 +36,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 Array = NDArray[np.float64]
 
@@ -56,24 +54,21 @@ class Transitions:
 
     Attributes
     ----------
-    matrix : Tensor
+    matrix : ndarray
         (n, c, t - 1, 5, 5) of the state. Jerk and snap are no part of it in flight.
-    rough, smooth : Tensor
+    rough, smooth : ndarray
         Covariance (n, c, t - 1, 5, 5) that the contact adds, per unit intensity of its white snap, or white crackle.
-    flight : Tensor
+    flight : ndarray
         Covariance (n, 1, t - 1, 5, 5) that white jerk adds, per unit intensity, in flight and contact.
-    idle : Tensor
+    idle : ndarray
         (n, c, t - 1), True where jerk and snap mean nothing after the transition and may have any variance.
-    touching : list of bool
-        Whether between frame i and the next there is any contact.
     """
 
-    matrix: Tensor
-    rough: Tensor
-    smooth: Tensor
-    flight: Tensor
-    idle: Tensor
-    touching: list[bool]
+    matrix: Array
+    rough: Array
+    smooth: Array
+    flight: Array
+    idle: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -124,29 +119,20 @@ def touches(times: Array, windows: Array) -> NDArray[np.bool_]:
     return np.asarray(np.minimum(windows[..., 1:], after) > np.maximum(windows[..., :1], before))
 
 
-def transitions(times: Tensor, windows: Tensor) -> Transitions:
+def transitions(times: Array, windows: Array) -> Transitions:
     """Transitions between ``times`` (n, t), frames, with the contact intervals ``windows`` (n, c, 2), start and end.
 
     An interval may start and end between frames; one that ends where it starts is no contact.
     """
-    moments, intervals = times.numpy(), windows.numpy()
-    duration = np.diff(moments)[:, None]
-    passages = Passages.of(moments, intervals)
+    duration = np.diff(times)[:, None]
+    passages = Passages.of(times, windows)
     whole = passages.whole[..., None, None]
     matrix = np.where(whole, integrator(duration), steady(duration))
     rough, smooth = (np.where(whole, white_noise(duration, order), 0.0) for order in (ROUGH, STATES))
     for all_of_them, edges in ((matrix, passages.matrix), (rough, passages.rough), (smooth, passages.smooth)):
         all_of_them[passages.edges] = edges
-    touching = passages.whole | passages.edges
-    idle = ((intervals[..., 1:] <= moments[:, None, 1:]) & touching) | ~touching
-    return Transitions(
-        matrix=torch.from_numpy(matrix),
-        rough=torch.from_numpy(rough),
-        smooth=torch.from_numpy(smooth),
-        flight=torch.from_numpy(white_noise(duration, STEADY)),
-        idle=torch.from_numpy(idle),
-        touching=np.asarray(touching.any((0, 1))).tolist(),
-    )
+    idle = (windows[..., 1:] <= times[:, None, 1:]) | ~(passages.whole | passages.edges)
+    return Transitions(matrix, rough, smooth, white_noise(duration, STEADY), idle)
 
 
 def _first_size(length: Array, order: int) -> Array:
