@@ -16,10 +16,12 @@ PACKAGE = ROOT / "torchsphere"
 
 #: The data's way. A module imports from lines above its own, never from its own or from one below.
 LAYERS = (
-    ("recording", "inputs", "parallel", "choices", "setting", "plausible", "ending"),
+    ("compiled", "recording", "inputs", "parallel", "choices", "setting", "plausible", "ending"),
     ("source", "masks", "ordered", "perspective", "interpolate"),
     ("motion", "crop", "texture", "still", "turning", "criterion", "request", "predict"),
-    ("forward", "reference", "interlace", "window", "options", "repeated", "rays", "reweighted", "silhouette", "disc"),
+    ("forward", "pixels", "interlace", "window", "options", "repeated", "rays", "reweighted", "silhouette", "disc"),
+    ("reference",),
+    ("warp",),
     ("covariance", "outline", "sight", "locate", "newton", "misfit", "search", "correlation", "pairs"),
     ("light", "limb", "view"),
     ("robust", "conclude", "trust"),

@@ -8,7 +8,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from torchsphere import interpolate
+from torchsphere import interpolate, pixels
 
 GENERATOR = torch.Generator().manual_seed(11)
 IMAGES = 100 + 30 * torch.randn(2, 24, 24, generator=GENERATOR, dtype=torch.float64)
@@ -49,7 +49,7 @@ def test_the_spline_goes_through_the_nodes_exactly(pre_blur: float) -> None:
     c = interpolate.coefficients(IMAGES, pre_blur)
     blurred = interpolate.blur(IMAGES, pre_blur)
     # Rounding of float64 at 100 grey levels.
-    torch.testing.assert_close(interpolate.nodes(c)[:, 0], blurred[:, 1:-1, 1:-1], atol=1e-9, rtol=0)
+    torch.testing.assert_close(pixels.nodes(c)[:, 0], blurred[:, 1:-1, 1:-1], atol=1e-9, rtol=0)
     y, x = torch.meshgrid(torch.arange(1, 22), torch.arange(1, 22), indexing="ij")
     nodes = torch.stack((x, y), -1).reshape(1, -1, 2).expand(2, -1, -1).double()
     at_nodes = interpolate.sample(c, nodes).reshape(2, 21, 21)
@@ -74,7 +74,7 @@ def found_shift(frequency: float, d: float) -> float:
     for phase in torch.linspace(0, 1, 9, dtype=torch.float64)[:-1]:
         f, g = (torch.cos(2 * torch.pi * (frequency * (x - moved) + phase)).expand(5, -1)[None] for moved in (0.0, d))
         c_f, c_g = interpolate.coefficients(f, 0.0), interpolate.coefficients(g, 0.0)
-        value, slope, _ = interpolate.nodes(c_f)[0, :, 1, 50:150]
+        value, slope, _ = pixels.nodes(c_f)[0, :, 1, 50:150]
         # The nodes lack one pixel at the border.
         places = torch.stack((x[51:151] + d, torch.full((100,), 2.0, dtype=torch.float64)), -1)[None]
         left = value - interpolate.sample(c_g, places)[0]
@@ -105,7 +105,7 @@ def test_the_gradient_at_the_nodes_is_the_slope_of_the_samples(pre_blur: float) 
     y, x = torch.meshgrid(torch.arange(2, 21), torch.arange(2, 21), indexing="ij")
     nodes = torch.stack((x, y), -1).reshape(1, -1, 2).expand(2, -1, -1).double()
     h = 1e-4
-    for axis, gradient in enumerate(interpolate.nodes(c)[:, 1:].unbind(1)):
+    for axis, gradient in enumerate(pixels.nodes(c)[:, 1:].unbind(1)):
         step = h * torch.eye(2, dtype=torch.float64)[axis]
         slope = (interpolate.sample(c, nodes + step) - interpolate.sample(c, nodes - step)) / (2 * h)
         # The third derivative jumps at a node, by up to 1000 levels per px^3: times h^2 / 6, and rounding: 1e-13 / h.
@@ -140,7 +140,7 @@ def test_noise_gains_are_what_white_noise_keeps(pre_blur: float) -> None:
     noise = torch.randn(1, 400, 400, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
     c = interpolate.coefficients(noise, pre_blur)
     of_value, of_slope = interpolate.noise_gains(pre_blur)
-    values, *slopes = interpolate.nodes(c)[..., 20:-20, 20:-20].unbind(1)
+    values, *slopes = pixels.nodes(c)[..., 20:-20, 20:-20].unbind(1)
     # 130 000 pixels, of which a blur of 1.5 px leaves 130 000 / (4 pi 1.5^2) = 4600 independent: sd 2 %, three of them.
     assert float(values.var()) == pytest.approx(of_value, rel=0.06)
     assert float(torch.stack(slopes).var()) == pytest.approx(of_slope, rel=0.06)

@@ -32,7 +32,8 @@ def test_blocks_that_fade_into_one_another_count_each_point_once_in_the_sum_of_s
     for at in (0, n // 3, n // 2, n - 1):
         point = torch.zeros(1, 1, n, dtype=torch.float64)
         point[..., at] = 2.0
-        assert float(misfit.block_sums(made, point, fading=True).square().sum()) == pytest.approx(4.0, rel=1e-9)
+        sums = misfit.block_sums(made, point, torch.ones_like(point[:, 0]), fading=True)
+        assert float(sums.square().sum()) == pytest.approx(4.0, rel=1e-9)
 
 
 def test_the_share_of_noise_is_that_of_the_part_that_faces_the_camera() -> None:

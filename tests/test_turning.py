@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from torchsphere import interpolate, motion, turning
+from torchsphere import interpolate, motion, pixels, turning
 from torchsphere.motion import Geometry
 
 RADIUS = torch.tensor([50.0, 50.0, 50.0], dtype=torch.float64)
@@ -68,12 +68,12 @@ def test_the_gradient_with_the_value_is_that_of_the_spline() -> None:
 def test_the_last_cell_holds_its_far_side() -> None:
     c = torch.randn(1, 9, 9, generator=GENERATOR, dtype=torch.float64)
     corner = torch.full((1, 1, 2), 7.0, dtype=torch.float64)
-    expected = interpolate.nodes(c)[0, 0, -1, -1]
+    expected = pixels.nodes(c)[0, 0, -1, -1]
     assert float(interpolate.sample(c, corner)) == pytest.approx(float(expected), abs=1e-12)
 
 
 def test_a_blur_away_from_the_border_is_the_blur() -> None:
     images = torch.randn(2, 40, 31, generator=GENERATOR, dtype=torch.float64)
-    within = interpolate.blur_within(images, 1.0)
+    within = pixels.blur_within(images, 1.0)
     torch.testing.assert_close(within, interpolate.blur(images, 1.0)[:, 4:-4, 4:-4], atol=1e-12, rtol=0)
-    assert torch.equal(interpolate.blur_within(images, 0.0), images)
+    assert torch.equal(pixels.blur_within(images, 0.0), images)

@@ -19,7 +19,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere import crop
+from torchsphere import crop, parallel
 from torchsphere.circle import Circle
 from torchsphere.correlation import Correlation
 from torchsphere.inputs import as_images, as_mask, as_rows, check_circle
@@ -97,6 +97,18 @@ def correlate_pairs(
 ) -> Correlation:
     """`correlate` for arguments that have been checked: ``circles`` (n, 3) in ``f``, float64, ``start`` (n, 5)."""
     half = crop.half_size(float(circles[:, 2].max()), margin(options))
+
+    def part(a: int, b: int) -> Correlation:
+        return _correlate_rows(f[a:b], g[a:b], circles[a:b], start[a:b], ignore, options, half)
+
+    with parallel.sharing(f.device, (2 * half) ** 2) as shared:
+        return Correlation.joined(shared(part, len(f)))
+
+
+def _correlate_rows(
+    f: Tensor, g: Tensor, circles: Tensor, start: Tensor, ignore: Tensor | None, options: Options, half: int
+) -> Correlation:
+    """`correlate_pairs` on crops of ``2 half + 1`` px."""
     crops_f = crop.cut(f, circles[:, :2], half, ignore)
     crops_g = crop.cut(g, circles[:, :2] + start[:, :2].to(circles), half, ignore)
     pairs = Pairs(Filtered.of(crops_f, options.pre_blur), Filtered.of(crops_g, options.pre_blur), circles)

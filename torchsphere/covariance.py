@@ -7,7 +7,8 @@ from torch import Tensor
 
 from torchsphere import criterion, interpolate, motion, turning
 from torchsphere.motion import Displacement
-from torchsphere.reference import IN_CLOSED_FORM, Reference, nuisances, scale, slopes
+from torchsphere.reference import IN_CLOSED_FORM, Reference, scale
+from torchsphere.warp import projected_slopes
 
 #: Least ratio, in the worst combination of modes, of the gradients' energy to what noise alone would give. Noise has
 #: 1, a speckle of 10 grey levels under noise of 2 has 3.5, one of 190 grey levels has 700.
@@ -45,7 +46,7 @@ def increment_covariance(
     k = q.shape[-1]
     few = reference.thinned(THINNED)
     some = weights[:, ::THINNED]
-    blurred = criterion.project(slopes(few.blurred_gradient, q, model, few), nuisances(few, model, some), some)
+    blurred = projected_slopes(few, few.blurred_gradient, q, model, some)
     carried = THINNED * criterion.operator(blurred, some) / reference.spacing**2
     value_gain, _ = interpolate.noise_gains(pre_blur)
     freedom = (weights.sum(-1) - k - 2).clamp_min(1)

@@ -5,6 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from torchsphere import compiled
+from torchsphere.compiled import agreement, system
+
 
 def centred(values: Tensor, weights: Tensor) -> Tensor:
     """``values`` (n, p) without their weighted mean."""
@@ -19,12 +22,16 @@ def _power(values: Tensor, weights: Tensor) -> Tensor:
 
 def residual(values: Tensor, warped: Tensor, weights: Tensor) -> Tensor:
     """``f - a g - b`` (n, p), gain and offset from equal mean and standard deviation: equation (3)."""
+    if compiled.suits(values, warped, weights):
+        return agreement.residual(values, warped, weights)
     f, g = centred(values, weights), centred(warped, weights)
     return f - (_power(f, weights) / _power(g, weights).clamp_min(1e-12)).sqrt() * g
 
 
 def zncc(values: Tensor, warped: Tensor, weights: Tensor) -> Tensor:
     """Zero-mean normalised cross-correlation coefficient (n,), -1 to 1; 0 where an image is flat."""
+    if compiled.suits(values, warped, weights):
+        return agreement.zncc(values, warped, weights)
     f, g = centred(values, weights) * weights, centred(warped, weights) * weights
     power = (torch.linalg.vecdot(f, f) * torch.linalg.vecdot(g, g)).sqrt()
     return torch.where(power > 1e-9, torch.linalg.vecdot(f, g) / power.clamp_min(1e-9), 0.0)
@@ -95,6 +102,8 @@ def project(slopes: Tensor, nuisance: Tensor, weights: Tensor) -> Tensor:
 
 def operator(slopes: Tensor, weights: Tensor) -> Tensor:
     """Correlation operator ``J^T W J`` (n, k, k), float64, of the slopes (n, k, p): equations (7) and (10)."""
+    if compiled.suits(slopes, weights):
+        return system.gram(slopes, weights)
     return ((slopes * weights[:, None]) @ slopes.mT).double()
 
 
@@ -104,6 +113,8 @@ def cholesky(operator: Tensor) -> Tensor:
     A row that is not (no texture, no points, no numbers) gets the factor of the identity: the step that follows from
     it is senseless, the row does not converge, and the rest of the batch goes on.
     """
+    if operator.device.type == "cpu" and operator.dtype == torch.float64 and not operator.requires_grad:
+        return system.cholesky(operator)
     identity = torch.eye(operator.shape[-1]).to(operator)
     scale = operator.diagonal(dim1=-2, dim2=-1).mean(-1)[:, None, None]
     factor, failed = torch.linalg.cholesky_ex(operator + (1e-12 * scale + 1e-30) * identity)

@@ -27,7 +27,8 @@ from torchsphere.repeated import repeats
 from torchsphere.source import Source
 from torchsphere.successive import PREDICTION_TOLERANCE, Setup, correlate_successive, leading
 
-#: Pairs correlated at once. Measured on one thread: 16 and 32 are within a tenth of each other, 8 and 64 slower.
+#: Pairs correlated at once. Measured on one thread: 2,000 frames take as long in batches of 32, 64 and 96. What is
+#: expected of the last of 64 is so far off that many are measured again.
 BATCH = 32
 
 #: Pairs of a batch from which the change of the increment from one to the next is believed as well. Fewer pairs of a

@@ -7,9 +7,9 @@ an interpolation leaves an image at 1 - k, which the reference, looked up at the
 comes out as ``d + A sin(2 pi d)``, and a turn about the line of sight likewise. What the images themselves alias has
 the opposite sign, so that a kernel can balance both.
 
-Prefilter and pre-blur are linear and act along rows and columns apart, so that both together are one small dense
-matrix per crop size, applied from the left and from the right. Sampling evaluates the spline and its gradient exactly,
-from the sixteen nodes around each point.
+Prefilter and pre-blur are linear and act along rows and columns apart: a recursion where loops are compiled
+(`torchsphere.compiled.spline`), elsewhere both together one small dense matrix per crop size, applied from the left and
+from the right. Sampling evaluates the spline and its gradient exactly, from the sixteen nodes around each point.
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ from collections.abc import Sequence
 
 import torch
 from torch import Tensor
+
+from torchsphere import compiled
+from torchsphere.compiled import spline
 
 #: Share of the second derivative in the kernel. Measured on rendered balls of 40 px without noise, six patterns with
 #: spots of 3.2 px, with 0 (B-spline), 1/42, 1/24 and 1/20: mean error of a step by a quarter of a px 0.0013, 0.0005,
@@ -47,6 +50,7 @@ PRE_BLUR_PX = 1.0
 Weights = tuple[Tensor, Tensor, Tensor, Tensor]
 
 
+@functools.lru_cache(maxsize=64)
 def gaussian_kernel(sigma: float) -> Tensor:
     """Sampled Gaussian of standard deviation ``sigma`` px, float64, sum 1; a single 1 where ``sigma`` is 0."""
     if sigma == 0:
@@ -101,6 +105,8 @@ def _blocks(size: int, reach: int) -> list[tuple[int, int, int, int]]:
 
 def coefficients(images: Tensor, pre_blur: float = PRE_BLUR_PX) -> Tensor:
     """B-spline coefficients (n, h, w) of the pre-blurred ``images`` (n, h, w), mirrored at the border."""
+    if compiled.suits(images):
+        return spline.coefficients(images, gaussian_kernel(pre_blur), *NODE_WEIGHTS[:2])
     height, width = images.shape[-2:]
     reach = SPLINE_REACH + math.ceil(4 * pre_blur)
     return _separable(images, prefilter_matrix(height, pre_blur), prefilter_matrix(width, pre_blur), reach)
@@ -112,58 +118,13 @@ def blur(images: Tensor, sigma: float) -> Tensor:
     return _separable(images, blur_matrix(height, sigma), blur_matrix(width, sigma), math.ceil(4 * sigma))
 
 
-def blur_within(images: Tensor, sigma: float) -> Tensor:
-    """`blur` where no border is near: (n, h, w) -> smaller by the kernel's reach on every side.
-
-    Shifts and sums, the kernel being symmetric: a third of the time of two products with matrices.
-    """
-    kernel = gaussian_kernel(sigma).tolist()
-    reach = len(kernel) // 2
-    for axis in (1, 2):
-        left = images.shape[axis] - 2 * reach
-        total = images.narrow(axis, reach, left) * kernel[reach]
-        for step in range(1, reach + 1):
-            pair = images.narrow(axis, reach - step, left) + images.narrow(axis, reach + step, left)
-            total.add_(pair, alpha=kernel[reach + step])
-        images = total
-    return images
-
-
-def nodes(c: Tensor) -> Tensor:
-    """The spline and its exact gradient at its own nodes, (n, h, w) -> (n, 3, h - 2, w - 2).
-
-    That is the (blurred) image without its border, and its derivatives along x and y in grey levels per px, in the
-    middle of their small jumps at the nodes. Beyond the border ``c`` is mirrored.
-    """
-    side, middle, _ = NODE_WEIGHTS
-    ratio = middle / side
-
-    def weighed(values: Tensor, factor: float, out: Tensor | None = None) -> Tensor:
-        return torch.add(values[..., :-2] + values[..., 2:], values[..., 1:-1], alpha=ratio, out=out).mul_(factor)
-
-    found = c.new_empty(len(c), 3, c.shape[-2] - 2, c.shape[-1] - 2)
-    rows = weighed(c.mT, side).mT
-    weighed(rows, side, found[:, 0])
-    _slopes_along(rows, found[:, 1])
-    weighed(_slopes_along(c.mT, c.new_empty(len(c), c.shape[-1], c.shape[-2] - 2)).mT, side, found[:, 2])
-    return found
-
-
-def _slopes_along(values: Tensor, out: Tensor) -> Tensor:
-    """Derivative along the last axis, of the spline with the coefficients ``values`` (..., m): ``out`` (..., m - 2)."""
-    near, far = SLOPE_WEIGHTS
-    torch.sub(values[..., 2:], values[..., :-2], out=out).mul_(near)
-    out[..., 1:-1].add_(values[..., 4:], alpha=far).sub_(values[..., :-4], alpha=far)
-    out[..., 0].add_(values[..., 3] - values[..., 1], alpha=far)
-    out[..., -1].add_(values[..., -2] - values[..., -4], alpha=far)
-    return out
-
-
 def sample(c: Tensor, points: Tensor) -> Tensor:
     """The spline with coefficients ``c`` (n, h, w) at ``points`` (n, p, 2), as (x, y) in px of the crop: (n, p).
 
     Points must lie at least 1 px inside the crop; differentiable with respect to ``points``.
     """
+    if compiled.suits(c, points):
+        return spline.sample(c, points, SHARPNESS)
     base = _cells(c, points)
     x, y = (points - base).unbind(-1)
     (value,) = _weighted(c, base, (spline_weights(x, SHARPNESS),), ((0, spline_weights(y, SHARPNESS)),))
@@ -175,6 +136,8 @@ def sample_with_gradient(c: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
 
     The sixteen look-ups serve all three: half as much again as the value alone, where differentiation cost four times.
     """
+    if compiled.suits(c, points):
+        return spline.sample_with_gradient(c, points, SHARPNESS)
     base = _cells(c, points)
     x, y = (points - base).unbind(-1)
     of_x, of_y = spline_weights(x, SHARPNESS), spline_weights(y, SHARPNESS)

@@ -41,11 +41,12 @@ def is_uneven(reference: Reference, solution: Solution, model: Displacement) -> 
     if reference.uneven_light or model not in (*IN_CLOSED_FORM, *motion.EXACT):
         return torch.zeros_like(solution.converged)
     difference = criterion.residual(reference.values, solution.warped, solution.weights)
-    sums = misfit.block_sums(reference, (solution.weights * difference)[:, None])[:, 0]
+    sums = misfit.block_sums(reference, difference[:, None], solution.weights)[:, 0]
     # The places of the blocks are the same for all pairs.
     first = reference.take(torch.zeros(1, dtype=torch.long, device=sums.device))
     across = first.surface[:, :2] / first.geometry.radius[:, None, None]
-    x, y, count = misfit.block_sums(first, torch.cat((across, torch.ones_like(across[:, :1])), 1))[0]
+    once = torch.ones_like(across[:, 0])
+    x, y, count = misfit.block_sums(first, torch.cat((across, once[:, None]), 1), once)[0]
     x, y = x / count.clamp_min(1), y / count.clamp_min(1)
     inwards = (LIMB / (x * x + y * y).clamp_min(LIMB)).sqrt()
     x, y = x * inwards, y * inwards

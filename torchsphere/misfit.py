@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Iterable
 
 import torch
 import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
 
+from torchsphere import compiled
+from torchsphere.compiled import agreement, windows
 from torchsphere.reference import Reference, scale
 
 #: Side of the window that energies are averaged over, and of the one in which the images are compared by
@@ -37,6 +41,8 @@ DOUBTED, BELIEVED = 1.0, 3.0
 def local_mean(reference: Reference, values: Tensor, weights: Tensor) -> Tensor:
     """Mean (n, p) of ``values`` (n, p) in a window around each point, over the points that count."""
     window = _odd(ENERGY_WINDOW, reference)
+    if compiled.suits(values, weights):
+        return windows.local_mean(values, weights, _flat(reference), reference.side, window)
     total, count = _smoothed(reference, torch.stack((weights * values, weights), 1), window).unbind(1)
     return total / count.clamp_min(1e-6)
 
@@ -125,7 +131,7 @@ def inflation(
     cancel within a few px. As noise it made the standard deviations 1.5 times too wide at 5 deg per frame and twice at
     10 and 15. What is noise (`noise_share`) is stated in full.
     """
-    scores = block_sums(reference, jacobian * (weights * difference)[:, None], fading=True)
+    scores = block_sums(reference, jacobian, weights * difference, fading=True)
     scatter = (scores @ scores.mT).double()
     inverse = torch.cholesky_inverse(factor)
     unit = scale(reference, stated.shape[-1]).double()
@@ -138,37 +144,51 @@ def inflation(
 
 def noise_share(reference: Reference, difference: Tensor, weights: Tensor) -> Tensor:
     """Share (n,), float64, 0 to 1, of the residual's variance that is noise at most: see `FACING`."""
-    radius = reference.geometry.radius[:, None]
-    facing = weights * (reference.points.square().sum(-1) < (FACING * radius).square())
-    power = difference.square()
-    inner, whole = (torch.linalg.vecdot(w, power) / w.sum(-1) for w in (facing, weights))
+    inner, inner_power, whole, power = _powers(reference, difference, weights)
     # Where nothing of that part is to be seen, all may be noise.
-    share = (inner / whole).double().nan_to_num(1.0, 1.0, 1.0).clamp(max=1.0)
-    scatter = (2 / _independent(reference, facing).clamp_min(1)).sqrt()
+    share = (inner_power / inner / (power / whole)).double().nan_to_num(1.0, 1.0, 1.0).clamp(max=1.0)
+    scatter = (2 / _independent(reference, inner).clamp_min(1)).sqrt()
     believed = ((1 - share) / scatter - DOUBTED) / (BELIEVED - DOUBTED)
     return 1 - (1 - share) * believed.clamp(0, 1)
 
 
-def _independent(reference: Reference, weights: Tensor) -> Tensor:
-    """Independent squares (n,), float64, among the residuals that count: the pre-blur makes neighbours alike."""
+def _powers(reference: Reference, difference: Tensor, weights: Tensor) -> Iterable[Tensor]:
+    """Sums (n,) of weights, and of weighted squares of the ``difference``: of the part that faces, and of the whole."""
+    limit = FACING * reference.geometry.radius
+    if compiled.suits(difference, weights, limit):
+        return agreement.powers(difference, weights, reference.surface, limit).unbind(-1)
+    facing = weights * (reference.points.square().sum(-1) < limit[:, None].square())
+    square = difference.square()
+    return [total for w in (facing, weights) for total in (w.sum(-1), torch.linalg.vecdot(w, square))]
+
+
+def _independent(reference: Reference, count: Tensor) -> Tensor:
+    """Independent squares (n,), float64, among so many residuals (n,): the pre-blur makes neighbours alike."""
     # Sum of the squared correlations of white noise behind a Gaussian blur, px^2.
     alike = max(2 * math.pi * reference.pre_blur**2, reference.spacing**2)
-    return weights.sum(-1).double() * reference.spacing**2 / alike
+    return count.double() * reference.spacing**2 / alike
 
 
-def block_sums(reference: Reference, values: Tensor, *, fading: bool = False) -> Tensor:
-    """Sums (n, c, b) of the points' values (n, c, p) over the blocks.
+def block_sums(reference: Reference, values: Tensor, weights: Tensor, *, fading: bool = False) -> Tensor:
+    """Sums (n, c, b) over the blocks of the points' values (n, c, p) times their weights (n, p).
 
-    ``fading``: with weights that fall like a cosine from 1 in the middle of a block to 0 in those of its neighbours, so
-    that their squares add up to 1 everywhere.
+    ``fading``: times further weights that fall like a cosine from 1 in the middle of a block to 0 in those of its
+    neighbours, so that their squares add up to 1 everywhere.
     """
     size = math.ceil(max(LEAST_BLOCK, BLOCK * float(reference.geometry.radius.mean())) / reference.spacing)
-    along = torch.arange(reference.side)
-    if fading:
-        middles = size * torch.arange(math.ceil(reference.side / size) + 1)
-        apart = (along[:, None] - middles).abs().double() / size
-        belongs = torch.cos(0.5 * math.pi * apart.clamp(max=1.0)).to(values)
-    else:
-        belongs = F.one_hot(along // size).to(values)
+    belongs = _shares(reference.side, size, fading).to(values)
+    if compiled.suits(values, weights):
+        return windows.block_sums(values, weights, _flat(reference), reference.side, belongs)
     # Over their rows, then over their columns.
-    return (belongs.T @ spread_out(reference, values) @ belongs).flatten(2)
+    return (belongs @ spread_out(reference, values * weights[:, None]) @ belongs.T).flatten(2)
+
+
+@functools.lru_cache(maxsize=16)
+def _shares(side: int, size: int, fading: bool) -> Tensor:
+    """Share (b, side), float64, of each place on an axis of the grid in each of the blocks of so many places."""
+    along = torch.arange(side)
+    if not fading:
+        return F.one_hot(along // size).double().T.contiguous()
+    middles = size * torch.arange(math.ceil(side / size) + 1)
+    apart = (along - middles[:, None]).abs().double() / size
+    return torch.cos(0.5 * math.pi * apart.clamp(max=1.0))

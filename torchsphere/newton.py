@@ -9,9 +9,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from torchsphere import criterion, interpolate, motion, turning
+from torchsphere import compiled, criterion, interpolate, motion
+from torchsphere.compiled import descent
 from torchsphere.motion import Displacement
-from torchsphere.reference import IN_CLOSED_FORM, Reference, nuisances, scale, slopes
+from torchsphere.reference import IN_CLOSED_FORM, Reference, scale
+from torchsphere.warp import operator, warp, warp_with_gradient
 
 #: Steps after which a point that has left sight or crop stays out, so that the sum is over fixed points and settles:
 #: at 20 deg per frame, points that came and went kept one row in ten from converging.
@@ -126,6 +128,8 @@ def gauss_newton(
     how: How,
 ) -> Solution:
     """Gauss-Newton from ``start`` (n, k)."""
+    if not how.exact and model in IN_CLOSED_FORM and compiled.suits(c_g, start, reference.weights):
+        return _descend(reference, c_g, shift, start, model, how)
     n, device = len(start), start.device
     result = Solution(
         start.clone(),
@@ -183,6 +187,26 @@ def gauss_newton(
     return result
 
 
+def _descend(
+    reference: Reference, c_g: Tensor, shift: Tensor, start: Tensor, model: Displacement, how: How
+) -> Solution:
+    """`gauss_newton` pair by pair, in compiled loops."""
+    jacobian, factor = operator(reference, reference.gradient, start, model, reference.weights)
+    found = descent.descend(
+        c_g,
+        shift,
+        start,
+        (reference.surface, reference.weights, reference.values),
+        jacobian,
+        torch.cholesky_inverse(factor),
+        reference.geometry.radius,
+        descent.Limits(how.max_iterations, SETTLE_AFTER, how.tolerance_px),
+        interpolate.SHARPNESS,
+        exact=model is motion.finite,
+    )
+    return Solution(*found, jacobian, factor)
+
+
 def _noted(result: Solution, rows: Tensor, now: tuple[Tensor, ...]) -> Solution:
     """The result with what ``rows`` (m,) have come to: warped images, weights, Jacobians and factors."""
     if len(rows) == len(result.q):
@@ -190,47 +214,3 @@ def _noted(result: Solution, rows: Tensor, now: tuple[Tensor, ...]) -> Solution:
     return Solution(
         *result[:3], *(whole.index_copy(0, rows, part) for whole, part in zip(result[3:], now, strict=True))
     )
-
-
-def operator(
-    reference: Reference, gradient: Tensor, q: Tensor, model: Displacement, weights: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Jacobian (n, k, p) that belongs to the criterion, and the Cholesky factor (n, k, k) of its operator."""
-    jacobian = criterion.project(slopes(gradient, q, model, reference), nuisances(reference, model, weights), weights)
-    return jacobian, criterion.cholesky(criterion.operator(jacobian, weights))
-
-
-def warp(reference: Reference, c_g: Tensor, shift: Tensor, q: Tensor, model: Displacement) -> tuple[Tensor, Tensor]:
-    """The deformed image (n, p) at the displaced points, and the weights of the points that are still in sight."""
-    points, weights = _displaced(reference, c_g, shift, q, model)
-    return interpolate.sample(c_g, points), weights
-
-
-def warp_with_gradient(
-    reference: Reference, c_g: Tensor, shift: Tensor, q: Tensor, model: Displacement
-) -> tuple[Tensor, Tensor, Tensor]:
-    """`warp`, and the gradient (n, 2, p) of the deformed image at the displaced points."""
-    points, weights = _displaced(reference, c_g, shift, q, model)
-    warped, gradient = interpolate.sample_with_gradient(c_g, points)
-    return warped, weights, gradient
-
-
-def _displaced(
-    reference: Reference, c_g: Tensor, shift: Tensor, q: Tensor, model: Displacement
-) -> tuple[Tensor, Tensor]:
-    """Places (n, p, 2) of the points in the deformed image's crop, and their weights (n, p): 0 where not to be seen."""
-    middle = 0.5 * (c_g.shape[-1] - 1)
-    reach = middle - 1
-    if model in IN_CLOSED_FORM:
-        turned = turning.moved(q, reference.surface, exact=model is motion.finite)
-        points = turned[:, :2] + (q[:, :2] + shift)[..., None]
-        room = reach - (points - middle).abs().amax(1)
-        if model is motion.finite:
-            # What has turned to the back is out of sight.
-            room = torch.minimum(room, -turned[:, 2])
-    else:
-        moved = reference.points + motion.displacement(model, q, reference.points, reference.geometry) + shift[:, None]
-        points = moved.mT.nan_to_num(torch.inf)
-        room = reach - (points - middle).abs().amax(1)
-    # A single comparison: each is as costly as eight sums.
-    return points.clamp(1, c_g.shape[-1] - 2).mT, reference.weights * (room >= 0)

@@ -2,8 +2,8 @@
 
 Torch shares each operation out by itself; on arrays as small as a batch's that costs more than it gives, and where
 other programs use the cores, too, its threads wait for each other: measured ten times slower with two threads than
-with one. Threads that each take some of the rows through all operations wait for Python's lock alone, which torch lets
-go of in an operation: worth it where operations take longer than it takes to hand the lock over.
+with one. Threads that each take some of the rows through all operations wait for Python's lock alone, which torch and
+compiled loops let go of: worth it where an operation takes longer than it takes to hand the lock over.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from typing import Any, TypeVar
 
 import torch
 
-#: Pixels that are worth a thread of their own. Measured on two cores: to add 60,000 numbers, 6 us, over and over takes
-#: as long on two threads as on one, 120,000 two thirds. Pairs of balls of 15 and 30 px, 16 a thread, were half as fast
-#: on two threads, as fast at 50 to 80 px for 1.4 times the processor's time, and 1.25 and 1.35 times faster at 100 and
-#: 150 px.
+#: Pixels that are worth a thread of their own. A compiled loop lets go of Python's lock, but what lies between two of
+#: them does not, and takes 3 ms per batch, as long as five pairs of 50 px. Measured on two cores, pairs of 50 px: 32 at
+#: once took 0.65 ms each on one thread and 0.85 on two, 64 took 0.72 and 0.56, and 128 0.61 and 0.37; 32 of 100 px 2.5
+#: and 1.5; 256 of 15 px 0.24 and 0.24.
 LEAST_PIXELS = 400_000
 
 #: Threads at most for functions of many short operations. Measured on two cores: images registered on a map took 21 ms

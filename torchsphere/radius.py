@@ -9,11 +9,11 @@ from torch import Tensor
 
 from torchsphere import criterion, motion, robust, turning
 from torchsphere.motion import Displacement, as_unknowns
-from torchsphere.newton import warp_with_gradient
 from torchsphere.options import Options
 from torchsphere.pairs import Pairs
 from torchsphere.reference import IN_CLOSED_FORM, Reference, build_reference, nuisances, slopes
 from torchsphere.solve import GRADIENT_FROM_DEG
+from torchsphere.warp import warp_with_gradient
 
 #: Turn per pair above which the residual tells nothing of the radius, deg: the changing view of the texture leaves
 #: more. Measured as errors of 50 px: 0.1 px at 3 and 6 deg, 0.35 at 10, 0.6 at 15; the outline alone errs by 0.3.

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from torchsphere import criterion, crop, interpolate, motion, turning
+from torchsphere import criterion, crop, interpolate, motion, pixels, turning
 from torchsphere.motion import Displacement, Geometry
 from torchsphere.perspective import Camera, view_of
 
@@ -38,35 +38,31 @@ class Filtered(NamedTuple):
     crops : Crops
     c : Tensor
         Spline coefficients (n, s, s) of the blurred images.
-    nodes : Tensor
-        Value and gradient (n, 3, s - 2, s - 2) of the spline at the pixels; the outermost are lacking.
     """
 
     crops: crop.Crops
     c: Tensor
-    nodes: Tensor
 
     @classmethod
     def of(cls, crops: crop.Crops, pre_blur: float) -> Filtered:
         """The crops, blurred by ``pre_blur`` px."""
-        c = interpolate.coefficients(crops.images, pre_blur)
-        return cls(crops, c, interpolate.nodes(c))
+        return cls(crops, interpolate.coefficients(crops.images, pre_blur))
 
     @classmethod
     def joined(cls, parts: Sequence[Filtered]) -> Filtered:
         """The images of all parts, whose crops have one size, one after the other."""
         if len(parts) == 1:
             return parts[0]
-        crops, c, nodes = zip(*parts, strict=True)
-        return cls(crop.Crops.joined(crops), torch.cat(c), torch.cat(nodes))
+        crops, c = zip(*parts, strict=True)
+        return cls(crop.Crops.joined(crops), torch.cat(c))
 
     def rows(self, start: int, stop: int) -> Filtered:
         """Images ``start`` to ``stop - 1``."""
-        return Filtered(self.crops.rows(start, stop), self.c[start:stop], self.nodes[start:stop])
+        return Filtered(self.crops.rows(start, stop), self.c[start:stop])
 
     def take(self, rows: Tensor) -> Filtered:
         """The given rows (m,) alone."""
-        return Filtered(self.crops.take(rows), self.c[rows], self.nodes[rows])
+        return Filtered(self.crops.take(rows), self.c[rows])
 
 
 @dataclass(frozen=True)
@@ -127,8 +123,8 @@ class Reference:
     def thinned(self, every: int) -> Reference:
         """With every so many-th of the points."""
         names = ("surface", "weights", "values", "gradient", "blurred_gradient")
-        taken = {name: getattr(self, name)[..., ::every].contiguous() for name in names}
-        points = self.points.mT[..., ::every].contiguous().mT
+        taken = {name: getattr(self, name)[..., ::every] for name in names}
+        points = self.points[:, ::every]
         return dataclasses.replace(self, points=points, **taken, places=self.places[::every])
 
 
@@ -182,27 +178,23 @@ def build_reference(
     reach = min(math.ceil(roi * largest) + 1, half - 1)
     # The same pixels for all rows: those that some sub-pixel position of the centre brings into the region.
     grid, places, side = _region(reach, roi * largest + 0.71, spacing, every)
-    points = grid.T.to(c).contiguous() + (nearest - centres).to(c)[..., None]
     radius = radii.to(c)
-    weights = (points.square().sum(1) < (roi * radius[:, None]) ** 2).to(c)
+    surface, weights = pixels.front(grid, (nearest - centres).to(c), radius, roi * radius)
     if crops.usable is not None:
-        weights = weights * _looked_up([crops.usable], grid, offset)[0]
-    values, *gradient = _looked_up(images.nodes.unbind(1), grid, offset - 1)
+        weights = weights * pixels.looked_up(crops.usable, grid, offset)
+    values, gradient = pixels.levels(c, grid, offset)
     carrying, noise = gradient, torch.zeros_like(radius)
     if every == 1 and blurred:
-        twice = interpolate.blur_within(c, pre_blur)
-        border = (c.shape[-1] - twice.shape[-1]) // 2 + 1
-        carrying = _looked_up(interpolate.nodes(twice).unbind(1)[1:], grid, offset - border)
+        carrying = pixels.blurred_gradient(c, grid, offset, pre_blur)
     if every == 1:
-        (noise,) = _looked_up([_image_noise(crops.images)], grid, offset - 1)
-        noise = torch.linalg.vecdot(noise, weights) / weights.sum(-1).clamp_min(1)
+        noise = pixels.noise(crops.images, grid, offset, weights)
     return Reference(
-        points=points.mT,
-        surface=turning.surface(points, radius),
+        points=surface[:, :2].mT,
+        surface=surface,
         weights=weights,
         values=values,
-        gradient=torch.stack(gradient, 1),
-        blurred_gradient=torch.stack(carrying, 1),
+        gradient=gradient,
+        blurred_gradient=carrying,
         noise=noise,
         geometry=Geometry(radius, None if camera is None else view_of(camera, centres, c)),
         places=places.to(c.device),
@@ -210,25 +202,6 @@ def build_reference(
         spacing=spacing,
         pre_blur=pre_blur,
     )
-
-
-def _looked_up(maps: Sequence[Tensor], grid: Tensor, offset: Tensor) -> list[Tensor]:
-    """Values (n, p) of each of the maps (n, h, w) at the pixels ``grid`` (p, 2) around ``offset`` (n, 2), as (x, y)."""
-    step = torch.tensor([1, maps[0].shape[-1]])
-    index = (grid @ step) + (offset @ step)[:, None]
-    index = index.clamp_(0, maps[0][0].numel() - 1).to(maps[0].device)
-    return [values.flatten(1).gather(1, index) for values in maps]
-
-
-def _image_noise(images: Tensor) -> Tensor:
-    """Standard deviation of noise per pixel, (n, h, w) -> (n, h - 2, w - 2); its mean over a region is meant.
-
-    Mean absolute response of the difference of two Laplacians (J. Immerkaer, Computer Vision and Image Understanding
-    64 (1996) 300, doi:10.1006/cviu.1996.0060), which a smooth image does not excite.
-    """
-    rows = images[:, :-2] - 2 * images[:, 1:-1] + images[:, 2:]
-    both = rows[:, :, :-2] - 2 * rows[:, :, 1:-1] + rows[:, :, 2:]
-    return both.abs() * (math.sqrt(math.pi / 2) / 6)
 
 
 def scale(reference: Reference, k: int) -> Tensor:

@@ -13,10 +13,12 @@ import dataclasses
 import torch
 from torch import Tensor
 
-from torchsphere import criterion, interpolate, light, misfit, motion, turning
+from torchsphere import compiled, criterion, interpolate, light, misfit, motion, turning
+from torchsphere.compiled import agreement, region
 from torchsphere.motion import Displacement
-from torchsphere.newton import How, Solution, gauss_newton, operator, warp
+from torchsphere.newton import How, Solution, gauss_newton
 from torchsphere.reference import IN_CLOSED_FORM, Reference
+from torchsphere.warp import operator, warp
 
 #: A window is no noise when its residual's energy is above this many times that of the calmer part of the ball, its
 #: 0.3 quantile. Measured over clean pairs: 8 at most.
@@ -64,28 +66,49 @@ def is_ball(
     pre_blur: float,
 ) -> Tensor:
     """True (n, p) where a point may be the ball; ``seen`` (n, p): all weights; ``trusted``: of those believed."""
+    rows, alien = _aliens(reference, warped, seen, trusted, q, model, pre_blur)
+    good = torch.ones_like(seen, dtype=torch.bool)
+    good[rows] = ~alien
+    return good
+
+
+def _aliens(
+    reference: Reference,
+    warped: Tensor,
+    seen: Tensor,
+    trusted: Tensor,
+    q: Tensor,
+    model: Displacement,
+    pre_blur: float,
+) -> tuple[Tensor, Tensor]:
+    """Rows (m,) that may hold what is not the ball, and where they do (m, p); arguments as of `is_ball`."""
     difference = criterion.residual(reference.values, warped, trusted)
     energy = misfit.local_mean(reference, difference.square(), seen)
     calm = _quantile(energy[:, ::THIN], trusted[:, ::THIN] > 0)
     value_gain, _ = interpolate.noise_gains(pre_blur)
-    ceiling = MAX_CALM * 2 * value_gain * reference.noise.square()[:, None]
-    calm = torch.minimum(calm, ceiling)
-    excess = (energy - MAX_ENERGY * calm) * (seen > 0)
-    # Rows that are calm throughout, which most are, end here: a maximum is cheaper than any comparison.
-    rows = torch.nonzero(excess.amax(-1) > 0)[:, 0]
-    good = torch.ones_like(energy, dtype=torch.bool)
-    if len(rows):
-        excess = excess[rows]
-        good[rows] = (excess <= 0) | (excess <= _foreshortening(reference.take(rows), seen[rows], q[rows], model))
-    return good
+    ceiling = MAX_CALM * 2 * value_gain * reference.noise.square()
+    limit = MAX_ENERGY * torch.minimum(calm, ceiling)
+    # Most rows are calm throughout.
+    rows = torch.nonzero(_beyond(energy, limit, seen))[:, 0]
+    if len(rows) == 0:
+        return rows, torch.zeros_like(seen[rows], dtype=torch.bool)
+    excess = (energy[rows] - limit[rows, None]) * (seen[rows] > 0)
+    return rows, (excess > 0) & (excess > _foreshortening(reference.take(rows), seen[rows], q[rows], model))
+
+
+def _beyond(energy: Tensor, limit: Tensor, seen: Tensor) -> Tensor:
+    """True (n,) where the energy (n, p) of a point that is ``seen`` is above the row's limit (n,)."""
+    if compiled.suits(energy, limit, seen):
+        return agreement.beyond(energy, limit, seen)
+    return ((energy > limit[:, None]) & (seen > 0)).any(-1)
 
 
 def _quantile(values: Tensor, counted: Tensor) -> Tensor:
-    """The `CALM` quantile (n, 1) of those ``values`` (n, m) that are ``counted``; NaN where none is."""
+    """The `CALM` quantile (n,) of those ``values`` (n, m) that are ``counted``; NaN where none is."""
     count = counted.sum(-1, keepdim=True)
     ordered = (values + torch.where(counted, 0.0, torch.inf)).sort(-1).values
     found = ordered.gather(-1, (CALM * (count - 1)).round().long().clamp_min(0))
-    return torch.where(count > 0, found, torch.nan)
+    return torch.where(count > 0, found, torch.nan)[:, 0]
 
 
 def _misplacement(reference: Reference, q: Tensor, model: Displacement) -> Tensor:
@@ -114,15 +137,22 @@ def by_view(reference: Reference, q: Tensor, model: Displacement) -> Reference:
     0.011 deg, at 10 deg from 0.013 px and 0.024 deg to 0.006 px and 0.009 deg; at 3 deg nothing changes.
     """
     degrees = torch.rad2deg(q[:, 2:5].norm(dim=-1, keepdim=True))
+    surface, weights, radius = reference.surface, reference.weights, reference.geometry.radius
+    if model in IN_CLOSED_FORM and compiled.suits(surface, weights, q):
+        turn, share = turning.matrices(q, exact=model is motion.finite), MISPLACED_PX_PER_DEG / TOLERATED_PX * degrees
+        weights = region.seen_alike(surface, weights, turn, radius, share[:, 0], LEAST_COSINE)
+        return dataclasses.replace(reference, weights=weights)
     misplaced = MISPLACED_PX_PER_DEG * degrees * _misplacement(reference, q, model)
-    return dataclasses.replace(reference, weights=reference.weights / (1 + (misplaced / TOLERATED_PX).square()))
+    return dataclasses.replace(reference, weights=weights / (1 + (misplaced / TOLERATED_PX).square()))
 
 
 def doubtful(reference: Reference, solution: Solution, model: Displacement, pre_blur: float) -> Tensor:
     """True (n,) where a part of the pair is not explained by the motion of the whole that was found."""
     warped, weights = light.relit(reference, solution.warped, solution.weights, model), solution.weights
-    right = weights * is_ball(reference, warped, weights, weights, solution.q, model, pre_blur)
-    return ((weights - right) > 0).sum(-1) > DOUBT * weights.sum(-1)
+    rows, alien = _aliens(reference, warped, weights, weights, solution.q, model, pre_blur)
+    count = torch.zeros(len(weights), dtype=torch.long, device=weights.device)
+    count[rows] = (alien & (weights[rows] > 0)).sum(-1)
+    return count > DOUBT * weights.sum(-1)
 
 
 def reconsider(

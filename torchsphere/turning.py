@@ -10,6 +10,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from torchsphere import compiled
+from torchsphere.compiled import turns
+
 
 def surface(points: Tensor, radius: Tensor) -> Tensor:
     """Points (n, 3, p) of the ball's front at the pixels ``points`` (n, 2, p), px from its centre; ``radius`` (n,)."""
@@ -31,9 +34,11 @@ def cross_matrices(vectors: Tensor) -> Tensor:
 
 def rotations(vectors: Tensor) -> Tensor:
     """Rotation matrices (n, 3, 3) of rotation vectors (n, 3), rad: Rodrigues' formula, its quotients as sinc."""
+    if compiled.suits(vectors):
+        return turns.matrices(vectors, exact=True)
     cross = cross_matrices(vectors)
-    turns = vectors.norm(dim=-1)[:, None, None] / torch.pi
-    sine, versine = torch.sinc(turns), 0.5 * torch.sinc(0.5 * turns).square()
+    half_turns = vectors.norm(dim=-1)[:, None, None] / torch.pi
+    sine, versine = torch.sinc(half_turns), 0.5 * torch.sinc(0.5 * half_turns).square()
     return torch.eye(3, dtype=vectors.dtype, device=vectors.device) + sine * cross + versine * (cross @ cross)
 
 
@@ -42,12 +47,14 @@ def tangents(vectors: Tensor) -> Tensor:
 
     The left Jacobian of SO(3), ``I + (1 - cos t) / t^2 [w]x + (t - sin t) / t^3 [w]x^2``.
     """
+    if compiled.suits(vectors):
+        return turns.tangents(vectors)
     cross = cross_matrices(vectors)
-    turns = vectors.norm(dim=-1)[:, None, None] / torch.pi
-    versine = 0.5 * torch.sinc(0.5 * turns).square()
-    squared = (torch.pi * turns).square()
+    half_turns = vectors.norm(dim=-1)[:, None, None] / torch.pi
+    versine = 0.5 * torch.sinc(0.5 * half_turns).square()
+    squared = (torch.pi * half_turns).square()
     # The quotient loses its digits near 0, where its series does not: the next term is below 1e-8 up to 0.2 rad.
-    quotient = (1 - torch.sinc(turns)) / squared.clamp_min(1e-12)
+    quotient = (1 - torch.sinc(half_turns)) / squared.clamp_min(1e-12)
     rest = torch.where(squared < 0.04, 1 / 6 - squared / 120 + squared.square() / 5040, quotient)
     return torch.eye(3, dtype=vectors.dtype, device=vectors.device) + versine * cross + rest * (cross @ cross)
 
@@ -57,9 +64,15 @@ def moved(q: Tensor, places: Tensor, *, exact: bool) -> Tensor:
 
     ``exact``: the rotation itself, otherwise its linearisation.
     """
+    return matrices(q, exact=exact) @ places
+
+
+def matrices(q: Tensor, *, exact: bool) -> Tensor:
+    """Matrices (n, 3, 3) of the rotation in ``q`` (n, k), or of its linearisation."""
     vectors = q[:, 2:5]
-    turn = rotations(vectors) if exact else torch.eye(3).to(q) + cross_matrices(vectors)
-    return turn @ places
+    if compiled.suits(vectors):
+        return turns.matrices(vectors, exact=exact)
+    return rotations(vectors) if exact else torch.eye(3).to(q) + cross_matrices(vectors)
 
 
 def slopes(q: Tensor, places: Tensor, gradient: Tensor, *, exact: bool) -> Tensor:

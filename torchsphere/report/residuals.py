@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere import criterion, crop, interlace, interpolate, motion
-from torchsphere.newton import warp
 from torchsphere.options import Options, margin
 from torchsphere.perspective import Camera
 from torchsphere.reference import Filtered, build_reference
+from torchsphere.warp import warp
 
 #: Radius of the ball, px, up to which a map has the images' own pixels; a larger ball's are means of several, so that a
 #: map costs a ms or so whatever the camera. A map is looked at at the size of a thumb.

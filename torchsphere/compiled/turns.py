@@ -1,0 +1,73 @@
+"""Rotation matrices of many small vectors: torch takes some ten operations for each kind, whatever their number."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchsphere.compiled.function import arrays, compiled
+
+Array = NDArray[np.float32]
+
+#: Turns below which the quotients of sines and cosines are taken from their series, rad: they lose their digits there.
+_SMALL = 1e-2
+
+
+def matrices(vectors: Tensor, *, exact: bool) -> Tensor:
+    """Rotation matrices (n, 3, 3) of rotation vectors (n, 3), rad, or their linearisation: see `turning.matrices`."""
+    found = torch.empty(len(vectors), 3, 3)
+    _matrices(*arrays(vectors, found), exact)
+    return found
+
+
+def tangents(vectors: Tensor) -> Tensor:
+    """Left Jacobians (n, 3, 3) of SO(3) at rotation vectors (n, 3), rad: see `turning.tangents`."""
+    found = torch.empty(len(vectors), 3, 3)
+    _tangents(*arrays(vectors, found))
+    return found
+
+
+@compiled
+def _matrices(vectors: Array, found: Array, exact: bool) -> None:
+    for n in range(len(vectors)):
+        rotation(vectors[n, 0], vectors[n, 1], vectors[n, 2], exact, found[n])
+
+
+@compiled
+def rotation(x: float, y: float, z: float, exact: bool, found: Array) -> None:
+    """Rotation matrix (3, 3) of one vector, by Rodrigues' formula, or its linearisation."""
+    squared = float(x) * x + float(y) * y + float(z) * z
+    angle = math.sqrt(squared)
+    sine, versine = 1.0, 0.0
+    if exact and angle < _SMALL:
+        sine, versine = 1 - squared / 6, 0.5 - squared / 24
+    elif exact:
+        sine, versine = math.sin(angle) / angle, 2 * (math.sin(0.5 * angle) / angle) ** 2
+    _combined(float(x), float(y), float(z), sine, versine, found)
+
+
+@compiled
+def _tangents(vectors: Array, found: Array) -> None:
+    for n in range(len(vectors)):
+        x, y, z = float(vectors[n, 0]), float(vectors[n, 1]), float(vectors[n, 2])
+        squared = x * x + y * y + z * z
+        angle = math.sqrt(squared)
+        versine, rest = 0.5 - squared / 24, 1 / 6 - squared / 120
+        if angle >= _SMALL:
+            versine, rest = 2 * (math.sin(0.5 * angle) / angle) ** 2, (1 - math.sin(angle) / angle) / squared
+        _combined(x, y, z, versine, rest, found[n])
+
+
+@compiled
+def _combined(x: float, y: float, z: float, first: float, second: float, found: Array) -> None:
+    """``I + first [w]x + second [w]x^2``, the cross product's matrix being that of w = (x, y, z)."""
+    found[0, 0] = 1 - second * (y * y + z * z)
+    found[1, 1] = 1 - second * (x * x + z * z)
+    found[2, 2] = 1 - second * (x * x + y * y)
+    found[0, 1], found[1, 0] = second * x * y - first * z, second * x * y + first * z
+    found[0, 2], found[2, 0] = second * x * z + first * y, second * x * z - first * y
+    found[1, 2], found[2, 1] = second * y * z - first * x, second * y * z + first * x
