@@ -310,3 +310,19 @@ def test_a_reference_that_was_thinned_gives_the_same_slopes_at_the_points_that_s
     kept = dataclasses.replace(few, **{n: getattr(few, n).contiguous() for n in ("surface", "values", "weights")})
     other = warp.projected_slopes(kept, few.gradient.contiguous(), unknowns(torch.float32), motion.finite, kept.weights)
     assert torch.equal(one, other)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda: interpolate.sample(torch.zeros(2, 8, 8), torch.zeros(3, 5, 2)),
+        lambda: interpolate.sample(torch.zeros(2, 3, 8), torch.zeros(2, 5, 2)),
+        lambda: criterion.residual(torch.zeros(2, 9), torch.zeros(2, 9), torch.zeros(1, 9)),
+        lambda: criterion.zncc(torch.zeros(2, 9), torch.zeros(2, 8), torch.zeros(2, 9)),
+        lambda: criterion.operator(torch.zeros(2, 5, 9), torch.zeros(2, 8)),
+        lambda: pixels.levels(torch.zeros(2, 2, 9), torch.zeros(4, 2, dtype=torch.long), torch.zeros(2, 2).long()),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused_before_a_loop_reads_what_is_not_there(wrong: Callable[[], object]) -> None:
+    with pytest.raises(ValueError, match="got shape"):
+        wrong()

@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.compiled.function import arrays, compiled
+from torchsphere.compiled.function import arrays, compiled, require_one_size
 
 Array = NDArray[np.float32]
 
@@ -19,6 +19,7 @@ _LEAST_POWER, _FLAT = np.float32(1e-12), np.float32(1e-9)
 
 def residual(values: Tensor, warped: Tensor, weights: Tensor) -> Tensor:
     """``f - a g - b`` (n, p) of both images (n, p) each: `criterion.residual`."""
+    _require_alike(values, warped, weights)
     found = torch.empty(weights.shape)
     _residual(*arrays(values, warped, weights, found))
     return found
@@ -26,6 +27,7 @@ def residual(values: Tensor, warped: Tensor, weights: Tensor) -> Tensor:
 
 def zncc(values: Tensor, warped: Tensor, weights: Tensor) -> Tensor:
     """The coefficient (n,) of both images (n, p): `criterion.zncc`."""
+    _require_alike(values, warped, weights)
     found = torch.empty(len(weights))
     _zncc(*arrays(values, warped, weights, found))
     return found
@@ -33,6 +35,8 @@ def zncc(values: Tensor, warped: Tensor, weights: Tensor) -> Tensor:
 
 def beyond(values: Tensor, limits: Tensor, weights: Tensor) -> Tensor:
     """True (n,) where a value (n, p) that has a weight (n, p) is above its row's limit (n,)."""
+    _require_alike(values, weights)
+    require_one_size(0, values, limits)
     found = torch.zeros(len(values), dtype=torch.bool)
     _beyond(*arrays(values, limits, weights, found))
     return found
@@ -43,9 +47,17 @@ def powers(difference: Tensor, weights: Tensor, surface: Tensor, limit: Tensor) 
 
     The part is what lies within ``limit`` (n,), px, of the middle of the ball's front ``surface`` (n, 3, p).
     """
+    _require_alike(difference, weights, surface)
+    require_one_size(0, weights, limit)
     found = torch.empty(len(weights), 4)
     _powers(*arrays(difference, weights, surface, limit, found))
     return found
+
+
+def _require_alike(*tensors: Tensor) -> None:
+    """Raise ValueError unless all tensors have as many pairs and as many points."""
+    require_one_size(0, *tensors)
+    require_one_size(-1, *tensors)
 
 
 @compiled

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.compiled.agreement import adjusted
-from torchsphere.compiled.function import arrays, compiled
+from torchsphere.compiled.function import arrays, compiled, require_one_size, require_room
 from torchsphere.compiled.spline import sample_one
 from torchsphere.compiled.turns import rotation
 
@@ -65,6 +65,9 @@ def descend(
     surface (n, 3, p), weights (n, p) and values (n, p) of the reference; ``inverse`` (n, 5, 5), float64, is that of the
     operator; ``radius`` (n,), px. ``exact``: with the rotation itself, otherwise with its linearisation.
     """
+    require_room(c, 4)
+    require_one_size(0, c, shift, start, *region, jacobian, inverse, radius)
+    require_one_size(-1, *region, jacobian)
     n, points = len(start), jacobian.shape[-1]
     q = start.double().contiguous()
     iterations, converged = torch.zeros(n, dtype=torch.long), torch.zeros(n, dtype=torch.bool)
@@ -82,6 +85,8 @@ def look(
     The ball's front ``surface`` (n, 3, p), with ``weights`` (n, p), is turned by the matrices ``turn`` (n, 3, 3) around
     ``middle`` (n, 2), px of the crop. ``exact``: what turns to the back is out of sight.
     """
+    require_one_size(0, c, surface, weights, turn, middle)
+    require_one_size(-1, surface, weights)
     points, seen = torch.empty(len(c), 2, weights.shape[-1]), torch.empty(weights.shape)
     _look(*arrays(surface, weights, turn, middle, points, seen), c.shape[-1], exact)
     return points.mT, seen

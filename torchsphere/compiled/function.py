@@ -47,3 +47,17 @@ def compiled(function: Callable[..., Any]) -> Any:
 def arrays(*tensors: Tensor) -> tuple[Any, ...]:
     """Tensors as NumPy arrays whose values lie together: a function is compiled for such alone."""
     return tuple(tensor.contiguous().numpy() for tensor in tensors)
+
+
+def require_one_size(axis: int, *tensors: Tensor) -> None:
+    """Raise ValueError unless all tensors are as long along that axis: no loop looks where an array ends."""
+    sizes = {tensor.shape[axis] for tensor in tensors}
+    if len(sizes) > 1:
+        shapes = ", ".join(str(tuple(tensor.shape)) for tensor in tensors)
+        raise ValueError(f"expected arrays of one size along axis {axis}, got shapes {shapes}")
+
+
+def require_room(images: Tensor, nodes: int) -> None:
+    """Raise ValueError unless ``images`` (n, h, w) have so many nodes on either axis."""
+    if min(images.shape[-2:]) < nodes:
+        raise ValueError(f"expected images of {nodes} px or more on either side, got shape {tuple(images.shape)}")

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.compiled.function import arrays, compiled
+from torchsphere.compiled.function import arrays, compiled, require_one_size, require_room
 from torchsphere.compiled.spline import blur_down, transpose
 
 Array = NDArray[np.float32]
@@ -37,6 +37,7 @@ def front(pixels: Tensor, nearest: Tensor, radius: Tensor, limit: Tensor) -> tup
 
     The pixels count from one at ``nearest`` (n, 2) from the ball's centre; ``radius`` (n,). All in px.
     """
+    require_one_size(0, nearest, radius, limit)
     surface = torch.empty(len(nearest), 3, len(pixels))
     weights = torch.empty(len(nearest), len(pixels))
     _front(*arrays(pixels.T, nearest, radius, limit, surface, weights))
@@ -65,6 +66,8 @@ def seen_alike(surface: Tensor, weights: Tensor, turn: Tensor, radius: Tensor, s
     ``surface`` (n, 3, p), ``weights`` (n, p), ``turn`` (n, 3, 3), ``radius`` (n,), px; ``share`` (n,) is what a
     foreshortening of 1 counts as, ``least`` the least cosine of a view.
     """
+    require_one_size(0, surface, weights, turn, radius, share)
+    require_one_size(-1, surface, weights)
     found = torch.empty(weights.shape)
     _seen_alike(*arrays(surface, weights, turn, radius, share, found), np.float32(least))
     return found
@@ -90,6 +93,8 @@ def levels(c: Tensor, pixels: Tensor, middle: Tensor, kernel: Kernel) -> tuple[T
 
     ``middle`` (n, 2) is that of the region, as (x, y), in px of the crop.
     """
+    require_room(c, 3)
+    require_one_size(0, c, middle)
     values, gradient = torch.empty(len(c), len(pixels)), torch.empty(len(c), 2, len(pixels))
     _levels(*arrays(c, pixels.T, middle, values, gradient), kernel)
     return values, gradient
@@ -97,6 +102,8 @@ def levels(c: Tensor, pixels: Tensor, middle: Tensor, kernel: Kernel) -> tuple[T
 
 def blurred_gradient(c: Tensor, pixels: Tensor, middle: Tensor, kernel: Kernel, blur: Tensor) -> Tensor:
     """The gradients (n, 2, p) of `levels` after a blur by the odd, symmetric kernel ``blur``."""
+    require_room(c, 3)
+    require_one_size(0, c, middle)
     found = torch.empty(len(c), 2, len(pixels))
     taps = blur[len(blur) // 2 :].float()
     _blurred_gradient(*arrays(c, pixels.T, middle, taps, found), kernel)
@@ -184,6 +191,9 @@ def roughness(images: Tensor, pixels: Tensor, middle: Tensor, weights: Tensor) -
 
     ``pixels`` and ``middle`` as in `levels`, ``weights`` (n, p).
     """
+    require_room(images, 3)
+    require_one_size(0, images, middle, weights)
+    require_one_size(-1, pixels.T, weights)
     found = torch.empty(len(images))
     _roughness(*arrays(images, pixels.T, middle, weights, found))
     return found

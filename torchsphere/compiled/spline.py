@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.compiled.function import arrays, compiled
+from torchsphere.compiled.function import arrays, compiled, require_one_size, require_room
 
 Array = NDArray[np.float32]
 
@@ -105,6 +105,7 @@ def transpose(values: Array, found: Array) -> None:
 
 def sample(c: Tensor, points: Tensor, sharpness: float) -> Tensor:
     """The spline with coefficients ``c`` (n, h, w) at ``points`` (n, p, 2): (n, p); see `interpolate.sample`."""
+    _require_places(c, points)
     found = torch.empty(points.shape[:2])
     _sample(*arrays(c, points.mT, found), np.float32(sharpness))
     return found
@@ -112,9 +113,16 @@ def sample(c: Tensor, points: Tensor, sharpness: float) -> Tensor:
 
 def sample_with_gradient(c: Tensor, points: Tensor, sharpness: float) -> tuple[Tensor, Tensor]:
     """`sample`, and the spline's gradient (n, 2, p)."""
+    _require_places(c, points)
     found, gradient = torch.empty(points.shape[:2]), torch.empty(len(points), 2, points.shape[1])
     _sample_with_gradient(*arrays(c, points.mT, found, gradient), np.float32(sharpness))
     return found, gradient
+
+
+def _require_places(c: Tensor, points: Tensor) -> None:
+    """Raise ValueError unless each spline has its points, and the four nodes that one takes."""
+    require_room(c, 4)
+    require_one_size(0, c, points)
 
 
 @compiled

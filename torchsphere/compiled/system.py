@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.compiled.function import arrays, compiled
+from torchsphere.compiled.function import arrays, compiled, require_one_size
 
 Array = NDArray[np.float32]
 Double = NDArray[np.float64]
@@ -36,6 +36,8 @@ def projected(
         Matrices (n, 3, 3): that of the rotation so far, and that from the small rotations that follow it to changes
         of the rotation vector.
     """
+    require_one_size(0, surface, gradient, values, weights, radius, turn, mix)
+    require_one_size(-1, surface, gradient, values, weights)
     found = torch.empty(len(weights), 5, weights.shape[1])
     _projected(*arrays(surface, gradient, values, weights, radius, turn, mix, found))
     return found
@@ -50,6 +52,8 @@ def cholesky(operators: Tensor) -> Tensor:
 
 def gram(slopes: Tensor, weights: Tensor) -> Tensor:
     """Weighted sums (n, k, k), float64, of the products of ``slopes`` (n, k, p) with each other."""
+    require_one_size(0, slopes, weights)
+    require_one_size(-1, slopes, weights)
     k = slopes.shape[1]
     operator = torch.empty(len(slopes), k, k, dtype=torch.float64)
     _gram(*arrays(slopes, weights, operator))

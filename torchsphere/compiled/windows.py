@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.compiled.function import arrays, compiled
+from torchsphere.compiled.function import arrays, compiled, require_one_size
 
 Array = NDArray[np.float32]
 Whole = NDArray[np.int64]
@@ -20,6 +20,8 @@ def local_mean(values: Tensor, weights: Tensor, places: Tensor, side: int, windo
 
     ``places`` (p,) are the points' numbers on the grid of ``side`` by ``side``.
     """
+    require_one_size(0, values, weights)
+    require_one_size(-1, values, weights, places)
     found = torch.empty(values.shape)
     _local_mean(*arrays(values, weights, places, found), side, window)
     return found
@@ -31,6 +33,8 @@ def block_sums(values: Tensor, factors: Tensor, places: Tensor, side: int, belon
     ``places`` and ``side`` as in `local_mean`; ``belongs`` (b, side) is the share of each row, and of each column, of
     the grid in each row of blocks.
     """
+    require_one_size(0, values, factors)
+    require_one_size(-1, values, factors, places)
     blocks = len(belongs)
     found = torch.empty(*values.shape[:2], blocks * blocks)
     _block_sums(*arrays(values, factors, places, belongs, found), side)
