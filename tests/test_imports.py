@@ -68,7 +68,7 @@ LEVEL = {module: level for level, layer in enumerate(LAYERS) for module in layer
 #: The same within recording, which is one module to all others.
 RECORDING_LAYERS = (
     ("recording", "refusal", "packed", "grey", "linearisation"),
-    ("tiff_chain",),
+    ("tiff_chain", "cursor"),
     ("arrays", "tiff", "phantom", "photron", "video"),
     ("folder",),
     ("opener",),

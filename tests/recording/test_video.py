@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from torchsphere.recording import open_recording, video
+from torchsphere.recording import cursor, open_recording
 
 av = pytest.importorskip("av", reason="PyAV is not installed")
 RNG = np.random.default_rng(9)
@@ -36,8 +36,15 @@ def test_grey_video_is_bit_exact_forwards_and_backwards(tmp_path: Path, pixels: 
         assert "25 frames/s" in " ".join(recording.notes)
 
 
+@pytest.fixture(params=[0, 2**28], ids=["no room", "room"])
+def room(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
+    """Bytes that a video's images may be kept in."""
+    monkeypatch.setattr(cursor, "KEPT_BYTES", request.param)
+    return int(request.param)
+
+
 def test_steps_back_within_what_is_held_do_not_decode_from_the_start(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int
 ) -> None:
     images = RNG.integers(0, 256, (150, 16, 16)).astype(np.uint8)
     with open_recording(write_video(tmp_path / "long.avi", images, "gray")) as recording:
@@ -48,7 +55,31 @@ def test_steps_back_within_what_is_held_do_not_decode_from_the_start(
             np.testing.assert_array_equal(recording.images(start, stop), images[start:stop])
         assert len(opened) == 1
         np.testing.assert_array_equal(recording.images(3, 5), images[3:5])
-        assert len(opened) == 2
+        assert len(opened) == (1 if room else 2)
+
+
+def test_images_are_decoded_once_as_long_as_there_is_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    images = RNG.integers(0, 256, (300, 16, 16)).astype(np.uint8)
+    path = write_video(tmp_path / "long.avi", images, "gray")
+    decoded = []
+    really = cursor.Cursor._advance
+
+    def advance(self: cursor.Cursor) -> object:
+        decoded.append(self._next)
+        return really(self)
+
+    monkeypatch.setattr(cursor.Cursor, "_advance", advance)
+    monkeypatch.setattr(cursor, "KEPT_BYTES", 200 * 16 * 16)
+    with open_recording(path) as recording:
+        for start, stop in ((0, 300), (100, 101), (30, 90), (195, 199), (5, 105), (0, 200)):
+            np.testing.assert_array_equal(recording.images(start, stop), images[start:stop])
+        assert decoded == list(range(300))
+        # What there was no room for, and is not among the last, is decoded again.
+        np.testing.assert_array_equal(recording.images(190, 210), images[190:210])
+        assert len(decoded) > 300
+        recording.close()
+        np.testing.assert_array_equal(recording.images(7, 9), images[7:9])
+        assert decoded.count(8) == 2
 
 
 def drift(n: int) -> np.ndarray:
@@ -59,7 +90,7 @@ def drift(n: int) -> np.ndarray:
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv", ".avi"])
 def test_images_out_of_order_are_those_that_come_in_order(
-    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch, room: int
 ) -> None:
     path = write_video(tmp_path / f"a{suffix}", drift(200), "yuv420p", "mpeg4")
     in_order = open_recording(path).images(0, 200)
@@ -74,12 +105,13 @@ def test_images_out_of_order_are_those_that_come_in_order(
         assert len(opened) < 10
 
 
+@pytest.mark.usefixtures("room")
 def test_a_video_whose_key_image_is_not_found_is_decoded_from_its_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_video(tmp_path / "a.mp4", drift(200), "yuv420p", "mpeg4")
     in_order = open_recording(path).images(0, 200)
-    monkeypatch.setattr("torchsphere.recording.video.INTRA", -1)
+    monkeypatch.setattr("torchsphere.recording.cursor.INTRA", -1)
     with open_recording(path) as recording:
         for start in (150, 20, 190):
             np.testing.assert_array_equal(recording.images(start, start + 2), in_order[start : start + 2])
@@ -98,15 +130,16 @@ class InOrder:
         return getattr(self._container, name)
 
 
+@pytest.mark.usefixtures("room")
 def test_a_video_in_which_nothing_can_be_sought_is_decoded_from_its_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_video(tmp_path / "a.mp4", drift(200), "yuv420p", "mpeg4")
     in_order = open_recording(path).images(0, 200)
-    cursor = "torchsphere.recording.video._Cursor"
-    really = video._Cursor._open
+    name = "torchsphere.recording.cursor.Cursor"
+    really = cursor.Cursor._open
     with open_recording(path) as recording:
-        monkeypatch.setattr(f"{cursor}._open", lambda self: InOrder(really(self)))
+        monkeypatch.setattr(f"{name}._open", lambda self: InOrder(really(self)))
         for start in (150, 20, 190):
             np.testing.assert_array_equal(recording.images(start, start + 2), in_order[start : start + 2])
 
