@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -35,7 +36,7 @@ def levels(c: Tensor, grid: Tensor, middle: Tensor) -> tuple[Tensor, Tensor]:
     """
     if compiled.suits(c):
         return region.levels(c, grid, middle, _KERNEL)
-    value, *gradient = (looked_up(part, grid, middle - 1) for part in nodes(c).unbind(1))
+    value, *gradient = looked_up(nodes(c).unbind(1), grid, middle - 1)
     return value, torch.stack(gradient, 1)
 
 
@@ -45,8 +46,7 @@ def blurred_gradient(c: Tensor, grid: Tensor, middle: Tensor, sigma: float) -> T
         return region.blurred_gradient(c, grid, middle, _KERNEL, interpolate.gaussian_kernel(sigma))
     blurred = blur_within(c, sigma)
     border = (c.shape[-1] - blurred.shape[-1]) // 2 + 1
-    slopes = nodes(blurred).unbind(1)[1:]
-    return torch.stack([looked_up(slope, grid, middle - border) for slope in slopes], 1)
+    return torch.stack(looked_up(nodes(blurred).unbind(1)[1:], grid, middle - border), 1)
 
 
 def noise(images: Tensor, grid: Tensor, middle: Tensor, weights: Tensor) -> Tensor:
@@ -59,16 +59,16 @@ def noise(images: Tensor, grid: Tensor, middle: Tensor, weights: Tensor) -> Tens
         return _TO_DEVIATION * region.roughness(images, grid, middle, weights)
     rows = images[:, :-2] - 2 * images[:, 1:-1] + images[:, 2:]
     both = rows[:, :, :-2] - 2 * rows[:, :, 1:-1] + rows[:, :, 2:]
-    response = looked_up(both.abs(), grid, middle - 1)
+    (response,) = looked_up([both.abs()], grid, middle - 1)
     return _TO_DEVIATION * torch.linalg.vecdot(response, weights) / weights.sum(-1).clamp_min(1)
 
 
-def looked_up(values: Tensor, grid: Tensor, middle: Tensor) -> Tensor:
-    """Values (n, p) of maps (n, h, w) at the pixels ``grid`` (p, 2) around ``middle`` (n, 2), as (x, y)."""
-    step = torch.tensor([1, values.shape[-1]])
+def looked_up(maps: Sequence[Tensor], grid: Tensor, middle: Tensor) -> list[Tensor]:
+    """Values (n, p) of each of the maps (n, h, w) at the pixels ``grid`` (p, 2) around ``middle`` (n, 2), as (x, y)."""
+    step = torch.tensor([1, maps[0].shape[-1]])
     index = (grid @ step) + (middle @ step)[:, None]
-    index = index.clamp_(0, values[0].numel() - 1).to(values.device)
-    return values.flatten(1).gather(1, index)
+    index = index.clamp_(0, maps[0][0].numel() - 1).to(maps[0].device)
+    return [values.flatten(1).gather(1, index) for values in maps]
 
 
 def nodes(c: Tensor) -> Tensor:

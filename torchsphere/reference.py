@@ -181,7 +181,7 @@ def build_reference(
     radius = radii.to(c)
     surface, weights = pixels.front(grid, (nearest - centres).to(c), radius, roi * radius)
     if crops.usable is not None:
-        weights = weights * pixels.looked_up(crops.usable, grid, offset)
+        weights = weights * pixels.looked_up([crops.usable], grid, offset)[0]
     values, gradient = pixels.levels(c, grid, offset)
     carrying, noise = gradient, torch.zeros_like(radius)
     if every == 1 and blurred:
