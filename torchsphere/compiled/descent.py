@@ -155,31 +155,38 @@ def _descend(
     turn, middle = np.empty((3, 3), np.float32), np.empty(2, np.float32)
     step = np.empty(5)
     for n in range(len(q)):
-        counting[:] = weights[n]
+        _copy(weights[n], counting)
         for turned in range(limits.steps):
             rotation(q[n, 2], q[n, 3], q[n, 4], exact, turn)
             middle[0], middle[1] = q[n, 0] + shift[n, 0], q[n, 1] + shift[n, 1]
             _place(surface[n], counting, turn, middle, size, exact, points[0], points[1], seen[n])
             sample_one(c[n], points, sharpness, warped[n])
             if turned >= limits.settle_after:
-                counting[:] = seen[n]
+                _copy(seen[n], counting)
             length = _step(values[n], warped[n], seen[n], jacobian[n], inverse[n], step)
             iterations[n] += 1
             # A step longer than the ball is wide has nothing to do with the images any more; nor has what is no number.
             if not length < 2 * radius[n]:
                 break
-            q[n, :2] += step[:2]
-            q[n, 2:] += step[2:] / radius[n]
+            for k in range(5):
+                q[n, k] += step[k] if k < 2 else step[k] / radius[n]
             if length < limits.tolerance_px:
                 converged[n] = True
                 break
 
 
 @compiled
+def _copy(values: Array, found: Array) -> None:
+    for i in range(len(values)):
+        found[i] = values[i]
+
+
+@compiled
 def _step(values: Array, warped: Array, weights: Array, jacobian: Array, inverse: Double, step: Double) -> float:
     """The Gauss-Newton step (5,), px, from the residual of equation (3), and how far it moves a point at most."""
     mean_f, mean_g, gain = adjusted(values, warped, weights)
-    step[:] = 0
+    for j in range(len(step)):
+        step[j] = 0
     for k in range(len(jacobian)):
         mode, total = jacobian[k], _ZERO
         for i in range(len(values)):

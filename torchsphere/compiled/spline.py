@@ -64,14 +64,17 @@ def blur_down(values: Array, taps: Array, found: Array) -> None:
 def _recurse_down(values: Array, pole: np.float32) -> None:
     """From values to coefficients along the columns of (h, w), in place, forth and back."""
     height, width = values.shape
-    first = values[0].copy()
+    first = np.empty(width, np.float32)
+    for x in range(width):
+        first[x] = values[0, x]
     factor = pole
     for k in range(1, _HORIZON):
         row = mirrored(k, height)
         for x in range(width):
             first[x] += factor * values[row, x]
         factor *= pole
-    values[0] = first
+    for x in range(width):
+        values[0, x] = first[x]
     for y in range(1, height):
         for x in range(width):
             values[y, x] += pole * values[y - 1, x]

@@ -84,7 +84,7 @@ def _projected(
                 both[j, k] = _dot(weighted, found[n, k])
         solve(known, both)
         for k in range(5):
-            _subtract(found[n, k], both[:, k].astype(np.float32), nuisances)
+            _subtract(found[n, k], both, k, nuisances)
 
 
 @compiled
@@ -206,9 +206,9 @@ def _scaled(values: Array, factor: np.float32, found: Array) -> None:
 
 
 @compiled
-def _subtract(values: Array, factors: Array, others: Array) -> None:
+def _subtract(values: Array, factors: Double, column: int, others: Array) -> None:
     for i in range(len(values)):
         total = _ZERO
         for j in range(5):
-            total += factors[j] * others[j, i]
+            total += np.float32(factors[j, column]) * others[j, i]
         values[i] -= total
