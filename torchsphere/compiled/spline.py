@@ -184,7 +184,15 @@ def value(
 ) -> np.float32:
     """Weighted sum over the sixteen nodes from ``column`` and ``line`` on, of the flat image ``levels``."""
     # Without a sign: a negative index would be counted from the end, which takes a comparison each.
-    at, step = np.uint64(np.uint32(line) * np.uint32(width) + np.uint32(column)), np.uint64(width)
+    at = np.uint64(np.uint32(line) * np.uint32(width) + np.uint32(column))
+    return around(levels, at, np.uint64(width), of_x, of_y)
+
+
+@compiled
+def around(
+    levels: Array, at: np.uint64, step: np.uint64, of_x: tuple[np.float32, ...], of_y: tuple[np.float32, ...]
+) -> np.float32:
+    """Weighted sum over four rows of four nodes, a ``step`` from each other, from the number ``at`` on."""
     total = of_y[0] * _line(levels, at, of_x)
     total += of_y[1] * _line(levels, at + step, of_x)
     total += of_y[2] * _line(levels, at + step + step, of_x)
