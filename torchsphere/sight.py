@@ -5,13 +5,13 @@ All that the forward model (`torchsphere.view`) needs of a pose, whatever the ma
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from torchsphere import parallel, texture
+from torchsphere.compiled import surface
 from torchsphere.texture import Stencil
 from torchsphere.window import Window
 
@@ -24,8 +24,9 @@ LEAST_BLUR_PX = 0.05
 #: Width of the change from a ray that meets the ball to one that passes it, px.
 TURN_PX = 0.1
 
-#: Distance, in standard deviations, beyond which a Gaussian is nothing: 1e-15 of it is left.
-REACH_OF_BLUR = 8.0
+#: Distance, in standard deviations, beyond which a Gaussian is nothing: 1e-15 of it is left. Most pixels are further
+#: from the edge than that and half their diagonal, px.
+REACH_OF_BLUR, HALF_DIAGONAL_PX = 8.0, 0.75
 
 #: Functions of the shading, see `shading_basis`.
 SHADES = 4
@@ -82,27 +83,8 @@ def coverage(window: Window, centre: Tensor, radius: float, blur: float) -> tupl
     Exact for a straight edge through a square pixel, blurred by a Gaussian: the twofold integral of that Gaussian,
     taken at the four corners.
     """
-    offset = window.around(centre)
-    distance = offset.square().sum(-1).sqrt().clamp_min(1e-9)
-    # A straight edge in place of the circle would make the disc larger by pi times the variance of blur and pixel.
-    inwards = radius - (blur**2 + 1 / 12) / (2 * radius) - distance
-    share, slope = (inwards > 0).to(inwards), torch.zeros_like(inwards)
-    # Most pixels are further from the edge than half their diagonal and the Gaussian's reach.
-    near = torch.nonzero(inwards.abs() < 0.75 + REACH_OF_BLUR * blur)[:, 0]
-    # An edge along a row or column of pixels is the limit of a slightly tilted one.
-    a, b = ((offset[near].abs() / distance[near, None]).clamp_min(0.03) / 2).unbind(-1)
-    corners = ((a + b, 1), (a - b, -1), (b - a, -1), (-a - b, 1))
-    each = [[sign * part for part in _integrals(inwards[near] + shift, blur)] for shift, sign in corners]
-    share[near], slope[near] = (sum(parts) / (4 * a * b) for parts in zip(*each, strict=True))
-    return share, slope
-
-
-def _integrals(x: Tensor, blur: float) -> tuple[Tensor, Tensor]:
-    """Twofold and single integral of a Gaussian's distribution function at ``x``."""
-    z = x / blur
-    below = 0.5 * torch.erfc(-z / math.sqrt(2))
-    density = torch.exp(-0.5 * z.square()) / math.sqrt(2 * math.pi)
-    return 0.5 * (x.square() + blur**2) * below + 0.5 * x * blur * density, x * below + blur * density
+    reach = HALF_DIAGONAL_PX + REACH_OF_BLUR * blur
+    return surface.coverage(window.pixels, centre, radius, blur, reach, window.levels)
 
 
 def met(window: Window, centre: Tensor, radius: float) -> tuple[Tensor, Tensor]:
@@ -111,13 +93,8 @@ def met(window: Window, centre: Tensor, radius: float) -> tuple[Tensor, Tensor]:
     Rays that pass the ball have none. A ray's turn comes within `TURN_PX`, about its share of a pixel, so that nothing
     jumps when the ball moves.
     """
-    across = window.rays_around(centre)
-    squared = across.square().sum(0)
-    met = window.part * (torch.special.ndtr((radius - squared.sqrt()) / TURN_PX) + 1e-9)
-    # A ray beyond the limb is taken there.
-    across = across * (LIMB * torch.rsqrt(squared.clamp_min((LIMB * radius) ** 2)))
-    depth = (1 - across.square().sum(0)).sqrt()
-    return torch.cat((across, -depth[None])), met / window.gather(met)[window.owner]
+    count = len(window.pixels)
+    return surface.met(window.rays, centre, window.part, window.owner, count, radius, LIMB, TURN_PX)
 
 
 def shading_basis(normals: Tensor) -> Tensor:

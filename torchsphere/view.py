@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import torch
 from kornia.geometry.liegroup import So3
 from torch import Tensor
 
 from torchsphere import texture
+from torchsphere.compiled import surface
 from torchsphere.sight import Ball, Pose, Sight, coverage, met, shading_basis, sight
 from torchsphere.texture import Stencil
 from torchsphere.window import Window
@@ -75,21 +77,22 @@ def linearised(
     """
     seen = seen or sight(window, pose, ball)
     points, share = seen.points, seen.share
-    orientation = pose.orientation.to(points)
-    value, gradient = seen.look.value_and_gradient(ball.coefficients.to(points))
-    lit = window.gather(seen.light * value)
+    looked_up = seen.look.value_and_gradient(ball.coefficients.to(points))
+    turn = pose.orientation.to(points)
+    of_rays = surface.changes(points, *looked_up, seen.light, turn, DEEPEST, ball.radius)
+    sums = surface.pixel_sums(of_rays, window.owner, len(window.pixels))
+    lit = sums[:, 0]
     step = lit - window.behind
     away = window.around(pose.centre)
     outwards = away / away.norm(dim=-1, keepdim=True).clamp_min(1e-9)
-    of_texture = _of_texture(points, orientation @ (gradient * (seen.light / ball.radius)))
-    slopes = step.new_zeros(len(step), 7 if of_ball else 5)
-    for unknown, change in enumerate(of_texture[: slopes.shape[1]]):
-        slopes[:, unknown] = share * window.gather(change)
+    slopes = share[:, None] * sums[:, 1:]
     slopes[:, :2] += (seen.edge * step)[:, None] * outwards
     if of_ball:
         slopes[:, 5] += seen.edge * step
         wider, _ = coverage(window, pose.centre, ball.radius, ball.edge_blur + 0.01)
-        slopes[:, 6] = (wider - share) / 0.01 * step
+        slopes = torch.cat((slopes, ((wider - share) / 0.01 * step)[:, None]), 1)
+    else:
+        slopes = slopes[:, :5]
     return Linearised(
         levels=pose.gain * (share * lit + (1 - share) * window.behind) + pose.offset,
         slopes=pose.gain * slopes,
@@ -105,26 +108,6 @@ def lights(window: Window, pose: Pose, ball: Ball) -> Tensor:
     level = look.value(ball.coefficients.to(points))
     share, _ = coverage(window, pose.centre, ball.radius, ball.edge_blur)
     return (pose.gain * share)[:, None] * window.gather((part * level * shading_basis(points)).T)
-
-
-def _of_texture(points: Tensor, slope: Tensor) -> list[Tensor]:
-    """Changes (q,) of the map's value along each ray by dx, dy, wx, wy, wz and the radius, px.
-
-    ``points`` (3, q) of the unit sphere and ``slope`` (3, q) of the value there, per px, both in camera axes. What a
-    pixel sees of the surface moves against the ball: by -(1, 0, -x / z) for dx, by -w x P for a rotation; and for a
-    larger radius the surface comes nearer by R / s and shrinks with respect to the ball.
-    """
-    x, y, z = points.unbind(0)
-    # Rays that were drawn back to the limb follow the ball, and so near to it depth is no linear function any more.
-    sx, sy, sz = (slope * (-z > DEEPEST)).unbind(0)
-    return [
-        sz * x / z - sx,
-        sz * y / z - sy,
-        sy * z - sz * y,
-        sz * x - sx * z,
-        sx * y - sy * x,
-        sz / z - (sx * x + sy * y + sz * z),
-    ]
 
 
 def moved(pose: Pose, step: Tensor, radius: float) -> Pose:
