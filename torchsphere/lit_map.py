@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 
 from torchsphere import parallel, schur, sight, texture, trust, view
+from torchsphere.compiled.equations import Products
 from torchsphere.sight import Ball, Pose, Sight
 from torchsphere.trust import Profile
 from torchsphere.window import Window
@@ -71,20 +72,15 @@ def _map_equations(
     windows: list[Window], sights: list[Sight], poses: list[Pose], cells: int, profile: Profile
 ) -> scipy.sparse.csr_matrix:
     """Normal equations (m, m) of the map alone."""
-    count = texture.size(cells)
-    normal = scipy.sparse.csr_matrix((count, count))
+    products = Products(cells)
 
-    def of_some(some: list[Window], of_them: list[Sight], their: list[Pose]) -> scipy.sparse.csr_matrix:
-        each = list(zip(some, of_them, their, strict=True))
-        designs = [
-            schur.design_matrix(window, seen.look, seen.onto_pixels(window, pose)) for window, seen, pose in each
-        ]
-        weights = [trust.weights(window, pose, profile).double().numpy() for window, _, pose in each]
-        return schur.normal_matrix(designs, weights)
+    def of_one(window: Window, seen: Sight, pose: Pose) -> tuple[scipy.sparse.csr_matrix, Array]:
+        design = schur.design_matrix(window, seen.look, seen.onto_pixels(window, pose))
+        return design, trust.weights(window, pose, profile).double().numpy()
 
-    for own in parallel.each(of_some, *schur.together(windows, sights, poses)):
-        normal = normal + own
-    return normal
+    for design, weights in parallel.each(of_one, windows, sights, poses):
+        products.add(design, weights)
+    return products.matrix()
 
 
 def _levelled(
@@ -182,7 +178,7 @@ class _Equations:
     def of(cls, windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> _Equations:
         """Those of all images together."""
         count = texture.size(ball.cells)
-        normal, of_map = scipy.sparse.csr_matrix((count, count)), np.zeros(count)
+        products, of_map = Products(ball.cells), np.zeros(count)
         coupling, own = np.zeros((count, sight.SHADES)), np.zeros((sight.SHADES, sight.SHADES))
         of_light, squares = np.zeros(sight.SHADES), 0.0
         for window, pose in zip(windows, poses, strict=True):
@@ -192,10 +188,10 @@ class _Equations:
             weights = trust.weights(window, pose, profile).double().numpy()
             rest = (window.levels - now.levels).double().numpy()
             weighted = design.multiply(weights[:, None]).tocsr()
-            normal = normal + weighted.T @ design
+            products.add(design, weights)
             of_map += weighted.T @ rest
             coupling += weighted.T @ lights
             own += lights.T @ (weights[:, None] * lights)
             of_light += lights.T @ (weights * rest)
             squares += float(weights @ rest**2)
-        return cls(normal, coupling, own, of_map, of_light, squares)
+        return cls(products.matrix(), coupling, own, of_map, of_light, squares)

@@ -8,9 +8,7 @@ covariance of the poses with the map's own uncertainty in it.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy  # which imports scipy.sparse on its first use: 0.1 s, and a track without a map has none
@@ -18,6 +16,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere import parallel, texture, trust
+from torchsphere.compiled import equations
+from torchsphere.compiled.equations import Products
 from torchsphere.sight import Pose
 from torchsphere.texture import Stencil
 from torchsphere.trust import Profile
@@ -29,9 +29,6 @@ Array = NDArray[np.float64]
 #: Weight of the second differences of the map's coefficients, and of the coefficients themselves, against a pixel's
 #: noise: cells that only limbs have shown would follow their noise otherwise.
 SMOOTHNESS, RIDGE = 1e-3, 2e-4
-
-#: Images whose equations are set up as one: to add sparse matrices costs half of what it takes to make them.
-TOGETHER = 6
 
 #: Unknowns that all images share: radius and edge blur.
 SHARED = 2
@@ -49,28 +46,8 @@ class Elimination:
 
 
 def design_matrix(window: Window, look: Stencil, light: Tensor) -> scipy.sparse.csr_matrix:
-    """Derivative (p, m) of the grey levels by the map's coefficients: see `view.touched`."""
-    index, weight = look.index, light[:, None] * look.weight
-    rays = len(index)
-    places = np.arange(0, index.numel() + 1, index.shape[1])
-    of_rays = scipy.sparse.csr_matrix(
-        (weight.double().numpy().ravel(), index.numpy().ravel(), places), shape=(rays, texture.size(look.cells))
-    )
-    # The sum over each pixel's rays as a product: half the time of sorting all entries by pixel.
-    entries = (np.ones(rays), (window.owner.numpy(), np.arange(rays)))
-    return scipy.sparse.csr_matrix(entries, shape=(len(window.pixels), rays)) @ of_rays
-
-
-def together(*columns: list[Any]) -> Iterator[list[list[Any]]]:
-    """What belongs to each image, column by column, in groups of `TOGETHER` images."""
-    for column in columns:
-        yield [column[i : i + TOGETHER] for i in range(0, len(column), TOGETHER)]
-
-
-def normal_matrix(designs: list[scipy.sparse.csr_matrix], weights: list[Array]) -> scipy.sparse.csr_matrix:
-    """Normal equations (m, m) of a few images together, from each one's `design_matrix` and weights (p,)."""
-    design = scipy.sparse.vstack(designs, format="csr")
-    return design.multiply(np.concatenate(weights)[:, None]).tocsr().T @ design
+    """Derivative (p, m) of the grey levels by the map's coefficients; ``light`` (q,) as in `view.Linearised`."""
+    return equations.design(light, window.owner, len(window.pixels), look.cells, look.corner, look.offset)
 
 
 def with_prior(normal: scipy.sparse.csr_matrix, seen: NDArray[np.int64], cells: int) -> scipy.sparse.csr_matrix:
@@ -104,29 +81,22 @@ def eliminate(windows: list[Window], poses: list[Pose], model: list[Linearised],
     cells, n = model[0].look.cells, len(windows)
     count = texture.size(cells)
     total = 5 * n + SHARED
-    normal = scipy.sparse.csr_matrix((count, count))
+    products = Products(cells)
     coupling, own = np.zeros((count, total)), np.zeros((total, total))
 
-    def of_some(
-        some: list[Window], of_them: list[Pose], their: list[Linearised]
-    ) -> tuple[scipy.sparse.csr_matrix, list[tuple[Array, Array]]]:
-        designs, all_weights, others = [], [], []
-        for window, pose, now in zip(some, of_them, their, strict=True):
-            designs.append(design_matrix(window, now.look, now.light))
-            all_weights.append(trust.weights(window, pose, profile).double().numpy())
-            slopes = now.slopes.double().numpy()
-            weighted = all_weights[-1][:, None] * slopes
-            others.append((designs[-1].T @ weighted, slopes.T @ weighted))
-        return normal_matrix(designs, all_weights), others
+    def of_one(window: Window, pose: Pose, now: Linearised) -> tuple[scipy.sparse.csr_matrix, Array, Array, Array]:
+        design = design_matrix(window, now.look, now.light)
+        weights = trust.weights(window, pose, profile).double().numpy()
+        slopes = now.slopes.double().numpy()
+        weighted = weights[:, None] * slopes
+        return design, weights, design.T @ weighted, slopes.T @ weighted
 
-    i = 0
-    for of_map, others in parallel.each(of_some, *together(windows, poses, model)):
-        normal = normal + of_map
-        for between, of_pose in others:
-            columns = columns_of(i, n)
-            coupling[:, columns] += between
-            own[np.ix_(columns, columns)] += of_pose
-            i += 1
+    for i, (design, weights, between, of_pose) in enumerate(parallel.each(of_one, windows, poses, model)):
+        products.add(design, weights)
+        columns = columns_of(i, n)
+        coupling[:, columns] += between
+        own[np.ix_(columns, columns)] += of_pose
+    normal = products.matrix()
     seen = np.flatnonzero(normal.diagonal() > 0)
     factor = _factor(with_prior(normal, seen, cells))
     coupling = coupling[seen]

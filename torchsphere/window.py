@@ -54,7 +54,7 @@ class Window:
     part : Tensor
         The rays' weights in their pixel (q,).
     owner : Tensor
-        Number (q,) of the pixel that a ray belongs to.
+        Number (q,) of the pixel that a ray belongs to, in ascending order.
     """
 
     pixels: Tensor
@@ -116,7 +116,8 @@ def _rays(pixels: Tensor, centre: Tensor, radius: float) -> tuple[Tensor, Tensor
         rays = (pixels[number][:, None] + offsets).flatten(0, 1)
         parts.append((rays.T, of_pixel.repeat(len(number)), number.repeat_interleave(len(offsets))))
     rays, part, owner = (torch.cat(column, -1) for column in zip(*parts, strict=True))
-    return rays, part, owner
+    order = owner.argsort(stable=True)
+    return rays[:, order], part[order], owner[order]
 
 
 def _rule(columns: int, rows: int) -> tuple[Tensor, Tensor]:
