@@ -144,7 +144,7 @@ def _pull(state: State) -> _Pull:
     def of_one(window: Window, pose: Pose, now: Linearised) -> tuple[Array, Array, float]:
         rest = window.levels - now.levels
         weighted = trust.weights(window, pose, state.profile) * rest
-        own = now.look.add(weighted[window.owner] * now.light)
+        own = now.look.add(window.spread(weighted, now.light))
         return own.numpy(), (now.slopes.T @ weighted).numpy(), float(weighted.double() @ rest.double())
 
     each = parallel.each(of_one, state.windows, state.poses, state.model)

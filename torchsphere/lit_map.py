@@ -115,7 +115,7 @@ def _pull(windows: list[Window], sights: list[Sight], poses: list[Pose], ball: B
     def of_one(window: Window, seen: Sight, pose: Pose) -> Array:
         rest = window.levels - view.levels(window, seen, pose, ball.coefficients)
         weighted = trust.weights(window, pose, profile) * rest
-        return seen.look.add(weighted[window.owner] * seen.onto_pixels(window, pose)).double().numpy()
+        return seen.look.add(window.spread(pose.gain * seen.share * weighted, seen.light)).double().numpy()
 
     pull = -schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ ball.coefficients.numpy())
     for own in parallel.each(of_one, windows, sights, poses):

@@ -131,14 +131,14 @@ class Sight:
 
     def onto_pixels(self, window: Window, pose: Pose) -> Tensor:
         """What a unit of the map where a ray meets it adds to the grey level of its pixel (q,)."""
-        return pose.gain * self.share[window.owner] * self.light
+        return window.spread(pose.gain * self.share, self.light)
 
 
 def sight(window: Window, pose: Pose, ball: Ball) -> Sight:
     """What the rays of a window meet."""
     points, part = met(window, pose.centre, ball.radius)
     look = texture.stencil(pose.orientation.T.to(points) @ points, ball.cells)
-    light = part * (ball.shading.to(points) @ shading_basis(points))
+    light = surface.lit(points, part, ball.shading)
     return Sight(points, look, light, *coverage(window, pose.centre, ball.radius, ball.edge_blur))
 
 

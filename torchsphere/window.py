@@ -13,6 +13,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchsphere.compiled import surface
+
 #: Points along a side of a pixel of the Gauss rules over it.
 FEW, MANY = 2, 3
 
@@ -69,13 +71,13 @@ class Window:
         """Sum over the rays of each pixel: (q, ...) -> (p, ...)."""
         return torch.zeros(len(self.pixels), *values.shape[1:], dtype=values.dtype).index_add_(0, self.owner, values)
 
+    def spread(self, values: Tensor, light: Tensor) -> Tensor:
+        """``light`` (q,) times the ``values`` (p,) of each ray's pixel."""
+        return surface.spread(values, self.owner, light)
+
     def around(self, centre: Tensor) -> Tensor:
         """Pixels (p, 2) from ``centre`` (2,), px."""
         return (self.pixels - centre).to(self.levels)
-
-    def rays_around(self, centre: Tensor) -> Tensor:
-        """Rays (2, q) from ``centre`` (2,), px."""
-        return (self.rays - centre[:, None]).to(self.levels)
 
 
 def cut_window(image: Tensor, behind: Tensor, centre: Tensor, radius: float, usable: Tensor | None) -> Window:
@@ -117,7 +119,7 @@ def _rays(pixels: Tensor, centre: Tensor, radius: float) -> tuple[Tensor, Tensor
         parts.append((rays.T, of_pixel.repeat(len(number)), number.repeat_interleave(len(offsets))))
     rays, part, owner = (torch.cat(column, -1) for column in zip(*parts, strict=True))
     order = owner.argsort(stable=True)
-    return rays[:, order], part[order], owner[order]
+    return rays[:, order].contiguous(), part[order], owner[order]
 
 
 def _rule(columns: int, rows: int) -> tuple[Tensor, Tensor]:

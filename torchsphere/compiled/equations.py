@@ -106,7 +106,7 @@ class Products:
         """Add one image with its `design` (p, m) and the weights (p,) of its pixels."""
         far = np.zeros(len(weights), np.bool_)
         given = design.indptr, design.indices, design.data, weights
-        _near_products(*given, self._width, self._lines, self._columns, self._near, far)
+        _near_products(*given, self._width, self._lines, self._columns, np.empty(SIDE * SIDE), self._near.reshape(-1), far)
         wide = design[far]
         self._far.append(wide.multiply(np.sqrt(weights[far])[:, None]).tocsr())
 
@@ -130,14 +130,14 @@ def _near_products(
     width: int,
     lines: Numbers,
     columns: Numbers,
-    near: Array,
+    patch: Double,
+    near: Double,
     far: NDArray[np.bool_],
 ) -> None:
-    """Add the products of the pixels with small patches to ``near`` (m, SIDE, COLUMNS); tell which are ``far``.
+    """Add the products of the pixels with small patches to ``near`` (m SIDE COLUMNS,); tell which are ``far``.
 
-    Only coefficients in the same row or in the rows behind are kept.
+    ``patch`` (SIDE SIDE,) is where each is laid out. Only coefficients in the same row or in the rows behind are kept.
     """
-    patch, total = np.empty(SIDE * SIDE), near.reshape(-1)
     for pixel in range(len(weights)):
         first, last = places[pixel], places[pixel + 1]
         if first == last:
@@ -159,7 +159,7 @@ def _near_products(
             row, column = lines[index[k]] - top, columns[index[k]] - left
             amount = weights[pixel] * values[k]
             start = index[k] * SIDE * COLUMNS + SIDE - 1 - column
-            _add_rows(amount, patch, row, height, start, total)
+            _add_rows(amount, patch, row, height, start, near)
 
 
 @compiled

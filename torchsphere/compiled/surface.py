@@ -197,3 +197,29 @@ def _pixel_sums(values: Array, owner: Owners, found: Array) -> None:
         pixel = np.uint64(owner[i])
         for k in range(unknowns):
             found[pixel, np.uint64(k)] += values[np.uint64(k), np.uint64(i)]
+
+
+def spread(values: Tensor, owner: Tensor, light: Tensor) -> Tensor:
+    """``light`` (q,) times the ``values`` (p,) of each ray's pixel: `pixel_sums` backwards."""
+    found = torch.empty_like(light)
+    _spread(values.contiguous().numpy(), owner.numpy(), light.contiguous().numpy(), found.numpy())
+    return found
+
+
+@compiled
+def _spread(values: Array, owner: Owners, light: Array, found: Array) -> None:
+    for i in range(len(owner)):
+        found[i] = light[i] * values[np.uint64(owner[i])]
+
+
+def lit(points: Tensor, part: Tensor, shading: Tensor) -> Tensor:
+    """Weights (q,) times the light at ``points`` (3, q), which is ``shading`` (4,) of `sight.shading_basis`."""
+    found = torch.empty_like(part)
+    _lit(*points.numpy(), part.numpy(), *shading.to(part).numpy(), found.numpy())
+    return found
+
+
+@compiled
+def _lit(x: Array, y: Array, z: Array, part: Array, same: Any, of_x: Any, of_y: Any, of_z: Any, found: Array) -> None:
+    for i in range(len(part)):
+        found[i] = part[i] * (same + of_x * x[i] + of_y * y[i] + of_z * z[i])
