@@ -39,16 +39,19 @@ def place(directions: Tensor, cells: int) -> tuple[Tensor, Tensor, Tensor, Tenso
     count = directions.shape[1]
     axis, parts = torch.empty(count, dtype=torch.int8), torch.empty_like(directions)
     offset, corner = directions.new_empty(2, count), torch.empty(count, dtype=torch.int32)
-    _faces(*directions.contiguous().numpy(), axis.numpy(), *parts.numpy(), *offset.numpy())
+    given: Any = *directions.contiguous().numpy(), axis.numpy(), *parts.numpy(), *offset.numpy()
+    _faces(*given)
     scale = directions.new_tensor(4 / math.pi).numpy()[()]
-    _cells(cells, scale, axis.numpy(), parts[0].numpy(), *offset.atan_().numpy(), corner.numpy())
+    x, y = offset.atan_().numpy()
+    _cells(cells, scale, axis.numpy(), parts[0].numpy(), x, y, corner.numpy())
     return corner, offset, axis, parts
 
 
 def value(coefficients: Tensor, cells: int, corner: Tensor, offset: Tensor) -> Tensor:
     """Values (q,) of the map with the ``coefficients`` (m,)."""
     found = torch.empty_like(offset[0])
-    _value(coefficients.contiguous().numpy(), cells + 3, corner.numpy(), *offset.numpy(), found.numpy())
+    x, y = offset.numpy()
+    _value(coefficients.contiguous().numpy(), cells + 3, corner.numpy(), x, y, found.numpy())
     return found
 
 
@@ -57,17 +60,19 @@ def value_and_gradient(
 ) -> tuple[Tensor, Tensor]:
     """`value`, and its derivative (3, q) by the direction."""
     found, gradient = torch.empty_like(offset[0]), torch.empty_like(parts)
-    given = coefficients.contiguous().numpy(), cells + 3, corner.numpy(), *offset.numpy()
-    _value_and_slopes(*given, found.numpy(), gradient[0].numpy(), gradient[1].numpy())
+    (x, y), (gx, gy, gz) = offset.numpy(), gradient.numpy()
+    _value_and_slopes(coefficients.contiguous().numpy(), cells + 3, corner.numpy(), x, y, found.numpy(), gx, gy)
     rate = parts.new_tensor(2 * cells / math.pi).numpy()[()]
-    _chain(rate, axis.numpy(), *parts.numpy(), *gradient.numpy())
+    forwards, right, up = parts.numpy()
+    _chain(rate, axis.numpy(), forwards, right, up, gx, gy, gz)
     return found, gradient
 
 
 def add(values: Tensor, cells: int, corner: Tensor, offset: Tensor) -> Tensor:
     """Sums (m,) of the ``values`` (q,) over the coefficients that they come from: `value` backwards."""
     total = values.new_zeros(6 * (cells + 3) ** 2)
-    _add(values.contiguous().numpy(), cells + 3, corner.numpy(), *offset.numpy(), total.numpy())
+    x, y = offset.numpy()
+    _add(values.contiguous().numpy(), cells + 3, corner.numpy(), x, y, total.numpy())
     return total
 
 

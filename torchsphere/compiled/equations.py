@@ -44,7 +44,8 @@ def design(
     size = 6 * (cells + 3) ** 2
     index, values = np.empty(16 * len(owner), np.int32), np.empty(16 * len(owner))
     places, latest = np.zeros(pixels + 1, np.int32), np.full(size, -1, np.int32)
-    given = amount.contiguous().numpy(), owner.numpy(), cells + 3, corner.numpy(), *offset.numpy()
+    x, y = offset.numpy()
+    given = amount.contiguous().numpy(), owner.numpy(), cells + 3, corner.numpy(), x, y
     count = _design(*given, latest, places, index, values)
     return scipy.sparse.csr_matrix((values[:count].copy(), index[:count].copy(), places), shape=(pixels, size))
 
@@ -105,8 +106,8 @@ class Products:
     def add(self, design: scipy.sparse.csr_matrix, weights: Double) -> None:
         """Add one image with its `design` (p, m) and the weights (p,) of its pixels."""
         far = np.zeros(len(weights), np.bool_)
-        given = design.indptr, design.indices, design.data, weights
-        _near_products(*given, self._width, self._lines, self._columns, np.empty(SIDE * SIDE), self._near.reshape(-1), far)
+        given = design.indptr, design.indices, design.data, weights, self._width, self._lines, self._columns
+        _near_products(*given, np.empty(SIDE * SIDE), self._near.reshape(-1), far)
         wide = design[far]
         self._far.append(wide.multiply(np.sqrt(weights[far])[:, None]).tocsr())
 

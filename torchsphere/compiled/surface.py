@@ -31,7 +31,8 @@ def met(
     """Points (3, q) of the unit sphere, and the rays' weights (q,) in their pixels: see `sight.met`."""
     points, weight = part.new_empty(3, len(part)), torch.empty_like(part)
     numbers = part.new_tensor([limb, limb * radius]).numpy()
-    _meet(*rays.contiguous().numpy(), *centre.tolist(), *numbers, *points.numpy(), weight.numpy())
+    given: Any = *rays.contiguous().numpy(), *centre.tolist(), *numbers, *points.numpy(), weight.numpy()
+    _meet(*given)
     _share_out(part.numpy(), owner.numpy(), radius, turn_px, np.zeros(pixels), weight.numpy())
     return points, weight
 
@@ -75,8 +76,8 @@ def coverage(
     ``reach``, px, is how far from the outline a pixel may lie and see it.
     """
     share, slope = torch.empty_like(like), torch.empty_like(like)
-    given = pixels.contiguous().numpy(), *centre.tolist(), radius, blur, reach
-    _coverage(*given, share.numpy(), slope.numpy())
+    x, y = centre.tolist()
+    _coverage(pixels.contiguous().numpy(), x, y, radius, blur, reach, share.numpy(), slope.numpy())
     return share, slope
 
 
@@ -139,8 +140,9 @@ def changes(
     """
     found = points.new_empty(7, points.shape[1])
     numbers = points.new_tensor([deepest, 1 / radius]).numpy()
-    given = *points.numpy(), value.numpy(), *gradient.numpy(), light.contiguous().numpy()
-    _changes(*given, turn.contiguous().numpy(), *numbers, *found.numpy())
+    given: Any = *points.numpy(), value.numpy(), *gradient.numpy(), light.contiguous().numpy()
+    given = *given, turn.contiguous().numpy(), *numbers, *found.numpy()
+    _changes(*given)
     return found
 
 
@@ -215,7 +217,8 @@ def _spread(values: Array, owner: Owners, light: Array, found: Array) -> None:
 def lit(points: Tensor, part: Tensor, shading: Tensor) -> Tensor:
     """Weights (q,) times the light at ``points`` (3, q), which is ``shading`` (4,) of `sight.shading_basis`."""
     found = torch.empty_like(part)
-    _lit(*points.numpy(), part.numpy(), *shading.to(part).numpy(), found.numpy())
+    given: Any = *points.numpy(), part.numpy(), *shading.to(part).numpy(), found.numpy()
+    _lit(*given)
     return found
 
 
