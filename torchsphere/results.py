@@ -132,7 +132,8 @@ def write_track(folder: Path, track: Track, frame_rate: float | None, first_fram
         name: pa.array(column.tolist() if column.dtype.kind == "U" else column) for name, column in columns.items()
     }
     table["covariance"] = pa.FixedSizeListArray.from_arrays(pa.array(covariance.ravel()), 25)
-    pq.write_table(pa.table(table), folder / "track.parquet", compression="zstd")
+    # A dictionary of numbers that hardly ever repeat would be one more copy of each column.
+    pq.write_table(pa.table(table), folder / "track.parquet", compression="zstd", use_dictionary=["status"])
 
 
 def write_kinematics(folder: Path, motion: Kinematics, first_frame: int) -> None:

@@ -123,7 +123,7 @@ def track(
         drift of the region.
     sphere_map : bool, optional
         Make a map of the ball's texture from all frames together and take every pose from it, the outline included:
-        no drift, and about twice the precision, for 0.4 s per frame up to 36 frames and a twentieth beyond. By
+        no drift, and about twice the precision, for 0.3 s per frame up to 36 frames and a twentieth beyond. By
         default where the ball turns by more than 90 deg in all, or so fast that the uncertainty of a radius that was
         found would show, unless something near the ball takes light from one side of it. Where the images do not
         allow it, nothing changes and ``settings`` says why.
