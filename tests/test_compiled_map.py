@@ -54,7 +54,7 @@ def window(dtype: torch.dtype = torch.float64) -> Window:
     return cut_window(image, image, torch.tensor([30.3, 29.6], dtype=torch.float64), RADIUS, None)
 
 
-def close(found: torch.Tensor | Array, expected: Array, tolerance: float) -> None:
+def assert_close(found: torch.Tensor | Array, expected: Array, tolerance: float) -> None:
     np.testing.assert_allclose(np.asarray(found, float), expected, rtol=0, atol=tolerance)
 
 
@@ -63,11 +63,11 @@ def test_the_maps_value_its_slopes_and_what_is_added_to_it_are_those_of_all_its_
     places, coefficients = directions(300, dtype), random(texture.size(CELLS), dtype=dtype)
     look = texture.stencil(places, CELLS)
     design = np.stack([looked_up(place) for place in places.double().numpy().T])
-    close(look.value(coefficients), design @ coefficients.double().numpy(), TOLERANCE[dtype])
+    assert_close(look.value(coefficients), design @ coefficients.double().numpy(), TOLERANCE[dtype])
     value, gradient = look.value_and_gradient(coefficients)
-    close(value, design @ coefficients.double().numpy(), TOLERANCE[dtype])
+    assert_close(value, design @ coefficients.double().numpy(), TOLERANCE[dtype])
     amounts = random(300, dtype=dtype)
-    close(look.add(amounts), amounts.double().numpy() @ design, TOLERANCE[dtype])
+    assert_close(look.add(amounts), amounts.double().numpy() @ design, TOLERANCE[dtype])
     step = 1e-5
     for axis in range(3):
         nudge = step * np.eye(3)[axis]
@@ -76,7 +76,7 @@ def test_the_maps_value_its_slopes_and_what_is_added_to_it_are_those_of_all_its_
         )
         slope = (ahead - behind) @ coefficients.double().numpy() / (2 * step)
         # What differences leave, of slopes of some ten a radian.
-        close(gradient[axis], slope, max(20 * TOLERANCE[dtype], 1e-6))
+        assert_close(gradient[axis], slope, max(20 * TOLERANCE[dtype], 1e-6))
 
 
 def test_what_is_no_direction_makes_no_index() -> None:
@@ -92,11 +92,11 @@ def test_rays_meet_the_ball_where_they_would_by_hand(dtype: torch.dtype) -> None
     across = pixels.rays.numpy() - centre[:, None]
     distance = np.hypot(*across)
     flat = across * sight.LIMB / np.maximum(distance, sight.LIMB * RADIUS)
-    close(points, np.stack((*flat, -np.sqrt(1 - np.hypot(*flat) ** 2))), TOLERANCE[dtype])
+    assert_close(points, np.stack((*flat, -np.sqrt(1 - np.hypot(*flat) ** 2))), TOLERANCE[dtype])
     met = pixels.part.double().numpy() * (ndtr((RADIUS - distance) / sight.TURN_PX) + 1e-9)
     whole = np.bincount(pixels.owner.numpy(), met)
     # A ray's turn takes up ten times what its place is rounded by, and beyond the outline more.
-    close(weight, met / whole[pixels.owner.numpy()], max(100 * TOLERANCE[dtype], 1e-9))
+    assert_close(weight, met / whole[pixels.owner.numpy()], max(100 * TOLERANCE[dtype], 1e-9))
 
 
 @both
@@ -110,9 +110,9 @@ def test_a_pixels_share_is_that_of_a_blurred_straight_edge(dtype: torch.dtype) -
     # The edge's profile across a pixel is a trapezoid: two boxes, one after the other.
     steps = (np.arange(200) + 0.5) / 200 - 0.5
     shift = (a[:, None, None] * steps[:, None] + b[:, None, None] * steps).reshape(len(a), -1)
-    close(share, ndtr((inwards[:, None] + shift) / blur).mean(1), 1e-5)
+    assert_close(share, ndtr((inwards[:, None] + shift) / blur).mean(1), 1e-5)
     density = np.exp(-0.5 * ((inwards[:, None] + shift) / blur) ** 2) / (blur * np.sqrt(2 * np.pi))
-    close(slope, density.mean(1), 2e-5)
+    assert_close(slope, density.mean(1), 2e-5)
 
 
 @both
@@ -127,7 +127,7 @@ def test_what_rays_see_changes_with_the_surface_that_moves_under_them(dtype: tor
     # By a rotation w the ball's point under a ray moves on by w x P, and what is seen comes from before that.
     expected += [-(slope * np.cross(axis, points.numpy().T).T).sum(0) for axis in np.eye(3)]
     expected.append(slope[2] / z - (slope * points.numpy()).sum(0))
-    close(found, np.stack(expected), TOLERANCE[dtype])
+    assert_close(found, np.stack(expected), TOLERANCE[dtype])
 
 
 @both
@@ -136,12 +136,12 @@ def test_sums_over_rays_and_values_for_rays_are_those_of_their_pixels(dtype: tor
     count, owner = len(pixels.pixels), pixels.owner.numpy()
     values, light = random(7, len(owner), dtype=dtype), random(len(owner), dtype=dtype)
     expected = np.stack([np.bincount(owner, row) for row in values.double().numpy()], 1)
-    close(surface.pixel_sums(values, pixels.owner, count), expected, TOLERANCE[dtype])
+    assert_close(surface.pixel_sums(values, pixels.owner, count), expected, TOLERANCE[dtype])
     each = random(count, dtype=dtype)
-    close(pixels.spread(each, light), (each.double().numpy()[owner] * light.double().numpy()), TOLERANCE[dtype])
+    assert_close(pixels.spread(each, light), (each.double().numpy()[owner] * light.double().numpy()), TOLERANCE[dtype])
     points, shading = directions(len(owner), dtype), random(4)
     bright = light.double().numpy() * (shading @ sight.shading_basis(points.double())).numpy()
-    close(surface.lit(points, light, shading), bright, TOLERANCE[dtype])
+    assert_close(surface.lit(points, light, shading), bright, TOLERANCE[dtype])
 
 
 def test_the_equations_of_all_pixels_are_those_of_dense_matrices() -> None:
@@ -155,11 +155,11 @@ def test_the_equations_of_all_pixels_are_those_of_dense_matrices() -> None:
         design = equations.design(amount, owner, 150, cells, look.corner, look.offset)
         dense = np.zeros((150, texture.size(cells)))
         np.add.at(dense, (owner[:, None].numpy(), look.index.numpy()), (amount[:, None] * look.weight).numpy())
-        close(design.toarray(), dense, 1e-14)
+        assert_close(design.toarray(), dense, 1e-14)
         weights = random(150).abs().numpy()
         products.add(design, weights)
         total = total + dense.T @ (weights[:, None] * dense)
-    close(products.matrix().toarray(), total, 1e-12)
+    assert_close(products.matrix().toarray(), total, 1e-12)
 
 
 def test_pixels_without_rays_have_empty_rows() -> None:

@@ -66,22 +66,6 @@ def is_ball(
     pre_blur: float,
 ) -> Tensor:
     """True (n, p) where a point may be the ball; ``seen`` (n, p): all weights; ``trusted``: of those believed."""
-    rows, alien = _aliens(reference, warped, seen, trusted, q, model, pre_blur)
-    good = torch.ones_like(seen, dtype=torch.bool)
-    good[rows] = ~alien
-    return good
-
-
-def _aliens(
-    reference: Reference,
-    warped: Tensor,
-    seen: Tensor,
-    trusted: Tensor,
-    q: Tensor,
-    model: Displacement,
-    pre_blur: float,
-) -> tuple[Tensor, Tensor]:
-    """Rows (m,) that may hold what is not the ball, and where they do (m, p); arguments as of `is_ball`."""
     difference = criterion.residual(reference.values, warped, trusted)
     energy = misfit.local_mean(reference, difference.square(), seen)
     calm = _quantile(energy[:, ::THIN], trusted[:, ::THIN] > 0)
@@ -90,10 +74,11 @@ def _aliens(
     limit = MAX_ENERGY * torch.minimum(calm, ceiling)
     # Most rows are calm throughout.
     rows = torch.nonzero(_beyond(energy, limit, seen))[:, 0]
-    if len(rows) == 0:
-        return rows, torch.zeros_like(seen[rows], dtype=torch.bool)
-    excess = (energy[rows] - limit[rows, None]) * (seen[rows] > 0)
-    return rows, (excess > 0) & (excess > _foreshortening(reference.take(rows), seen[rows], q[rows], model))
+    good = torch.ones_like(seen, dtype=torch.bool)
+    if len(rows):
+        excess = (energy[rows] - limit[rows, None]) * (seen[rows] > 0)
+        good[rows] = (excess <= 0) | (excess <= _foreshortening(reference.take(rows), seen[rows], q[rows], model))
+    return good
 
 
 def _beyond(energy: Tensor, limit: Tensor, seen: Tensor) -> Tensor:
@@ -149,10 +134,8 @@ def by_view(reference: Reference, q: Tensor, model: Displacement) -> Reference:
 def doubtful(reference: Reference, solution: Solution, model: Displacement, pre_blur: float) -> Tensor:
     """True (n,) where a part of the pair is not explained by the motion of the whole that was found."""
     warped, weights = light.relit(reference, solution.warped, solution.weights, model), solution.weights
-    rows, alien = _aliens(reference, warped, weights, weights, solution.q, model, pre_blur)
-    count = torch.zeros(len(weights), dtype=torch.long, device=weights.device)
-    count[rows] = (alien & (weights[rows] > 0)).sum(-1)
-    return count > DOUBT * weights.sum(-1)
+    good = is_ball(reference, warped, weights, weights, solution.q, model, pre_blur)
+    return ((weights > 0) & ~good).sum(-1) > DOUBT * weights.sum(-1)
 
 
 def reconsider(
