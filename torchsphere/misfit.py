@@ -191,4 +191,5 @@ def _shares(side: int, size: int, fading: bool) -> Tensor:
         return F.one_hot(along // size).double().T.contiguous()
     middles = size * torch.arange(math.ceil(side / size) + 1)
     apart = (along - middles[:, None]).abs().double() / size
-    return torch.cos(0.5 * math.pi * apart.clamp(max=1.0))
+    # None at all from the next middle on, where a cosine in finite precision is not quite 0.
+    return torch.where(apart < 1, torch.cos(0.5 * math.pi * apart), 0.0)

@@ -10,7 +10,7 @@ from torch import Tensor
 from torchsphere.compiled.function import arrays, compiled, require_one_size
 
 Array = NDArray[np.float32]
-Whole = NDArray[np.int64]
+Whole, Places = NDArray[np.int64], NDArray[np.uint32]
 
 _ZERO, _LEAST = np.float32(0), np.float32(1e-6)
 
@@ -43,27 +43,47 @@ def block_sums(values: Tensor, factors: Tensor, places: Tensor, side: int, belon
 
 @compiled
 def _local_mean(values: Array, weights: Array, places: Whole, found: Array, side: int, window: int) -> None:
-    total, count = np.zeros((side, side), np.float32), np.zeros((side, side), np.float32)
-    products = np.empty(values.shape[1], np.float32)
+    reach = window // 2
+    wide = side + 2 * reach
+    total, count = np.zeros((wide, wide), np.float32), np.zeros((wide, wide), np.float32)
+    sums, counts = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
+    at, back = np.empty(len(places), np.uint32), np.empty(len(places), np.uint32)
+    for i in range(len(places)):
+        back[i] = places[i]
+        at[i] = (places[i] // side + reach) * wide + places[i] % side + reach
     for n in range(len(values)):
-        for i in range(len(places)):
-            products[i] = weights[n, i] * values[n, i]
-        _window_sums(products, places, window, total)
-        _window_sums(weights[n], places, window, count)
-        sums, counts, row = total.reshape(side * side), count.reshape(side * side), found[n]
-        for i in range(len(places)):
-            points = counts[places[i]]
-            row[i] = sums[places[i]] / (points if points > _LEAST else _LEAST)
+        _spread(values[n], weights[n], at, total.reshape(wide * wide))
+        _put(weights[n], at, count.reshape(wide * wide))
+        _window_sums(total, window, sums)
+        _window_sums(count, window, counts)
+        _quotients(sums.reshape(side * side), counts.reshape(side * side), back, found[n])
 
 
 @compiled
-def _window_sums(values: Array, places: Whole, window: int, found: Array) -> None:
-    """Sums over a square window around each place of the grid ``found`` (side, side), on which the values lie."""
-    side, reach = len(found), window // 2
-    wide = np.zeros((side + 2 * reach, side + 2 * reach), np.float32)
-    for i in range(len(places)):
-        wide[places[i] // side + reach, places[i] % side + reach] = values[i]
-    row = np.empty(side + 2 * reach, np.float32)
+def _spread(values: Array, factors: Array, at: Places, found: Array) -> None:
+    """The products put to their places, whose numbers have no sign: one that has is checked at each."""
+    for i in range(len(at)):
+        found[at[i]] = values[i] * factors[i]
+
+
+@compiled
+def _put(values: Array, at: Places, found: Array) -> None:
+    for i in range(len(at)):
+        found[at[i]] = values[i]
+
+
+@compiled
+def _quotients(sums: Array, counts: Array, at: Places, found: Array) -> None:
+    for i in range(len(at)):
+        points = counts[at[i]]
+        found[i] = sums[at[i]] / (points if points > _LEAST else _LEAST)
+
+
+@compiled
+def _window_sums(wide: Array, window: int, found: Array) -> None:
+    """Sums over a square window that begins at each of the first places of ``wide``, as many as ``found`` has."""
+    side = len(found)
+    row = np.empty(wide.shape[1], np.float32)
     for y in range(side):
         _add_rows(wide[y : y + window], row)
         for x in range(side):
@@ -85,27 +105,43 @@ def _add_rows(rows: Array, found: Array) -> None:
 @compiled
 def _block_sums(values: Array, factors: Array, places: Whole, belongs: Array, found: Array, side: int) -> None:
     grid = np.zeros((side, side), np.float32)
-    flat, row = grid.reshape(side * side), np.empty(side, np.float32)
-    blocks = len(belongs)
+    at, row, blocks = places.astype(np.uint32), np.empty(side, np.float32), len(belongs)
+    first, last = np.empty(blocks, np.int64), np.empty(blocks, np.int64)
+    for a in range(blocks):
+        first[a], last[a] = _ends(belongs[a])
     for n in range(len(values)):
         for k in range(values.shape[1]):
-            for i in range(len(places)):
-                flat[places[i]] = values[n, k, i] * factors[n, i]
+            _spread(values[n, k], factors[n], at, grid.reshape(side * side))
             for a in range(blocks):
-                _weighted_rows(grid, belongs[a], row)
+                _weighted_rows(grid[first[a] : last[a]], belongs[a, first[a] : last[a]], row)
                 for b in range(blocks):
-                    total = _ZERO
-                    for x in range(side):
-                        total += belongs[b, x] * row[x]
-                    found[n, k, a * blocks + b] = total
+                    part = row[first[b] : last[b]]
+                    found[n, k, a * blocks + b] = _dot(belongs[b, first[b] : last[b]], part)
 
 
 @compiled
-def _weighted_rows(grid: Array, shares: Array, found: Array) -> None:
-    """Sum of the rows of ``grid`` (side, side), those of no share left out."""
+def _ends(shares: Array) -> tuple[int, int]:
+    """The first place that has a share, and the one behind the last."""
+    first, last = 0, len(shares)
+    while first < last and shares[first] == _ZERO:
+        first += 1
+    while last > first and shares[last - 1] == _ZERO:
+        last -= 1
+    return first, last
+
+
+@compiled
+def _dot(first: Array, second: Array) -> np.float32:
+    total = _ZERO
+    for i in range(len(first)):
+        total += first[i] * second[i]
+    return total
+
+
+@compiled
+def _weighted_rows(rows: Array, shares: Array, found: Array) -> None:
     for x in range(len(found)):
         found[x] = _ZERO
-    for y in range(len(grid)):
-        if shares[y] != _ZERO:
-            for x in range(len(found)):
-                found[x] += shares[y] * grid[y, x]
+    for y in range(len(rows)):
+        for x in range(len(found)):
+            found[x] += shares[y] * rows[y, x]
