@@ -320,7 +320,7 @@ def test_where_nothing_can_be_kept_each_process_compiles_for_itself() -> None:
 
 def test_a_reference_that_was_thinned_gives_the_same_slopes_at_the_points_that_stay() -> None:
     made = reference_of(torch.float32)
-    few = made.thinned(4)
+    few = made.thinned()
     assert few.values.shape[-1] == math.ceil(made.values.shape[-1] / 4)
     one = warp.projected_slopes(few, few.gradient, unknowns(torch.float32), motion.finite, few.weights)
     kept = dataclasses.replace(few, **{n: getattr(few, n).contiguous() for n in ("surface", "values", "weights")})

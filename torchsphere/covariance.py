@@ -7,7 +7,7 @@ from torch import Tensor
 
 from torchsphere import criterion, interpolate, motion, turning
 from torchsphere.motion import Displacement
-from torchsphere.reference import IN_CLOSED_FORM, Reference, scale
+from torchsphere.reference import IN_CLOSED_FORM, THINNED, Reference, scale
 from torchsphere.warp import projected_slopes
 
 #: Least ratio, in the worst combination of modes, of the gradients' energy to what noise alone would give. Noise has
@@ -18,10 +18,6 @@ MIN_TEXTURE_SIGNAL = 3.0
 #: highlight 30 and more.
 MAX_CONDITION = 15.0
 
-
-#: Every how many points the noise's way into the increment is summed over, which takes a sixth of a pair's time
-#: otherwise: the standard deviations then scatter by 2 to 3 % (R = 30 to 75 px).
-THINNED = 4
 
 #: Every how many points geometry alone is summed over: it changes slowly from one to the next.
 THIN = 8
@@ -44,7 +40,7 @@ def increment_covariance(
     Points at a distance have less of their noise in common: ``N`` shrinks by another factor of their density.
     """
     k = q.shape[-1]
-    few = reference.thinned(THINNED)
+    few = reference.thinned()
     some = weights[:, ::THINNED]
     blurred = projected_slopes(few, few.blurred_gradient, q, model, some)
     carried = THINNED * criterion.operator(blurred, some) / reference.spacing**2

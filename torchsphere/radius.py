@@ -33,7 +33,9 @@ def radius_evidence(pairs: Pairs, q: Tensor, options: Options) -> tuple[Tensor, 
     """
     model, c_g = motion.MODELS[options.model], pairs.g.c
     # All pixels: half of them told radii of 50 px to 0.095 px, root mean square of twelve shots, and all to 0.063.
-    reference = build_reference(pairs.f, pairs.circles, options.roi, options.pre_blur, options.camera, blurred=False)
+    reference = build_reference(
+        pairs.f, pairs.circles, options.roi, options.pre_blur, options.camera, blurred_every=None
+    )
     q = as_unknowns(q.to(c_g), model)
     # The exact Jacobian: at the limb, where the radius shows, the reference's gradient is off by a third at 5 deg.
     warped, weights, gradient = warp_with_gradient(reference, c_g, pairs.shift, q, model)

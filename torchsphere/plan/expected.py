@@ -186,7 +186,8 @@ def _reference(
     circles = torch.tensor([circle], dtype=torch.float64).expand(len(images), -1)
     half = crop.half_size(circle[2], margin(options))
     crops = crop.cut(images, circles[:, :2], half)
-    reference = build_reference(Filtered.of(crops, options.pre_blur), circles, options.roi, options.pre_blur)
+    filtered = Filtered.of(crops, options.pre_blur)
+    reference = build_reference(filtered, circles, options.roi, options.pre_blur, blurred_every=1)
     # The ball is followed, so the translation does not matter; the turn hides points and weighs others less.
     q = torch.tensor([[0.0, 0.0, *setup.increment[2:]]]).to(images).expand(len(images), -1)
     visible = motion.displacement(motion.finite, q, reference.points, reference.geometry).isfinite().all(-1)

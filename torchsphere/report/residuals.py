@@ -74,7 +74,9 @@ def residual_maps(pairs: Pairs, ignore: Tensor | None, options: Options) -> NDAr
     camera = None if options.camera is None else options.camera.reduced(k)
     # In means of pixels the pattern is finer, so that without this blur their own aliasing is most of what is left.
     pre_blur = max(options.pre_blur, interpolate.PRE_BLUR_PX) if k > 1 else options.pre_blur
-    reference = build_reference(Filtered.of(crops_f, pre_blur), circles, options.roi, pre_blur, camera, blurred=False)
+    reference = build_reference(
+        Filtered.of(crops_f, pre_blur), circles, options.roi, pre_blur, camera, blurred_every=None
+    )
     c_g = interpolate.coefficients(crops_g.images, pre_blur)
     model = motion.MODELS["finite" if options.model == "rigid" else options.model]
     q = pairs.motion[:, : motion.degrees_of_freedom(model)].clone()
