@@ -36,20 +36,24 @@ def test_blocks_that_fade_into_one_another_count_each_point_once_in_the_sum_of_s
         assert float(sums.square().sum()) == pytest.approx(4.0, rel=1e-9)
 
 
+def noise_share(made: Reference, difference: Tensor, weights: Tensor) -> Tensor:
+    return misfit.noise_share(made, misfit.Power.of(made, difference, weights))
+
+
 def test_the_share_of_noise_is_that_of_the_part_that_faces_the_camera() -> None:
     made = reference()
     r = made.points.norm(dim=-1) / made.geometry.radius
     weights = made.weights
     even = torch.ones_like(weights)
-    assert float(misfit.noise_share(made, even, weights)) == pytest.approx(1.0, rel=1e-6)
+    assert float(noise_share(made, even, weights)) == pytest.approx(1.0, rel=1e-6)
     # Three times as much outside: the inner quarter of the ball is 0.25 / 0.95^2 of the region.
     limb = 1.0 + 2.0 * (r >= 0.5).to(weights)
     inner = 0.25 / 0.95**2
     expected = 1 / (inner + 9 * (1 - inner))
-    assert float(misfit.noise_share(made, limb, weights)) == pytest.approx(expected, rel=0.01)  # of whole pixels
+    assert float(noise_share(made, limb, weights)) == pytest.approx(expected, rel=0.01)  # of whole pixels
     # More in the middle than elsewhere is no more than all, and a middle that is hidden tells nothing.
-    assert float(misfit.noise_share(made, 1 / limb, weights)) == 1.0
-    assert float(misfit.noise_share(made, limb, weights * (r > 0.5))) == 1.0
+    assert float(noise_share(made, 1 / limb, weights)) == 1.0
+    assert float(noise_share(made, limb, weights * (r > 0.5))) == 1.0
 
 
 def test_few_pixels_that_are_quiet_by_chance_are_noise_all_the_same() -> None:
@@ -57,7 +61,7 @@ def test_few_pixels_that_are_quiet_by_chance_are_noise_all_the_same() -> None:
     made = small_reference(400)
     white = torch.randn(made.values.shape, generator=torch.Generator().manual_seed(3)).to(made.values)
     smooth = misfit.local_mean(made, white, made.weights)  # alike over a few px, like noise behind the pre-blur
-    assert float(misfit.noise_share(made, smooth, made.weights).mean()) > 0.97
+    assert float(noise_share(made, smooth, made.weights).mean()) > 0.97
 
 
 def factors(difference: Tensor, made: Reference) -> Tensor:
@@ -67,7 +71,8 @@ def factors(difference: Tensor, made: Reference) -> Tensor:
     gram = ((jacobian * weights[:, None]) @ jacobian.mT).double()
     variance = (weights * difference.square()).sum(-1) / weights.sum(-1)
     stated = variance[:, None, None] * torch.linalg.inv(gram)
-    return misfit.inflation(made, jacobian, torch.linalg.cholesky(gram), difference, weights, stated)
+    power = misfit.Power.of(made, difference, weights)
+    return misfit.inflation(made, jacobian, torch.linalg.cholesky(gram), weights * difference, power, stated)
 
 
 def test_white_noise_is_stated_as_it_is() -> None:

@@ -33,11 +33,12 @@ def conclude(
     coefficient = criterion.zncc(reference.values, warped, weights)
     warped = light.relit(reference, warped, weights, model)
     difference = criterion.residual(reference.values, warped, weights)
+    power = misfit.Power.of(reference, difference, weights)
     gram = criterion.operator(jacobian, weights)
-    spread = covariance.increment_covariance(reference, difference, weights, q, model, gram, options.pre_blur)
-    wider = misfit.inflation(reference, jacobian, factor, difference, weights, spread)
+    spread = covariance.increment_covariance(reference, power, weights, q, model, gram, options.pre_blur)
+    wider = misfit.inflation(reference, jacobian, factor, weights * difference, power, spread)
     spread = spread * wider[:, :, None] * wider[:, None, :]
-    carried = covariance.texture_carries_modes(reference, difference, weights, q, model, gram, options.pre_blur)
+    carried = covariance.texture_carries_modes(reference, power, weights, q, model, gram, options.pre_blur)
     points = torch.pi * (options.roi * reference.geometry.radius / reference.spacing) ** 2
     status = torch.full((len(q),), OK, device=q.device)
     for wrong, code in (

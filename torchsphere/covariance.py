@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from torchsphere import criterion, interpolate, motion, turning
+from torchsphere.misfit import Power
 from torchsphere.motion import Displacement
 from torchsphere.reference import IN_CLOSED_FORM, THINNED, Reference, scale
 from torchsphere.warp import projected_slopes
@@ -25,7 +26,7 @@ THIN = 8
 
 def increment_covariance(
     reference: Reference,
-    difference: Tensor,
+    power: Power,
     weights: Tensor,
     q: Tensor,
     model: Displacement,
@@ -42,11 +43,11 @@ def increment_covariance(
     k = q.shape[-1]
     few = reference.thinned()
     some = weights[:, ::THINNED]
-    blurred = projected_slopes(few, few.blurred_gradient, q, model, some)
-    carried = THINNED * criterion.operator(blurred, some) / reference.spacing**2
+    _, products = projected_slopes(few, few.blurred_gradient, q, model, some)
+    carried = THINNED * products / reference.spacing**2
     value_gain, _ = interpolate.noise_gains(pre_blur)
-    freedom = (weights.sum(-1) - k - 2).clamp_min(1)
-    variance = torch.linalg.vecdot(weights * difference, difference).double() / freedom / value_gain
+    freedom = (power.whole - k - 2).clamp_min(1)
+    variance = power.of_whole.double() / freedom / value_gain
     inverse = torch.cholesky_inverse(criterion.cholesky(operator))
     in_px = variance[:, None, None] * inverse @ carried @ inverse
     unit = scale(reference, k).double()
@@ -55,7 +56,7 @@ def increment_covariance(
 
 def texture_carries_modes(
     reference: Reference,
-    difference: Tensor,
+    power: Power,
     weights: Tensor,
     q: Tensor,
     model: Displacement,
@@ -71,9 +72,7 @@ def texture_carries_modes(
     value_gain, slope_gain = interpolate.noise_gains(pre_blur)
     # Two upper bounds of the noise: the residual is too large where the match fails, the raw image's where the
     # texture is as fine as noise. Half of the residual's variance belongs to either image.
-    from_residual = (
-        torch.linalg.vecdot(weights * difference, difference) / weights.sum(-1).clamp_min(1) / (2 * value_gain)
-    )
+    from_residual = power.of_whole / power.whole.clamp_min(1) / (2 * value_gain)
     noise = torch.minimum(from_residual, reference.noise.square()).double().clamp_min(1e-12)
     of_noise = slope_gain * noise[:, None, None] * _gram_of_modes(reference, q, model, weights)
     root = criterion.cholesky(of_noise)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterable
+from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F  # noqa: N812  (torch's own custom)
@@ -107,18 +107,46 @@ def _runs(values: Tensor, axis: int, length: int) -> Tensor:
         size *= 2
 
 
+class Power(NamedTuple):
+    """What the residual of n pairs comes to: sums of weights, and of its weighted squares, (n,) each.
+
+    Attributes
+    ----------
+    facing, of_facing : Tensor
+        Weights and squares of the part that faces the camera, see `FACING`.
+    whole, of_whole : Tensor
+        Of the whole region.
+    """
+
+    facing: Tensor
+    of_facing: Tensor
+    whole: Tensor
+    of_whole: Tensor
+
+    @classmethod
+    def of(cls, reference: Reference, difference: Tensor, weights: Tensor) -> Power:
+        """From the residual (n, p) and the weights (n, p)."""
+        limit = FACING * reference.geometry.radius
+        if compiled.suits(difference, weights, limit):
+            return cls(*agreement.powers(difference, weights, reference.surface, limit).unbind(-1))
+        facing = weights * (reference.points.square().sum(-1) < limit[:, None].square())
+        square = difference.square()
+        return cls(*(total for w in (facing, weights) for total in (w.sum(-1), torch.linalg.vecdot(w, square))))
+
+
 def inflation(
     reference: Reference,
     jacobian: Tensor,
     factor: Tensor,
-    difference: Tensor,
-    weights: Tensor,
+    weighted: Tensor,
+    power: Power,
     stated: Tensor,
 ) -> Tensor:
     """Factors (n, k), float64, from the standard deviations in ``stated`` to those that the residual's places tell.
 
     ``jacobian`` (n, k, p) is that of the criterion, in px per px, ``factor`` (n, k, k) the Cholesky factor of its
-    operator; ``stated`` (n, k, k), in px and rad, takes the whole residual for noise.
+    operator; ``weighted`` (n, p) is the residual times the weights, ``power`` what that comes to; ``stated`` (n, k, k),
+    in px and rad, takes the whole residual for noise.
 
     The scores ``J^T W r`` of blocks of the region count as independent; their scatter gives a covariance that needs no
     model of the residual (the sandwich of Huber and White). The blocks fade into one another: what cancels within the
@@ -131,35 +159,25 @@ def inflation(
     cancel within a few px. As noise it made the standard deviations 1.5 times too wide at 5 deg per frame and twice at
     10 and 15. What is noise (`noise_share`) is stated in full.
     """
-    scores = block_sums(reference, jacobian, weights * difference, fading=True)
+    scores = block_sums(reference, jacobian, weighted, fading=True)
     scatter = (scores @ scores.mT).double()
     inverse = torch.cholesky_inverse(factor)
     unit = scale(reference, stated.shape[-1]).double()
     found = (inverse @ scatter @ inverse).diagonal(dim1=-2, dim2=-1) / unit.square()
     ratio = (found / stated.diagonal(dim1=-2, dim2=-1)).nan_to_num(1.0, 1.0, 1.0)
-    noise = noise_share(reference, difference, weights)[:, None]
+    noise = noise_share(reference, power)[:, None]
     narrower = torch.maximum(ratio + (1 - FOUND_OF_NOISE) * noise, noise).clamp(max=1.0)
     return torch.maximum(narrower, ratio / SCATTER).sqrt()
 
 
-def noise_share(reference: Reference, difference: Tensor, weights: Tensor) -> Tensor:
+def noise_share(reference: Reference, power: Power) -> Tensor:
     """Share (n,), float64, 0 to 1, of the residual's variance that is noise at most: see `FACING`."""
-    inner, inner_power, whole, power = _powers(reference, difference, weights)
     # Where nothing of that part is to be seen, all may be noise.
-    share = (inner_power / inner / (power / whole)).double().nan_to_num(1.0, 1.0, 1.0).clamp(max=1.0)
-    scatter = (2 / _independent(reference, inner).clamp_min(1)).sqrt()
+    share = (power.of_facing / power.facing / (power.of_whole / power.whole)).double()
+    share = share.nan_to_num(1.0, 1.0, 1.0).clamp(max=1.0)
+    scatter = (2 / _independent(reference, power.facing).clamp_min(1)).sqrt()
     believed = ((1 - share) / scatter - DOUBTED) / (BELIEVED - DOUBTED)
     return 1 - (1 - share) * believed.clamp(0, 1)
-
-
-def _powers(reference: Reference, difference: Tensor, weights: Tensor) -> Iterable[Tensor]:
-    """Sums (n,) of weights, and of weighted squares of the ``difference``: of the part that faces, and of the whole."""
-    limit = FACING * reference.geometry.radius
-    if compiled.suits(difference, weights, limit):
-        return agreement.powers(difference, weights, reference.surface, limit).unbind(-1)
-    facing = weights * (reference.points.square().sum(-1) < limit[:, None].square())
-    square = difference.square()
-    return [total for w in (facing, weights) for total in (w.sum(-1), torch.linalg.vecdot(w, square))]
 
 
 def _independent(reference: Reference, count: Tensor) -> Tensor:

@@ -66,19 +66,34 @@ def is_ball(
     pre_blur: float,
 ) -> Tensor:
     """True (n, p) where a point may be the ball; ``seen`` (n, p): all weights; ``trusted``: of those believed."""
+    rows, alike = _suspects(reference, warped, seen, trusted, q, model, pre_blur)
+    good = torch.ones_like(seen, dtype=torch.bool)
+    good[rows] = alike
+    return good
+
+
+def _suspects(
+    reference: Reference,
+    warped: Tensor,
+    seen: Tensor,
+    trusted: Tensor,
+    q: Tensor,
+    model: Displacement,
+    pre_blur: float,
+) -> tuple[Tensor, Tensor]:
+    """Numbers (m,) of the rows that are not calm throughout, few as a rule, and `is_ball` of these (m, p)."""
     difference = criterion.residual(reference.values, warped, trusted)
     energy = misfit.local_mean(reference, difference.square(), seen)
     calm = _quantile(energy[:, ::THIN], trusted[:, ::THIN] > 0)
     value_gain, _ = interpolate.noise_gains(pre_blur)
     ceiling = MAX_CALM * 2 * value_gain * reference.noise.square()
     limit = MAX_ENERGY * torch.minimum(calm, ceiling)
-    # Most rows are calm throughout.
     rows = torch.nonzero(_beyond(energy, limit, seen))[:, 0]
-    good = torch.ones_like(seen, dtype=torch.bool)
-    if len(rows):
-        excess = (energy[rows] - limit[rows, None]) * (seen[rows] > 0)
-        good[rows] = (excess <= 0) | (excess <= _foreshortening(reference.take(rows), seen[rows], q[rows], model))
-    return good
+    seen = seen[rows]
+    excess = (energy[rows] - limit[rows, None]) * (seen > 0)
+    if len(rows) == 0:
+        return rows, excess <= 0
+    return rows, (excess <= 0) | (excess <= _foreshortening(reference.take(rows), seen, q[rows], model))
 
 
 def _beyond(energy: Tensor, limit: Tensor, seen: Tensor) -> Tensor:
@@ -134,8 +149,11 @@ def by_view(reference: Reference, q: Tensor, model: Displacement) -> Reference:
 def doubtful(reference: Reference, solution: Solution, model: Displacement, pre_blur: float) -> Tensor:
     """True (n,) where a part of the pair is not explained by the motion of the whole that was found."""
     warped, weights = light.relit(reference, solution.warped, solution.weights, model), solution.weights
-    good = is_ball(reference, warped, weights, weights, solution.q, model, pre_blur)
-    return ((weights > 0) & ~good).sum(-1) > DOUBT * weights.sum(-1)
+    rows, alike = _suspects(reference, warped, weights, weights, solution.q, model, pre_blur)
+    weights = weights[rows]
+    found = torch.zeros_like(solution.converged)
+    found[rows] = ((weights > 0) & ~alike).sum(-1) > DOUBT * weights.sum(-1)
+    return found
 
 
 def reconsider(

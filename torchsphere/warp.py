@@ -15,15 +15,18 @@ def operator(
     reference: Reference, gradient: Tensor, q: Tensor, model: Displacement, weights: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Jacobian (n, k, p) that belongs to the criterion, and the Cholesky factor (n, k, k) of its operator."""
-    jacobian = projected_slopes(reference, gradient, q, model, weights)
-    return jacobian, criterion.cholesky(criterion.operator(jacobian, weights))
+    jacobian, products = projected_slopes(reference, gradient, q, model, weights)
+    return jacobian, criterion.cholesky(products)
 
 
-def projected_slopes(reference: Reference, gradient: Tensor, q: Tensor, model: Displacement, weights: Tensor) -> Tensor:
-    """Change of grey level per px of each unknown (n, k, p), without what the nuisances explain."""
+def projected_slopes(
+    reference: Reference, gradient: Tensor, q: Tensor, model: Displacement, weights: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Change of grey level per px of each unknown (n, k, p), without what the nuisances explain; its operator."""
     if model not in IN_CLOSED_FORM or reference.uneven_light or not compiled.suits(gradient, q, weights):
         found = slopes(gradient, q, model, reference)
-        return criterion.project(found, nuisances(reference, model, weights), weights)
+        found = criterion.project(found, nuisances(reference, model, weights), weights)
+        return found, criterion.operator(found, weights)
     turn = mix = torch.eye(3).expand(len(q), 3, 3)
     if model is motion.finite:
         turn, mix = turning.rotations(q[:, 2:5]), turning.tangents(q[:, 2:5]).mT

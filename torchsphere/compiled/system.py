@@ -19,10 +19,10 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 
 def projected(
     surface: Tensor, gradient: Tensor, values: Tensor, weights: Tensor, radius: Tensor, turn: Tensor, mix: Tensor
-) -> Tensor:
-    """Changes of grey level per px of each unknown (n, 5, p), without what may change besides the motion.
+) -> tuple[Tensor, Tensor]:
+    """Changes of grey level per px of each unknown (n, 5, p), without what may change besides the motion; their `gram`.
 
-    That is offset, gain, and the light, by the normal: `criterion.project` of `turning.slopes`.
+    What may change is offset, gain, and the light, by the normal: `criterion.project` of `turning.slopes`.
 
     Parameters
     ----------
@@ -39,8 +39,9 @@ def projected(
     require_one_size(0, surface, gradient, values, weights, radius, turn, mix)
     require_one_size(-1, surface, gradient, values, weights)
     found = torch.empty(len(weights), 5, weights.shape[1])
-    _projected(*arrays(surface, gradient, values, weights, radius, turn, mix, found))
-    return found
+    operator = torch.empty(len(weights), 5, 5, dtype=torch.float64)
+    _projected(*arrays(surface, gradient, values, weights, radius, turn, mix, found, operator))
+    return found, operator
 
 
 def cholesky(operators: Tensor) -> Tensor:
@@ -70,6 +71,7 @@ def _projected(
     turn: Array,
     mix: Array,
     found: Array,
+    operator: Double,
 ) -> None:
     points = weights.shape[1]
     weighted, nuisances = np.empty(points, np.float32), np.empty((5, points), np.float32)
@@ -79,12 +81,15 @@ def _projected(
         _nuisances(surface[n], values[n], weights[n], _ONE / radius[n], nuisances)
         for j in range(5):
             _product(nuisances[j], weights[n], weighted)
-            for k in range(5):
+            # Of a symmetric matrix the factor is made from its lower triangle.
+            for k in range(j + 1):
                 known[j, k] = _dot(weighted, nuisances[k])
+            for k in range(5):
                 both[j, k] = _dot(weighted, found[n, k])
         solve(known, both)
         for k in range(5):
             _subtract(found[n, k], both, k, nuisances)
+        _products(found[n], weights[n], weighted, operator[n])
 
 
 @compiled
@@ -179,10 +184,15 @@ def _nuisances(surface: Array, values: Array, weights: Array, per_px: np.float32
 def _gram(slopes: Array, weights: Array, operator: Double) -> None:
     weighted = np.empty(weights.shape[1], np.float32)
     for n in range(len(slopes)):
-        for j in range(slopes.shape[1]):
-            _product(slopes[n, j], weights[n], weighted)
-            for k in range(j, slopes.shape[1]):
-                operator[n, j, k] = operator[n, k, j] = _dot(weighted, slopes[n, k])
+        _products(slopes[n], weights[n], weighted, operator[n])
+
+
+@compiled
+def _products(slopes: Array, weights: Array, weighted: Array, operator: Double) -> None:
+    for j in range(len(slopes)):
+        _product(slopes[j], weights, weighted)
+        for k in range(j, len(slopes)):
+            operator[j, k] = operator[k, j] = _dot(weighted, slopes[k])
 
 
 @compiled

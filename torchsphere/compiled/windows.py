@@ -10,7 +10,8 @@ from torch import Tensor
 from torchsphere.compiled.function import arrays, compiled, require_one_size
 
 Array = NDArray[np.float32]
-Whole, Places = NDArray[np.int64], NDArray[np.uint32]
+Whole = NDArray[np.int64]
+Places = NDArray[np.uint32]
 
 _ZERO, _LEAST = np.float32(0), np.float32(1e-6)
 
