@@ -9,12 +9,13 @@ import torch
 from torch import Tensor
 
 from torchsphere import compiled, interpolate, turning
+from torchsphere.compiled import levels as looked
 from torchsphere.compiled import region
 
 #: From the mean absolute difference of two Laplacians to the standard deviation of white noise.
 _TO_DEVIATION = math.sqrt(math.pi / 2) / 6
 
-_KERNEL = region.Kernel.of(interpolate.NODE_WEIGHTS[:2], interpolate.SLOPE_WEIGHTS)
+_KERNEL = looked.Kernel.of(interpolate.NODE_WEIGHTS[:2], interpolate.SLOPE_WEIGHTS)
 
 
 def front(grid: Tensor, nearest: Tensor, radius: Tensor, limit: Tensor) -> tuple[Tensor, Tensor]:
@@ -35,7 +36,7 @@ def levels(c: Tensor, grid: Tensor, middle: Tensor) -> tuple[Tensor, Tensor]:
     They count from ``middle`` (n, 2), a pixel of the crop. Gradients are grey levels per px.
     """
     if compiled.suits(c):
-        return region.levels(c, grid, middle, _KERNEL)
+        return looked.levels(c, grid, middle, _KERNEL)
     value, *gradient = looked_up(nodes(c).unbind(1), grid, middle - 1)
     return value, torch.stack(gradient, 1)
 
@@ -43,7 +44,7 @@ def levels(c: Tensor, grid: Tensor, middle: Tensor) -> tuple[Tensor, Tensor]:
 def blurred_gradient(c: Tensor, grid: Tensor, middle: Tensor, sigma: float) -> Tensor:
     """The gradients (n, 2, p) of `levels` after a Gaussian blur by ``sigma`` px."""
     if compiled.suits(c):
-        return region.blurred_gradient(c, grid, middle, _KERNEL, interpolate.gaussian_kernel(sigma))
+        return looked.blurred_gradient(c, grid, middle, _KERNEL, interpolate.gaussian_kernel(sigma))
     blurred = blur_within(c, sigma)
     border = (c.shape[-1] - blurred.shape[-1]) // 2 + 1
     return torch.stack(looked_up(nodes(blurred).unbind(1)[1:], grid, middle - border), 1)
@@ -56,7 +57,7 @@ def noise(images: Tensor, grid: Tensor, middle: Tensor, weights: Tensor) -> Tens
     64 (1996) 300, doi:10.1006/cviu.1996.0060), which a smooth image does not excite.
     """
     if compiled.suits(images, weights):
-        return _TO_DEVIATION * region.roughness(images, grid, middle, weights)
+        return _TO_DEVIATION * looked.roughness(images, grid, middle, weights)
     rows = images[:, :-2] - 2 * images[:, 1:-1] + images[:, 2:]
     both = rows[:, :, :-2] - 2 * rows[:, :, 1:-1] + rows[:, :, 2:]
     (response,) = looked_up([both.abs()], grid, middle - 1)
