@@ -174,6 +174,17 @@ def test_slopes_without_what_may_change_besides_the_motion(model: motion.Displac
     assert_loops_agree(lambda dtype: criterion.operator(slopes(dtype)[0], reference_of(dtype).weights), 5e-6)
 
 
+@pytest.mark.parametrize("every", [1, 8])
+@pytest.mark.parametrize("model", CLOSED)
+def test_products_of_the_modes(model: motion.Displacement, every: int) -> None:
+    def gram(dtype: torch.dtype) -> Tensor:
+        made = reference_of(dtype)
+        turned = 20 * unknowns(dtype)
+        return turning.gram(turned, made.surface, made.weights, exact=model is motion.finite, every=every)
+
+    assert_loops_agree(gram, 5e-6)
+
+
 def test_small_systems_of_equations() -> None:
     generator = np.random.default_rng(1)
     root, right = generator.normal(size=(5, 5)), generator.normal(size=(5, 3))

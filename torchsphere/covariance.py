@@ -87,8 +87,7 @@ def _gram_of_modes(reference: Reference, q: Tensor, model: Displacement, weights
     """Operator that a gradient of independent unit components would give: sum of the modes' products."""
     unit = scale(reference, q.shape[-1]).double()
     if model in IN_CLOSED_FORM:
-        few = reference.surface[..., ::THIN].contiguous(), weights[:, ::THIN].contiguous()
-        total = THIN * turning.gram(q, *few, exact=model is motion.finite)
+        total = THIN * turning.gram(q, reference.surface, weights, exact=model is motion.finite, every=THIN)
     else:
         modes = motion.modes(model, q, reference.points, reference.geometry).double()
         total = torch.einsum("np,npck,npcl->nkl", weights.double(), modes, modes)

@@ -64,29 +64,33 @@ def nuisances(values: Tensor, weights: Tensor, normals: Tensor | None = None, bl
         return torch.cat(known if normals is None else (*known, normals), 1)
     # Of the size of the others: the operator of all is regularised as a whole.
     size = (_power(image[:, 0], weights) / weights.sum(-1, keepdim=True).clamp_min(1)).sqrt().clamp_min(1e-6)[:, None]
-    light, changes = harmonics(normals, blurred)
+    light, changes = harmonics(normals), harmonic_changes(normals, blurred)
     return torch.cat((torch.ones_like(image), image / size, light, (image * light + changes) / size), 1)
 
 
-def harmonics(normals: Tensor, change: Tensor) -> tuple[Tensor, Tensor]:
-    """Spherical harmonics (n, 15, p) of the orders 1 to 3 of unit vectors (n, 3, p), up to factors, and their changes.
-
-    The latter to first order in the ``change`` (n, 3, p) of the vectors.
-    """
-    (x, y, z), (a, b, c) = normals.unbind(1), change.unbind(1)
+def harmonics(normals: Tensor) -> Tensor:
+    """Spherical harmonics (n, 15, p) of the orders 1 to 3 of unit vectors (n, 3, p), up to factors."""
+    x, y, z = normals.unbind(1)
     along, across, both = 5 * z * z - 1, x * x - y * y, x * y
-    turned = 2 * (x * a - y * b)
     values = (
         *(x, y, z, both, x * z, y * z, across, 3 * z * z - 1),
         *(x * along, y * along, z * (along - 2), z * across, both * z),
         *(x * (across - 2 * y * y), y * (across + 2 * x * x)),
     )
+    return torch.stack(values, 1)
+
+
+def harmonic_changes(normals: Tensor, change: Tensor) -> Tensor:
+    """How `harmonics` (n, 15, p) change, to first order, with the ``change`` (n, 3, p) of the vectors (n, 3, p)."""
+    (x, y, z), (a, b, c) = normals.unbind(1), change.unbind(1)
+    along, across, both = 5 * z * z - 1, x * x - y * y, x * y
+    turned = 2 * (x * a - y * b)
     changes = (
         *(a, b, c, a * y + b * x, a * z + c * x, b * z + c * y, turned, 6 * z * c),
         *(a * along + 10 * x * z * c, b * along + 10 * y * z * c, 3 * c * along, c * across + z * turned),
         *(z * (a * y + b * x) + c * both, 3 * (a * across - 2 * b * both), 3 * (b * across + 2 * a * both)),
     )
-    return torch.stack(values, 1), torch.stack(changes, 1)
+    return torch.stack(changes, 1)
 
 
 def project(slopes: Tensor, nuisance: Tensor, weights: Tensor) -> Tensor:

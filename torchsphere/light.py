@@ -43,15 +43,14 @@ def is_uneven(reference: Reference, solution: Solution, model: Displacement) -> 
     difference = criterion.residual(reference.values, solution.warped, solution.weights)
     sums = misfit.block_sums(reference, difference[:, None], solution.weights)[:, 0]
     # The places of the blocks are the same for all pairs.
-    first = reference.take(torch.zeros(1, dtype=torch.long, device=sums.device))
-    across = first.surface[:, :2] / first.geometry.radius[:, None, None]
-    once = torch.ones_like(across[:, 0])
-    x, y, count = misfit.block_sums(first, torch.cat((across, once[:, None]), 1), once)[0]
+    across = reference.surface[:1, :2] / reference.geometry.radius[0]
+    once = torch.ones_like(across[:, :1])
+    x, y, count = misfit.block_sums(reference, torch.cat((across, once), 1), once[:, 0])[0]
     x, y = x / count.clamp_min(1), y / count.clamp_min(1)
     inwards = (LIMB / (x * x + y * y).clamp_min(LIMB)).sqrt()
     x, y = x * inwards, y * inwards
     normals = torch.stack((x, y, -(1 - x * x - y * y).sqrt()))[None]
-    of_light = criterion.harmonics(normals, torch.zeros_like(normals))[0][0]
+    of_light = criterion.harmonics(normals)[0]
     score = (sums @ of_light.T).square() / (sums.square() @ of_light.square().T).clamp_min(1e-30)
     return judgeable(solution, model) & (score.sum(-1) > UNEVEN)
 

@@ -98,8 +98,13 @@ _MODES = torch.tensor(
 )
 
 
-def gram(q: Tensor, places: Tensor, weights: Tensor, *, exact: bool) -> Tensor:
-    """Weighted sum (n, 5, 5), float64, over all points of the modes' products with each other."""
+def gram(q: Tensor, places: Tensor, weights: Tensor, *, exact: bool, every: int = 1) -> Tensor:
+    """Weighted sum (n, 5, 5), float64, over every so many-th point of the modes' products with each other."""
+    if compiled.suits(q, places, weights):
+        still = torch.eye(3).expand(len(q), 3, 3)
+        turn, tangent = (rotations(q[:, 2:5]), tangents(q[:, 2:5])) if exact else (still, still)
+        return turns.gram(places, weights, turn, tangent, every)
+    places, weights = places[..., ::every], weights[..., ::every]
     at = moved(q, places, exact=True) if exact else places
     at = torch.cat((torch.ones_like(at[:, :1]), at), 1)
     moments = ((at * weights[:, None]) @ at.mT).double()
