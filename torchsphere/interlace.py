@@ -34,14 +34,14 @@ def field_shift(images: Tensor) -> Tensor:
     """Shift (n, 2) in px of each image's odd rows against what its even rows let expect, to first order."""
     between = _between(images)
     rest = images[:, 3:-3] - between
-    slope_x = 0.5 * (between[:, :, 2:] - between[:, :, :-2])[:, 1:-1]
-    slope_y = 0.5 * (between[:, 2:] - between[:, :-2])[:, :, 1:-1]
+    slope_x = 0.5 * (between[:, 1:-1, 2:] - between[:, 1:-1, :-2])
+    slope_y = 0.5 * (between[:, 2:, 1:-1] - between[:, :-2, 1:-1])
     rest = rest[:, 1:-1, 1:-1]
     # Rows take turns in being one field or the other, and so does the sign of their rest.
     sign = 1 - 2 * (torch.arange(rest.shape[1], device=rest.device) % 2)[:, None].to(rest)
-    slopes = torch.stack((slope_x, slope_y), -1).flatten(1, 2).double()
-    score = (slopes * (sign * rest).flatten(1)[..., None]).sum(1)
-    normal = slopes.mT @ slopes + 1e-6 * torch.eye(2).to(slopes)
+    slopes = torch.stack((slope_x.flatten(1), slope_y.flatten(1)), 1)
+    score = (slopes @ (sign * rest).flatten(1)[..., None])[..., 0].double()
+    normal = (slopes @ slopes.mT).double() + 1e-6 * torch.eye(2, dtype=torch.float64, device=slopes.device)
     shift = torch.linalg.solve_ex(normal, score)[0]
     power = rest.square().mean((1, 2)).double()
     # Without texture the rows' noise alone would make a shift.
