@@ -42,7 +42,7 @@ def local_mean(reference: Reference, values: Tensor, weights: Tensor) -> Tensor:
     """Mean (n, p) of ``values`` (n, p) in a window around each point, over the points that count."""
     window = _odd(ENERGY_WINDOW, reference)
     if compiled.suits(values, weights):
-        return windows.local_mean(values, weights, _flat(reference), reference.side, window)
+        return windows.local_mean(values, weights, reference.places, reference.side, window)
     total, count = _smoothed(reference, torch.stack((weights * values, weights), 1), window).unbind(1)
     return total / count.clamp_min(1e-6)
 
@@ -70,17 +70,13 @@ def _odd(share: float, reference: Reference) -> int:
 def spread_out(reference: Reference, values: Tensor) -> Tensor:
     """Values (n, c, p) of the points -> maps (n, c, side, side), 0 where there is no point."""
     maps = values.new_zeros(*values.shape[:2], reference.side * reference.side)
-    maps.scatter_(2, _flat(reference).expand_as(values), values)
+    maps.scatter_(2, reference.places.expand_as(values), values)
     return maps.unflatten(-1, (reference.side, reference.side))
 
 
 def gather_back(reference: Reference, maps: Tensor) -> Tensor:
     """Values (n, c, p) at the points of maps (n, c, side, side)."""
-    return maps.flatten(-2).index_select(2, _flat(reference))
-
-
-def _flat(reference: Reference) -> Tensor:
-    return reference.places[:, 1] * reference.side + reference.places[:, 0]
+    return maps.flatten(-2).index_select(2, reference.places)
 
 
 def _smoothed(reference: Reference, values: Tensor, window: int) -> Tensor:
@@ -196,7 +192,7 @@ def block_sums(reference: Reference, values: Tensor, weights: Tensor, *, fading:
     size = math.ceil(max(LEAST_BLOCK, BLOCK * float(reference.geometry.radius.mean())) / reference.spacing)
     belongs = _shares(reference.side, size, fading).to(values)
     if compiled.suits(values, weights):
-        return windows.block_sums(values, weights, _flat(reference), reference.side, belongs)
+        return windows.block_sums(values, weights, reference.places, reference.side, belongs)
     # Over their rows, then over their columns.
     return (belongs @ spread_out(reference, values * weights[:, None]) @ belongs.T).flatten(2)
 

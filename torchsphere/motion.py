@@ -160,6 +160,11 @@ def degrees_of_freedom(model: Displacement) -> int:
     return 2 if model is translation else 6 if model is pinhole6 else 5
 
 
+def turn(q: Tensor) -> Tensor:
+    """Angle (n,) of the rotation in unknowns (n, k), rad."""
+    return torch.linalg.vector_norm(q[:, 2:5], dim=-1)
+
+
 def as_unknowns(increments: Tensor, model: Displacement) -> Tensor:
     """Increments (n, 5) as a model's unknowns (n, k): it may have fewer, or growth as a sixth."""
     k = degrees_of_freedom(model)

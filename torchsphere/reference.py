@@ -92,8 +92,8 @@ class Reference:
         the texture is fine.
     geometry : Geometry
     places : Tensor
-        Column and row (p, 2) of each point on a square grid, the same for all pairs, whole numbers. On a chessboard the
-        grid lies at 45 deg to the image.
+        Number (p,) of each point's place on a square grid, row by row, the same for all pairs. On a chessboard the grid
+        lies at 45 deg to the image.
     side : int
         Points along a side of that grid.
     spacing : float
@@ -152,7 +152,8 @@ def _region(reach: int, limit: float, spacing: float, every: int) -> tuple[Tenso
         grid = grid[grid.sum(-1) % 2 == 0]
         places = torch.stack((grid.sum(-1), grid[:, 0] - grid[:, 1]), -1) // 2
     places = places - places.min()
-    return grid[::every], places[::every], int(places.max()) + 1
+    side = int(places.max()) + 1
+    return grid[::every], (places[:, 1] * side + places[:, 0])[::every].contiguous(), side
 
 
 def build_reference(

@@ -7,6 +7,7 @@ in doubt (`torchsphere.robust`), and with light that changes unevenly where they
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 
 import torch
@@ -37,7 +38,7 @@ def approach(pairs: Pairs, start: Tensor, options: Options) -> Approach:
         return Approach.none(start)
     model = motion.MODELS[options.model]
     model = motion.finite if model is motion.rigid else model
-    exact = bool((start[:, 2:].norm(dim=-1) >= math.radians(GRADIENT_FROM_DEG)).any())
+    exact = bool((motion.turn(start) >= math.radians(GRADIENT_FROM_DEG)).any())
     reference, first = _reference(pairs, start, model, options, every=EVERY)
     how = How(options.max_iterations, options.tolerance_px, exact or options.jacobian == "autograd")
     return bring_near(reference, pairs.g.c, pairs.shift, first, model, how)
@@ -48,13 +49,9 @@ def solve(pairs: Pairs, near: Tensor, options: Options, start: Tensor | None = N
     start = near if start is None else start
     if motion.MODELS[options.model] not in (motion.rigid, *motion.EXACT):
         return _solve(pairs, near, start, options)
-    exact = "finite" if options.model == "rigid" else options.model
-    exactly = dataclasses.replace(options, model=exact, jacobian="autograd")
-    # Measured at 0.57 deg per frame: the second order of the rotation, which `rigid` lacks, is half of its bias (0.0009
-    # of 0.0018 deg), and costs a tenth of the time.
-    slowly = options if options.finite_from_deg else dataclasses.replace(options, model=exact)
+    slowly, exactly = _by_turn(options)
     limit = math.radians(options.finite_from_deg or GRADIENT_FROM_DEG)
-    turning = near[:, 2:5].norm(dim=-1) >= limit
+    turning = motion.turn(near) >= limit
     if bool(turning.all()):
         return _solve(pairs, near, start, exactly)
     found = _solve(pairs, near, start, slowly, again_from=limit)
@@ -65,6 +62,16 @@ def solve(pairs: Pairs, near: Tensor, options: Options, start: Tensor | None = N
     rows = torch.nonzero(beyond)[:, 0]
     better = torch.where(found.q.isfinite() & ~turning[:, None], found.q, near[:, :5])[rows]
     return found.replaced(rows, _solve(pairs.take(rows), better, start[rows], exactly))
+
+
+@functools.lru_cache(maxsize=16)
+def _by_turn(options: Options) -> tuple[Options, Options]:
+    """The options for rows that turn slowly, and for those that turn fast."""
+    exact = "finite" if options.model == "rigid" else options.model
+    # Measured at 0.57 deg per frame: the second order of the rotation, which `rigid` lacks, is half of its bias (0.0009
+    # of 0.0018 deg), and costs a tenth of the time.
+    slowly = options if options.finite_from_deg else dataclasses.replace(options, model=exact)
+    return slowly, dataclasses.replace(options, model=exact, jacobian="autograd")
 
 
 def _solve(
@@ -88,7 +95,7 @@ def _solve(
     if options.robust and model in (motion.rigid, *motion.EXACT) and options.max_iterations > robust.STEPS:
         doubt = ~solution.converged | robust.doubtful(reference, solution, model, options.pre_blur)
         # What is not explained of a large turn so far is no occluder.
-        turned = solution.q[:, 2:5].norm(dim=-1) >= again_from
+        turned = motion.turn(solution.q) >= again_from
         doubt = doubt & ~(solution.converged & turned)
         if not uneven:
             # What looks like an occluder may be light; only what that does not explain is left out.
