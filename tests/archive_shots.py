@@ -18,6 +18,7 @@ from shots import rotation_matrix, speckle
 
 from torchsphere import batch_cli, forward, results
 from torchsphere.archive.work import Job, Outcome, settle
+from torchsphere.hashing import hash_files
 from torchsphere.measure import Request
 from torchsphere.recording import open_recording
 from torchsphere.track import Track, track
@@ -69,7 +70,7 @@ def write_result(request: Request, extra: Mapping[str, Path], tracked: Track | N
             (folder / name).write_bytes(source.read_bytes())
         if tracked is not None:
             results.write_track(folder, tracked, request.fps, 0)
-        table = {"input": {"sha256": results.hash_files([request.input])}, "frames_per_status": counts}
+        table = {"input": {"sha256": hash_files([request.input])}, "frames_per_status": counts}
         table |= {"mean_motion": {"increment_px_rad": step}, "frame_rate": request.fps}
         results.write_summary(folder, table)
     with (request.input.parent / CALLS).open("a") as file:

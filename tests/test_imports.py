@@ -16,7 +16,7 @@ PACKAGE = ROOT / "torchsphere"
 
 #: The data's way. A module imports from lines above its own, never from its own or from one below.
 LAYERS = (
-    ("compiled", "recording", "inputs", "parallel", "choices", "setting", "plausible", "ending"),
+    ("compiled", "recording", "inputs", "parallel", "choices", "setting", "plausible", "ending", "hashing"),
     ("source", "masks", "ordered", "perspective", "interpolate"),
     ("motion", "crop", "texture", "still", "turning", "criterion", "request", "predict"),
     ("forward", "pixels", "interlace", "window", "options", "repeated", "rays", "reweighted", "silhouette", "disc"),

@@ -203,7 +203,7 @@ def test_a_result_that_fails_half_way_leaves_nothing(tmp_path: Path, short: Path
 
 
 def test_a_request_to_end_leaves_nothing_half_written(tmp_path: Path, short: Path, monkeypatch) -> None:
-    def ended(folder: Path) -> None:
+    def ended(folder: Path, *_: object) -> None:
         assert folder.is_dir()
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(60)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from torchsphere.circle import Circle
 from torchsphere.doubts import doubts
 from torchsphere.estimates import Impact
 from torchsphere.follow import Progress
+from torchsphere.hashing import hash_files
 from torchsphere.impact import impact
 from torchsphere.inertia import ball
 from torchsphere.joint import ALONE, Solver, together
@@ -28,6 +30,7 @@ from torchsphere.masks import hides_ball, read_ignore, without_effect
 from torchsphere.part import frames, part
 from torchsphere.recording import Recording, open_recording
 from torchsphere.report import draw, kept, overlay, paraview, sampled
+from torchsphere.report.assistant import Assistant
 from torchsphere.report.folder import read
 from torchsphere.report.words import NO_IMPACT
 from torchsphere.request import Request, require_shell_within
@@ -64,7 +67,7 @@ def measure(
             "--device cuda was asked for, but torch finds no CUDA device here; leave it out to use the CPU"
         )
     began = time.perf_counter()
-    with open_recording(request.input) as recording:
+    with open_recording(request.input) as recording, _assistant(request, recording) as assistant:
         start, stop = frames(request.frames, len(recording))
         chosen = part(recording, start, stop)
         options: dict[str, Any] = {"model": request.model, "camera": request.camera()}
@@ -97,9 +100,20 @@ def measure(
                 *_hidden(ignore, tracked, start),
             )
             seconds = time.perf_counter() - began
-            done = Measurement(recording, tracked, motion, found, start, warnings, seconds, extra or {}, name)
-            _write(request, done, frame_rate, chosen, ignore)
+            sha256 = (assistant and assistant.sha256()) or hash_files(recording.files)
+            done = Measurement(recording, tracked, motion, found, start, warnings, seconds, sha256, extra or {}, name)
+            _write(request, done, frame_rate, chosen, ignore, assistant)
     return done
+
+
+@contextlib.contextmanager
+def _assistant(request: Request, recording: Recording) -> Iterator[Assistant | None]:
+    """What hashes the recording and draws the figures, where they are wanted and a core is likely to lie idle."""
+    if not request.report or not parallel.has_idle_cores():
+        yield None
+        return
+    with Assistant(recording.files) as assistant:
+        yield assistant
 
 
 def _hidden(ignore: NDArray[np.bool_] | None, tracked: Track, start: int) -> tuple[str, ...]:
@@ -168,8 +182,10 @@ def _write(
     frame_rate: float | None,
     chosen: Recording,
     ignore: NDArray[np.bool_] | None,
+    assistant: Assistant | None,
 ) -> None:
-    with results.whole_folder(request.out, request.overwrite) as folder:
+    # The assistant ends before its folder is removed, should anything be wrong.
+    with results.whole_folder(request.out, request.overwrite) as folder, assistant or contextlib.nullcontext():
         results.write_track(folder, done.track, frame_rate, done.first_frame)
         if done.motion is not None:
             results.write_kinematics(folder, done.motion, done.first_frame)
@@ -177,10 +193,14 @@ def _write(
             shutil.copyfile(source, folder / name)
         results.write_summary(folder, summary(request, done, frame_rate))
         if request.report:
+            if assistant is not None:
+                figures = folder / "figures"
+                figures.mkdir()
+                assistant.begin(folder, draw.OF_NUMBERS, figures)
             mask = None if ignore is None else torch.from_numpy(ignore)
             kept.save(folder / "frames.npz", sampled.sample(chosen, done.track, mask))
             # From what was written, so that the folder alone is always enough to draw it again.
-            draw.draw(folder)
+            draw.draw(folder, assistant)
         _export(request, folder)
 
 

@@ -9,6 +9,7 @@ compiled loops let go of: worth it where an operation takes longer than it takes
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import ContextVar
@@ -49,6 +50,11 @@ def one_each() -> Iterator[None]:
 def _allowed() -> int:
     """Threads that torch might use, but for `one_each`."""
     return _ALLOWED.get() or torch.get_num_threads()
+
+
+def has_idle_cores() -> bool:
+    """Whether what one thread does leaves cores idle: torch may use several, and this process is no worker of many."""
+    return _allowed() > 1 and multiprocessing.parent_process() is None
 
 
 def each(function: Callable[..., Result], *columns: Iterable[Any], at_most: int | None = FEW) -> Iterator[Result]:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 import math
 import os
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -162,17 +161,6 @@ def write_summary(folder: Path, summary: dict[str, Any]) -> None:
 def status_counts(track: Track) -> dict[str, int]:
     """Number of frames per status, the most frequent first."""
     return dict(Counter(track.status.tolist()).most_common())
-
-
-def hash_files(files: Sequence[Path]) -> str:
-    """SHA-256 over names and contents of the files of a recording."""
-    digest = hashlib.sha256()
-    for file in files:
-        digest.update(file.name.encode() + b"\0")
-        with file.open("rb") as stream:
-            while block := stream.read(1 << 20):
-                digest.update(block)
-    return digest.hexdigest()
 
 
 def _write_csv(path: Path, columns: dict[str, NDArray[Any]]) -> None:

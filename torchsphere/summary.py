@@ -24,7 +24,10 @@ from torchsphere.track import Track
 
 @dataclass(frozen=True)
 class Measurement:
-    """What was measured of one recording; ``name`` is what to call it where its path would tell nothing."""
+    """What was measured of one recording.
+
+    ``sha256`` is of its files; ``name`` is what to call it where its path would tell nothing.
+    """
 
     recording: Recording
     track: Track
@@ -33,6 +36,7 @@ class Measurement:
     first_frame: int
     warnings: tuple[str, ...]
     seconds: float
+    sha256: str
     extra_files: Mapping[str, Path] = field(default_factory=dict)
     name: str | None = None
 
@@ -46,7 +50,7 @@ def summary(request: Request, done: Measurement, frame_rate: float | None) -> di
     return {
         "input": {
             "path": done.name or str(request.input),
-            "sha256": results.hash_files(recording.files),
+            "sha256": done.sha256,
             "kind": recording.kind,
             "frames": len(recording),
             "first_frame": done.first_frame,

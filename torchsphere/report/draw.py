@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,8 @@ from torchsphere.report.folder import ResultFolder, read
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from torchsphere.report.assistant import Assistant
 
 #: Figures by the names of their files; those of the second group need the images that were kept.
 OF_NUMBERS: dict[str, Callable[[ResultFolder], Figure]] = {
@@ -26,17 +28,18 @@ OF_IMAGES: dict[str, Callable[[ResultFolder], Figure]] = {
     "residuals": image_figures.residual_figure,
 }
 
-#: Compression of a PNG: up to twice as fast as zlib's usual 6, for a few percent more bytes.
-PNG_LEVEL = 4
+#: Compression of PNG and PDF: up to twice as fast as zlib's usual 6, for a few percent more bytes.
+LEVEL = 4
 
 #: Matplotlib draws for one thread at a time.
 _DRAWING = threading.Lock()
 
 
-def draw(folder: Path) -> None:
+def draw(folder: Path, assistant: Assistant | None = None) -> None:
     """Draw figures and report of the result in ``folder``, and replace earlier ones; no number is touched.
 
-    Every file appears whole or not at all.
+    Every file appears whole or not at all. An ``assistant`` draws the figures beside what is drawn here; those of
+    `OF_NUMBERS` it has been asked for.
 
     Raises
     ------
@@ -44,31 +47,44 @@ def draw(folder: Path) -> None:
         If ``folder`` is no result folder, or one that is damaged.
     """
     with _DRAWING:
-        _draw(folder)
+        _draw(folder, assistant)
 
 
-def _draw(folder: Path) -> None:
+def _draw(folder: Path, assistant: Assistant | None) -> None:
     result = read(folder)
     new = Path(tempfile.mkdtemp(prefix=".drawing.", dir=folder))
     try:
-        (new / "figures").mkdir()
-        _figures(result, new / "figures")
+        figures = new / "figures"
+        figures.mkdir()
+        if assistant is not None:
+            assistant.begin(folder, OF_IMAGES, figures)
         (new / "report.html").write_text(page.page(result), encoding="utf-8")
+        if result.sampled is not None:
+            (figures / "thumbnail.webp").write_bytes(image_figures.thumbnail(result))
+        if assistant is None or not assistant.finish():
+            draw_figures(result, OF_NUMBERS | OF_IMAGES, figures)
         (folder / "figures").mkdir(exist_ok=True)
-        for path in [*(new / "figures").iterdir(), new / "report.html"]:
+        for path in [*figures.iterdir(), new / "report.html"]:
             path.replace(folder / path.relative_to(new))
     finally:
         shutil.rmtree(new)
 
 
-def _figures(result: ResultFolder, folder: Path) -> None:
+def draw_figures(result: ResultFolder, names: Iterable[str], folder: Path) -> None:
+    """Draw figures of `OF_NUMBERS` and `OF_IMAGES`, by their ``names``, into ``folder`` as PNG and PDF.
+
+    Those that need images are left out where none were kept.
+    """
+    from matplotlib import rc_context
+
     drawn = OF_NUMBERS | (OF_IMAGES if result.sampled is not None else {})
-    for name, make in drawn.items():
-        figure = make(result)
-        figure.savefig(folder / f"{name}.png", pil_kwargs={"compress_level": PNG_LEVEL})
+    for name in names:
+        if name not in drawn:
+            continue
+        figure = drawn[name](result)
+        figure.savefig(folder / f"{name}.png", pil_kwargs={"compress_level": LEVEL})
         # The layout is found: to find it again took a tenth of the time of drawing.
         figure.set_layout_engine("none")
         # Without its date, so that the same result gives the same file.
-        figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
-    if result.sampled is not None:
-        (folder / "thumbnail.webp").write_bytes(image_figures.thumbnail(result))
+        with rc_context({"pdf.compression": LEVEL}):
+            figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})

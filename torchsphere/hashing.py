@@ -1,0 +1,18 @@
+"""What a recording's files are known by, wherever they lie; without torch, so that a process beside can tell it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+
+def hash_files(files: Sequence[Path]) -> str:
+    """SHA-256 over names and contents of the files of a recording."""
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(file.name.encode() + b"\0")
+        with file.open("rb") as stream:
+            while block := stream.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
