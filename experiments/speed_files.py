@@ -116,7 +116,10 @@ import json, resource, sys, time
 import importlib
 begin = time.perf_counter()
 from pathlib import Path
-from torchsphere import follow, measure
+from torchsphere.cli import loading
+# As the command loads its libraries.
+with loading():
+    from torchsphere import follow, measure
 spent = {"import_s": time.perf_counter() - begin}
 def timed(place, name, key):
     module = importlib.import_module(place)

@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"unrecognized arguments: {' '.join(unknown)}")
     try:
         with ending.in_order():
-            with _loading():
+            with loading():
                 run = _command(name)
             return run(options)
     except (ValueError, OSError) as error:
@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 @contextlib.contextmanager
-def _loading() -> Iterator[None]:
+def loading() -> Iterator[None]:
     """Load libraries without looking for garbage among what they bring, neither meanwhile nor afterwards.
 
     Torch brings 200 000 objects that stay to the end; to go through them all again and again took 0.5 s of a track.
