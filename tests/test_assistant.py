@@ -142,6 +142,15 @@ def test_a_refusal_leaves_no_process_and_no_folder(
     assert [one._process is None or one._process.poll() is not None for one in started] == [True]
 
 
+# Its memory comes on top, which long recordings have none to spare for.
+def test_a_long_recording_is_drawn_without_the_process(
+    short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("torchsphere.measure.AIDED_FRAMES", 7)
+    monkeypatch.setattr("torchsphere.measure.Assistant", None)
+    assert (tracked(short, tmp_path / "out", 2) / "report.html").is_file()
+
+
 def test_one_thread_for_torch_leaves_no_core_idle() -> None:
     with threads(1):
         assert not parallel.has_idle_cores()
