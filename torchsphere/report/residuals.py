@@ -85,10 +85,9 @@ def residual_maps(pairs: Pairs, ignore: Tensor | None, options: Options) -> NDAr
     warped, weights = warp(reference, c_g, shift, q.to(c_g), model)
     difference = -criterion.residual(reference.values, warped, weights)
     difference = torch.where(weights > 0, difference, torch.nan)
-    maps = torch.full((len(difference), reference.side, reference.side), torch.nan)
-    columns, rows = reference.places.cpu().unbind(-1)
-    maps[:, rows, columns] = difference.float().cpu()
-    return maps.numpy()
+    maps = torch.full((len(difference), reference.side * reference.side), torch.nan)
+    maps[:, reference.places.cpu()] = difference.float().cpu()
+    return maps.unflatten(-1, (reference.side, reference.side)).numpy()
 
 
 def _binned(crops: crop.Crops, k: int) -> crop.Crops:
