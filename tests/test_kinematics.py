@@ -7,6 +7,7 @@ import pytest
 import torch
 
 import torchsphere as ts
+from torchsphere import local
 from torchsphere.cautions import flattened, too_short
 from torchsphere.orientation import chain
 
@@ -159,6 +160,25 @@ def test_differences_and_polynomials_say_which_frequencies_they_pass(falling: ts
     wide = ts.kinematics(falling, frame_rate=1000.0, m_per_px=5e-4, method="savitzky-golay", window=7, order=3).about
     assert wide["bandwidth_Hz"]["acceleration"] < plain["bandwidth_Hz"]["acceleration"]
     assert (wide["window_frames"], wide["order"]) == (7, 3)
+
+
+@pytest.mark.parametrize("shifted", [False, True])
+def test_frames_that_are_fitted_at_once_are_no_limit_that_shows(
+    monkeypatch: pytest.MonkeyPatch, *, shifted: bool
+) -> None:
+    draw = np.random.default_rng(1)
+    times, increment = draw.uniform(0.5, 1.5, 60).cumsum(), draw.normal(0, 0.1, (59, 5))
+    joined = np.ones((59, 2), dtype=bool)
+    joined[30, 1] = False
+
+    def found(at_once: int) -> local.Rates:
+        monkeypatch.setattr(local, "AT_ONCE", at_once)
+        return local.rates(times, increment, joined, np.ones((60, 5)), window=7, order=3, shifted=shifted)
+
+    whole, blocks = found(1000), found(11)
+    for name in ("first", "second", "variance_first", "variance_second"):
+        assert np.isfinite(getattr(whole, name)).sum() > 200
+        np.testing.assert_allclose(getattr(blocks, name), getattr(whole, name), rtol=1e-12)
 
 
 def test_uneven_times_leave_a_steady_acceleration_what_it_is(falling: ts.Track) -> None:

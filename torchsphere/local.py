@@ -18,6 +18,9 @@ from torchsphere.setting import require_window
 
 Array = NDArray[np.float64]
 
+#: Frames whose windows are fitted at once.
+AT_ONCE = 2000
+
 
 @dataclass(frozen=True)
 class Rates:
@@ -77,12 +80,15 @@ def rates(
             low = np.clip(frames - window // 2, start, stop - window)
             if not shifted:
                 frames, low = frames[window // 2 : len(frames) - window // 2], np.unique(low)
-            around = low[:, None] + np.arange(window)
-            weights = _weights(times[around] - times[frames, None], order)
-            poses = _poses(increment[start : stop - 1, columns], around - start, frames - start)
-            derivatives, variances = weights @ poses, weights**2 @ variance[around][..., columns]
-            first[frames, columns], second[frames, columns] = derivatives[:, 0], derivatives[:, 1]
-            variance_first[frames, columns], variance_second[frames, columns] = variances[:, 0], variances[:, 1]
+            chained = _chained(increment[start : stop - 1, columns])
+            # All windows of 20,000 frames at once took 41 MB, by which a track's memory grew.
+            for block in range(0, len(frames), AT_ONCE):
+                at, around = frames[block : block + AT_ONCE], low[block : block + AT_ONCE, None] + np.arange(window)
+                weights = _weights(times[around] - times[at, None], order)
+                poses = _relative(chained, around - start, at - start)
+                derivatives, variances = weights @ poses, weights**2 @ variance[around][..., columns]
+                first[at, columns], second[at, columns] = derivatives[:, 0], derivatives[:, 1]
+                variance_first[at, columns], variance_second[at, columns] = variances[:, 0], variances[:, 1]
     offsets: Array = (np.arange(float(window)) - window // 2) * float(np.median(np.diff(times)))
     return Rates(first, second, variance_first, variance_second, _weights(offsets[None], order)[0], offsets)
 
@@ -100,16 +106,19 @@ def _weights(times: Array, order: int) -> Array:
     return np.concatenate([inverse[:, k : k + 1] * math.factorial(k) / size**k for k in (1, 2)], 1)
 
 
-def _poses(steps: Array, around: NDArray[np.int64], at: NDArray[np.int64]) -> Array:
-    """Poses (m, w, d) of the frames ``around`` (m, w) relative to those ``at`` (m,), by the steps (r - 1, d) of a run.
+def _chained(steps: Array) -> Array:
+    """Poses of a run from its first frame on, by the steps (r - 1, d): (r, 2) in px, or matrices (r, 3, 3)."""
+    steps = np.concatenate((np.zeros((1, steps.shape[1])), steps))
+    return steps.cumsum(0) if steps.shape[1] == 2 else chain(steps, np.ones(len(steps), dtype=bool))
+
+
+def _relative(chained: Array, around: NDArray[np.int64], at: NDArray[np.int64]) -> Array:
+    """Poses (m, w, d) of the frames ``around`` (m, w) relative to those ``at`` (m,) of a run of `_chained` poses.
 
     Rotations are in the tangent space of the latter.
     """
-    zero = np.zeros((1, steps.shape[1]))
-    if steps.shape[1] == 2:
-        total = np.concatenate((zero, steps.cumsum(0)))
-        return total[around] - total[at, None]
-    matrices = chain(np.concatenate((zero, steps)), np.ones(len(steps) + 1, dtype=bool))
-    relative = matrices[around] @ np.swapaxes(matrices[at], 1, 2)[:, None]
+    if chained.ndim == 2:
+        return chained[around] - chained[at, None]
+    relative = chained[around] @ np.swapaxes(chained[at], 1, 2)[:, None]
     turned = So3.from_matrix(torch.from_numpy(relative.reshape(-1, 3, 3))).log().numpy()
     return turned.reshape(*around.shape, 3)
