@@ -83,9 +83,9 @@ def _projected(
             _product(nuisances[j], weights[n], weighted)
             # Of a symmetric matrix the factor is made from its lower triangle.
             for k in range(j + 1):
-                known[j, k] = _dot(weighted, nuisances[k])
+                known[j, k] = dot(weighted, nuisances[k])
             for k in range(5):
-                both[j, k] = _dot(weighted, found[n, k])
+                both[j, k] = dot(weighted, found[n, k])
         solve(known, both)
         for k in range(5):
             _subtract(found[n, k], both, k, nuisances)
@@ -192,11 +192,12 @@ def _products(slopes: Array, weights: Array, weighted: Array, operator: Double) 
     for j in range(len(slopes)):
         _product(slopes[j], weights, weighted)
         for k in range(j, len(slopes)):
-            operator[j, k] = operator[k, j] = _dot(weighted, slopes[k])
+            operator[j, k] = operator[k, j] = dot(weighted, slopes[k])
 
 
 @compiled
-def _dot(first: Array, second: Array) -> np.float32:
+def dot(first: Array, second: Array) -> np.float32:
+    """Sum of the products of two rows (m,)."""
     total = _ZERO
     for i in range(len(first)):
         total += first[i] * second[i]

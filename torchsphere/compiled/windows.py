@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.compiled.function import arrays, compiled, require_one_size
+from torchsphere.compiled.system import dot
 
 Array = NDArray[np.float32]
 Whole = NDArray[np.int64]
@@ -117,7 +118,7 @@ def _block_sums(values: Array, factors: Array, places: Whole, belongs: Array, fo
                 _weighted_rows(grid[first[a] : last[a]], belongs[a, first[a] : last[a]], row)
                 for b in range(blocks):
                     part = row[first[b] : last[b]]
-                    found[n, k, a * blocks + b] = _dot(belongs[b, first[b] : last[b]], part)
+                    found[n, k, a * blocks + b] = dot(belongs[b, first[b] : last[b]], part)
 
 
 @compiled
@@ -129,14 +130,6 @@ def _ends(shares: Array) -> tuple[int, int]:
     while last > first and shares[last - 1] == _ZERO:
         last -= 1
     return first, last
-
-
-@compiled
-def _dot(first: Array, second: Array) -> np.float32:
-    total = _ZERO
-    for i in range(len(first)):
-        total += first[i] * second[i]
-    return total
 
 
 @compiled
