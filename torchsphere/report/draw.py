@@ -88,3 +88,5 @@ def draw_figures(result: ResultFolder, names: Iterable[str], folder: Path) -> No
         # Without its date, so that the same result gives the same file.
         with rc_context({"pdf.compression": LEVEL}):
             figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
+        # Its parts know each other and outlive it; taken apart, they leave their memory, 10 to 20 MB, to the next one.
+        figure.clear()
