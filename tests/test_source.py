@@ -75,6 +75,16 @@ def test_the_next_batch_is_read_before_it_is_asked_for() -> None:
 
 
 @pytest.mark.usefixtures("idle")
+def test_batches_that_are_too_large_are_not_read_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(source, "KEPT_BYTES", 4 * 4 * 5 * 4 - 1)
+    read_from, reads = counted()
+    with read_from.ahead() as images:
+        images.images(0, 4)
+        images.images(3, 7)
+    assert reads == [0, 1, 2, 3, 3, 4, 5, 6]
+
+
+@pytest.mark.usefixtures("idle")
 def test_an_image_that_cannot_be_read_is_told_when_it_is_asked_for_and_not_before() -> None:
     plain, _ = counted()
 

@@ -16,7 +16,8 @@ from torchsphere.choices import DEVICES
 from torchsphere.inputs import as_images
 from torchsphere.recording import Recording
 
-#: Images that are wanted several times are kept up to this many bytes in all: 65 of 1024 x 480 px.
+#: Images that are wanted several times are kept, and those that may be wanted next are read, up to this many bytes in
+#: all: 65 of 1024 x 480 px.
 KEPT_BYTES = 2**27
 
 
@@ -94,7 +95,8 @@ class Source:
     def ahead(self) -> Iterator[Source]:
         """The same images for whoever goes through them in batches, each beginning with the last image of the former.
 
-        Where a core is likely to lie idle, the next batch is read while the last one is worked on.
+        Where a core is likely to lie idle, the next batch is read while the last one is worked on, unless it is too
+        large to keep two of them.
         """
         if not parallel.has_idle_cores():
             yield self
@@ -118,7 +120,7 @@ class _Ahead:
             found = self._source.images(start, stop)
         # As long as this one, from its last image on.
         first, last = stop - 1, min(2 * stop - 1 - start, self._source.count)
-        if last - first > 1:
+        if last - first > 1 and found.nbytes <= KEPT_BYTES:
             self._next = first, last, self._pool.submit(self._source.images, first, last)
         return found
 
