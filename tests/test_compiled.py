@@ -2,8 +2,12 @@
 
 import dataclasses
 import math
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from functools import lru_cache
+from pathlib import Path
 
 import numba
 import numpy as np
@@ -332,6 +336,26 @@ def test_where_nothing_can_be_kept_each_process_compiles_for_itself() -> None:
     with pytest.raises(RuntimeError, match="cannot cache"):
         numba.njit(cache=True)(homeless["first"])
     assert function.compiled(homeless["first"])(np.ones(3, np.float32)) == 1
+
+
+#: What an image shows at its pixels, as bytes: functions that call others, in loops whose sums may be reordered.
+LOOKED_UP = """
+import sys, torch
+from torchsphere import pixels
+c = torch.rand(2, 40, 50, generator=torch.Generator().manual_seed(1))
+grid = torch.tensor([[x, y] for y in range(-12, 13) for x in range(-12, 13)])
+for found in pixels.levels(c, grid, torch.full((2, 2), 20)):
+    sys.stdout.buffer.write(found.numpy().tobytes())
+"""
+
+
+def test_the_process_that_compiles_finds_what_all_later_ones_find(tmp_path: Path) -> None:
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-c", LOOKED_UP]
+    first, second = (subprocess.run(command, env=environment, capture_output=True, check=True) for _ in range(2))
+    assert list(tmp_path.rglob("*.nbc"))
+    assert len(first.stdout) == 3 * 2 * 625 * 4
+    assert first.stdout == second.stdout
 
 
 def test_a_reference_that_was_thinned_gives_the_same_slopes_at_the_points_that_stay() -> None:

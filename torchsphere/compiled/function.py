@@ -33,6 +33,9 @@ def compiled(function: Callable[..., Any]) -> Any:
     """
     options: dict[str, Any] = {
         "nogil": True,
+        # A function that was called, and not put in place of its call, was another one in the process that compiled it
+        # than in those that load it, with sums in another order: the first run's last digits were its own.
+        "forceinline": True,
         "fastmath": _MATHEMATICS,
         "error_model": "numpy",
         "pipeline_class": _Apart,
