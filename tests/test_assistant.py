@@ -100,6 +100,70 @@ def test_what_cannot_be_drawn_is_told_as_without_the_process(alone: Path, tmp_pa
     assert not list(tmp_path.iterdir())
 
 
+#: What the process runs with figures of our own making, each of a name and a statement.
+DRAWING = """
+import os, sys, time
+sys.path[:] = sys.argv[1:]
+from torchsphere.report import assistant, draw
+def drawn(result, names, folder):
+    for name in names:
+        (folder / (name + ".drawn")).write_text(str(os.getpid()))
+        {statement}
+draw.draw_figures = drawn
+assistant.serve()
+"""
+
+FORKS = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere no process is forked")
+
+
+@FORKS
+def test_each_figure_is_drawn_by_a_process_of_its_own_and_all_of_them_at_once(
+    alone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # None of them ends before all have begun.
+    wait = "while len(list(folder.iterdir())) < 5: time.sleep(0.01)"
+    monkeypatch.setattr(assistant, "_CODE", DRAWING.format(statement=wait))
+    with Assistant([]) as beside:
+        beside.begin(alone, draw.OF_NUMBERS, tmp_path)
+        beside.begin(alone, draw.OF_IMAGES, tmp_path)
+        assert beside.finish()
+    assert len({path.read_text() for path in tmp_path.iterdir()}) == 5
+
+
+@FORKS
+@pytest.mark.parametrize("statement", ["assert name != 'rotation'", "if name == 'rotation': os.kill(os.getpid(), 9)"])
+def test_a_figure_that_fails_or_whose_process_dies_is_told(
+    alone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, statement: str
+) -> None:
+    monkeypatch.setattr(assistant, "_CODE", DRAWING.format(statement=statement))
+    with Assistant([]) as beside:
+        beside.begin(alone, draw.OF_NUMBERS, tmp_path)
+        assert not beside.finish()
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+@FORKS
+@pytest.mark.parametrize("of_itself", [True, False])
+def test_nothing_is_drawn_any_more_once_the_process_is_closed_or_has_died(
+    alone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, of_itself: bool
+) -> None:
+    dies = "os.kill(os.getppid(), 9); " if of_itself else ""
+    monkeypatch.setattr(assistant, "_CODE", DRAWING.format(statement=dies + "time.sleep(600)"))
+    with Assistant([]) as beside:
+        beside.begin(alone, ["motion"], tmp_path)
+        while not (tmp_path / "motion.drawn").exists():
+            time.sleep(0.01)
+        if of_itself:
+            assert not beside.finish()
+    drawing = Path("/proc") / (tmp_path / "motion.drawn").read_text() / "stat"
+    for _ in range(500):
+        # A process that has ended and that nobody has asked for yet is still listed.
+        if not drawing.exists() or drawing.read_text().split()[2] == "Z":
+            return
+        time.sleep(0.01)
+    raise AssertionError("it is still being drawn")
+
+
 # The pipe that its jobs come through ends with whoever holds the other end, however that one ended.
 def test_the_process_ends_when_no_job_can_come_any_more() -> None:
     done = subprocess.run(

@@ -144,6 +144,21 @@ sys.exit(f"loaded {sorted(heavy)}" if heavy else "changed" if before != after el
     assert done.returncode == 0, done.stderr
 
 
+def test_the_command_loads_no_linear_algebra_for_loops_that_have_none_and_leaves_it_to_others() -> None:
+    script = """
+import sys
+from torchsphere.cli import loading
+with loading():
+    from torchsphere import interpolate
+import numpy, torch
+print("scipy.linalg" in sys.modules)
+print(interpolate.coefficients(torch.ones(1, 9, 9), 0.0).shape)
+import scipy.linalg
+print(float(scipy.linalg.det(numpy.eye(3))))
+"""
+    assert ran(script).split("\n") == ["False", "torch.Size([1, 9, 9])", "1.0", ""]
+
+
 def test_torchsphere_imports_where_optional_libraries_are_missing() -> None:
     missing = ["matplotlib", "av", "mitsuba", "drjit", "dask", "distributed", "cv2", "skimage"]
     script = f"import sys; sys.modules.update(dict.fromkeys({missing!r})); from torchsphere import *"

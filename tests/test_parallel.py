@@ -1,5 +1,7 @@
 """Shares of a batch on threads."""
 
+import os
+import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -92,6 +94,46 @@ def test_each_result_comes_in_order_from_threads_with_a_single_torch_thread(thre
     assert len({name for _, name, _ in found}) == threads
     assert {count for _, _, count in found} == {1}
     assert torch.get_num_threads() == threads
+
+
+def test_the_threads_stay(threads: int) -> None:
+    def names() -> set[int]:
+        meeting = threading.Barrier(threads, timeout=30)
+        return set(parallel.each(lambda _: (meeting.wait(), threading.get_ident())[1], range(threads), at_most=None))
+
+    assert names() == names()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no process is forked here")
+def test_a_forked_process_has_threads_of_its_own(threads: int) -> None:
+    assert list(parallel.each(abs, [-1, -2], at_most=None)) == [1, 2]
+    forked = os.fork()
+    if forked == 0:
+        # As long as the threads of the process that was forked are waited for, this one does not end.
+        signal.alarm(30)
+        os._exit(0 if list(parallel.each(abs, [-3, -4], at_most=None)) == [3, 4] else 1)
+    assert os.waitpid(forked, 0)[1] == 0
+
+
+def test_after_an_error_no_share_is_running() -> None:
+    begun, ended = threading.Event(), threading.Event()
+
+    def part(number: int) -> None:
+        if number == 0:
+            begun.wait(30)
+            raise ArithmeticError("the first share failed")
+        begun.set()
+        time.sleep(0.2)
+        ended.set()
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        with pytest.raises(ArithmeticError, match="the first"):
+            list(parallel.each(part, range(2)))
+    finally:
+        torch.set_num_threads(before)
+    assert ended.is_set()
 
 
 def test_functions_of_short_operations_get_few_threads_whatever_torch_may_use(threads: int) -> None:

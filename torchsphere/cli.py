@@ -54,7 +54,8 @@ def loading() -> Iterator[None]:
     """Load libraries without looking for garbage among what they bring, neither meanwhile nor afterwards.
 
     Torch brings 200 000 objects that stay to the end; to go through them all again and again took 0.5 s of a track.
-    A process that has loaded them before is left as it is.
+    What compiled loops need to be run is loaded as well, so that it is no garbage either. A process that has loaded
+    torch before is left as it is.
     """
     if "torch" in sys.modules or not gc.isenabled():
         yield
@@ -62,6 +63,10 @@ def loading() -> Iterator[None]:
     gc.disable()
     try:
         yield
+        if "numba" in sys.modules:
+            from torchsphere.compiled.function import make_ready
+
+            make_ready()
         gc.freeze()
     finally:
         gc.enable()

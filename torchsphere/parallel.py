@@ -9,18 +9,21 @@ compiled loops let go of: worth it where an operation takes longer than it takes
 from __future__ import annotations
 
 import contextlib
+import functools
 import multiprocessing
+import os
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextvars import ContextVar
 from typing import Any, TypeVar
 
 import torch
 
 #: Pixels that are worth a thread of their own. A compiled loop lets go of Python's lock, but what lies between two of
-#: them does not, and takes 3 ms per batch, as long as five pairs of 50 px. Measured on two cores, pairs of 50 px: 32 at
-#: once took 0.65 ms each on one thread and 0.85 on two, 64 took 0.72 and 0.56, and 128 0.61 and 0.37; 32 of 100 px 2.5
-#: and 1.5; 256 of 15 px 0.24 and 0.24.
+#: them does not, and takes 2.4 ms per batch, as long as six pairs of 50 px. Measured on two cores, pairs of 50 px: 32
+#: at once took 0.47 ms each on one thread and 0.45 to 0.50 on two, 64 took 0.41 and 0.31, and 128 0.46 and 0.26; 32 of
+#: 100 px 1.6 and 0.95; 128 of 15 px 0.14 and 0.19.
 LEAST_PIXELS = 400_000
 
 #: Threads at most for functions of many short operations. Measured on two cores: images registered on a map took 21 ms
@@ -57,6 +60,38 @@ def has_idle_cores() -> bool:
     return _allowed() > 1 and multiprocessing.parent_process() is None
 
 
+@functools.cache
+def _threads(count: int) -> ThreadPoolExecutor:
+    """So many threads, which stay: begun anew for each batch, with memory of their own, they took a tenth of its time.
+
+    What they run begins no threads of its own.
+    """
+
+    def begin() -> None:
+        torch.set_num_threads(1)
+        _ALLOWED.set(1)
+
+    return ThreadPoolExecutor(count, "torchsphere", begin)
+
+
+if hasattr(os, "register_at_fork"):
+    # A process that is forked has none of the threads.
+    os.register_at_fork(after_in_child=_threads.cache_clear)
+
+
+def _in_order(count: int, function: Callable[..., Result], *columns: Iterable[Any]) -> Iterator[Result]:
+    """Results of the calls, as they are asked for; at the end, also that by an error, none of the calls is running."""
+    pool = _threads(count)
+    calls = deque(pool.submit(function, *row) for row in zip(*columns, strict=True))
+    try:
+        while calls:
+            yield calls.popleft().result()
+    finally:
+        for call in calls:
+            call.cancel()
+        wait(calls)
+
+
 def each(function: Callable[..., Result], *columns: Iterable[Any], at_most: int | None = FEW) -> Iterator[Result]:
     """Like `map`, on as many threads as torch may use: for functions that take milliseconds, on the CPU.
 
@@ -67,8 +102,8 @@ def each(function: Callable[..., Result], *columns: Iterable[Any], at_most: int 
     if count == 1:
         yield from map(function, *columns)
         return
-    with one_each(), ThreadPoolExecutor(count) as pool:
-        yield from pool.map(function, *columns)
+    with one_each():
+        yield from _in_order(count, function, *columns)
 
 
 @contextlib.contextmanager
@@ -82,13 +117,13 @@ def sharing(device: torch.device, pixels: float) -> Iterator[Run]:
     if count == 1:
         yield lambda part, n: [part(0, n)]
         return
-    with one_each(), ThreadPoolExecutor(count) as pool:
+    with one_each():
 
         def run(part: Callable[[int, int], Any], n: int) -> list[Any]:
             shares = max(1, min(count, n, int(n * pixels / LEAST_PIXELS)))
             limits = [round(n * i / shares) for i in range(shares + 1)]
             if shares == 1:
                 return [part(0, n)]
-            return list(pool.map(part, limits[:-1], limits[1:]))
+            return list(_in_order(count, part, limits[:-1], limits[1:]))
 
         yield run

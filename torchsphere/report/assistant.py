@@ -2,8 +2,8 @@
 
 Matplotlib draws on one core, and takes half a second to load; measured on two cores, a track of 2,000 frames waits for
 all of this a quarter of its time. A thread would not do: most of it holds Python's lock, and whoever follows the ball
-would wait for that. The process is a fresh interpreter without torch, and gets its jobs line by line. It ends when no
-more of them can come, so also when whoever asked for them has died.
+would wait for that. The process is a fresh interpreter without torch, and gets its jobs line by line; each figure is
+drawn by a process that it forks. It ends when no more jobs can come, so also when whoever asked for them has died.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from typing import Any
 from torchsphere.hashing import hash_files
 from torchsphere.report import draw
 from torchsphere.report.figures import new_figure
-from torchsphere.report.folder import read
+from torchsphere.report.folder import ResultFolder, read
 
 #: What the process runs: it finds what its parent finds, and no program of the user's is run again.
 _CODE = "import sys; sys.path[:] = sys.argv[1:]; from torchsphere.report.assistant import serve; serve()"
@@ -47,6 +47,8 @@ class Assistant:
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=subprocess.DEVNULL,
+                    # With a group of its own, so that its own processes end with it.
+                    start_new_session=True,
                 )
         self._send([str(file.absolute()) for file in files])
 
@@ -75,14 +77,25 @@ class Assistant:
             return False
         with contextlib.suppress(OSError):
             self._process.communicate()
-        return self._process.wait() == 0
+        if self._process.wait() == 0:
+            return True
+        # Whatever is still being drawn would get in the way of whoever draws it now.
+        self._end_group(self._process.pid)
+        return False
 
     def close(self) -> None:
         """End the process, and whatever it draws."""
-        if self._process is not None:
+        if self._process is not None and self._process.poll() is None:
+            self._end_group(self._process.pid)
             self._process.kill()
             with contextlib.suppress(OSError):
                 self._process.communicate()
+
+    @staticmethod
+    def _end_group(number: int) -> None:
+        if hasattr(os, "killpg"):
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(number, signal.SIGKILL)
 
     def __enter__(self) -> Assistant:
         return self
@@ -98,11 +111,37 @@ def serve() -> None:
     jobs = map(json.loads, sys.stdin.buffer)
     sys.stdout.write(hash_files([Path(file) for file in next(jobs, [])]) + "\n")
     sys.stdout.flush()
+    # Whoever listens is told that nothing else comes, and does not wait for processes that outlive this one.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     _load()
+    drawing: list[int] = []
     for result, names, folder in jobs:
-        draw.draw_figures(read(Path(result)), names, Path(folder))
+        drawing += _begun(read(Path(result)), names, Path(folder))
+    failed = [number for number in drawing if os.waitpid(number, 0)[1] != 0]
     # Whoever waits need not wait for all to be taken apart.
-    os._exit(0)
+    os._exit(1 if failed else 0)
+
+
+def _begun(result: ResultFolder, names: Sequence[str], folder: Path) -> list[int]:
+    """Begin to draw each of the figures in a process of its own, which has loaded all that this one has: their numbers.
+
+    Where a process cannot be doubled safely the figures are drawn by this one.
+    """
+    if not sys.platform.startswith("linux"):
+        draw.draw_figures(result, names, folder)
+        return []
+    begun: list[int] = []
+    for name in names:
+        number = os.fork()
+        if number == 0:
+            code = 1
+            try:
+                draw.draw_figures(result, [name], folder)
+                code = 0
+            finally:
+                os._exit(code)
+        begun.append(number)
+    return begun
 
 
 def _load() -> None:
