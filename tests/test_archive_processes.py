@@ -109,9 +109,10 @@ def test_recordings_in_common_batches_have_the_results_of_each_alone(tmp_path: P
         alone, both = (
             np.genfromtxt(tmp_path / out / name / "track.csv", delimiter=",", names=True) for out in ("alone", "both")
         )
-        # Either iteration stops within 2e-4 px of the minimum.
-        np.testing.assert_allclose(both["dx_px"], alone["dx_px"], atol=4e-4)
-        np.testing.assert_allclose(both["wy_rad"], alone["wy_rad"], atol=4e-4 / RADIUS)
+        # Iterations end with a step of 2e-4 px, and their modes are those of where a rough look ended, which other
+        # pairs in the batch change: from starts 0.02 px apart, balls of 12 px end up to 0.002 px apart.
+        np.testing.assert_allclose(both["dx_px"], alone["dx_px"], atol=2e-3)
+        np.testing.assert_allclose(both["wy_rad"], alone["wy_rad"], atol=2e-3 / RADIUS)
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="there is no /proc to see whether a process lives")

@@ -30,7 +30,7 @@ LAYERS = (
     ("correlate", "joint", "adjusting", "radius", "record"),
     ("symmetric", "ranking", "bundle"),
     ("successive", "map_steps"),
-    ("mapped",),
+    ("mapped", "ahead"),
     ("rescue",),
     ("follow",),
     ("calibrate", "orientation", "camera"),

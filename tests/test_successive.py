@@ -7,6 +7,7 @@ from shots import Shot, shot
 from torch import Tensor
 
 from torchsphere import successive
+from torchsphere.correlation import Correlation
 from torchsphere.joint import ALONE
 from torchsphere.options import Options
 from torchsphere.reference import SLACK_PX, Filtered
@@ -23,6 +24,11 @@ def made() -> Shot:
 def truly(made: Shot) -> Tensor:
     """The ball (12, 3) where it is."""
     return torch.cat((made.centres, torch.full((12, 1), made.radius, dtype=torch.float64)), -1)
+
+
+def correlated(images: Tensor, balls: Tensor, start: Tensor, truly: Tensor) -> tuple[Correlation, Tensor]:
+    """With the ball expected at ``balls``, and ``truly`` in the first image."""
+    return successive.correlate_successive(successive.look(images, balls, start, SETUP), truly[0], SETUP)
 
 
 def filtered(images: Tensor, balls: Tensor) -> Filtered:
@@ -44,8 +50,8 @@ def test_images_filtered_anew_are_taken_by_a_field_only_where_the_others_are(mad
         images[later, 1::2] = made.images[later - 1, 1::2]
     start = made.increments.clone()
     start[:, 0] += OFF[:, 0].diff()
-    found, _ = successive.correlate_successive(images, truly + OFF, start, SETUP)
-    expected, _ = successive.correlate_successive(images, truly, made.increments, SETUP)
+    found, _ = correlated(images, truly + OFF, start, truly)
+    expected, _ = correlated(images, truly, made.increments, truly)
     assert len(found.q) == 11
     np.testing.assert_allclose(found.q[-2, :2], expected.q[-2, :2], atol=0.02)
 
@@ -53,11 +59,20 @@ def test_images_filtered_anew_are_taken_by_a_field_only_where_the_others_are(mad
 def test_a_path_that_is_expected_wrongly_at_its_end_changes_nothing(made: Shot, truly: Tensor) -> None:
     start = made.increments.clone()
     start[:, 0] += OFF[:, 0].diff()
-    found, circles = successive.correlate_successive(made.images, truly + OFF, start, SETUP)
-    expected, _ = successive.correlate_successive(made.images, truly, made.increments, SETUP)
+    found, circles = correlated(made.images, truly + OFF, start, truly)
+    expected, _ = correlated(made.images, truly, made.increments, truly)
     assert set(found.status) == set(expected.status) == {"ok"}
     np.testing.assert_allclose(circles[:, :2], truly[:, :2], atol=0.1)
     # Circles that differ by hundredths of a px may take the other squares of the chessboard: a third of its noise.
+    apart = (found.q - expected.q).double() / expected.covariance.diagonal(dim1=1, dim2=2).sqrt()
+    assert float(apart.abs().max()) < 0.5
+
+
+def test_a_ball_that_was_expected_elsewhere_from_the_first_image_on_changes_nothing(made: Shot, truly: Tensor) -> None:
+    away = torch.tensor([0.4, -0.3, 0.0], dtype=torch.float64)
+    found, circles = correlated(made.images, truly + away, made.increments, truly)
+    expected, _ = correlated(made.images, truly, made.increments, truly)
+    np.testing.assert_allclose(circles[:, :2], truly[:, :2], atol=0.1)
     apart = (found.q - expected.q).double() / expected.covariance.diagonal(dim1=1, dim2=2).sqrt()
     assert float(apart.abs().max()) < 0.5
 

@@ -7,6 +7,7 @@ impact, at the start, in a blank image, the one pair that comes next is measured
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Callable
@@ -17,15 +18,17 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere import outline, parallel, rescue
+from torchsphere.ahead import Ahead
 from torchsphere.circle import Circle
 from torchsphere.correlation import Correlation
 from torchsphere.joint import ALONE, Solver
 from torchsphere.options import Options
-from torchsphere.predict import Seen, path
+from torchsphere.predict import Seen, path, trend
 from torchsphere.record import Record
 from torchsphere.repeated import repeats
 from torchsphere.source import Source
 from torchsphere.successive import PREDICTION_TOLERANCE, Setup, correlate_successive, leading
+from torchsphere.successive import look as looked_at
 
 #: Pairs correlated at once. Measured on one thread: 2,000 frames take as long in batches of 32, 64 and 96. What is
 #: expected of the last of 64 is so far off that many are measured again.
@@ -80,12 +83,14 @@ class Follower:
 
     def run(self, stop: int) -> Record:
         """Measure frame after frame up to ``stop``, in batches that grow while they succeed."""
-        with parallel.sharing(self._source.device, (2 * self._seen.radius) ** 2) as shared:
+        with contextlib.ExitStack() as stack:
+            shared = stack.enter_context(parallel.sharing(self._source.device, (2 * self._seen.radius) ** 2))
             self._setup = dataclasses.replace(self._setup, shared=shared)
+            ahead = stack.enter_context(contextlib.closing(Ahead(self._source, self._setup)))
             at, size = self._seen.frame + 1, 1
             while at < stop:
                 asked = min(size, stop - at)
-                confirmed = self._advance(asked) if size > 1 else 0
+                confirmed = self._advance(ahead, asked, stop) if size > 1 else 0
                 if confirmed:
                     size = min(2 * size, BATCH) if confirmed == asked else max(2, confirmed)
                 else:
@@ -98,15 +103,15 @@ class Follower:
                     self._progress(at, stop)
         return self.record
 
-    def _advance(self, count: int) -> int:
+    def _advance(self, ahead: Ahead, count: int, stop: int) -> int:
         """Correlate the next ``count`` pairs from the expected increments -> how many of the first ones succeeded."""
         seen = self._seen
-        # The last image is read once more: to put it in front of the others would copy all of them.
-        images = self._source.images(seen.frame, seen.frame + 1 + count)
-        expected, predicted = seen.ahead(count, self._setup.in_place)
-        found, centred = correlate_successive(images, predicted, expected, self._setup)
+        look = ahead.look(seen, count)
+        if count == BATCH:
+            ahead.begin(seen, look, min(BATCH, stop - 1 - (seen.frame + count)))
+        found, centred = correlate_successive(look, seen.ball, self._setup)
         actual = self._arrived(found)
-        images, predicted = images[: len(actual)], predicted[: len(actual)]
+        images, predicted = look.images[: len(actual)], look.balls[: len(actual)]
         strayed = (actual - predicted)[:-1, :2].norm(dim=-1) >= PREDICTION_TOLERANCE * seen.radius
         believed = ~(strayed.numpy() | repeats(images, seen))
         good = leading((found.status == "ok") & believed)
@@ -115,7 +120,8 @@ class Follower:
         turn = found.q[:, 2:].norm(dim=-1).double().cpu().clamp_min(0.01)
         if good and float((off * turn)[:good].max()) > CENTRE_TOLERANCE_PX_RAD:
             again, images = found.q[:good].double().cpu(), images[: good + 1]
-            found, _ = correlate_successive(images, actual[: good + 1], again, self._setup, approached=True)
+            look = looked_at(images, actual[: good + 1], again, self._setup, approached=True)
+            found, _ = correlate_successive(look, seen.ball, self._setup)
             good = leading(found.status == "ok")
         if good:
             self._keep(found, good, images[good : good + 1])
@@ -135,9 +141,8 @@ class Follower:
         self._in_vain = []
         self._seen = self._seen_in(last + count, image, measured[-1], float(found.growth[count - 1]))
         if count >= TREND_FROM:
-            times = np.arange(1 - count, 1)
-            trend, increment = (torch.from_numpy(v) for v in np.polyfit(times, measured, 1))
-            self._seen = dataclasses.replace(self._seen, increment=increment, trend=trend)
+            increment, change = trend(measured)
+            self._seen = dataclasses.replace(self._seen, increment=increment, trend=change)
 
     def _seen_in(self, frame: int, image: Tensor, increment: NDArray[np.float64], growth: float = 0.0) -> Seen:
         """The ball in ``frame``, where the record has it by now, moving on by ``increment``."""

@@ -16,7 +16,8 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextvars import ContextVar
-from typing import Any, TypeVar
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
 import torch
 
@@ -90,6 +91,33 @@ def _in_order(count: int, function: Callable[..., Result], *columns: Iterable[An
         for call in calls:
             call.cancel()
         wait(calls)
+
+
+@dataclass(frozen=True)
+class Begun(Generic[Result]):
+    """A call that may be under way.
+
+    Attributes
+    ----------
+    result : callable
+        What it returns or raises, once it has.
+    settle : callable
+        Wait until it is not running, for whoever does without its result.
+    """
+
+    result: Callable[[], Result]
+    settle: Callable[[], object]
+
+
+def beside(device: torch.device, function: Callable[..., Result], *arguments: Any) -> Begun[Result]:
+    """Begin a call in a thread of its own where a core is likely to lie idle; elsewhere its result is worked out late.
+
+    A GPU has no idle cores.
+    """
+    if device.type != "cpu" or not has_idle_cores():
+        return Begun(functools.partial(function, *arguments), lambda: None)
+    call = _threads(1).submit(function, *arguments)
+    return Begun(call.result, lambda: None if call.cancel() else wait([call]))
 
 
 def each(function: Callable[..., Result], *columns: Iterable[Any], at_most: int | None = FEW) -> Iterator[Result]:

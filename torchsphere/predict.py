@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 #: Motion of the ball's front per frame, px, from which two images of it cannot be the same bit for bit.
@@ -69,6 +71,12 @@ class Seen:
         disc = x**2 + y**2 <= 1
         x, y = centre[0] + self.radius * x[disc], centre[1] + self.radius * y[disc]
         return float(((x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)).double().mean())
+
+
+def trend(increments: NDArray[np.float64]) -> tuple[Tensor, Tensor]:
+    """Increment (5,) at the last of ``increments`` (m, 5) and its change from one to the next, by a straight line."""
+    slope, last = np.polyfit(np.arange(1 - len(increments), 1), increments, 1)
+    return torch.from_numpy(last), torch.from_numpy(slope)
 
 
 def path(first: Tensor, steps: Tensor, growth: Tensor) -> Tensor:

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchsphere import parallel
 from torchsphere.choices import DEVICES
 from torchsphere.inputs import as_images
 from torchsphere.recording import Recording
 
-#: Images that are wanted several times are kept, and those that may be wanted next are read, up to this many bytes in
-#: all: 65 of 1024 x 480 px.
+#: Images that are wanted several times are kept, and those that may be wanted next are looked at, up to this many bytes
+#: in all: 65 of 1024 x 480 px.
 KEPT_BYTES = 2**27
 
 
@@ -90,49 +87,6 @@ class Source:
             return kept[a:b]
 
         return Source(read, self.count, self.device, self.dtype)
-
-    @contextlib.contextmanager
-    def ahead(self) -> Iterator[Source]:
-        """The same images for whoever goes through them in batches, each beginning with the last image of the former.
-
-        Where a core is likely to lie idle, the next batch is read while the last one is worked on, unless it is too
-        large to keep two of them.
-        """
-        if not parallel.has_idle_cores():
-            yield self
-            return
-        with ThreadPoolExecutor(1) as pool:
-            yield Source(_Ahead(self, pool).images, self.count, self.device, self.dtype)
-
-
-class _Ahead:
-    """Images, of which those that may be asked for next are read in a thread of their own; one read at a time."""
-
-    def __init__(self, source: Source, pool: ThreadPoolExecutor) -> None:
-        self._source, self._pool = source, pool
-        #: The range that is being read, and what comes of it.
-        self._next: tuple[int, int, Future[Tensor]] | None = None
-
-    def images(self, start: int, stop: int) -> Tensor:
-        """Images ``start`` to ``stop - 1``; those of the next batch are under way when it returns."""
-        found = self._expected(start, stop)
-        if found is None:
-            found = self._source.images(start, stop)
-        # As long as this one, from its last image on.
-        first, last = stop - 1, min(2 * stop - 1 - start, self._source.count)
-        if last - first > 1 and found.nbytes <= KEPT_BYTES:
-            self._next = first, last, self._pool.submit(self._source.images, first, last)
-        return found
-
-    def _expected(self, start: int, stop: int) -> Tensor | None:
-        """What was read ahead, if that is what is asked for now; what went wrong may lie in images that are not."""
-        expected, self._next = self._next, None
-        if expected is None:
-            return None
-        first, last, images = expected
-        if images.exception() is None and first == start and stop <= last:
-            return images.result()[: stop - start]
-        return None
 
 
 def _require_device(chosen: torch.device) -> None:

@@ -47,32 +47,72 @@ class Setup:
     shared: parallel.Run
 
 
-def correlate_successive(
-    images: Tensor, balls: Tensor, start: Tensor, setup: Setup, *, approached: bool = False
-) -> tuple[Correlation, Tensor]:
-    """Correlate successive ``images`` (m + 1, h, w) with the ball at ``balls`` (m + 1, 3), from ``start`` (m, 5).
+@dataclass(frozen=True)
+class Look:
+    """A rough look at m pairs of successive images.
 
-    Returns the motion of those pairs that are worth it, the first ones, and the circles that the regions lay on in the
-    end. Every image but the first and the last serves as deformed image and then as reference: it is filtered once.
-    With ``approached`` balls and start are known well, and better than a rough look can tell: an occluder deceives that
-    by a px and more.
+    Attributes
+    ----------
+    images : Tensor
+        Grey levels (m + 1, h, w).
+    balls : Tensor
+        Where the ball was expected (m + 1, 3), px, float64, on the CPU.
+    start : Tensor
+        Increments (m, 5) that were expected, px and rad.
+    filtered : Filtered
+        The images around the expected balls, by one of their fields where they are ``interlaced``. Every image but the
+        first and the last serves as deformed image and then as reference: it is filtered once.
+    interlaced : bool
+    approach : Approach
+        From the expected increments to near those sought.
+    approached : bool
+        Balls and start were known well, and better than a rough look can tell: an occluder deceives that by a px and
+        more. ``approach`` is where it started.
+    """
+
+    images: Tensor
+    balls: Tensor
+    start: Tensor
+    filtered: Filtered
+    interlaced: bool
+    approach: Approach
+    approached: bool
+
+    def led(self, ball: Tensor) -> Tensor:
+        """The ball (m + 1, 3) where the look leads it, from ``ball`` (3,) in the first image on: px, float64."""
+        steps = self.approach.near.to("cpu", torch.float64)
+        return path(ball, steps[:, :2], steps[:, 5] if steps.shape[-1] == 6 else torch.zeros_like(steps[:, 0]))
+
+
+def look(images: Tensor, balls: Tensor, start: Tensor, setup: Setup, *, approached: bool = False) -> Look:
+    """Look at successive ``images`` (m + 1, h, w), the ball expected at ``balls`` (m + 1, 3) and to move by ``start``.
+
+    With ``approached`` they are filtered and taken as they are: see `Look.approached`.
     """
     crops = _cut(images, balls, setup)
     interlaced = interlace.is_interlaced(crops)
     filtered = _filtered(crops, setup, interlaced)
-    pairs, start = _pairs(filtered, balls), start.to(filtered.c)
-    approach = Approach.none(start)
-    if not approached:
-        approach = _brought_near(pairs, start, setup)
-        if not setup.in_place:
-            # The path that was expected is off by up to a few px at its end; the region has to be on the ball.
-            balls, before = _led(balls[0], approach.near), balls
-            count = _worth_solving(approach, balls - before, float(balls[0, 2]))
-            balls, before = balls[: count + 1], before[: count + 1]
-            filtered = filtered.rows(0, count + 1)
-            filtered = _filtered_where_off(filtered, images, balls, before, setup, interlaced=interlaced)
-            pairs = _pairs(filtered, balls)
-    near, there = approach.near, balls[1:]
+    start = start.to(filtered.c)
+    approach = Approach.none(start) if approached else _brought_near(_pairs(filtered, balls), start, setup)
+    return Look(images, balls, start, filtered, interlaced, approach, approached)
+
+
+def correlate_successive(seen: Look, ball: Tensor, setup: Setup) -> tuple[Correlation, Tensor]:
+    """Correlate the images that a `look` was taken at, with the ``ball`` (3,) known in the first of them.
+
+    Returns the motion of those pairs that are worth it, the first ones, and the circles that the regions lay on in the
+    end.
+    """
+    filtered, balls, approach = seen.filtered, seen.balls, seen.approach
+    if not (seen.approached or setup.in_place):
+        # The path that was expected is off by up to a few px at its end; the region has to be on the ball.
+        balls, before = seen.led(ball), balls
+        count = _worth_solving(approach, balls - before, float(ball[2]))
+        balls, before = balls[: count + 1], before[: count + 1]
+        filtered = filtered.rows(0, count + 1)
+        filtered = _filtered_where_off(filtered, seen.images, balls, before, setup, interlaced=seen.interlaced)
+    pairs = _pairs(filtered, balls)
+    near, start, there = approach.near, seen.start, balls[1:]
 
     def measured(a: int, b: int) -> Correlation:
         return _measured(pairs.rows(a, b), near[a:b], start[a:b], there[a:b], setup)
@@ -85,7 +125,7 @@ def correlate_one(pair: Tensor, ball: Tensor, start: Tensor, setup: Setup) -> Co
     """Correlate two images (2, h, w), the ball (3,) known in the first, from ``start`` (5,)."""
     balls = torch.stack((ball, ball))
     balls[1, :2] += start[:2]
-    return correlate_successive(pair, balls, start[None], setup)[0]
+    return correlate_successive(look(pair, balls, start[None], setup), ball, setup)[0]
 
 
 def leading(good: NDArray[np.bool_]) -> int:
@@ -141,12 +181,6 @@ def _brought_near(pairs: Pairs, start: Tensor, setup: Setup) -> Approach:
         return setup.solver.approach(pairs.rows(a, b), start[a:b], setup.options)
 
     return Approach.joined(setup.shared(brought_near, len(start)))
-
-
-def _led(first: Tensor, near: Tensor) -> Tensor:
-    """The ball (m + 1, 3) where the unknowns ``near`` (m, k) lead it from ``first`` (3,): px, float64."""
-    steps = near.to("cpu", torch.float64)
-    return path(first, steps[:, :2], steps[:, 5] if steps.shape[-1] == 6 else torch.zeros_like(steps[:, 0]))
 
 
 def _worth_solving(approach: Approach, off: Tensor, radius: float) -> int:

@@ -163,9 +163,8 @@ def track(
     asked = False if in_place and sphere_map is None else sphere_map
 
     def followed(first: Circle) -> tuple[Record, Motion]:
-        with source.ahead() as images:
-            follower = Follower(images, first, mask, settings, progress=progress, in_place=in_place, solver=solver)
-            record = follower.run(source.count)
+        follower = Follower(source, first, mask, settings, progress=progress, in_place=in_place, solver=solver)
+        record = follower.run(source.count)
         if circle is not None and not record.is_confirmed(first.frame) and not shows_ball(source, first, settings):
             # A circle around nothing: neither its own image nor any other speaks for it.
             record = record.without(first.frame)
