@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -153,7 +154,9 @@ def measured(kind: str, count: int) -> Run:
     with tempfile.TemporaryDirectory() as folder:
         path = write(Path(folder) / f"swing.{kind}", count)
         command = [sys.executable, "-c", _CODE, str(path), str(Path(folder) / "result"), json.dumps(STAGES)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        # Python keeps what it compiles from source unless it is told not to, as by some build machines.
+        environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     if done.returncode != 0:
         raise RuntimeError(f"the track of {count} frames as {kind} failed: {done.stderr[-2000:]}")
     return Run(**json.loads(done.stdout.splitlines()[-1]))
