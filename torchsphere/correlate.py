@@ -25,8 +25,12 @@ from torchsphere.correlation import Correlation
 from torchsphere.inputs import as_images, as_mask, as_rows, check_circle
 from torchsphere.options import Options, given_to, margin, suited
 from torchsphere.pairs import Pairs
-from torchsphere.reference import Filtered
+from torchsphere.reference import SLACK_PX, Filtered
 from torchsphere.solve import approach, solve
+
+#: How far the circle of a pair may lie from where the pair before expects the ball, px, for one crop to serve both: it
+#: leaves the ball as much again.
+AGREE_PX = SLACK_PX / 2
 
 
 def correlate(f: Any, g: Any, circle: Any, *, start: Any = None, ignore: Any = None, **options: Any) -> Correlation:
@@ -109,13 +113,27 @@ def _correlate_rows(
     f: Tensor, g: Tensor, circles: Tensor, start: Tensor, ignore: Tensor | None, options: Options, half: int
 ) -> Correlation:
     """`correlate_pairs` on crops of ``2 half + 1`` px."""
-    crops_f = crop.cut(f, circles[:, :2], half, ignore)
-    crops_g = crop.cut(g, circles[:, :2] + start[:, :2].to(circles), half, ignore)
-    pairs = Pairs(Filtered.of(crops_f, options.pre_blur), Filtered.of(crops_g, options.pre_blur), circles)
+
+    def filtered(images: Tensor | list[Tensor], centres: Tensor) -> Filtered:
+        return Filtered.of(crop.cut(images, centres, half, ignore), options.pre_blur)
+
+    balls, expected = circles[:, :2], circles[:, :2] + start[:, :2].to(circles)
+    if _are_successive(f, g) and float((balls[1:] - expected[:-1]).abs().max()) <= AGREE_PX:
+        # Every image but the first and the last is a deformed image and then a reference: it is filtered once.
+        images = [*f, g[-1]] if f.device.type == "cpu" else torch.cat((f, g[-1:]))
+        all_of_them = filtered(images, torch.cat((balls, expected[-1:])))
+        pairs = Pairs(all_of_them.rows(0, len(f)), all_of_them.rows(1, len(f) + 1), circles)
+    else:
+        pairs = Pairs(filtered(f, balls), filtered(g, expected), circles)
     start = start.to(pairs.g.c)
     near = approach(pairs, start, options)
     found = solve(pairs, near.near, options, start)
     return dataclasses.replace(found, iterations=found.iterations + near.steps, status=_with_lost(found, pairs))
+
+
+def _are_successive(f: Tensor, g: Tensor) -> bool:
+    """Whether each deformed image is the next pair's reference, in one place of the memory: two parts of one array."""
+    return len(f) > 1 and f.stride() == g.stride() and f[1].data_ptr() == g.data_ptr()
 
 
 def _with_lost(found: Correlation, pairs: Pairs) -> NDArray[np.str_]:

@@ -88,8 +88,10 @@ def cut(images: Tensor | Sequence[Tensor], centres: Tensor, half: int, ignore: T
     y = (origin[:, 1:].long() + steps).to(device)
     rows = torch.arange(len(images), device=device)[:, None, None]
     columns_in, rows_in = x.clamp(0, width - 1)[:, None, :], y.clamp(0, height - 1)[:, :, None]
-    whole = images if isinstance(images, Tensor) else torch.stack(list(images))
-    crops = whole[rows, rows_in, columns_in]
+    if isinstance(images, Tensor):
+        crops = images[rows, rows_in, columns_in]
+    else:
+        crops = torch.stack([image[y, x] for image, y, x in zip(images, rows_in, columns_in, strict=True)])
     if inside and ignore is None:
         return Crops(crops, None, origin)
     unusable = ((x < 0) | (x >= width))[:, None, :] | ((y < 0) | (y >= height))[:, :, None]

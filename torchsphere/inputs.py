@@ -99,7 +99,9 @@ def as_rows(values: Any, n: int, k: int, name: str) -> Tensor:
         If it is not of numbers, or the shape is another.
     """
     try:
-        tensor = torch.as_tensor(values, dtype=torch.float64, device="cpu")
+        # Torch cannot share memory that runs backwards.
+        forwards = np.ascontiguousarray(values) if isinstance(values, np.ndarray) else values
+        tensor = torch.as_tensor(forwards, dtype=torch.float64, device="cpu")
     except (TypeError, ValueError, RuntimeError) as error:
         raise ValueError(
             f"{name}: expected {k} numbers, or one row of {k} for each of {n} pairs, got {values!r}"
