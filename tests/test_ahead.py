@@ -3,9 +3,11 @@
 import dataclasses
 import threading
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 import torch
 from shots import Shot, shot
 from torch import Tensor
@@ -16,6 +18,7 @@ from torchsphere.joint import ALONE
 from torchsphere.newton import Approach
 from torchsphere.options import Options
 from torchsphere.predict import Seen
+from torchsphere.recording import open_recording
 from torchsphere.source import Source
 from torchsphere.successive import Look, Setup
 
@@ -97,6 +100,25 @@ def test_what_was_begun_with_other_frames_is_dropped(made: Shot, first: Look, fr
         assert torch.equal(found.images, expected.images)
         assert torch.equal(found.balls, expected.balls)
         assert torch.equal(found.approach.near, expected.approach.near)
+
+
+def test_images_of_a_file_take_turns_in_two_rooms_so_that_those_in_use_stay(
+    made: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(parallel, "has_idle_cores", lambda: True)
+    tifffile.imwrite(tmp_path / "shot.tif", made.images.numpy().astype(np.uint8), metadata=None)
+    with open_recording(tmp_path / "shot.tif") as recording:
+        looks = Ahead(Source.open(recording), SETUP)
+        places = []
+        for frame in (0, 5, 10):
+            found = looks.look(seen_in(made, frame), 5)
+            looks.begin(seen_in(made, frame), found, 5)
+            assert looks._begun is not None
+            looks._begun[2].result()
+            assert torch.equal(found.images, made.images[frame : frame + 6])
+            places.append(found.images.data_ptr())
+        looks.close()
+    assert places[0] == places[2] != places[1]
 
 
 def with_approach(look: Look, **changed: Tensor) -> Look:

@@ -1,10 +1,15 @@
 """Images that are read when they are asked for, and those that are kept."""
 
+from pathlib import Path
+
+import numpy as np
 import pytest
+import tifffile
 import torch
 from torch import Tensor
 
 from torchsphere import source
+from torchsphere.recording import open_recording
 from torchsphere.source import Source
 
 
@@ -41,3 +46,27 @@ def test_images_that_are_too_large_are_not_kept(monkeypatch: pytest.MonkeyPatch)
     plain, _ = counted()
     assert plain.keeping(3, 9) is plain
     assert plain.keeping(3, 8) is not plain
+
+
+@pytest.mark.parametrize("count", [3, 4, 9])
+def test_images_of_a_file_are_read_into_the_room_there_is(tmp_path: Path, count: int) -> None:
+    levels = np.arange(12 * 4 * 5, dtype=np.uint8).reshape(12, 4, 5)
+    tifffile.imwrite(tmp_path / "shot.tif", levels, metadata=None)
+    with open_recording(tmp_path / "shot.tif") as recording:
+        from_file = Source.open(recording)
+        room = torch.full((9, 4, 5), -1.0)
+        found = from_file.images_in(room, 2, 2 + count)
+        assert found.data_ptr() == room.data_ptr()
+        np.testing.assert_array_equal(found, levels[2 : 2 + count])
+        assert (room[count:] == -1).all()
+        # Where there is none, it is taken anew.
+        assert torch.equal(from_file.images_in(torch.empty(0), 2, 2 + count), found)
+        double = Source.open(recording, dtype=torch.float64).images_in(room, 2, 2 + count)
+        assert double.dtype == torch.float64
+        np.testing.assert_array_equal(double, levels[2 : 2 + count])
+
+
+def test_images_that_are_in_memory_are_not_copied() -> None:
+    images = torch.rand(6, 4, 5)
+    found = Source.open(images).images_in(torch.empty(6, 4, 5), 1, 4)
+    assert found.data_ptr() == images[1].data_ptr()

@@ -8,6 +8,7 @@ meantime. The numbers are the same without a second core: then the same look is 
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
 from torchsphere import parallel
 from torchsphere.parallel import Begun
@@ -23,11 +24,13 @@ class Ahead:
         self._source, self._setup = source, setup
         #: The first frame and the pairs of the batch that is being looked at.
         self._begun: tuple[int, int, Begun[Look]] | None = None
+        #: Memory for the images of this batch and of the next, in turns.
+        self._rooms = torch.empty(0), torch.empty(0)
 
     def look(self, seen: Seen, count: int) -> Look:
         """Look at the next ``count`` pairs from where the ball was ``seen``; once that `begin` was called, from there.
 
-        What was begun with other frames is dropped.
+        What was begun with other frames is dropped. The images of the look stay until the look after the next.
         """
         begun, self._begun = self._begun, None
         if begun is not None:
@@ -60,9 +63,17 @@ class Ahead:
 
     def _take(self, seen: Seen, count: int) -> Look:
         # The last image is read once more: to put it in front of the others would copy all of them.
-        images = self._source.images(seen.frame, seen.frame + 1 + count)
+        images = self._source.images_in(self._room(seen.image, count + 1), seen.frame, seen.frame + 1 + count)
         expected, predicted = seen.ahead(count, self._setup.in_place)
         return look(images, predicted, expected, self._setup)
+
+    def _room(self, image: Tensor, count: int) -> Tensor:
+        """Room for so many images like ``image`` (1, h, w), where those of the last look are not."""
+        last, room = self._rooms
+        if len(room) < count:
+            room = image.new_empty(count, *image.shape[1:])
+        self._rooms = room, last
+        return room
 
     def close(self) -> None:
         """Wait for what is under way."""

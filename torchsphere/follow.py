@@ -124,7 +124,8 @@ class Follower:
             found, _ = correlate_successive(look, seen.ball, self._setup)
             good = leading(found.status == "ok")
         if good:
-            self._keep(found, good, images[good : good + 1])
+            # A copy: the others' memory is used again.
+            self._keep(found, good, images[good : good + 1].clone())
         return good
 
     def _arrived(self, found: Correlation) -> Tensor:

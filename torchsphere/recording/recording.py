@@ -81,13 +81,15 @@ class Recording:
     def __len__(self) -> int:
         return self.shape[0]
 
-    def images(self, start: int, stop: int) -> NDArray[np.float32]:
+    def images(self, start: int, stop: int, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
         """Read images ``start`` to ``stop - 1``.
 
         Parameters
         ----------
         start, stop : int
             Half-open range of image numbers, ``0 <= start < stop <= len(self)``.
+        out : ndarray of float32, optional
+            Array of the shape returned, to read into; by default a new one.
 
         Returns
         -------
@@ -109,7 +111,11 @@ class Recording:
                 f"expected {(last - first, *self.shape[1:])}; the file is damaged"
             )
         with np.errstate(over="ignore"):
-            grey = np.ascontiguousarray(raw, dtype=np.float32)
+            if out is None:
+                grey = np.ascontiguousarray(raw, dtype=np.float32)
+            else:
+                grey = out
+                np.copyto(grey, raw, casting="unsafe")
         if raw.dtype.kind == "f" and not np.isfinite(grey).all():
             bad = first + int(np.flatnonzero(~np.isfinite(grey).all(axis=(1, 2)))[0])
             raise ValueError(
