@@ -121,7 +121,8 @@ def test_each_figure_is_drawn_by_a_process_of_its_own_and_all_of_them_at_once(
     alone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # None of them ends before all have begun.
-    wait = "while len(list(folder.iterdir())) < 5: time.sleep(0.01)"
+    late = "time.sleep(0.01) if len(list(folder.iterdir())) < 5 else None"
+    wait = f"[{late} for _ in range(3000)]"
     monkeypatch.setattr(assistant, "_CODE", DRAWING.format(statement=wait))
     with Assistant([]) as beside:
         beside.begin(alone, draw.OF_NUMBERS, tmp_path)
@@ -151,11 +152,14 @@ def test_nothing_is_drawn_any_more_once_the_process_is_closed_or_has_died(
     monkeypatch.setattr(assistant, "_CODE", DRAWING.format(statement=dies + "time.sleep(600)"))
     with Assistant([]) as beside:
         beside.begin(alone, ["motion"], tmp_path)
-        while not (tmp_path / "motion.drawn").exists():
+        begun = tmp_path / "motion.drawn"
+        for _ in range(3000):
+            if begun.exists() and begun.read_text():
+                break
             time.sleep(0.01)
         if of_itself:
             assert not beside.finish()
-    drawing = Path("/proc") / (tmp_path / "motion.drawn").read_text() / "stat"
+    drawing = Path("/proc") / begun.read_text() / "stat"
     for _ in range(500):
         # A process that has ended and that nobody has asked for yet is still listed.
         if not drawing.exists() or drawing.read_text().split()[2] == "Z":

@@ -30,7 +30,7 @@ class Ahead:
     def look(self, seen: Seen, count: int) -> Look:
         """Look at the next ``count`` pairs from where the ball was ``seen``; once that `begin` was called, from there.
 
-        What was begun with other frames is dropped. The images of the look stay until the look after the next.
+        What was begun with other frames is dropped. The images of a look stay until the next one.
         """
         begun, self._begun = self._begun, None
         if begun is not None:
