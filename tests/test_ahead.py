@@ -17,6 +17,7 @@ from torchsphere.ahead import Ahead
 from torchsphere.joint import ALONE
 from torchsphere.newton import Approach
 from torchsphere.options import Options
+from torchsphere.parallel import Begun
 from torchsphere.predict import Seen
 from torchsphere.recording import open_recording
 from torchsphere.source import Source
@@ -140,6 +141,27 @@ def test_nothing_is_begun_behind_a_look_that_tells_too_little(made: Shot, first:
     assert looks._begun is None
     looks.begin(seen_in(made, 0), first, NEXT)
     assert looks._begun is not None
+
+
+def test_nothing_is_begun_for_a_ball_that_comes_nearer_in_its_place(made: Shot, first: Look) -> None:
+    nearer = with_approach(first, near=torch.nn.functional.pad(first.approach.near, (0, 1), value=1e-3))
+    for in_place in (True, False):
+        looks = Ahead(counted(made)[0], dataclasses.replace(SETUP, in_place=in_place))
+        looks.begin(seen_in(made, 0), nearer, NEXT)
+        assert (looks._begun is None) == in_place
+
+
+def test_an_interrupt_waits_for_what_is_under_way(made: Shot) -> None:
+    settled: list[bool] = []
+
+    def interrupted() -> Look:
+        raise KeyboardInterrupt
+
+    looks = Ahead(counted(made)[0], SETUP)
+    looks._begun = (FIRST, NEXT, Begun(interrupted, lambda: settled.append(True)))
+    with pytest.raises(KeyboardInterrupt):
+        looks.look(seen_in(made, FIRST), NEXT)
+    assert settled == [True]
 
 
 def test_nothing_is_begun_where_two_batches_are_too_large_to_keep_or_no_pair_is_left(

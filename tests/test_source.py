@@ -59,14 +59,10 @@ def test_images_of_a_file_are_read_into_the_room_there_is(tmp_path: Path, count:
         assert found.data_ptr() == room.data_ptr()
         np.testing.assert_array_equal(found, levels[2 : 2 + count])
         assert (room[count:] == -1).all()
-        # Where there is none, it is taken anew.
-        assert torch.equal(from_file.images_in(torch.empty(0), 2, 2 + count), found)
-        double = Source.open(recording, dtype=torch.float64).images_in(room, 2, 2 + count)
-        assert double.dtype == torch.float64
-        np.testing.assert_array_equal(double, levels[2 : 2 + count])
+        assert from_file.fills_rooms
+        # Where another precision asks for memory of its own, it is taken anew.
+        assert not Source.open(recording, dtype=torch.float64).fills_rooms
 
 
-def test_images_that_are_in_memory_are_not_copied() -> None:
-    images = torch.rand(6, 4, 5)
-    found = Source.open(images).images_in(torch.empty(6, 4, 5), 1, 4)
-    assert found.data_ptr() == images[1].data_ptr()
+def test_images_that_are_in_memory_fill_no_room() -> None:
+    assert not Source.open(torch.rand(6, 4, 5)).fills_rooms

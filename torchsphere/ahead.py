@@ -36,7 +36,12 @@ class Ahead:
         if begun is not None:
             frame, pairs, call = begun
             if (frame, pairs) == (seen.frame, count):
-                return call.result()
+                try:
+                    return call.result()
+                except BaseException:
+                    # An interrupt, perhaps: nothing reads on while the recording is closed.
+                    call.settle()
+                    raise
             call.settle()
         return self._take(seen, count)
 
@@ -44,26 +49,31 @@ class Ahead:
         """Begin to look at ``count`` pairs behind those of the ``last`` look, which began where the ball was ``seen``.
 
         Where the last look may have gone astray, or found nothing, nothing is begun; nor where two batches are too
-        large to keep.
+        large to keep, or a ball that stays in its place comes nearer: look upon look would lead its radius astray.
         """
-        steps = last.approach.steps
+        steps, near = last.approach.steps, last.approach.near.to("cpu", torch.float64)
         if count < 1 or last.images.nbytes > KEPT_BYTES or not bool((last.approach.at_rest & (steps > 0)).all()):
+            return
+        if self._setup.in_place and near.shape[-1] == 6:
             return
         balls = last.balls if self._setup.in_place else last.led(seen.ball)
         if bool(((balls - last.balls)[:, :2].norm(dim=-1) >= PREDICTION_TOLERANCE * seen.radius).any()):
             return
-        near = last.approach.near.to("cpu", torch.float64)
         moved = torch.zeros(len(near), 5, dtype=torch.float64)
         moved[:, : min(5, near.shape[-1])] = near[:, :5]
         increment, change = trend(moved.numpy())
-        growth = float(near[-1, 5]) if near.shape[-1] == 6 else 0.0
+        growth = float(near[:, 5].mean()) if near.shape[-1] == 6 else 0.0
         frame = seen.frame + len(near)
         there = Seen(frame, last.images[-1:], balls[-1, :2], float(balls[-1, 2]), increment, change, growth)
         self._begun = frame, count, parallel.beside(self._source.device, self._take, there, count)
 
     def _take(self, seen: Seen, count: int) -> Look:
         # The last image is read once more: to put it in front of the others would copy all of them.
-        images = self._source.images_in(self._room(seen.image, count + 1), seen.frame, seen.frame + 1 + count)
+        stop = seen.frame + 1 + count
+        if self._source.fills_rooms:
+            images = self._source.images_in(self._room(seen.image, count + 1), seen.frame, stop)
+        else:
+            images = self._source.images(seen.frame, stop)
         expected, predicted = seen.ahead(count, self._setup.in_place)
         return look(images, predicted, expected, self._setup)
 

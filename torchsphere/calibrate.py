@@ -129,7 +129,11 @@ def _behind(source: Source, found: Circle, followed: Record, image: Tensor) -> T
     reach = found.radius + SEEN_PX
     left, top = (max(0, math.floor(v - reach)) for v in (found.x, found.y))
     part = slice(top, math.ceil(found.y + reach) + 1), slice(left, math.ceil(found.x + reach) + 1)
-    about = dataclasses.replace(source, read=lambda start, stop: source.images(start, stop)[:, part[0], part[1]])
+
+    def read(start: int, stop: int) -> Tensor:
+        return source.images(start, stop)[:, part[0], part[1]]
+
+    about = dataclasses.replace(source, read=read, is_file=False)
     behind = image.double().clone()
     behind[part] = still.background(about, followed.position - [left, top], found.radius)
     return behind

@@ -120,8 +120,7 @@ def _correlate_rows(
     balls, expected = circles[:, :2], circles[:, :2] + start[:, :2].to(circles)
     if _are_successive(f, g) and float((balls[1:] - expected[:-1]).abs().max()) <= AGREE_PX:
         # Every image but the first and the last is a deformed image and then a reference: it is filtered once.
-        images = [*f, g[-1]] if f.device.type == "cpu" else torch.cat((f, g[-1:]))
-        all_of_them = filtered(images, torch.cat((balls, expected[-1:])))
+        all_of_them = filtered([*f, g[-1]], torch.cat((balls, expected[-1:])))
         pairs = Pairs(all_of_them.rows(0, len(f)), all_of_them.rows(1, len(f) + 1), circles)
     else:
         pairs = Pairs(filtered(f, balls), filtered(g, expected), circles)
@@ -132,8 +131,11 @@ def _correlate_rows(
 
 
 def _are_successive(f: Tensor, g: Tensor) -> bool:
-    """Whether each deformed image is the next pair's reference, in one place of the memory: two parts of one array."""
-    return len(f) > 1 and f.stride() == g.stride() and f[1].data_ptr() == g.data_ptr()
+    """Whether each deformed image is the next pair's reference, in one place of the memory: two parts of one array.
+
+    A GPU, which would have to copy them to one place, is as fast without.
+    """
+    return f.device.type == "cpu" and len(f) > 1 and f.stride() == g.stride() and f[1].data_ptr() == g.data_ptr()
 
 
 def _with_lost(found: Correlation, pairs: Pairs) -> NDArray[np.str_]:

@@ -14,7 +14,7 @@ import multiprocessing
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
@@ -65,7 +65,7 @@ def has_idle_cores() -> bool:
 def _threads(count: int) -> ThreadPoolExecutor:
     """So many threads, which stay: begun anew for each batch, with memory of their own, they took a tenth of its time.
 
-    What they run begins no threads of its own.
+    To what they run no core lies idle.
     """
 
     def begin() -> None:
@@ -83,10 +83,14 @@ if hasattr(os, "register_at_fork"):
 def _in_order(count: int, function: Callable[..., Result], *columns: Iterable[Any]) -> Iterator[Result]:
     """Results of the calls, as they are asked for; at the end, also that by an error, none of the calls is running."""
     pool = _threads(count)
-    calls = deque(pool.submit(function, *row) for row in zip(*columns, strict=True))
+    calls: deque[Future[Result]] = deque()
     try:
+        for row in zip(*columns, strict=True):
+            calls.append(pool.submit(function, *row))
         while calls:
-            yield calls.popleft().result()
+            found = calls[0].result()
+            calls.popleft()
+            yield found
     finally:
         for call in calls:
             call.cancel()

@@ -85,16 +85,17 @@ class Assistant:
 
     def close(self) -> None:
         """End the process, and whatever it draws."""
-        if self._process is not None and self._process.poll() is None:
+        # Where it has ended by itself, and well, nothing is being drawn.
+        if self._process is not None and self._process.poll() != 0:
             self._end_group(self._process.pid)
             self._process.kill()
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(OSError, ValueError):
                 self._process.communicate()
 
     @staticmethod
     def _end_group(number: int) -> None:
         if hasattr(os, "killpg"):
-            with contextlib.suppress(ProcessLookupError):
+            with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(number, signal.SIGKILL)
 
     def __enter__(self) -> Assistant:
@@ -106,7 +107,7 @@ class Assistant:
 
 def serve() -> None:
     """The process: hash, then draw what is asked for until there is no more; exit code 0 where all of it was done."""
-    # Ctrl-C reaches all processes of a terminal; the first of them ends this one.
+    # Where a process has no group of its own, Ctrl-C reaches it as well; the first of them ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     jobs = map(json.loads, sys.stdin.buffer)
     sys.stdout.write(hash_files([Path(file) for file in next(jobs, [])]) + "\n")
