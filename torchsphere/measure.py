@@ -106,8 +106,8 @@ def measure(
     return done
 
 
-#: Frames up to which another process draws. It takes memory of its own, 145 MiB for 2,000 frames and 218 for 20,000
-#: (proportional set size), and what it saves, a second, is little of the time to follow more frames than these.
+#: Frames up to which other processes draw. They take memory of their own, 120 MiB more in all for 2,000 frames
+#: (proportional set size), and what they save, a second, is little of the time to follow more frames than these.
 AIDED_FRAMES = 3000
 
 
