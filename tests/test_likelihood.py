@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+import numpy as np
 import torch
 
 from torchsphere.entries import UNKNOWN
@@ -26,11 +27,11 @@ def series() -> Series:
 
 
 def dense(
-    own: Series, window: torch.Tensor, freedom: int, flight: float, contact: float, smooth: bool
+    own: Series, window: torch.Tensor, freedom: int, flight: float, contact: float, spring: float | None
 ) -> tuple[float, float]:
     """Log-likelihood and noise factor from the joint covariance of all values that were seen."""
-    moves = transitions(own.times.numpy(), window[None, None].numpy())
-    parts = moves.matrix, moves.smooth if smooth else moves.rough, moves.flight, moves.idle
+    moves = transitions(own.times.numpy(), window[None, None].numpy(), None if spring is None else np.array([[spring]]))
+    parts = moves.matrix, moves.contact, moves.flight, moves.idle
     matrices, process, white, idle = (torch.from_numpy(part)[0, 0] for part in parts)
     t = own.times.shape[1]
     spread = torch.diag(torch.tensor([UNKNOWN] * STEADY + [1.0] * (STATES - STEADY), dtype=torch.float64))
@@ -61,12 +62,14 @@ def test_the_filters_give_the_likelihood_of_the_joint_covariance() -> None:
     flight = torch.tensor([-6.0, -2.0, -6.0, -2.0], dtype=torch.float64).expand(1, 2, 3, 4)
     contact = torch.tensor([-1.0, 2.0, -2.0, 1.0], dtype=torch.float64).expand(1, 2, 3, 4)
     smooth = torch.tensor([False, False, True, True])
-    fit, noise = log_likelihood(own, WINDOWS, flight, contact, smooth)
+    springs = torch.tensor([[1.0, 0.0, 1.6]], dtype=torch.float64)
+    fit, noise = log_likelihood(own, WINDOWS, flight, contact, smooth, springs)
     for freedom in range(2):
         for place in range(3):
             for m in range(4):
                 powers = float(flight[0, 0, 0, m]), float(contact[0, 0, 0, m])
-                expected = dense(own, WINDOWS[0, place], freedom, *powers, bool(smooth[m]))
+                spring = float(springs[0, place]) if smooth[m] else None
+                expected = dense(own, WINDOWS[0, place], freedom, *powers, spring)
                 found = fit[0, freedom, place, m], noise[0, freedom, place, m]
                 # Of the 1e8 of what is unknown beforehand, double precision leaves about seven digits.
                 torch.testing.assert_close(torch.stack(found), torch.tensor(expected).double(), rtol=1e-5, atol=1e-5)

@@ -34,25 +34,49 @@ class Pulse:
     edges_s: np.ndarray  # (2,)
 
 
+@dataclass(frozen=True)
+class Push:
+    """What a force in -x does to a ball of 70 m/s in x: all of n frames, or between them."""
+
+    path_m: np.ndarray  # (n,), by which the ball falls behind
+    slowed_m_s: np.ndarray  # (n,)
+    force_N: np.ndarray  # (n,)  # noqa: N815
+    gained: np.ndarray  # (n,), share of the change that is done
+    gained_between: np.ndarray  # (50 (n - 1),), in the middle of each fiftieth of a frame
+    edges: np.ndarray  # (2,), frames
+
+
 def pulse(seed: int, noise_m: float) -> Pulse:
     """A ball of 70 m/s in x that a half-sine of force turns back and spins up to 20 rev/s about an oblique axis."""
     rng = np.random.default_rng(seed)
     start = 33 + rng.random()
     t = np.arange(FRAMES, dtype=float)
     share = np.clip((t - start) / LENGTH, 0, 1)
-    touching = (share > 0) & (share < 1)
-    top = PEAK_N / MASS_KG / RATE**2
     gained = 0.5 * (1 - np.cos(np.pi * share))
-    change = 2 * top * LENGTH / np.pi
+    change = 2 * PEAK_N / MASS_KG / RATE**2 * LENGTH / np.pi
     path = change * (
         0.5 * (LENGTH * share - LENGTH / np.pi * np.sin(np.pi * share)) + np.maximum(t - start - LENGTH, 0)
     )
-    position_px = (70 / RATE * t - path) / M_PER_PX
+    fine = np.clip(((np.arange((FRAMES - 1) * 50) + 0.5) / 50 - start) / LENGTH, 0, 1)
+    push = Push(
+        path_m=path,
+        slowed_m_s=change * gained * RATE,
+        force_N=np.where((share > 0) & (share < 1), PEAK_N * np.sin(np.pi * share), 0.0),
+        gained=gained,
+        gained_between=0.5 * (1 - np.cos(np.pi * fine)),
+        edges=np.array([start, start + LENGTH]),
+    )
+    return filmed(push, noise_m, rng)
+
+
+def filmed(push: Push, noise_m: float, rng: np.random.Generator) -> Pulse:
+    """The track of a ball that is pushed, and spun up to 20 rev/s in the same time."""
+    t = np.arange(FRAMES, dtype=float)
+    position_px = (70 / RATE * t - push.path_m) / M_PER_PX
     axis = np.array([0.3, 0.5, 0.81]) / np.linalg.norm([0.3, 0.5, 0.81])
     first, last = np.array([0.0, 0.001, 0.0]), 20 * 2 * np.pi / RATE * axis
     # Fifty steps per frame: the midpoint's rotation of each is right to 1e-9 rad.
-    fine = np.clip(((np.arange((FRAMES - 1) * 50) + 0.5) / 50 - start) / LENGTH, 0, 1)
-    steps = (first + 0.5 * (1 - np.cos(np.pi * fine))[:, None] * last) / 50
+    steps = (first + push.gained_between[:, None] * last) / 50
     turned = chain(np.concatenate((np.zeros((1, 3)), steps)), np.ones(len(steps) + 1, dtype=bool))[::50]
     sd = noise_m / M_PER_PX * np.array([1.0, 1.0, 0.024, 0.024, 0.024])
     correlation = np.eye(5)
@@ -84,14 +108,13 @@ def pulse(seed: int, noise_m: float) -> Pulse:
         settings={"sphere_map": {"used": True}},
     )
     zero = 0 * t
-    force = np.where(touching, -PEAK_N * np.sin(np.pi * share), 0.0)
     return Pulse(
         track=track,
-        touching=touching,
-        velocity_m_s=np.stack((70 - change * gained * RATE, zero), 1),
-        force_N=np.stack((force, zero), 1),
-        spin_rad_s=(first + gained[:, None] * last) * RATE,
-        edges_s=np.array([start, start + LENGTH]) / RATE,
+        touching=(t > push.edges[0]) & (t < push.edges[1]),
+        velocity_m_s=np.stack((70 - push.slowed_m_s, zero), 1),
+        force_N=np.stack((-push.force_N, zero), 1),
+        spin_rad_s=(first + push.gained[:, None] * last) * RATE,
+        edges_s=push.edges / RATE,
     )
 
 
@@ -118,12 +141,12 @@ def test_bands_of_95_percent_hold_nine_of_ten_values_in_flight_and_contact(
 ) -> None:
     # That they hold no more than 98 of 100 takes more shots than a test has: the errors of a flight, and of a force
     # that is none, are one error each, so that of 24 shots a share is known to 2 percent. Of 96 other shots the
-    # shares are 94 to 98 (velocity, spin) and 96 to 99 (force). Bands too wide show in their widths, below.
+    # shares are 94 to 98 (velocity, spin) and 95 to 99 (force). Bands too wide show in their widths, below.
     assert covered(shots, name, part) >= 0.9
 
 
 @pytest.mark.parametrize("name", ["velocity_m_s", "force_N"])
-def test_bands_in_contact_are_no_wider_than_half_as_much_again_as_the_errors(
+def test_bands_in_contact_are_as_wide_as_the_errors_or_up_to_half_as_much_again(
     shots: tuple[list[Pulse], list[Kinematics]], name: str
 ) -> None:
     made, found = shots
@@ -131,7 +154,9 @@ def test_bands_in_contact_are_no_wider_than_half_as_much_again_as_the_errors(
         [(getattr(k, name) - getattr(p, name))[p.touching, 0] for p, k in zip(made, found, strict=True)]
     )
     sd = np.concatenate([getattr(k, f"sd_{name}")[p.touching, 0] for p, k in zip(made, found, strict=True)])
-    assert np.sqrt((off**2).mean()) < np.sqrt((sd**2).mean()) < 1.5 * np.sqrt((off**2).mean())
+    # Of 24 shots the ratio is known to some 15 percent, as one shot's errors may be three times another's. Of 1024
+    # others it is 1.1 (force, 7.5 um) and 1.4 (1.5 um).
+    assert 0.85 < np.sqrt((sd**2).mean() / (off**2).mean()) < 1.5
 
 
 def test_the_peak_force_of_every_shot_is_right_to_half_a_kilonewton(
@@ -142,16 +167,18 @@ def test_the_peak_force_of_every_shot_is_right_to_half_a_kilonewton(
     assert len(peaks) == SHOTS
     off = np.array([float(peak.value) - PEAK_N for peak in peaks])
     assert np.abs(off).max() < PEAK_OFF_N
+    assert abs(off.mean()) < 0.2 * PEAK_OFF_N
     # It is stated to be off by no more than twice what it is off by, and by no less than that.
     assert 0.5 < np.sqrt(np.mean((off / [float(peak.sd) for peak in peaks]) ** 2)) < 1.1
 
 
-def test_the_contact_is_found_within_three_of_its_standard_deviations(
+def test_the_contact_is_found_as_well_as_is_stated(
     shots: tuple[list[Pulse], list[Kinematics]],
 ) -> None:
     off = np.array([(k.contact_s - p.edges_s) / k.sd_contact_s for p, k in zip(*shots, strict=True)])
-    assert np.abs(off).max() < 3
-    assert np.median(np.abs(off)) < 1.5
+    # Of 2048 edges of other shots 1.2 percent are off by more than three at 7.5 um, 0.05 percent at 1.5 um.
+    assert np.sort(np.abs(off).ravel())[-2] < 4
+    assert 0.3 < np.sqrt((off**2).mean()) < 1.3
     assert all(np.all(k.sd_contact_s < 1.0 / RATE) for k in shots[1])
 
 
@@ -222,9 +249,10 @@ def test_steady_flight_has_no_contact_and_says_how_it_was_smoothed() -> None:
     assert motion.about["contact_found"] is False
     # A parabola through 30 frames passes little beyond a period of about twice their length.
     assert motion.about["bandwidth_flight_translation_Hz"]["acceleration"] < RATE / 15
-    # Of 30 independent errors a line's slope has sd * sqrt(12 / 30^3), a parabola's up to twice that at its ends.
-    slope = motion.about["noise_over_stated"][0] * NOISES_M[1] * RATE * np.sqrt(12 / 30**3)
-    assert slope < motion.sd_velocity_m_s[15, 0] < 6 * slope
+    # Of 30 independent errors a line's slope has sd * sqrt(12 / 30^3), a parabola's up to twice that at its ends. The
+    # noise that 30 frames tell is their own to 15 percent.
+    slope = NOISES_M[1] * RATE * np.sqrt(12 / 30**3)
+    assert 0.85 * slope < motion.sd_velocity_m_s[15, 0] < 6 * slope
 
 
 def test_the_smoother_passes_more_in_contact_than_in_flight(shots: tuple[list[Pulse], list[Kinematics]]) -> None:

@@ -49,7 +49,12 @@ def cutoff(weights: Array, offsets: Array, derivative: int) -> float:
 
 
 def smoother_weights(
-    times: Array, variance: Array, window: tuple[float, float], flight: float, contact: tuple[float, bool], at: int
+    times: Array,
+    variance: Array,
+    window: tuple[float, float],
+    flight: float,
+    contact: tuple[float, float | None],
+    at: int,
 ) -> tuple[Array, slice]:
     """Weights (2, w) of the poses in velocity and acceleration at frame ``at``, and which frames they are of.
 
@@ -62,17 +67,19 @@ def smoother_weights(
     flight : float
         Its intensity.
     contact : tuple
-        Its intensity, and whether that is of the smooth process.
+        Its intensity, and the spring of the smooth process, None of the rough one.
     at : int
         Frame.
     """
     part = slice(max(at - REACH, 0), at + REACH + 1)
-    moves = transitions(times[None, part], np.array([[window]]))
+    intensity, spring = contact
+    interval = np.array([[window]])
+    moves = transitions(times[None, part], interval, None if spring is None else np.array([[spring]]))
     matrices = moves.matrix[0, 0]
-    intensity, smooth = contact
-    own, other = (moves.smooth, moves.rough) if smooth else (moves.rough, moves.smooth)
-    # The rough process' snap is none, but must not be known exactly.
-    added = intensity * own[0, 0] + flight * moves.flight[0, 0] + (0 if smooth else ABSENT) * other[0, 0]
+    added = intensity * moves.contact[0, 0] + flight * moves.flight[0, 0]
+    if spring is None:
+        # The rough process' snap is none, but must not be known exactly.
+        added += ABSENT * transitions(times[None, part], interval, np.zeros((1, 1))).contact[0, 0]
     later = np.arange(STEADY, STATES)
     added[:, later, later] += moves.idle[0, 0][:, None]
     impulses, noise = np.eye(len(times[part])), variance[part]

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from torchsphere.likelihood import Series
-from torchsphere.weigh import QUIETEST, possible, posterior
+from torchsphere.processes import QUIETEST, possible, posterior
 
 #: All intensities that are possible, powers of ten, in flight and in contact, coarsely.
 WHOLE_FLIGHT = tuple(float(power) for power in range(-12, 5))

@@ -2,7 +2,7 @@
 
 Every degree of freedom has an intensity in flight, a process and an intensity in contact, and a factor on its stated
 noise; all share the contact interval. The likelihood is that of the innovations of a Kalman filter per degree of
-freedom. The interval is sought with the rough process, and its place then weighed with both.
+freedom. The interval is sought with the rough process, and then weighed with each in its own place.
 """
 
 from __future__ import annotations
@@ -15,16 +15,8 @@ from torch import Tensor
 
 from torchsphere.climb import INTENSITY_STEPS, Best, all_intensities, best_at, best_of, climb, refined
 from torchsphere.likelihood import Series
-from torchsphere.weigh import (
-    CANDIDATES,
-    FINEST_STEP,
-    both_processes,
-    candidates,
-    intensities,
-    possible,
-    posterior,
-    without_contact,
-)
+from torchsphere.processes import FINEST_STEP, possible, posterior
+from torchsphere.weigh import CANDIDATES, Chosen, all_processes, candidates, intensities, without_contact
 
 #: Intensities of the first search, powers of ten, in flight and in contact.
 FIRST_FLIGHT, FIRST_CONTACT = (-11.0, -8.0, -5.0), (-9.0, -4.0, -1.5, 0.5, 2.5, 4.5)
@@ -55,8 +47,11 @@ class Contact:
         Intensities (n, c, k): variance of the noise per frame^5, and per frame^7 or, of the smooth process, frame^9.
     smooth : Tensor
         (n, c, k), True where the contact's process is the smooth one.
+    springs : Tensor
+        The smooth process' own (n, c), half turns within the contact.
     noise : Tensor
-        Factor (n, c, k) on the stated standard deviation of the noise.
+        Factor (n, c, k) on the stated standard deviation of the noise, of the combination that a degree of freedom is
+        searched as (`torchsphere.separate`).
     gain : Tensor
         Logarithm (n,) of the likelihood with a contact over that without.
     """
@@ -66,6 +61,7 @@ class Contact:
     flight: Tensor
     contact: Tensor
     smooth: Tensor
+    springs: Tensor
     noise: Tensor
     gain: Tensor
 
@@ -84,13 +80,16 @@ def find(series: Series) -> Contact:
     contact = torch.where(found[:, None], contact, -math.inf)
     if found.any():
         near = _near(series, window, found)
-        best = both_processes(near, window, flight, contact)
-        windows, kinds = candidates(near, best)
+        best = all_processes(near, window, flight, contact)
+        best, chosen = candidates(near, best)
     else:
-        best, windows, kinds = without_contact(window, flight)
-    windows = torch.where(found[:, None, None], windows, 0.0)
-    weighed = intensities(series, windows, best, kinds)
-    return Contact(found, windows.expand(-1, CANDIDATES, -1), *weighed, gain)
+        best, chosen = without_contact(window, flight)
+    # Where nothing touches both processes are one.
+    kinds = torch.where(found[:, None, None, None], chosen.kinds, chosen.kinds.new_tensor([True, False]))
+    chosen = Chosen(torch.where(found[:, None, None], chosen.windows, 0.0), found[:, None] * chosen.springs, kinds)
+    flight, contact, smooth, noise = intensities(series, chosen, best)
+    windows, springs = chosen.windows.expand(-1, CANDIDATES, -1), chosen.springs.expand(-1, CANDIDATES)
+    return Contact(found, windows, flight, contact, smooth, springs, noise, gain)
 
 
 def _near(series: Series, window: Tensor, found: Tensor) -> Series:

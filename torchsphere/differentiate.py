@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torchsphere import bandwidth, contact, local, smooth
 from torchsphere.contact import Contact
 from torchsphere.entries import UNKNOWN
+from torchsphere.likelihood import Series
 from torchsphere.poses import FREEDOMS, Poses, joined, poses
 from torchsphere.process import STATES
 from torchsphere.smooth import Smoothed
@@ -84,7 +85,8 @@ def smoothed(tracks: Sequence[Track], times: Sequence[Array]) -> list[Motion]:
     """Smoothed motion of each track."""
     begins = [moments[0] for moments in times]
     all_poses = poses(tracks, [moments - begin for moments, begin in zip(times, begins, strict=True)])
-    found = contact.find(all_poses.series())
+    series = all_poses.series()
+    found = contact.find(series)
     states = smooth.smooth(all_poses, found, DRAWS, _span(all_poses, found))
     mean = states.mean.numpy()
     sd = states.covariance.diagonal(dim1=-2, dim2=-1).sqrt().numpy().reshape(*mean.shape)
@@ -106,7 +108,7 @@ def smoothed(tracks: Sequence[Track], times: Sequence[Array]) -> list[Motion]:
                 sd_acceleration=sd[row, part, 2] * hidden,
                 drawn=_drawn(states, row, begin, hidden) if is_there else None,
                 interval=_edges(states, row, begin) if is_there else None,
-                about=_about(all_poses, found, states, row, len(moments)),
+                about=_about(series, found, states, row, len(moments)),
             )
         )
     return motions
@@ -146,28 +148,31 @@ def _edges(states: Smoothed, row: int, begin: float) -> tuple[Array, Array]:
     return middle + begin, 0.5 * (high - low)
 
 
-def _about(all_poses: Poses, found: Contact, states: Smoothed, row: int, n: int) -> dict[str, Any]:
+def _about(series: Series, found: Contact, states: Smoothed, row: int, n: int) -> dict[str, Any]:
     """Method, parameters and bandwidth, per frame."""
     flight, factor = (v[row].median(0).values for v in (found.flight, found.noise))
     share = found.smooth[row].double().mean(0)
     kinds = [torch.where(found.smooth[row] == kind, found.contact[row], torch.nan) for kind in (False, True)]
     rough, smooth = (kind.nanmedian(0).values.nan_to_num() for kind in kinds)
     touching = torch.where(share > 0.5, smooth, rough)
+    used = found.springs[row][found.smooth[row].any(-1)]
+    spring = float(used.median()) if len(used) else 0.0
     about: dict[str, Any] = {
         "method": "smoother",
-        "process": "white jerk in flight; in contact rough (white snap) or smooth (white crackle), as the data say",
+        "process": "white jerk in flight; in contact rough (white snap) or smooth (white crackle and a spring that "
+        "turns so many half turns), as the data say",
         "share_smooth": share.tolist(),
+        "spring_half_turns": spring,
         "intensity_flight": flight.tolist(),
         "intensity_contact_rough": rough.tolist(),
         "intensity_contact_smooth": smooth.tolist(),
         "intensity_unit": "variance of a pose's error per frame^5 (flight), frame^7 (rough) and frame^9 (smooth); "
-        "x, y, wx, wy, wz",
+        "x, y, wx, wy, wz, each without the errors that quieter ones show, as is the noise",
         "noise_over_stated": factor.tolist(),
         "contact_found": bool(found.found[row]),
         "log_likelihood_gain_of_contact": float(found.gain[row]),
     }
-    times = all_poses.times[row, :n].numpy()
-    variance = np.diagonal(all_poses.covariance[row, :n].numpy(), axis1=1, axis2=2) / states.unit[row].numpy() ** 2
+    times = series.times[row, :n].numpy()
     window = tuple(states.windows[row].mean(0).tolist())
     places = {"flight": _flight_frame(times, window)}
     if about["contact_found"]:
@@ -176,12 +181,12 @@ def _about(all_poses: Poses, found: Contact, states: Smoothed, row: int, n: int)
         # The degree of freedom that moves most; over a contact's length both processes give a force the same units.
         strength = torch.where(share > 0.5, smooth * (window[1] - window[0]) ** 2, rough) + flight
         freedom = group.start + int(strength[group].argmax())
-        seen = all_poses.seen[row, :n, freedom].numpy()
+        seen = series.seen[row, freedom, :n].numpy()
         if seen.sum() < STATES:
             continue
-        noise = np.where(seen, variance[:, freedom], np.inf)
+        noise = np.where(seen, series.variance[row, freedom, :n].numpy(), np.inf)
         for regime, at in places.items():
-            own = float(flight[freedom]), (float(touching[freedom]), bool(share[freedom] > 0.5))
+            own = float(flight[freedom]), (float(touching[freedom]), spring if share[freedom] > 0.5 else None)
             weights, part = bandwidth.smoother_weights(times, noise, window, *own, at)
             offsets = times[part] - times[at]
             passed = [bandwidth.cutoff(weights[k], offsets, k + 1) for k in (0, 1)]

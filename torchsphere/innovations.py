@@ -73,10 +73,10 @@ class Recordings:
             free={e: operators(matrix, [noise], e) for e in (1, 1 + STEADY)},
         )
 
-    def sums(self, flight: Array, contact: Array, smooth: Array | None, at_once: int) -> tuple[Array, Array]:
+    def sums(self, flight: Array, contact: Array, springs: Array | None, at_once: int) -> tuple[Array, Array]:
         """Sums of the innovations' logarithms and squares (n, k, c, m), for m intensities (n, k, c or 1, m) each.
 
-        ``smooth`` (m,) says which are of the smooth process; ``at_once`` filters are run at once.
+        ``springs`` (n, c) are those of the smooth process, None of the rough one; ``at_once`` filters are run at once.
         """
         n, k, _, m = flight.shape
         c, t = self.windows.shape[1], len(self.times)
@@ -97,11 +97,11 @@ class Recordings:
         contact = np.broadcast_to(contact, (n, k, c, m)).swapaxes(1, 2).reshape(n * c, k * m)
         for rows in np.array_split(np.arange(n * c), math.ceil(n * c * k * m / at_once)):
             sums = Sums(arranged(before.logs, rows), arranged(before.squares, rows))
-            own = np.stack((arranged(flights, rows), *_kinds(contact[rows], smooth, k)))
+            own = np.stack((arranged(flights, rows), contact[rows]))
             bank = Bank(own)
             bank.start(STEADY, arranged(start, rows))
             values = self.values.frames(first + 1, t).spread(m, rows // c if n > 1 else [0])
-            steps = self._touched(first, last, rows, len(own) - 1)
+            steps = self._touched(first, last, rows, None if springs is None else springs.reshape(1, -1)[:, rows])
             steps += [(STEADY, operator) for operator in self.free[1][last : settled if is_worth else t]]
             bank.run(steps, values, sums)
             if behind is not None:
@@ -149,27 +149,28 @@ class Recordings:
         said = np.linalg.qr(np.moveaxis(whitened, (0, 1), (-2, -1)), mode="r")
         return near, np.moveaxis(np.asarray(said), (-2, -1), (0, 1)), sums.logs
 
-    def _touched(self, first: int, last: int, rows: Array, kinds: int) -> list[Step]:
+    def _touched(self, first: int, last: int, rows: Array, springs: Array | None) -> list[Step]:
         """States after each transition from ``first`` to ``last - 1``, and operators, for some rows' intervals."""
         if first == last:
             return []
-        # Most places are in flight, or within the contact throughout: one operator per frame each, for all rows.
         times = self.times[first : last + 1]
-        passages = Passages.of(times[None], self.windows.reshape(1, -1, 2)[:, rows])
+        passages = Passages.of(times[None], self.windows.reshape(1, -1, 2)[:, rows], springs)
         duration = np.diff(times)
-        most = STEADY + kinds
+        most = ROUGH if springs is None else STATES
         flight = white_noise(duration, STEADY)
-        noises = [flight, *(white_noise(duration, order) for order in (ROUGH, STATES)[:kinds])]
-        none = [flight, *(np.zeros_like(flight) for _ in range(kinds))]
         intervals, frames = passages.edges[0].nonzero()
-        at_edges = [flight[frames], *(passages.rough, passages.smooth)[:kinds]]
 
         def made(matrix: Array, added: list[Array]) -> Array:
-            return operators(matrix[:, :most, :most], [v[:, :most, :most] for v in added])
+            return operators(matrix[..., :most, :most], [v[..., :most, :most] for v in added])
 
-        free, inside = made(steady(duration), none), made(integrator(duration), noises)
-        each = np.where(passages.whole[0].T[..., None, None], inside[:, None], free[:, None])
-        each[frames, intervals] = made(passages.matrix, at_edges)
+        # Most places are in flight, or within the contact throughout: one operator per frame each, for all rows, or
+        # one per row for all frames.
+        free = made(steady(duration), [flight, np.zeros_like(flight)])
+        inside, within = (v[0].swapaxes(0, 1) for v in (passages.inside, passages.within))
+        both = np.broadcast_arrays(inside, within, flight[: len(inside), None])
+        inside = made(both[0], [both[2], both[1]])
+        each = np.where(passages.whole[0].T[..., None, None], inside, free[:, None])
+        each[frames, intervals] = made(passages.matrix, [flight[frames], passages.contact])
         own = self.touching[first:last]
         sizes = np.where(own, most, STEADY)
         before = np.minimum(sizes, np.append(STEADY, sizes[:-1]))
@@ -185,14 +186,6 @@ def _arranged(found: Array, recordings: Array, which: Array) -> Array:
     k = found.shape[-2]
     each = found[..., recordings[:, None, None], np.arange(k)[:, None], which[:, None]]
     return each.reshape(*each.shape[:-2], -1)
-
-
-def _kinds(contact: Array, smooth: Array | None, k: int) -> list[Array]:
-    """Intensities (b, k m) of the rough process, and of the smooth one where there is any."""
-    if smooth is None:
-        return [contact]
-    is_smooth = np.tile(smooth, k)
-    return [np.where(is_smooth == kind, contact, 0.0) for kind in (False, True)]
 
 
 def _take_in(state: Array, near: Array, said: Array, sums: Sums) -> None:

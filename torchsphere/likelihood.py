@@ -74,7 +74,12 @@ class Series:
 
 
 def log_likelihood(
-    series: Series, windows: Tensor, flight: Tensor, contact: Tensor, smooth: Tensor | None = None
+    series: Series,
+    windows: Tensor,
+    flight: Tensor,
+    contact: Tensor,
+    smooth: Tensor | None = None,
+    springs: Tensor | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Logarithm of the likelihood, up to a constant, and factor on the noise's standard deviation, (n, k, c, m) both.
 
@@ -86,7 +91,9 @@ def log_likelihood(
     flight, contact : Tensor
         Powers of ten of m intensities each, (n, k, c, m) or (n, k, 1, m).
     smooth : Tensor, optional
-        (m,), whether the contact's intensity is that of the smooth process. By default none is, which is faster.
+        (m,), whether the contact's intensity is that of the smooth process. By default none is.
+    springs : Tensor, optional
+        Those of the smooth process, (n, c); by default none.
 
     Notes
     -----
@@ -99,14 +106,19 @@ def log_likelihood(
     windows = torch.where((contact > -math.inf).flatten(1).any(1)[:, None, None], windows, 0.0)
     powers = [v.expand(n, k, v.shape[2], m).cpu().numpy() for v in (flight, contact)]
     size = math.ceil(m / math.ceil(k * m / IN_A_ROW))
+    is_smooth = np.zeros(m, dtype=bool) if smooth is None else smooth.cpu().numpy()
+    every = np.zeros((n, c)) if springs is None else springs.cpu().numpy()
     logs, squares = np.empty((2, n, k, c, m))
     for rows in _together(series, windows, max(1, AT_ONCE // (c * k * size))):
         some = Recordings.of(series.rows(rows).arrays(), windows[rows].cpu().numpy())
         own = [10.0 ** v[rows.numpy()] for v in powers]
-        for part in (slice(at, at + size) for at in range(0, m, size)):
-            kinds = None if smooth is None else smooth.cpu().numpy()[part]
-            sums = some.sums(own[0][..., part], own[1][..., part], kinds, AT_ONCE)
-            logs[rows.numpy(), ..., part], squares[rows.numpy(), ..., part] = sums
+        for kind in np.unique(is_smooth):
+            columns = np.flatnonzero(is_smooth == kind)
+            for part in np.array_split(columns, math.ceil(len(columns) / size)):
+                spring = every[rows.numpy()] if kind else None
+                sums = some.sums(own[0][..., part], own[1][..., part], spring, AT_ONCE)
+                place = np.ix_(rows.numpy(), np.arange(k), np.arange(c), part)
+                logs[place], squares[place] = sums
     counts = STATED_COUNTS + series.seen.sum(-1).cpu().numpy()[:, :, None, None]
     scale = (STATED_COUNTS + squares) / counts
     fit = -0.5 * (logs + counts * np.log(scale))

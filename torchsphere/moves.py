@@ -65,7 +65,10 @@ class Moves:
         places = np.flatnonzero(touching).tolist() or [0]
         #: The first transition that is touched, and those from it to the last that is.
         self._first = places[0]
-        self._moves = transitions(times[:, places[0] : places[-1] + 2], windows)
+        times = times[:, places[0] : places[-1] + 2]
+        self._rough, self._smooth = (transitions(times, windows, v) for v in (None, contact.springs.numpy()))
+        #: Which process each has, (n, c, 5).
+        self._is_smooth = contact.smooth.numpy()
         self.touching = [bool(any_of_them) for any_of_them in touching]
         #: Kinds of state that each frame has: its own if the transition to it touches.
         self._kinds = [STEADY, *(STATES if touching else STEADY for touching in self.touching)]
@@ -85,16 +88,19 @@ class Moves:
         along, duration = self._along[part], self._duration[part]
         if self.touching[part.start]:
             own = slice(part.start - self._first, part.stop - self._first)
-            block = _frames(self._moves.matrix, own)[..., :after, :before]
-            noises = [_frames(v, own) for v in (self._moves.flight, self._moves.rough, self._moves.smooth)]
-            idle = _frames(self._moves.idle, own)
+            blocks = [_frames(v.matrix, own)[..., :after, :before] for v in (self._rough, self._smooth)]
+            kept = (self._rough.flight, self._rough.contact, self._smooth.contact)
+            noises = [_frames(v, own) for v in kept]
+            idle = _frames(self._rough.idle, own)
         else:
-            block = steady(duration)[..., :after, :before]
+            blocks = [steady(duration)[..., :after, :before]]
             noises, idle = [white_noise(duration, STEADY)], np.array(1.0)
+        block = blocks[0]
         matrix = np.zeros((*block.shape[:-2], after, FREEDOMS, before, FREEDOMS))
         added = np.zeros((*block.shape[:2], *self._intensities[0].shape[1:2], after, FREEDOMS, after, FREEDOMS))
         for k in range(FREEDOMS):
-            matrix[..., k, :, k] = block
+            is_smooth = self._is_smooth[..., k, None, None]
+            matrix[..., k, :, k] = block if len(blocks) == 1 else np.where(is_smooth, blocks[1], block)
             for noise, intensity in zip(noises, self._intensities, strict=False):
                 added[..., k, :, k] += noise[..., :after, :after] * intensity[..., k, None, None]
         matrix = matrix.reshape(*block.shape[:-2], after * FREEDOMS, before * FREEDOMS)

@@ -50,19 +50,23 @@ def forward(poses: Poses, contact: Contact, moves: Moves) -> tuple[list[Array], 
     unit = poses.unit.numpy()[:, None]
     stated = poses.covariance.swapaxes(0, 1).numpy()[:, :, None] / unit[..., :, None] / unit[..., None, :]
     stated = np.where(both, stated, 0.0)
-    factor = contact.noise.numpy()
-    factor = factor[..., :, None] * factor[..., None, :]
     missing = np.where(both, 0.0, np.eye(FREEDOMS))
+    # Each of the separate errors has a factor of its own.
+    separate = poses.separation.numpy()[:, None]
+    factor = np.linalg.solve(separate, contact.noise.numpy()[..., None] * separate)
+
+    def noise(i: int) -> Array:
+        return np.asarray(np.where(both[i], factor @ stated[i] @ factor.swapaxes(-1, -2), 0.0) + missing[i])
+
     mean, spread = np.zeros((n, c, FLIGHT)), np.tile(UNKNOWN * np.eye(FLIGHT), (n, c, 1, 1))
-    first = _updated(mean, spread, stated[0] * factor + missing[0], seen[0], both[0])
+    first = _updated(mean, spread, noise(0), seen[0], both[0])
     means, spreads = [first[0]], [first[1]]
     for part in moves.alike(max(1, AT_ONCE // (n * c))):
         for i, (matrix, offset, added) in enumerate(zip(*moves.at(part), strict=True), part.start + 1):
             mean = (matrix @ means[-1][..., None])[..., 0] + offset
             spread = matrix @ spreads[-1] @ matrix.swapaxes(-1, -2)
             spread += added
-            noise = stated[i] * factor + missing[i]
-            mean, spread = _updated(mean, spread, noise, seen[i], both[i])
+            mean, spread = _updated(mean, spread, noise(i), seen[i], both[i])
             means.append(mean)
             spreads.append(spread)
     return means, spreads

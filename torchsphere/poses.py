@@ -8,6 +8,7 @@ without, where some of each step's error stays.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.likelihood import Series
+from torchsphere.separate import separation
 from torchsphere.track import Track
 
 Array = NDArray[np.float64]
@@ -35,6 +37,9 @@ REFOUND_PX = 0.05
 
 #: Variance of what is known no more, in units of the errors.
 BROKEN = 1e8
+
+#: Least share of its variance that the errors of a combination of degrees of freedom have of their own.
+LEAST_OWN = 0.01
 
 
 @dataclass(frozen=True)
@@ -69,20 +74,42 @@ class Poses:
         px, rad = (torch.where(v > 0, v, 1.0).sqrt() for v in shared)
         return torch.stack((px, px, rad, rad, rad), -1)
 
-    def series(self) -> Series:
-        """The same as independent degrees of freedom, in units of the errors and without their mean motion.
+    @functools.cached_property
+    def value(self) -> Tensor:
+        """The poses (n, t, 5) in units of the errors and without their mean motion, 0 where they were not seen.
 
         Rotations add up like vectors here, which is right for a search of when they change.
         """
-        unit = self.unit[:, None]
-        step = self.step / unit
-        rate = step / self.times.diff(dim=-1)[..., None]
-        step = step - rate.median(1, keepdim=True).values * self.times.diff(dim=-1)[..., None]
-        value = torch.cat((torch.zeros_like(step[:, :1]), step.cumsum(1)), 1)
-        variance = self.covariance.diagonal(dim1=-2, dim2=-1) / unit**2
-        columns = (value, variance, self.drift / unit**2, self.seen)
-        value, variance, drift, seen = (v.mT for v in columns)
-        return Series(self.times, value, torch.where(seen, variance, 1.0), drift, seen)
+        step, duration = self.step / self.unit[:, None], self.times.diff(dim=-1)[..., None]
+        known = self.seen[:, 1:] & self.seen[:, :-1]
+        rate = torch.where(known, step / duration, torch.nan).nanmedian(1, keepdim=True).values.nan_to_num()
+        moved = torch.nn.functional.pad((step - rate * duration).cumsum(1), (0, 0, 1, 0))
+        return torch.where(self.seen, moved, 0.0)
+
+    @functools.cached_property
+    def separation(self) -> Tensor:
+        """Combinations (n, 5, 5) of the poses, in units of the errors, whose errors are independent.
+
+        Where a chain was broken and taken up again, it stays by itself: its jump would be one of the others, too.
+        """
+        own = self.covariance.diagonal(dim1=-2, dim2=-1)
+        unbroken = (self.drift <= own[:, 1:] + own[:, :-1]).all(1, keepdim=True)
+        return separation(self._covariance_in_units(), self.value, self.times, self.seen & unbroken)
+
+    def _covariance_in_units(self) -> Tensor:
+        return self.covariance / self.unit[:, None, :, None] / self.unit[:, None, None]
+
+    def series(self) -> Series:
+        """The same as independent degrees of freedom, each with the share of quieter ones that `separation` says."""
+        matrix, covariance = self.separation[:, None], self._covariance_in_units()
+        value = matrix @ self.value[..., None]
+        # No correlation is known so well that nothing is left.
+        least = LEAST_OWN * covariance.diagonal(dim1=-2, dim2=-1)
+        variance = torch.maximum((matrix @ covariance @ matrix.mT).diagonal(dim1=-2, dim2=-1), least)
+        # What stays of the steps' errors is taken for independent, as in the smoother.
+        drift = matrix**2 @ (self.drift / self.unit[:, None] ** 2)[..., None]
+        variance = torch.where(self.seen, variance, 1.0)
+        return Series(self.times, *(v.mT for v in (value[..., 0], variance, drift[..., 0], self.seen)))
 
 
 def poses(tracks: Sequence[Track], times: Sequence[Array]) -> Poses:
