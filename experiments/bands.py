@@ -2,7 +2,7 @@
 
 Claim to be tested: on rendered shots (free flight, frontal and oblique impact) the true velocity, force and spin lie
 within the stated 95 % bands as often as these say. All quantities and shots together they do so in 99.7 % of the frames
-in flight and 98 % in contact with the outline found, in 99 and 98 % with the true outline. By quantity it is 91 to
+in flight and 98 % in contact with the outline found, in 99 and 98 % with the true outline. By quantity it is 90 to
 100 %, and the error over the stated standard deviation is 0.1 to 1.2, root mean square over the frames of a group; 1
 is what it should be. The steps know of the light that the target takes from one side of the ball; a map does not, and
 is not made unasked (`torchsphere.drift.MOST_LIT`).
