@@ -164,20 +164,24 @@ class Recordings:
             return operators(matrix[..., :most, :most], [v[..., :most, :most] for v in added])
 
         # Most places are in flight, or within the contact throughout: one operator per frame each, for all rows, or
-        # one per row for all frames.
+        # one per row for all frames. Only frames in which some contact begins or ends need one for each of both.
         free = made(steady(duration), [flight, np.zeros_like(flight)])
         inside, within = (v[0].swapaxes(0, 1) for v in (passages.inside, passages.within))
         both = np.broadcast_arrays(inside, within, flight[: len(inside), None])
         inside = made(both[0], [both[2], both[1]])
-        each = np.where(passages.whole[0].T[..., None, None], inside, free[:, None])
-        each[frames, intervals] = made(passages.matrix, [flight[frames], passages.contact])
+        at_edges = made(passages.matrix, [flight[frames], passages.contact])
         own = self.touching[first:last]
         sizes = np.where(own, most, STEADY)
         before = np.minimum(sizes, np.append(STEADY, sizes[:-1]))
         after = np.minimum(sizes, np.append(sizes[1:], STEADY))
         found: list[Step] = [(STEADY, operator) for operator in self.free[1][first:last]]
         for i in np.flatnonzero(own):
-            found[i] = (int(after[i]), part(each[i], most, int(after[i]), int(before[i])))
+            whole, here = passages.whole[0, :, i], frames == i
+            operator = inside[i if len(inside) > 1 else 0]
+            if not whole.all():
+                operator = np.where(whole[:, None, None], operator, free[i])
+                operator[intervals[here]] = at_edges[here]
+            found[i] = (int(after[i]), part(operator, most, int(after[i]), int(before[i])))
         return found
 
 
