@@ -31,7 +31,7 @@ EDGE_PLACES, EDGE_SPACING = 5, 0.9
 #: Possible intervals and intensities that stand for all: what the data leave open of them widens the bands.
 CANDIDATES = 32
 
-#: Share of the contact by which one of them starts earlier, and one ends later, than the data say, where most are of
+#: Share of the contact by which one of them starts earlier, and another ends later, than the data say, where most are of
 #: the rough process. It begins and ends with a slope: a force that fades without one ends for it a tenth of its contact
 #: too early. What was left of it, 450 N of 29 kN in its last frame, was stated as none to 1 N (errors of 19 and 37
 #: standard deviations, root mean square over the contact; then 6 and 3, and with twice as many 4 and 1).
@@ -95,9 +95,8 @@ def without_contact(window: Tensor, flight: Tensor) -> tuple[Processes, Chosen]:
     flight = flight[..., None].expand(*flight.shape, 1 + len(SPRINGS))
     windows = window.new_zeros(len(window), 1, 2)
     kinds = torch.tensor([True, False], device=window.device).expand(*flight.shape[:2], CANDIDATES, -1)
-    return Processes(window[:, None], flight, torch.full_like(flight, -math.inf)), Chosen(
-        windows, windows[..., 0], kinds
-    )
+    none = Processes(window[:, None], flight, torch.full_like(flight, -math.inf))
+    return none, Chosen(windows, windows[..., 0], kinds)
 
 
 def candidates(series: Series, best: Processes) -> tuple[Processes, Chosen]:
@@ -109,14 +108,14 @@ def candidates(series: Series, best: Processes) -> tuple[Processes, Chosen]:
     windows = possible_of_each(series, best.windows[:, :, None] + steps)
     evidence = best.evidence(series, windows)
     # Each interval stands for those around it: the fewer, the better the edges are known.
-    both = evidence.sum(1) + pitch.log().sum(-1, keepdim=True)
-    rough, smooth = both[:, 0], both[:, 1:].flatten(1)
+    fit = evidence.sum(1) + pitch.log().sum(-1, keepdim=True)
+    rough, smooth = fit[:, 0], fit[:, 1:].flatten(1)
     process = torch.stack((rough.logsumexp(-1), smooth.logsumexp(-1) - math.log(len(SPRINGS))), -1).log_softmax(-1)
     rough, smooth = rough.log_softmax(-1), smooth.log_softmax(-1)
     # First all of the rough process, then all of the smooth one, spring by spring.
     chosen = _as_often(torch.cat((process[:, :1] + rough, process[:, 1:] + smooth), -1).softmax(-1))
     kind = chosen // windows.shape[2]
-    is_smooth, springs = (kind > 0)[:, None], both.new_tensor((0.0, *SPRINGS))[kind]
+    is_smooth, springs = (kind > 0)[:, None], fit.new_tensor((0.0, *SPRINGS))[kind]
     own = (rough[:, None] + evidence[:, :, 0], smooth[:, None] + evidence[:, :, 1:].flatten(2))
     against = (own[1].logsumexp(-1) < own[0].logsumexp(-1))[..., None]
     kinds = torch.stack((~is_smooth | against, is_smooth.expand(*against.shape[:2], -1)), -1)
@@ -128,7 +127,7 @@ def candidates(series: Series, best: Processes) -> tuple[Processes, Chosen]:
 
 
 def _softer(windows: Tensor, rough: Tensor) -> Tensor:
-    """The intervals (n, c, 2), of which one ``rough`` one (n, c) starts softer and earlier, and one ends later."""
+    """The intervals (n, c, 2): where most are ``rough`` (n, c), one of these starts earlier, and another ends later."""
     count = rough.sum(-1, keepdim=True)
     number = torch.where(rough & (count > CANDIDATES // 2), rough.cumsum(-1) - 1, -1)
     # Apart from each other and from the first and last, as they come in the order of their edges.
@@ -153,8 +152,8 @@ def intensities(series: Series, chosen: Chosen, best: Processes) -> tuple[Tensor
     fit, noise = posterior(series, chosen.windows, flight, contact, smooth, chosen.springs)
     # No force at all counts as much as each of the intensities.
     ranges = fit.new_tensor(RANGE_FLIGHT).log().repeat_interleave(len(contacts)).repeat(2)
-    possible_one = chosen.kinds.repeat_interleave(len(pairs), -1)
-    fit = torch.where(possible_one, fit + likelier + ranges, -math.inf)
+    kinds = chosen.kinds.repeat_interleave(len(pairs), -1)
+    fit = torch.where(kinds, fit + likelier + ranges, -math.inf)
     sums = fit.softmax(-1).cumsum(-1)
     generator = torch.Generator().manual_seed(0)
     # Each interval takes one, and all of them together take each as often as it is likely, in any combination; the
