@@ -31,10 +31,10 @@ EDGE_PLACES, EDGE_SPACING = 5, 0.9
 #: Possible intervals and intensities that stand for all: what the data leave open of them widens the bands.
 CANDIDATES = 32
 
-#: Share of the contact by which one of them starts earlier, and another ends later, than the data say, where most are of
-#: the rough process. It begins and ends with a slope: a force that fades without one ends for it a tenth of its contact
-#: too early. What was left of it, 450 N of 29 kN in its last frame, was stated as none to 1 N (errors of 19 and 37
-#: standard deviations, root mean square over the contact; then 6 and 3, and with twice as many 4 and 1).
+#: Share of the contact by which one of them starts earlier, and another ends later, than the data say, where most are
+#: of the rough process. It begins and ends with a slope: a force that fades without one ends for it a tenth of its
+#: contact too early. What was left of it, 450 N of 29 kN in its last frame, was stated as none to 1 N (errors of 19 and
+#: 37 standard deviations, root mean square over the contact; then 6 and 3, and with twice as many 4 and 1).
 SOFT_SHARE = 0.1
 
 #: Powers of ten of the intensities that are weighed against each other, around the best, and the range that each of
