@@ -43,7 +43,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import torchsphere as ts
-from torchsphere import forward
+from torchsphere.synthetic import ray_caster
 
 Array = NDArray[np.float64]
 
@@ -148,8 +148,8 @@ def make_shot(case: Case, seed: int, behind: Callable[[tuple[int, int]], torch.T
     times = np.arange(case.frames)[:, None] + share
     centres = position[:, None] + share[:, None] * np.array(case.step)
     orientations = Rotation.from_rotvec(times.reshape(-1, 1) * turn).as_matrix()
-    pattern = forward.speckle(seed, radius_px=case.radius, speckle_px=case.speckle)
-    images = forward.render(
+    pattern = ray_caster.speckle(seed, radius_px=case.radius, speckle_px=case.speckle)
+    images = ray_caster.render(
         pattern,
         torch.from_numpy(centres.reshape(-1, 2)).float(),
         case.radius,

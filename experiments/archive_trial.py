@@ -34,11 +34,11 @@ import tifffile
 import torch
 
 import torchsphere as ts
-from torchsphere import demo, forward
 from torchsphere.archive import dask_engine, manifest, processes
 from torchsphere.archive.run import Counts, run
 from torchsphere.archive.work import Job, Outcome, settle
 from torchsphere.measure import Request, measure
+from torchsphere.synthetic import demo_shot, ray_caster
 
 COUNT, WORKERS, RADIUS, FRAMES = 200, 2, 12.0, 5
 COMMON: dict[str, Any] = {
@@ -59,13 +59,13 @@ def write_archive(folder: Path, count: int) -> None:
     turn = torch.deg2rad(torch.tensor([0.2, 0.6, 0.1], dtype=torch.float64))
     vectors = torch.arange(FRAMES, dtype=torch.float64)[:, None] * turn
     turned = torch.stack([torch.matrix_exp(_cross(vector)) for vector in vectors]).float()
-    pattern = forward.speckle(0, radius_px=RADIUS)
+    pattern = ray_caster.speckle(0, radius_px=RADIUS)
     special = {count // 3: "held", count // 2: "poison", 7: "corrupt", count // 4: "corrupt", count - 3: "corrupt"}
     for i in range(count):
         path = folder / f"day{i % 10}" / f"{special.get(i, 'shot')}{i:04d}.tif"
         path.parent.mkdir(parents=True, exist_ok=True)
         centres = torch.tensor([[22.0 + (1 + 0.01 * i) * k, 32.3] for k in range(FRAMES)])
-        images = forward.render(pattern, centres, RADIUS, turned, 90.0, shape=(64, 64), subsamples=2)
+        images = ray_caster.render(pattern, centres, RADIUS, turned, 90.0, shape=(64, 64), subsamples=2)
         tifffile.imwrite(path, images.round().clamp(0, 255).numpy().astype(np.uint8), photometric="minisblack")
         if i in special and special[i] == "corrupt":
             path.write_bytes(path.read_bytes()[:9000])
@@ -205,8 +205,8 @@ def _one_shot(folder: Path) -> dict[str, float]:
     """Seconds to measure the demo's shot of 60 frames by one thread, without and with the map; files and kB of it."""
     folder.mkdir(parents=True)
     torch.set_num_threads(1)
-    shot = demo.make_shot()
-    path, _ = demo.write_shot(folder, shot)
+    shot = demo_shot.make_shot()
+    path, _ = demo_shot.write_shot(folder, shot)
     found: dict[str, float] = {"frames": len(shot.images)}
     for name in ("off", "on"):
         request = Request(

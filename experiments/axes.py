@@ -13,7 +13,7 @@ from kornia.geometry.liegroup import So3
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from torchsphere import forward
+from torchsphere.synthetic import ray_caster
 
 OUT = Path(__file__).parent.parent / "docs" / "axes.png"
 RADIUS, SIZE, TURN, STEP = 50.0, 130, 0.45, 14.0
@@ -28,9 +28,9 @@ PANELS = (
 )
 
 
-def marks() -> forward.Pattern:
+def marks() -> ray_caster.Pattern:
     """A grey ball with one bright and one dark mark on its front, and a bright one at its upper limb."""
-    steps = torch.linspace(-forward.CUBE_HALF_WIDTH, forward.CUBE_HALF_WIDTH, 128)
+    steps = torch.linspace(-ray_caster.CUBE_HALF_WIDTH, ray_caster.CUBE_HALF_WIDTH, 128)
     z, y, x = torch.meshgrid(steps, steps, steps, indexing="ij")
     volume = torch.full(x.shape, 120.0)
     for place, size, level in (
@@ -40,7 +40,7 @@ def marks() -> forward.Pattern:
     ):
         distance = ((x - place[0]) ** 2 + (y - place[1]) ** 2 + (z - place[2]) ** 2).sqrt()
         volume = torch.where(distance < size, level, volume)
-    return forward.Pattern(volume)
+    return ray_caster.Pattern(volume)
 
 
 def panel(
@@ -48,7 +48,7 @@ def panel(
 ) -> None:
     """Ball after the motion, with the circle and an arrow from where its front was."""
     after = So3.exp(torch.tensor([turn])).matrix()
-    image = forward.render(marks(), CENTRE + torch.tensor([step]), RADIUS, after, 200.0, shape=(SIZE, SIZE))[0]
+    image = ray_caster.render(marks(), CENTRE + torch.tensor([step]), RADIUS, after, 200.0, shape=(SIZE, SIZE))[0]
     axis.imshow(image.numpy(), cmap="gray", vmin=0, vmax=255)
     angle = np.linspace(0, 2 * np.pi, 200)
     x, y = CENTRE[0].tolist()
@@ -78,7 +78,7 @@ def main() -> None:
     figure = Figure(figsize=(12.0, 2.4), layout="constrained")
     axes = figure.subplots(1, 6)
     frame = axes[0]
-    image = forward.render(marks(), CENTRE, RADIUS, torch.eye(3)[None], 200.0, shape=(SIZE, SIZE))[0]
+    image = ray_caster.render(marks(), CENTRE, RADIUS, torch.eye(3)[None], 200.0, shape=(SIZE, SIZE))[0]
     frame.imshow(image.numpy(), cmap="gray", vmin=0, vmax=255)
     for end, name in (((45.0, 8.0), "x"), ((8.0, 45.0), "y")):
         frame.annotate("", end, (8, 8), arrowprops={"arrowstyle": "-|>", "color": "#0072B2", "lw": 2})

@@ -28,7 +28,7 @@ from experiments.bar.table import write_table
 from experiments.shots import Footage, rendered, rival, tracked
 from render import preset
 from render.trajectory import Table
-from torchsphere.baselines import Baseline
+from torchsphere.benchmark.baselines import Baseline
 
 Array = NDArray[np.float64]
 

@@ -41,7 +41,7 @@ from experiments.accuracy import cached
 from experiments.projection_errors import WAYS
 from experiments.projection_footage import BASE, NOISE_GREY, Case, Scene, make_scene
 from render.frames import render_radiance
-from torchsphere.motion import Geometry, published
+from torchsphere.geometry.motion_models import Geometry, published
 
 Array = NDArray[np.float64]
 

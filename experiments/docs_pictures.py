@@ -19,7 +19,7 @@ import tifffile
 from PIL import Image, ImageChops
 
 from render import cli as render_cli
-from torchsphere import cli
+from torchsphere.cli.main import main as cli
 
 OUT = Path(__file__).parent.parent / "docs" / "pictures"
 

@@ -12,8 +12,8 @@ import numpy as np
 import torch
 
 import torchsphere as ts
-from torchsphere import forward
-from torchsphere.orientation import chain
+from torchsphere.geometry.orientation import chain
+from torchsphere.synthetic import ray_caster
 
 FRAMES, RADIUS, NOISE = 60, 50.0, 2.0
 BACKGROUNDS, PATTERNS = (20.0, 90.0, 230.0), (0, 1, 2)
@@ -27,7 +27,7 @@ def shot(seed: int, background: float) -> tuple[torch.Tensor, np.ndarray, np.nda
     position = np.array([80.0, 120.0]) + rng.uniform(0, 1, 2) + np.concatenate((np.zeros((1, 2)), steps.cumsum(0)))
     orientation = chain(np.concatenate((np.zeros((1, 3)), turns)), np.ones(FRAMES, dtype=bool))
     poses = torch.from_numpy(position).float(), torch.from_numpy(orientation).float()
-    clean = forward.render(forward.speckle(seed), poses[0], RADIUS, poses[1], background, shape=(256, 512))
+    clean = ray_caster.render(ray_caster.speckle(seed), poses[0], RADIUS, poses[1], background, shape=(256, 512))
     noise = NOISE * torch.randn(clean.shape, generator=torch.Generator().manual_seed(seed))
     return (clean + noise).round().clamp(0, 255), position, np.concatenate((steps, turns), 1)
 

@@ -9,7 +9,7 @@ Here: the preset ``paper-drop-weight``, whose ball stands for the weight's hemis
 as well: with a plain shaft drawn over that, the steps' error more than doubled and the peak came out 18 % too high.
 Tracked frame to frame from the true circle; the acceleration is by torchsphere's smoother. The accelerometer's signal
 is made from the true motion: no weight (it shows 0 in free fall), sampled at 50 kHz from a clock of its own, a gain 1 %
-high, an offset, noise of 5 % of the peak, and its mount's ringing at 7 kHz. `torchsphere.instruments` aligns it with
+high, an offset, noise of 5 % of the peak, and its mount's ringing at 7 kHz. `signals` aligns it with
 the track. Amplitude is the lobe's peak, duration its width at half of it.
 """
 
@@ -28,7 +28,7 @@ from experiments.result import Row
 from experiments.shots import Footage, rendered, tracked
 from render import preset
 from render.trajectory import DropWeight
-from torchsphere.instruments import Alignment, align
+from torchsphere.instruments.signals import Alignment, align
 
 Array = NDArray[np.float64]
 

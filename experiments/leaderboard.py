@@ -2,7 +2,7 @@
 
 Claim: torchsphere has the smallest error of translation and rotation, per frame and since the first, on every suite of
 the benchmark; where it has not, LEADERBOARD.md says so. Every tracker that comes with the package is run, with the
-settings that `torchsphere.baselines` found best for it, and muDIC's field by `experiments.field_method` where its
+settings that `baselines` found best for it, and muDIC's field by `experiments.field_method` where its
 predictions are there: it needs packages of its own (numpy, numba), which are no dependency of torchsphere.
 
     python -m experiments.leaderboard [--benchmark DIR] [--field DIR]
@@ -107,7 +107,7 @@ What the scores mean and how to enter a tracker: [docs/benchmark.md](../docs/ben
 ## Trackers and their settings
 
 All were given the true outline in frame 0. The baselines' settings are the best of those tried on a ball of 50 px with
-speckle of 4 px (their modules in `torchsphere/baselines` tell which), and the same on every suite. A camera, where a
+speckle of 4 px (their modules in `benchmark/baselines` tell which), and the same on every suite. A camera, where a
 suite has one, can be told to torchsphere alone.
 """,
         "\n".join(lines) + "\n",

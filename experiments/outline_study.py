@@ -54,13 +54,15 @@ from experiments.accuracy import (
     root_mean_square,
     row,
 )
-from torchsphere import outline, sight, still
-from torchsphere.correlate import correlate_pairs
-from torchsphere.interpolate import blur
-from torchsphere.options import Options
-from torchsphere.outline import OutlineFit
-from torchsphere.source import Source
-from torchsphere.window import cut_window
+from torchsphere.correlation.correlate import correlate_pairs
+from torchsphere.correlation.options import Options
+from torchsphere.detection import outline_fit
+from torchsphere.detection.outline_fit import OutlineFit
+from torchsphere.imaging import background as still
+from torchsphere.imaging.interpolation import blur
+from torchsphere.recording.frame_source import Source
+from torchsphere.sphere_map import projection
+from torchsphere.sphere_map.window import cut_window
 
 OUT = Path(__file__).parent.parent / "docs" / "outline.png"
 FRAMES, BEYOND = 60, 1.08
@@ -89,7 +91,7 @@ def without_background(shot: Shot, position: Array) -> Tensor:
         y, x = torch.meshgrid(*(torch.arange(n) for n in image.shape), indexing="ij")
         inside = (x - centre[0]).square() + (y - centre[1]).square() < shot.radius**2
         share, column, row = inside.to(image), *window.pixels.long().unbind(-1)
-        share[row, column], _ = sight.coverage(window, centre, shot.radius, sight.LEAST_BLUR_PX)
+        share[row, column], _ = projection.coverage(window, centre, shot.radius, projection.LEAST_BLUR_PX)
         image -= ((1 - share) * (behind - level)).float()
     return images
 
@@ -118,11 +120,11 @@ def fused_with_edge(images: Tensor, track: ts.Track) -> Steps:
     """
     radius = torch.full((len(images), 1), track.circle.radius, dtype=torch.float64)
     circles = torch.cat((torch.from_numpy(track.position), radius), 1)
-    fit = outline.refine(images, circles, window=outline.STEP_BLUR_PX, fixed_radius=True)
+    fit = outline_fit.refine(images, circles, window=outline_fit.STEP_BLUR_PX, fixed_radius=True)
     names = ("circle", "covariance", "support", "contrast", "rest", "weights")
     increment, covariance = track.increment.copy(), track.covariance.copy()
     for i in range(len(increment)):
-        step, spread = outline.centre_step(OutlineFit(*(getattr(fit, name)[i : i + 2] for name in names)))
+        step, spread = outline_fit.centre_step(OutlineFit(*(getattr(fit, name)[i : i + 2] for name in names)))
         gain = covariance[i, :, :2] @ np.linalg.inv(covariance[i, :2, :2] + spread.numpy())
         increment[i] += gain @ (step.numpy() - increment[i, :2])
         covariance[i] -= gain @ covariance[i, :2]

@@ -32,8 +32,8 @@ from experiments.result import Row
 from experiments.shots import Footage, rendered, tracked
 from render import preset
 from render.shot import Shot
-from torchsphere.plan.example_image import Example, white_noise
-from torchsphere.plan.expected import Setup, differences, increment_covariance
+from torchsphere.planning.example_image import Example, white_noise
+from torchsphere.planning.expected import Setup, differences, increment_covariance
 
 Array = NDArray[np.float64]
 

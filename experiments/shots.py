@@ -28,7 +28,7 @@ from render.frames import render_frames
 from render.shot import Shot
 from render.trajectory import Table
 from render.truth import truth
-from torchsphere.baselines import TRACKERS, Baseline
+from torchsphere.benchmark.baselines import TRACKERS, Baseline
 
 Array = NDArray[np.float64]
 Circle = tuple[float, float, float]
@@ -117,7 +117,7 @@ def tracked(footage: Footage, circle: Circle | None = None, **options: Any) -> t
 
 
 def rival(footage: Footage, name: str, circle: Circle) -> Baseline:
-    """The ball's motion by another tracker of `torchsphere.baselines`, measured or from the cache."""
+    """The ball's motion by another tracker of `torchsphere.benchmark.baselines`, measured or from the cache."""
     key = key_of(f"rival-{name}", [footage.key, circle])
 
     def make() -> dict[str, NDArray[Any]]:

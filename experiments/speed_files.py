@@ -17,7 +17,7 @@ import torch
 from kornia.geometry.liegroup import So3
 from numpy.typing import NDArray
 
-from torchsphere import forward
+from torchsphere.synthetic import ray_caster
 
 #: Frames of one swing there and back; where it swings, px; the turn either way, rad: at most 1.35 px and 0.57 deg per
 #: frame, which are the steps of the example shot.
@@ -33,8 +33,8 @@ def swing() -> NDArray[np.uint8]:
     phase = torch.sin(torch.linspace(-torch.pi / 2, torch.pi / 2, PERIOD // 2 + 1, dtype=torch.float64))
     centres = torch.tensor(MIDDLE) + phase[:, None] * torch.tensor(SWING_PX)
     turned = So3.exp(SWING_RAD * phase[:, None] * torch.tensor(AXIS, dtype=torch.float64)).matrix()
-    pattern = forward.speckle(0, radius_px=RADIUS)
-    images = forward.render(pattern, centres.float(), RADIUS, turned.float(), 90.0, shape=SHAPE, subsamples=4)
+    pattern = ray_caster.speckle(0, radius_px=RADIUS)
+    images = ray_caster.render(pattern, centres.float(), RADIUS, turned.float(), 90.0, shape=SHAPE, subsamples=4)
     noise = 2.0 * torch.randn(images.shape, generator=torch.Generator().manual_seed(1))
     return (images + noise).round().clamp(0, 255).to(torch.uint8).numpy()
 
@@ -107,7 +107,7 @@ class Run:
 #: Where a clock is put around what a track does: module, function, and the name of the time.
 STAGES = (
     ("torchsphere.measure", "open_recording", "open_s"),
-    ("torchsphere.track", "first_circle", "circle_s"),
+    ("torchsphere.tracking.track", "first_circle", "circle_s"),
     ("torchsphere.measure", "track", "track_s"),
 )
 
@@ -117,10 +117,11 @@ import json, resource, sys, time
 import importlib
 begin = time.perf_counter()
 from pathlib import Path
-from torchsphere.cli import loading
+from torchsphere.cli.main import loading
 # As the command loads its libraries.
 with loading():
-    from torchsphere import follow, measure
+    from torchsphere import measure
+    from torchsphere.tracking import follow
 spent = {"import_s": time.perf_counter() - begin}
 def timed(place, name, key):
     module = importlib.import_module(place)

@@ -17,7 +17,7 @@ from render import preset
 from render.frames import render_frames, render_radiance
 from render.pose import Motion, Poses
 from render.scene import Setup
-from torchsphere import motion
+from torchsphere.geometry import motion_models
 
 Array = NDArray[np.float64]
 Circle = tuple[float, float, float]
@@ -77,7 +77,7 @@ def advected(image: Array, circle: Circle, q: Array, model: str) -> Array:
     The point ``x`` that comes to a pixel is found by iteration; its grey level is that of the cubic spline.
     """
     y, x = np.mgrid[: image.shape[0], : image.shape[1]].astype(np.float64)
-    geometry = motion.Geometry(torch.tensor(circle[2], dtype=torch.float64))
+    geometry = motion_models.Geometry(torch.tensor(circle[2], dtype=torch.float64))
     step, before = np.zeros((*image.shape, 2)), None
     for _ in range(8):  # within the region each leaves a twentieth of the error, at most
         if before is not None and np.array_equal(step, before):
@@ -85,5 +85,5 @@ def advected(image: Array, circle: Circle, q: Array, model: str) -> Array:
         before = step
         from_centre = np.stack((x - step[..., 0] - circle[0], y - step[..., 1] - circle[1]), -1)
         points = torch.from_numpy(from_centre.reshape(-1, 2))
-        step = motion.MODELS[model](torch.from_numpy(q), points, geometry).numpy().reshape(step.shape)
+        step = motion_models.MODELS[model](torch.from_numpy(q), points, geometry).numpy().reshape(step.shape)
     return np.asarray(ndimage.map_coordinates(image, (y - step[..., 1], x - step[..., 0]), order=3, mode="mirror"))

@@ -9,7 +9,7 @@ Here: a ball of 30 mm that flies at the light gate's velocities, rendered as the
 per second, 512 x 128 px, shutter 1/81 000 s) for as many frames as it is in the picture, tracked frame to frame, the
 circle found, the camera's scale known. The gate's signals are made from the same motion: two barriers 40 mm apart, each
 a beam of 2 mm whose light the ball takes, a receiver with a time constant of 5 us, its own gain and offset, and noise
-of 2 % of its swing, sampled at 1 MHz. `torchsphere.instruments` recovers the delay. That the barriers are 40 mm apart
+of 2 % of its swing, sampled at 1 MHz. `signals` recovers the delay. That the barriers are 40 mm apart
 is taken to be known to 0.1 mm, and this is most of the gate's uncertainty; here they are apart by 40 mm exactly.
 """
 
@@ -26,7 +26,7 @@ import torchsphere as ts
 from experiments.result import Row
 from experiments.shots import rendered, spread, tracked
 from render import preset
-from torchsphere.instruments import GateVelocity, light_gate
+from torchsphere.instruments.signals import GateVelocity, light_gate
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ than scatter.
 
 Here rendered flights at the geometry of table 3 (`experiments.flight`), at 99.7 m/s as the paper's second shot, so that
 the sub-pixel places differ, with a plain and with a speckled ball, three shots each of 36 frames. Hough is OpenCV's on
-the silhouette (`torchsphere.baselines.hough`) with the settings, of those in `GRID`, that have the least scatter of
+the silhouette (`baselines.hough`) with the settings, of those in `GRID`, that have the least scatter of
 velocity on one more shot of the same kind, which is then not counted. Beside it the contour fit, a better way to use
 the outline: on a plain ball it comes within a factor of 1.5 to 3 of the five modes, so that this is a victory over
 Hough rather than over the outline. The five modes are torchsphere's, circle found, increments alone
@@ -38,7 +38,7 @@ from experiments.accuracy import cached
 from experiments.flight import Rates, flight, pooled_std
 from experiments.result import Row
 from experiments.shots import Footage, rendered, rival, tracked
-from torchsphere.baselines import hough
+from torchsphere.benchmark.baselines import hough
 
 Array = NDArray[np.float64]
 

@@ -16,12 +16,14 @@ import tifffile
 import torch
 from shots import rotation_matrix, speckle
 
-from torchsphere import batch_cli, forward, results
 from torchsphere.archive.work import Job, Outcome, settle
-from torchsphere.hashing import hash_files
+from torchsphere.cli import batch
 from torchsphere.measure import Request
 from torchsphere.recording import open_recording
-from torchsphere.track import Track, track
+from torchsphere.results import writer
+from torchsphere.runtime.file_hash import hash_files
+from torchsphere.synthetic import ray_caster
+from torchsphere.tracking.track import Track, track
 
 RADIUS, FRAMES = 12.0, 5
 #: Every recording has the same circle and frame rate; the map would take a second each.
@@ -41,7 +43,7 @@ def write_recording(path: Path, seed: int) -> None:
     centres = torch.tensor([[22.0 + step_px(seed) * i, 32.3] for i in range(FRAMES)])
     turn = torch.deg2rad(torch.tensor([0.2, 0.6, 0.1], dtype=torch.float64))
     turned = torch.stack([rotation_matrix(turn * i) for i in range(FRAMES)]).float()
-    images = forward.render(speckle(0, RADIUS), centres, RADIUS, turned, 90.0, shape=(64, 64), subsamples=2)
+    images = ray_caster.render(speckle(0, RADIUS), centres, RADIUS, turned, 90.0, shape=(64, 64), subsamples=2)
     path.parent.mkdir(parents=True, exist_ok=True)
     tifffile.imwrite(path, images.round().clamp(0, 255).numpy().astype(np.uint8), photometric="minisblack")
 
@@ -63,16 +65,16 @@ def write_archive(folder: Path, names: Iterable[str]) -> None:
 
 def write_result(request: Request, extra: Mapping[str, Path], tracked: Track | None) -> None:
     """A result folder as `torchsphere.measure.measure` writes it, but for its report, and who was measured."""
-    counts = {"ok": 3} if tracked is None else results.status_counts(tracked)
+    counts = {"ok": 3} if tracked is None else writer.status_counts(tracked)
     step = None if tracked is None else np.nanmean(tracked.increment, 0)
-    with results.whole_folder(request.out, request.overwrite) as folder:
+    with writer.whole_folder(request.out, request.overwrite) as folder:
         for name, source in extra.items():
             (folder / name).write_bytes(source.read_bytes())
         if tracked is not None:
-            results.write_track(folder, tracked, request.fps, 0)
+            writer.write_track(folder, tracked, request.fps, 0)
         table = {"input": {"sha256": hash_files([request.input])}, "frames_per_status": counts}
         table |= {"mean_motion": {"increment_px_rad": step}, "frame_rate": request.fps}
-        results.write_summary(folder, table)
+        writer.write_summary(folder, table)
     with (request.input.parent / CALLS).open("a") as file:
         file.write(f"{request.input.stem}\n")
 
@@ -137,4 +139,4 @@ def arguments(source: Path, out: Path, **more: Any) -> dict[str, Any]:
 if __name__ == "__main__":
     # A shell that starts the tests in the background has them ignore Ctrl-C, which processes inherit.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    sys.exit(batch_cli.command(arguments(Path(sys.argv[1]), Path(sys.argv[2]), workers=int(sys.argv[3])), measured))
+    sys.exit(batch.command(arguments(Path(sys.argv[1]), Path(sys.argv[2]), workers=int(sys.argv[3])), measured))

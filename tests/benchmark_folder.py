@@ -1,4 +1,4 @@
-"""A small benchmark folder as `torchsphere benchmark make` makes it, by the ray caster of `torchsphere.forward`."""
+"""A small benchmark folder as `torchsphere benchmark make` makes it, by the ray caster of `ray_caster`."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import tifffile
 import torch
 from shots import noisy, rotation_matrix
 
-from torchsphere import forward
 from torchsphere.benchmark.checksum import TRUTH_COLUMNS, of_benchmark, of_suite
 from torchsphere.benchmark.folder import IMAGES, INDEX, NAME, TRUTH, VERSION
-from torchsphere.orientation import quaternions
+from torchsphere.geometry.orientation import quaternions
+from torchsphere.synthetic import ray_caster
 
 RADIUS, SHAPE, FRAMES = 16.0, (64, 112), 8
 STEP, TURN = (3.2, 0.4), (0.01, 0.03, -0.02)
@@ -40,8 +40,8 @@ def true_motion(seed: int) -> tuple[torch.Tensor, torch.Tensor]:
 
 def _suite(folder: Path, seed: int) -> dict[str, object]:
     centres, orientations = true_motion(seed)
-    pattern = forward.speckle(seed, radius_px=RADIUS)
-    images = forward.render(pattern, centres.float(), RADIUS, orientations.float(), 90.0, shape=SHAPE)
+    pattern = ray_caster.speckle(seed, radius_px=RADIUS)
+    images = ray_caster.render(pattern, centres.float(), RADIUS, orientations.float(), 90.0, shape=SHAPE)
     frames = noisy(images, 1.0, seed).numpy().astype(np.uint8)
     folder.mkdir(parents=True)
     tifffile.imwrite(folder / IMAGES, frames)

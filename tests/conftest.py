@@ -7,7 +7,7 @@ import tifffile
 import torch
 from shots import ExampleTrack, example_track
 
-from torchsphere import demo
+from torchsphere.synthetic import demo_shot as demo
 
 # Two processes whose torch threads share two cores wait for each other and take forty times as long.
 torch.set_num_threads(1)

@@ -9,10 +9,11 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
-from torchsphere import forward, plan_cli
-from torchsphere.arguments import plan as of_plan
-from torchsphere.plan.example_image import Example, painted
-from torchsphere.plan.expected import Setup
+from torchsphere.cli import plan
+from torchsphere.cli.arguments import plan as of_plan
+from torchsphere.planning.example_image import Example, painted
+from torchsphere.planning.expected import Setup
+from torchsphere.synthetic import ray_caster
 
 MARGIN, FRAMES, SPECKLE, GREY = 12, 40, 3.5, (30.0, 220.0)
 
@@ -51,9 +52,9 @@ def recorded(setup: Setup, seed: int, frames: int = FRAMES) -> Shot:
     centres = start + times[..., None] * step[:2]
     orientations = Rotation.from_rotvec(times.reshape(-1, 1) * step[2:]).as_matrix()
     width, height = (int(v) for v in np.ceil(centres.max((0, 1)) + radius + MARGIN))
-    pattern = forward.speckle(seed, radius_px=radius, speckle_px=SPECKLE, low=GREY[0], high=GREY[1])
+    pattern = ray_caster.speckle(seed, radius_px=radius, speckle_px=SPECKLE, low=GREY[0], high=GREY[1])
     poses = torch.from_numpy(centres.reshape(-1, 2)).float(), torch.from_numpy(orientations).float()
-    clean = forward.render(pattern, poses[0], radius, poses[1], 90.0, shape=(height, width), subsamples=4)
+    clean = ray_caster.render(pattern, poses[0], radius, poses[1], 90.0, shape=(height, width), subsamples=4)
     clean = clean.unflatten(0, times.shape).mean(1)
     noise = setup.noise * torch.randn(clean.shape, generator=torch.Generator().manual_seed(seed + 50))
     return Shot((clean + noise).round().clamp(0, 255), (*start.tolist(), radius))
@@ -69,4 +70,4 @@ def planned(*arguments: str) -> int:
     of_plan.add(parser.add_subparsers())
     options = vars(parser.parse_args(["plan", *arguments]))
     assert options.pop("command") == "plan"
-    return plan_cli.run(options)
+    return plan.run(options)

@@ -1,6 +1,6 @@
 """What the command line says to bad input."""
 
-from torchsphere.cli import main
+from torchsphere.cli.main import main
 
 
 def refused(arguments: list[str], capsys) -> str:

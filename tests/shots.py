@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchsphere import forward
-from torchsphere.forward import CUBE_HALF_WIDTH, Pattern
-from torchsphere.interpolate import blur
-from torchsphere.track import Track, track
+from torchsphere.imaging.interpolation import blur
+from torchsphere.synthetic import ray_caster
+from torchsphere.synthetic.ray_caster import CUBE_HALF_WIDTH, Pattern
+from torchsphere.tracking.track import Track, track
 
 SHAPE = (256, 512)
 
@@ -47,7 +47,7 @@ def rotation_matrix(vector: Tensor) -> Tensor:
 
 @functools.lru_cache(maxsize=16)
 def speckle(seed: int, radius: float, low: float = 30.0, high: float = 220.0) -> Pattern:
-    return forward.speckle(seed, radius_px=radius, low=low, high=high)
+    return ray_caster.speckle(seed, radius_px=radius, low=low, high=high)
 
 
 @functools.lru_cache(maxsize=1)
@@ -98,7 +98,7 @@ def shot(
     centres = torch.tensor(start, dtype=torch.float64) + phase[0] + torch.cat((torch.zeros(1, 2), steps.cumsum(0)))
     orientations = torch.stack([rotation_matrix(turn * i) for i in range(n)])
     pattern, poses = speckle(seed, radius, low, high), (centres.float(), orientations.float())
-    images = forward.render(pattern, poses[0], radius, poses[1], background, shape=SHAPE, subsamples=subsamples)
+    images = ray_caster.render(pattern, poses[0], radius, poses[1], background, shape=SHAPE, subsamples=subsamples)
     increments = torch.cat((steps, turn.expand(n - 1, 3)), 1)
     return Shot(noisy(images, noise, seed + 200), centres, orientations, increments, radius)
 
@@ -120,7 +120,7 @@ def pair(
     motion = torch.tensor(q, dtype=torch.float64)
     centres = torch.tensor(centre, dtype=torch.float64) + torch.stack((torch.zeros(2), motion[:2]))
     turned = torch.stack((torch.eye(3, dtype=torch.float64), rotation_matrix(torch.deg2rad(motion[2:]))))
-    images = forward.render(pattern or speckle(seed, radius), centres, radius, turned, background, shape=shape)
+    images = ray_caster.render(pattern or speckle(seed, radius), centres, radius, turned, background, shape=shape)
     return images[0], images[1], (*centre, radius)
 
 
@@ -190,7 +190,7 @@ def clean(
     share = torch.linspace(-0.5, 0.5, 9, dtype=torch.float64) * exposure if exposure else torch.zeros(1)
     times = torch.arange(n, dtype=torch.float64)
     moments = (times[:, None] + share).flatten()
-    images = forward.render(
+    images = ray_caster.render(
         speckle(seed, radius, low, high),
         (first + moments[:, None] * step_px).float(),
         radius,

@@ -12,16 +12,18 @@ import torch
 from shots import Shot, shot
 from torch import Tensor
 
-from torchsphere import ahead, parallel, successive, track
-from torchsphere.ahead import Ahead
-from torchsphere.joint import ALONE
-from torchsphere.newton import Approach
-from torchsphere.options import Options
-from torchsphere.parallel import Begun
-from torchsphere.predict import Seen
+from torchsphere import track
+from torchsphere.correlation.batching import ALONE
+from torchsphere.correlation.gauss_newton import Approach
+from torchsphere.correlation.options import Options
 from torchsphere.recording import open_recording
-from torchsphere.source import Source
-from torchsphere.successive import Look, Setup
+from torchsphere.recording.frame_source import Source
+from torchsphere.runtime import threads
+from torchsphere.runtime.threads import Begun
+from torchsphere.tracking import prefetch, successive_pairs
+from torchsphere.tracking.prediction import Seen
+from torchsphere.tracking.prefetch import Ahead
+from torchsphere.tracking.successive_pairs import Look, Setup
 
 SETUP = Setup(Options(), None, False, ALONE, shared=lambda part, rows: [part(0, rows)])
 
@@ -37,7 +39,7 @@ def made() -> Shot:
 @pytest.fixture(params=[True, False], ids=["idle", "busy"])
 def idle(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> bool:
     """Whether another core lies idle."""
-    monkeypatch.setattr(parallel, "has_idle_cores", lambda: request.param)
+    monkeypatch.setattr(threads, "has_idle_cores", lambda: request.param)
     return bool(request.param)
 
 
@@ -75,7 +77,7 @@ def test_the_next_batch_is_looked_at_where_the_ball_will_be(made: Shot, first: L
     assert torch.equal(found.images, made.images[FIRST:])
     np.testing.assert_allclose(found.balls[:, :2], made.centres[FIRST:], atol=1.0)
     np.testing.assert_allclose(found.approach.near, made.increments[FIRST:], atol=0.02)
-    motion, circles = successive.correlate_successive(found, seen_in(made, FIRST).ball, SETUP)
+    motion, circles = successive_pairs.correlate_successive(found, seen_in(made, FIRST).ball, SETUP)
     assert set(motion.status) == {"ok"}
     np.testing.assert_allclose(circles[:, :2], made.centres[FIRST:], atol=0.1)
 
@@ -106,7 +108,7 @@ def test_what_was_begun_with_other_frames_is_dropped(made: Shot, first: Look, fr
 def test_images_of_a_file_take_turns_in_two_rooms_so_that_those_in_use_stay(
     made: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(parallel, "has_idle_cores", lambda: True)
+    monkeypatch.setattr(threads, "has_idle_cores", lambda: True)
     tifffile.imwrite(tmp_path / "shot.tif", made.images.numpy().astype(np.uint8), metadata=None)
     with open_recording(tmp_path / "shot.tif") as recording:
         looks = Ahead(Source.open(recording), SETUP)
@@ -169,7 +171,7 @@ def test_nothing_is_begun_where_two_batches_are_too_large_to_keep_or_no_pair_is_
 ) -> None:
     looks = Ahead(counted(made)[0], SETUP)
     looks.begin(seen_in(made, 0), first, 0)
-    monkeypatch.setattr(ahead, "KEPT_BYTES", first.images.nbytes - 1)
+    monkeypatch.setattr(prefetch, "KEPT_BYTES", first.images.nbytes - 1)
     looks.begin(seen_in(made, 0), first, NEXT)
     assert looks._begun is None
 
@@ -205,7 +207,7 @@ def test_a_recording_of_several_batches_is_the_same_on_one_core_and_on_two(monke
     monkeypatch.setattr(Ahead, "_take", noted)
     tracks = []
     for cores in (True, False):
-        monkeypatch.setattr(parallel, "has_idle_cores", lambda cores=cores: cores)
+        monkeypatch.setattr(threads, "has_idle_cores", lambda cores=cores: cores)
         tracks.append(track(long.images, (*long.centres[0].tolist(), long.radius), sphere_map=False))
         assert all(taken) is not cores
         taken.clear()

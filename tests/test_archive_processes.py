@@ -23,7 +23,7 @@ from archive_shots import (
 )
 from test_archive import rows
 
-from torchsphere import batch_cli
+from torchsphere.cli import batch
 
 SCRIPT = Path(__file__).with_name("archive_shots.py")
 
@@ -77,12 +77,12 @@ def test_a_killed_worker_a_poisonous_and_two_corrupt_recordings_cost_only_what_t
     source, out = tmp_path / "in", tmp_path / "out"
     write_archive(source, NAMES)
     killer = kill_holder(source / "a" / "held2.pid")
-    assert batch_cli.command(arguments(source, out), measured) == batch_cli.SOME_FAILED
+    assert batch.command(arguments(source, out), measured) == batch.SOME_FAILED
     killer.join()
     check_the_whole(out, source)
     assert rows(out)["b/poison6.tif"]["reason"].startswith("the worker process died (signal 9, SIGKILL), and so did")
     before = {path: path.stat().st_mtime_ns for path in out.rglob("summary.json")}
-    assert batch_cli.command(arguments(source, out), measured) == batch_cli.SOME_FAILED
+    assert batch.command(arguments(source, out), measured) == batch.SOME_FAILED
     assert {path: path.stat().st_mtime_ns for path in out.rglob("summary.json")} == before
     check_the_whole(out, source)
 
@@ -91,7 +91,7 @@ def test_of_several_recordings_in_flight_only_the_poisonous_one_is_given_up(tmp_
     source, out = tmp_path / "in", tmp_path / "out"
     names = ["r0", "r1", "poison2", "r3", "r4", "corrupt5", "r6"]
     write_archive(source, names)
-    assert batch_cli.command(arguments(source, out, workers=1, together=3), measured) == batch_cli.SOME_FAILED
+    assert batch.command(arguments(source, out, workers=1, together=3), measured) == batch.SOME_FAILED
     table = {Path(name).stem: row for name, row in rows(out).items()}
     assert {name for name, row in table.items() if row["state"] == "failed"} == {"poison2", "corrupt5"}
     assert "worker process died" in table["poison2"]["reason"]
@@ -104,7 +104,7 @@ def test_recordings_in_common_batches_have_the_results_of_each_alone(tmp_path: P
     write_archive(source, names)
     for out, together in (("alone", None), ("both", 3)):
         options = arguments(source, tmp_path / out, workers=1, together=together, report=False)
-        assert batch_cli.command(options) == 0
+        assert batch.command(options) == 0
     for name in names:
         alone, both = (
             np.genfromtxt(tmp_path / out / name / "track.csv", delimiter=",", names=True) for out in ("alone", "both")
@@ -129,7 +129,7 @@ def test_after_the_parent_was_killed_its_workers_end_and_the_next_run_goes_on(tm
         time.sleep(0.05)
     finished = calls(source)
     (out / ".r3.abcd_123").mkdir()
-    assert batch_cli.command(arguments(source, out, workers=1), measured) == 0
+    assert batch.command(arguments(source, out, workers=1), measured) == 0
     assert calls(source) == sorted(names)
     assert set(finished) < set(names)
     assert sorted(path.name for path in out.iterdir() if path.is_dir()) == [".batch", *sorted(names)]
@@ -147,7 +147,7 @@ def test_ctrl_c_ends_the_workers_and_the_next_run_goes_on(tmp_path: Path) -> Non
         os.kill(worker, 0)
     assert [row["state"] for row in rows(out).values()] == ["pending", "pending"]
     assert sorted(path.name for path in out.iterdir()) == [".batch", "index.html", "summary.csv", "summary.parquet"]
-    assert batch_cli.command(arguments(source, out, workers=1), measured) == 0
+    assert batch.command(arguments(source, out, workers=1), measured) == 0
 
 
 def test_two_runs_at_once_share_the_work_and_both_end_with_all_of_it(tmp_path: Path) -> None:
@@ -163,6 +163,6 @@ def test_two_runs_at_once_share_the_work_and_both_end_with_all_of_it(tmp_path: P
 def test_a_run_without_anything_to_do_starts_no_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source, out = tmp_path / "in", tmp_path / "out"
     write_archive(source, ["r0"])
-    assert batch_cli.command(arguments(source, out, **COMMON), measured) == 0
+    assert batch.command(arguments(source, out, **COMMON), measured) == 0
     monkeypatch.setattr("torchsphere.archive.processes._start", None)
-    assert batch_cli.command(arguments(source, out), measured) == 0
+    assert batch.command(arguments(source, out), measured) == 0

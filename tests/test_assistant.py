@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 import torch
 
-from torchsphere import parallel
-from torchsphere.hashing import hash_files
 from torchsphere.measure import Request, measure
 from torchsphere.report import assistant, draw
 from torchsphere.report.assistant import Assistant
+from torchsphere.runtime import threads as parallel
+from torchsphere.runtime.file_hash import hash_files
 
 CIRCLE = (170.3, 98.6, 40.0)
 
@@ -203,7 +203,7 @@ def test_a_refusal_leaves_no_process_and_no_folder(
             started.append(self)
 
     monkeypatch.setattr("torchsphere.measure.Assistant", Noted)
-    monkeypatch.setattr("torchsphere.report.kept.save", full)
+    monkeypatch.setattr("torchsphere.results.sampled_frames.save", full)
     with pytest.raises(OSError, match="No space left"):
         tracked(short, tmp_path / "out", 2)
     assert not list(tmp_path.iterdir())

@@ -10,10 +10,10 @@ import torch
 from shots import OBLIQUE, Shot, rotation_matrix, shot, textured, turned
 
 from torchsphere import open_recording
-from torchsphere.baselines import TRACKERS, Baseline, ecc
-from torchsphere.baselines.lucas_kanade import rigid_fit
-from torchsphere.circle import Circle
-from torchsphere.correlation import STATUSES
+from torchsphere.benchmark.baselines import TRACKERS, Baseline, ecc
+from torchsphere.benchmark.baselines.lucas_kanade import rigid_fit
+from torchsphere.correlation.result import STATUSES
+from torchsphere.detection.detect import Circle
 
 NEEDS = {"ecc": "cv2", "lucas_kanade": "cv2", "hough": "cv2", "phase_correlation": "skimage"}
 NAMES = tuple(TRACKERS)

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 from archive_shots import BAD, pretended, serial, write_array, write_recording
 
-from torchsphere import batch_cli
 from torchsphere.archive.run import Counts, Interrupted
 from torchsphere.archive.work import settle
-from torchsphere.cli import main
+from torchsphere.cli import batch
+from torchsphere.cli.main import main
 
 TRACKED = ["--circle", "22,32.3,12", "--map", "off", "--fps", "1000", "--diameter-mm", "30"]
 
@@ -29,7 +29,7 @@ def shots(tmp_path: Path) -> Path:
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Recordings are pretended to be measured in this process."""
-    monkeypatch.setattr(batch_cli.processes, "run", lambda jobs, **_: serial(jobs))
+    monkeypatch.setattr(batch.processes, "run", lambda jobs, **_: serial(jobs))
 
 
 def rows(out: Path) -> list[dict[str, str]]:
@@ -70,13 +70,13 @@ def test_the_exit_code_tells_failures_from_success_and_the_table_why(
     shots: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert main(["batch", str(shots), "--out", str(out)]) == batch_cli.SOME_FAILED
+    assert main(["batch", str(shots), "--out", str(out)]) == batch.SOME_FAILED
     assert capsys.readouterr().out.startswith("1 of 2 recordings done, 1 failed (2 measured in this run)")
     assert rows(out)[1]["reason"].endswith("is bad")
     # What failed is no success of a run that had nothing to do, either.
-    assert main(["batch", str(shots), "--out", str(out)]) == batch_cli.SOME_FAILED
+    assert main(["batch", str(shots), "--out", str(out)]) == batch.SOME_FAILED
     assert capsys.readouterr().out.startswith("1 of 2 recordings done, 1 failed (0 measured in this run)")
-    assert main(["batch", str(shots), "--out", str(out), "--retry-failed", "--quiet"]) == batch_cli.SOME_FAILED
+    assert main(["batch", str(shots), "--out", str(out), "--retry-failed", "--quiet"]) == batch.SOME_FAILED
     write_array(shots / "b.npy", 2)
     assert main(["batch", str(shots), "--out", str(out), "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
@@ -87,14 +87,14 @@ def test_the_end_names_a_handful_of_what_failed_and_where_the_others_stand(
     shots: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert main(["batch", str(shots), "--out", str(out)]) == batch_cli.SOME_FAILED
+    assert main(["batch", str(shots), "--out", str(out)]) == batch.SOME_FAILED
     _, *told = capsys.readouterr().out.splitlines()
     assert len(told) == 1
     assert told[0].startswith("failed  b.npy: ")
     assert told[0].endswith("is bad")
     for k in range(6):
         write_array(shots / f"c{k}.npy", BAD)
-    assert main(["batch", str(shots), "--out", str(out)]) == batch_cli.SOME_FAILED
+    assert main(["batch", str(shots), "--out", str(out)]) == batch.SOME_FAILED
     first, *told, last = capsys.readouterr().out.splitlines()
     assert first.startswith("1 of 8 recordings done, 7 failed")
     # The one of the earlier run as well: it is counted, too.
@@ -126,7 +126,7 @@ def test_every_setting_has_an_option_that_turns_it_from_its_default(
             seen.append(dict(job.item.settings))
             yield settle(job, pretended)
 
-    monkeypatch.setattr(batch_cli.processes, "run", engine)
+    monkeypatch.setattr(batch.processes, "run", engine)
     main(["batch", str(shots / ".."), "--out", str(tmp_path / "out"), "--quiet", "--lab-frame", "--no-report"])
     assert seen == [{"lab_frame": True, "report": False}] * 2
 
@@ -141,7 +141,7 @@ def test_a_region_to_ignore_may_be_given_several_times_as_of_track(
             seen.append(dict(job.item.settings))
             yield settle(job, pretended)
 
-    monkeypatch.setattr(batch_cli.processes, "run", engine)
+    monkeypatch.setattr(batch.processes, "run", engine)
     regions = ["0,0 9,0 9,9", "20,20 30,20 30,30"]
     ignored = [word for region in regions for word in ("--ignore", region)]
     main(["batch", str(shots), "--out", str(tmp_path / "out"), "--quiet", *ignored])
@@ -166,7 +166,7 @@ def test_ctrl_c_says_what_is_kept(
     def interrupted(*_: Any, **__: Any) -> None:
         raise Interrupted(Counts(done=1, failed=0, pending=1, measured=1))
 
-    monkeypatch.setattr(batch_cli, "run", interrupted)
+    monkeypatch.setattr(batch, "run", interrupted)
     assert main(["batch", str(shots), "--out", str(tmp_path / "out")]) == 130
     assert capsys.readouterr().out == (
         "interrupted; 1 of 2 recordings done, 0 failed, 1 pending (1 measured in this run); the same command goes on\n"
@@ -251,7 +251,7 @@ def test_every_core_that_may_be_used_is(shots: Path, tmp_path: Path, monkeypatch
         seen.append(workers)
         return serial(jobs)
 
-    monkeypatch.setattr(batch_cli.processes, "run", engine)
+    monkeypatch.setattr(batch.processes, "run", engine)
     main(["batch", str(shots), "--out", str(tmp_path / "out"), "--quiet"])
     monkeypatch.setattr("torch.cuda.device_count", lambda: 3)
     main(["batch", str(shots), "--out", str(tmp_path / "gpu"), "--quiet", "--device", "cuda"])

@@ -12,8 +12,8 @@ from rendering import needs_mitsuba
 from torchsphere.benchmark import folder, make, predictions, standing, trackers
 from torchsphere.benchmark.run import run
 from torchsphere.benchmark.table import OWN
-from torchsphere.benchmark_cli import SOME_FAILED
-from torchsphere.cli import main
+from torchsphere.cli.benchmark import SOME_FAILED
+from torchsphere.cli.main import main
 
 TOY = Path(__file__).with_name("toy_tracker.sh")
 
@@ -252,7 +252,7 @@ def test_scores_are_written_whole_or_not_at_all(
                 raise OSError(28, "No space left on device", "scores.csv")
 
     monkeypatch.setattr("torchsphere.benchmark.standing.csv.writer", Full)
-    monkeypatch.setattr("torchsphere.benchmark_cli.run", lambda *_, **__: [])
+    monkeypatch.setattr("torchsphere.cli.benchmark.run", lambda *_, **__: [])
     assert main(arguments) == 1
     assert "no space left" in capsys.readouterr().err
     assert (tmp_path / "scores.csv").read_text() == before

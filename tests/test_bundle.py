@@ -7,11 +7,12 @@ import pytest
 import torch
 from shots import Shot, noisy, rotation_matrix, shot
 
-from torchsphere import adjusting, bundle, register, schur, trust
-from torchsphere.adjusting import State
-from torchsphere.bundle import Bundle
-from torchsphere.sight import Pose
-from torchsphere.window import Window, cut_window
+from torchsphere.sphere_map import bundle_adjustment as bundle
+from torchsphere.sphere_map import gauss_newton, pixel_weights, registration, schur
+from torchsphere.sphere_map.bundle_adjustment import Bundle
+from torchsphere.sphere_map.gauss_newton import State
+from torchsphere.sphere_map.projection import Pose
+from torchsphere.sphere_map.window import Window, cut_window
 
 RADIUS, LEVEL = 20.0, 90.0
 
@@ -65,7 +66,7 @@ def test_an_adjustment_goes_on_to_where_the_residuals_are_least_and_knows_that_i
     elimination = schur.eliminate(state.windows, state.poses, state.model, state.profile)
     moves = []
     for _ in range(15):
-        state, move = adjusting.iterate(state, elimination, 0.0)
+        state, move = gauss_newton.iterate(state, elimination, 0.0)
         moves.append(move)
     # What a step tries where nothing lowers the squares any more is rounding.
     assert moves[-1] < 1e-3
@@ -147,7 +148,7 @@ def test_forward_model_and_ray_caster_agree_to_the_noise(adjusted: Adjusted) -> 
     variance = adjusted.bundle.profile.variance
     # Noise 2 and rounding make 4.08; a map fitted to 16 images leaves less of it, not more.
     assert 2.0 < float(variance[0]) < 4.4
-    assert len(variance) == len(trust.RINGS_PX) + 1
+    assert len(variance) == len(pixel_weights.RINGS_PX) + 1
 
 
 @pytest.mark.parametrize("off_px", [0.05, 1.0])
@@ -157,7 +158,7 @@ def test_an_image_is_registered_in_its_own_precision_and_to_the_same_pose(adjust
     at, image = found.poses[7], made.images[7]
     start = replace(at, centre=at.centre + off_px * torch.tensor([0.8, -0.6], dtype=torch.float64), gain=1.1)
     single, double = (
-        register.register(windows_of(same[None], [start], RADIUS)[0], start, found.ball, found.profile)
+        registration.register(windows_of(same[None], [start], RADIUS)[0], start, found.ball, found.profile)
         for same in (image, image.double())
     )
     assert single.converged

@@ -1,11 +1,13 @@
 """The names that the command line offers are those that the program has: the modules they belong to take torch."""
 
-from torchsphere import choices, correlation, motion
 from torchsphere.benchmark import suites, trackers
+from torchsphere.correlation import result
+from torchsphere.geometry import motion_models
+from torchsphere.settings import choices
 
 
 def test_models_are_those_that_can_be_asked_for() -> None:
-    assert tuple(motion.MODELS) == choices.MODELS
+    assert tuple(motion_models.MODELS) == choices.MODELS
 
 
 def test_sizes_and_trackers_are_those_of_the_benchmark() -> None:
@@ -14,4 +16,4 @@ def test_sizes_and_trackers_are_those_of_the_benchmark() -> None:
 
 
 def test_statuses_are_those_of_the_correlation() -> None:
-    assert correlation.STATUSES == choices.STATUSES
+    assert result.STATUSES == choices.STATUSES

@@ -9,8 +9,8 @@ import pytest
 import torch
 from shots import SHAPE, Shot, noisy, shot, textured
 
-from torchsphere.circle import Circle, at_limb, find, refine_circle
-from torchsphere.cli import main
+from torchsphere.cli.main import main
+from torchsphere.detection.detect import Circle, at_limb, find, refine_circle
 
 
 def found_in(images: torch.Tensor) -> Circle:

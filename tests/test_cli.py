@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from torchsphere.cli import main
+from torchsphere.cli.main import main
 
 
 def test_the_module_runs_as_a_program(tmp_path: Path) -> None:

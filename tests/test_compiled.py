@@ -16,28 +16,19 @@ import torch
 from shots import noisy, pair
 from torch import Tensor
 
-from torchsphere import (
-    compiled,
-    correlate,
-    criterion,
-    interpolate,
-    light,
-    misfit,
-    motion,
-    pixels,
-    robust,
-    turning,
-    warp,
-)
-from torchsphere.compiled import function
-from torchsphere.compiled.system import solve as solved
-from torchsphere.crop import Crops, cut, half_size
-from torchsphere.newton import How, Solution, gauss_newton
-from torchsphere.pairs import Pairs
-from torchsphere.reference import Filtered, Reference, build_reference
+from torchsphere import correlate, kernels
+from torchsphere.correlation import illumination, occlusion, reference_lookup, residual_noise, warp, znssd
+from torchsphere.correlation.gauss_newton import How, Solution, gauss_newton
+from torchsphere.correlation.pairs import Pairs
+from torchsphere.correlation.reference import Filtered, Reference, build_reference
+from torchsphere.geometry import motion_models, rotation
+from torchsphere.imaging import interpolation
+from torchsphere.imaging.crop import Crops, cut, half_size
+from torchsphere.kernels import jit as function
+from torchsphere.kernels.operator import solve as solved
 
 MOTION = (0.6, -0.4, 0.3, -0.5, 0.7)
-CLOSED = [motion.rigid, motion.finite]
+CLOSED = [motion_models.rigid, motion_models.finite]
 
 
 @lru_cache(maxsize=4)
@@ -71,8 +62,8 @@ def assert_loops_agree(function: Callable[[torch.dtype], Tensor], tolerance: flo
     """
     with pytest.MonkeyPatch.context() as patch:
         taken: list[bool] = []
-        really = compiled.suits
-        patch.setattr(compiled, "suits", lambda *tensors: taken.append(really(*tensors)) or taken[-1])
+        really = kernels.suits
+        patch.setattr(kernels, "suits", lambda *tensors: taken.append(really(*tensors)) or taken[-1])
         single = function(torch.float32)
         assert taken
         assert all(taken)
@@ -87,24 +78,24 @@ def assert_loops_agree(function: Callable[[torch.dtype], Tensor], tolerance: flo
 
 def test_what_is_compiled_takes_float32_on_the_cpu_of_which_no_derivative_is_asked() -> None:
     single = torch.zeros(3)
-    assert compiled.suits(single)
-    assert not compiled.suits(single, single.double())
-    assert not compiled.suits(single.clone().requires_grad_())
-    assert not compiled.suits(torch.zeros(3, device="meta"))
+    assert kernels.suits(single)
+    assert not kernels.suits(single, single.double())
+    assert not kernels.suits(single.clone().requires_grad_())
+    assert not kernels.suits(torch.zeros(3, device="meta"))
 
 
 @pytest.mark.parametrize("pre_blur", [0.0, 0.6, 1.0])
 @pytest.mark.parametrize("shape", [(3, 40, 31), (1, 7, 9), (2, 1, 5), (1, 2, 2)])
 def test_coefficients(shape: tuple[int, ...], pre_blur: float) -> None:
     images = torch.rand(shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
-    assert_loops_agree(lambda dtype: interpolate.coefficients(images.to(dtype), pre_blur), 2e-6)
+    assert_loops_agree(lambda dtype: interpolation.coefficients(images.to(dtype), pre_blur), 2e-6)
 
 
 def test_coefficients_of_images_that_do_not_lie_together() -> None:
     images = torch.rand(2, 60, 50, generator=torch.Generator().manual_seed(1))
     part = images[:, 10:40, 5:45]
-    assert torch.equal(interpolate.coefficients(part), interpolate.coefficients(part.clone()))
-    assert torch.equal(interpolate.coefficients(part.mT), interpolate.coefficients(part.mT.clone()))
+    assert torch.equal(interpolation.coefficients(part), interpolation.coefficients(part.clone()))
+    assert torch.equal(interpolation.coefficients(part.mT), interpolation.coefficients(part.mT.clone()))
 
 
 def test_samples_and_their_gradient_up_to_the_last_cell() -> None:
@@ -113,15 +104,15 @@ def test_samples_and_their_gradient_up_to_the_last_cell() -> None:
     places = 1 + places * torch.tensor([37.0, 27.0])
     places[:, 0], places[:, 1] = torch.tensor([1.0, 1.0]), torch.tensor([38.0, 28.0])
     places = places.float().double()  # the same places in both precisions
-    assert_loops_agree(lambda dtype: interpolate.sample(c.to(dtype), places.to(dtype)), 1e-6)
-    assert_loops_agree(lambda dtype: interpolate.sample_with_gradient(c.to(dtype), places.to(dtype))[0], 1e-6)
-    assert_loops_agree(lambda dtype: interpolate.sample_with_gradient(c.to(dtype), places.to(dtype))[1], 2e-6)
+    assert_loops_agree(lambda dtype: interpolation.sample(c.to(dtype), places.to(dtype)), 1e-6)
+    assert_loops_agree(lambda dtype: interpolation.sample_with_gradient(c.to(dtype), places.to(dtype))[0], 1e-6)
+    assert_loops_agree(lambda dtype: interpolation.sample_with_gradient(c.to(dtype), places.to(dtype))[1], 2e-6)
 
 
 def test_a_place_that_is_no_number_or_far_outside_reads_nothing_that_is_not_there() -> None:
     c = torch.ones(1, 8, 8)
     places = torch.tensor([[[torch.nan, 3.0], [3.0, torch.inf], [-1e30, 1e30], [-torch.inf, torch.nan]]])
-    assert interpolate.sample(c, places).tolist() == [[1.0] * 4]
+    assert interpolation.sample(c, places).tolist() == [[1.0] * 4]
 
 
 @pytest.mark.parametrize("every", [1, 4])
@@ -137,12 +128,12 @@ def test_pixels_at_the_border_of_a_crop() -> None:
     images = torch.rand(1, 9, 11, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     grid = torch.tensor([[x, y] for x in range(-4, 5) for y in range(-3, 4)])
     middle = torch.tensor([[5, 4]])
-    assert_loops_agree(lambda dtype: pixels.levels(images.to(dtype), grid, middle)[0], 1e-6)
-    assert_loops_agree(lambda dtype: pixels.levels(images.to(dtype), grid, middle)[1], 2e-6)
+    assert_loops_agree(lambda dtype: reference_lookup.levels(images.to(dtype), grid, middle)[0], 1e-6)
+    assert_loops_agree(lambda dtype: reference_lookup.levels(images.to(dtype), grid, middle)[1], 2e-6)
 
 
 @pytest.mark.parametrize("model", CLOSED)
-def test_what_the_deformed_image_shows_at_the_displaced_points(model: motion.Displacement) -> None:
+def test_what_the_deformed_image_shows_at_the_displaced_points(model: motion_models.Displacement) -> None:
     def look(dtype: torch.dtype) -> tuple[Tensor, Tensor, Tensor]:
         some = pairs(dtype)
         return warp.warp_with_gradient(reference_of(dtype), some.g.c, some.shift, unknowns(dtype), model)
@@ -155,7 +146,7 @@ def test_points_that_turn_to_the_back_or_leave_the_crop_are_not_counted() -> Non
     def weights(q: list[float], dtype: torch.dtype = torch.float32) -> Tensor:
         some = pairs(dtype)
         q_of_both = torch.tensor(q, dtype=dtype).expand(2, 5).contiguous()
-        return warp.warp(reference_of(dtype), some.g.c, some.shift, q_of_both, motion.finite)[1]
+        return warp.warp(reference_of(dtype), some.g.c, some.shift, q_of_both, motion_models.finite)[1]
 
     counted = float(weights([0, 0, 0, 0, 0]).sum())
     for q in ([0, 0, 0, 1.0, 0], [30.0, 0, 0, 0, 0], [0, -30.0, 0, 0, 0]):
@@ -168,23 +159,23 @@ def test_points_that_turn_to_the_back_or_leave_the_crop_are_not_counted() -> Non
 
 
 @pytest.mark.parametrize("model", CLOSED)
-def test_slopes_without_what_may_change_besides_the_motion(model: motion.Displacement) -> None:
+def test_slopes_without_what_may_change_besides_the_motion(model: motion_models.Displacement) -> None:
     def slopes(dtype: torch.dtype) -> tuple[Tensor, Tensor]:
         made = reference_of(dtype)
         return warp.projected_slopes(made, made.gradient, unknowns(dtype), model, made.weights)
 
     assert_loops_agree(lambda dtype: slopes(dtype)[0], 5e-6)
     assert_loops_agree(lambda dtype: slopes(dtype)[1], 5e-6)
-    assert_loops_agree(lambda dtype: criterion.operator(slopes(dtype)[0], reference_of(dtype).weights), 5e-6)
+    assert_loops_agree(lambda dtype: znssd.operator(slopes(dtype)[0], reference_of(dtype).weights), 5e-6)
 
 
 @pytest.mark.parametrize("every", [1, 8])
 @pytest.mark.parametrize("model", CLOSED)
-def test_products_of_the_modes(model: motion.Displacement, every: int) -> None:
+def test_products_of_the_modes(model: motion_models.Displacement, every: int) -> None:
     def gram(dtype: torch.dtype) -> Tensor:
         made = reference_of(dtype)
         turned = 20 * unknowns(dtype)
-        return turning.gram(turned, made.surface, made.weights, exact=model is motion.finite, every=every)
+        return rotation.gram(turned, made.surface, made.weights, exact=model is motion_models.finite, every=every)
 
     assert_loops_agree(gram, 5e-6)
 
@@ -202,7 +193,7 @@ def test_small_systems_of_equations() -> None:
         np.testing.assert_array_equal(untouched, right)
 
 
-def descended(dtype: torch.dtype, model: motion.Displacement, steps: int = 40) -> Solution:
+def descended(dtype: torch.dtype, model: motion_models.Displacement, steps: int = 40) -> Solution:
     some = pairs(dtype)
     return gauss_newton(
         reference_of(dtype), some.g.c, some.shift, unknowns(dtype, off=0.002), model, How(steps, 2e-4, False)
@@ -210,7 +201,7 @@ def descended(dtype: torch.dtype, model: motion.Displacement, steps: int = 40) -
 
 
 @pytest.mark.parametrize("model", CLOSED)
-def test_gauss_newton_takes_the_same_steps_to_the_same_place(model: motion.Displacement) -> None:
+def test_gauss_newton_takes_the_same_steps_to_the_same_place(model: motion_models.Displacement) -> None:
     assert_loops_agree(lambda dtype: descended(dtype, model).q, 3e-5)  # 2e-5 px, as below
     single, double = descended(torch.float32, model), descended(torch.float64, model)
     assert bool(single.converged.all())
@@ -223,14 +214,14 @@ def test_gauss_newton_takes_the_same_steps_to_the_same_place(model: motion.Displ
 
 
 def test_gauss_newton_ends_after_so_many_steps_and_at_a_step_that_is_none() -> None:
-    one = descended(torch.float32, motion.finite, steps=1)
+    one = descended(torch.float32, motion_models.finite, steps=1)
     assert one.converged.tolist() == [False, False]
     assert one.iterations.tolist() == [1, 1]
     some, made = pairs(torch.float32), reference_of(torch.float32)
     c = some.g.c.clone()
     c[1] = torch.nan
     start = unknowns(torch.float32)
-    found = gauss_newton(made, c, some.shift, start, motion.finite, How(40, 2e-4, False))
+    found = gauss_newton(made, c, some.shift, start, motion_models.finite, How(40, 2e-4, False))
     assert found.converged.tolist() == [True, False]
     assert found.iterations.tolist()[1] == 1
     assert torch.equal(found.q[1], start[1])
@@ -238,16 +229,16 @@ def test_gauss_newton_ends_after_so_many_steps_and_at_a_step_that_is_none() -> N
 
 def test_agreement_of_both_images() -> None:
     made, some = reference_of(torch.float64), pairs(torch.float64)
-    warped, weights = warp.warp(made, some.g.c, some.shift, unknowns(torch.float64), motion.finite)
+    warped, weights = warp.warp(made, some.g.c, some.shift, unknowns(torch.float64), motion_models.finite)
 
     def images(dtype: torch.dtype) -> tuple[Tensor, Tensor, Tensor]:
         return made.values.to(dtype), warped.to(dtype), weights.to(dtype)
 
-    assert_loops_agree(lambda dtype: criterion.residual(*images(dtype)), 5e-5)  # of images that are 40 times as large
-    assert_loops_agree(lambda dtype: criterion.zncc(*images(dtype)), 1e-6)
+    assert_loops_agree(lambda dtype: znssd.residual(*images(dtype)), 5e-5)  # of images that are 40 times as large
+    assert_loops_agree(lambda dtype: znssd.zncc(*images(dtype)), 1e-6)
     flat = torch.ones(1, 50)
-    assert criterion.zncc(flat, torch.rand(1, 50), flat).tolist() == [0.0]
-    assert bool(criterion.zncc(flat * torch.nan, flat, flat).eq(0).all())
+    assert znssd.zncc(flat, torch.rand(1, 50), flat).tolist() == [0.0]
+    assert bool(znssd.zncc(flat * torch.nan, flat, flat).eq(0).all())
 
 
 def test_windows_and_blocks() -> None:
@@ -259,50 +250,55 @@ def test_windows_and_blocks() -> None:
 
     def block_sums(dtype: torch.dtype, fading: bool) -> Tensor:
         made, values, weights = given(dtype)
-        return misfit.block_sums(made, values, weights, fading=fading)
+        return residual_noise.block_sums(made, values, weights, fading=fading)
 
     assert_loops_agree(lambda dtype: block_sums(dtype, fading=True), 5e-6)
     assert_loops_agree(lambda dtype: block_sums(dtype, fading=False), 5e-6)
-    assert_loops_agree(lambda dtype: misfit.local_mean(given(dtype)[0], given(dtype)[1][:, 0], given(dtype)[2]), 1e-6)
+    assert_loops_agree(
+        lambda dtype: residual_noise.local_mean(given(dtype)[0], given(dtype)[1][:, 0], given(dtype)[2]), 1e-6
+    )
 
-    def power(dtype: torch.dtype) -> misfit.Power:
+    def power(dtype: torch.dtype) -> residual_noise.Power:
         made, values, weights = given(dtype)
-        return misfit.Power.of(made, values[:, 0] - 0.5, weights)
+        return residual_noise.Power.of(made, values[:, 0] - 0.5, weights)
 
-    for name in misfit.Power._fields:
+    for name in residual_noise.Power._fields:
         assert_loops_agree(lambda dtype, name=name: getattr(power(dtype), name), 5e-6)  # type: ignore[misc]
 
 
 def test_judgements_of_a_pair() -> None:
     def doubts(dtype: torch.dtype, judge: Callable[[Reference, Solution], Tensor]) -> list[bool]:
-        made, found = reference_of(dtype), descended(dtype, motion.finite)
+        made, found = reference_of(dtype), descended(dtype, motion_models.finite)
         warped = found.warped.clone()
         warped[1, 800:1100] = 250.0  # an occluder on one of both
         judged: list[bool] = judge(made, found._replace(warped=warped)).tolist()
         return judged
 
     for judge in (
-        lambda made, found: robust.doubtful(made, found, motion.finite, 1.0),
-        lambda made, found: light.is_uneven(made, found, motion.finite),
+        lambda made, found: occlusion.doubtful(made, found, motion_models.finite, 1.0),
+        lambda made, found: illumination.is_uneven(made, found, motion_models.finite),
     ):
         assert doubts(torch.float32, judge) == doubts(torch.float64, judge)
-    assert doubts(torch.float32, lambda made, found: robust.doubtful(made, found, motion.finite, 1.0)) == [False, True]
+    assert doubts(torch.float32, lambda made, found: occlusion.doubtful(made, found, motion_models.finite, 1.0)) == [
+        False,
+        True,
+    ]
 
 
 @pytest.mark.parametrize("model", CLOSED)
-def test_weights_of_a_view_that_changes(model: motion.Displacement) -> None:
+def test_weights_of_a_view_that_changes(model: motion_models.Displacement) -> None:
     fast = torch.tensor([[0, 0, 0.1, -0.2, 0.05], [0, 0, 0, 0, 0]], dtype=torch.float64)
-    assert_loops_agree(lambda dtype: robust.by_view(reference_of(dtype), fast.to(dtype), model).weights, 1e-6)
+    assert_loops_agree(lambda dtype: occlusion.by_view(reference_of(dtype), fast.to(dtype), model).weights, 1e-6)
 
 
 @pytest.mark.parametrize("size", [1e-9, 9e-3, 1.1e-2, 0.3, 3.0])
 def test_rotations_and_their_tangents(size: float) -> None:
     vectors = size * torch.randn(20, 3, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
     vectors = vectors.float().double()
-    assert_loops_agree(lambda dtype: turning.rotations(vectors.to(dtype)), 1e-6)
-    assert_loops_agree(lambda dtype: turning.tangents(vectors.to(dtype)), 1e-6)
+    assert_loops_agree(lambda dtype: rotation.rotations(vectors.to(dtype)), 1e-6)
+    assert_loops_agree(lambda dtype: rotation.tangents(vectors.to(dtype)), 1e-6)
     q = torch.cat((torch.zeros(20, 2), vectors), 1)
-    assert_loops_agree(lambda dtype: turning.matrices(q.to(dtype), exact=False), 1e-6)
+    assert_loops_agree(lambda dtype: rotation.matrices(q.to(dtype), exact=False), 1e-6)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.5, 3.0])
@@ -341,10 +337,10 @@ def test_where_nothing_can_be_kept_each_process_compiles_for_itself() -> None:
 #: What an image shows at its pixels, as bytes: functions that call others, in loops whose sums may be reordered.
 LOOKED_UP = """
 import sys, torch
-from torchsphere import pixels
+from torchsphere.correlation import reference_lookup
 c = torch.rand(2, 40, 50, generator=torch.Generator().manual_seed(1))
 grid = torch.tensor([[x, y] for y in range(-12, 13) for x in range(-12, 13)])
-for found in pixels.levels(c, grid, torch.full((2, 2), 20)):
+for found in reference_lookup.levels(c, grid, torch.full((2, 2), 20)):
     sys.stdout.buffer.write(found.numpy().tobytes())
 """
 
@@ -362,22 +358,24 @@ def test_a_reference_that_was_thinned_gives_the_same_slopes_at_the_points_that_s
     made = reference_of(torch.float32)
     few = made.thinned()
     assert few.values.shape[-1] == math.ceil(made.values.shape[-1] / 4)
-    one, _ = warp.projected_slopes(few, few.gradient, unknowns(torch.float32), motion.finite, few.weights)
+    one, _ = warp.projected_slopes(few, few.gradient, unknowns(torch.float32), motion_models.finite, few.weights)
     kept = dataclasses.replace(few, **{n: getattr(few, n).contiguous() for n in ("surface", "values", "weights")})
     gradient = few.gradient.contiguous()
-    other, _ = warp.projected_slopes(kept, gradient, unknowns(torch.float32), motion.finite, kept.weights)
+    other, _ = warp.projected_slopes(kept, gradient, unknowns(torch.float32), motion_models.finite, kept.weights)
     assert torch.equal(one, other)
 
 
 @pytest.mark.parametrize(
     "wrong",
     [
-        lambda: interpolate.sample(torch.zeros(2, 8, 8), torch.zeros(3, 5, 2)),
-        lambda: interpolate.sample(torch.zeros(2, 3, 8), torch.zeros(2, 5, 2)),
-        lambda: criterion.residual(torch.zeros(2, 9), torch.zeros(2, 9), torch.zeros(1, 9)),
-        lambda: criterion.zncc(torch.zeros(2, 9), torch.zeros(2, 8), torch.zeros(2, 9)),
-        lambda: criterion.operator(torch.zeros(2, 5, 9), torch.zeros(2, 8)),
-        lambda: pixels.levels(torch.zeros(2, 2, 9), torch.zeros(4, 2, dtype=torch.long), torch.zeros(2, 2).long()),
+        lambda: interpolation.sample(torch.zeros(2, 8, 8), torch.zeros(3, 5, 2)),
+        lambda: interpolation.sample(torch.zeros(2, 3, 8), torch.zeros(2, 5, 2)),
+        lambda: znssd.residual(torch.zeros(2, 9), torch.zeros(2, 9), torch.zeros(1, 9)),
+        lambda: znssd.zncc(torch.zeros(2, 9), torch.zeros(2, 8), torch.zeros(2, 9)),
+        lambda: znssd.operator(torch.zeros(2, 5, 9), torch.zeros(2, 8)),
+        lambda: reference_lookup.levels(
+            torch.zeros(2, 2, 9), torch.zeros(4, 2, dtype=torch.long), torch.zeros(2, 2).long()
+        ),
     ],
 )
 def test_arrays_that_do_not_fit_are_refused_before_a_loop_reads_what_is_not_there(wrong: Callable[[], object]) -> None:

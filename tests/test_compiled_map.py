@@ -6,9 +6,10 @@ import torch
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from torchsphere import sight, texture
-from torchsphere.compiled import cube, equations, surface
-from torchsphere.window import Window, cut_window
+from torchsphere.kernels import cube_map as cube_loop
+from torchsphere.kernels import map_equations, sphere_projection
+from torchsphere.sphere_map import cube_map, projection
+from torchsphere.sphere_map.window import Window, cut_window
 
 Array = NDArray[np.float64]
 
@@ -60,8 +61,8 @@ def assert_close(found: torch.Tensor | Array, expected: Array, tolerance: float)
 
 @both
 def test_the_maps_value_its_slopes_and_what_is_added_to_it_are_those_of_all_its_splines(dtype: torch.dtype) -> None:
-    places, coefficients = directions(300, dtype), random(texture.size(CELLS), dtype=dtype)
-    look = texture.stencil(places, CELLS)
+    places, coefficients = directions(300, dtype), random(cube_map.size(CELLS), dtype=dtype)
+    look = cube_map.stencil(places, CELLS)
     design = np.stack([looked_up(place) for place in places.double().numpy().T])
     assert_close(look.value(coefficients), design @ coefficients.double().numpy(), TOLERANCE[dtype])
     value, gradient = look.value_and_gradient(coefficients)
@@ -80,20 +81,20 @@ def test_the_maps_value_its_slopes_and_what_is_added_to_it_are_those_of_all_its_
 
 
 def test_what_is_no_direction_makes_no_index() -> None:
-    corner, *_ = cube.place(torch.full((3, 5), torch.nan), CELLS)
+    corner, *_ = cube_loop.place(torch.full((3, 5), torch.nan), CELLS)
     assert int(corner.min()) >= 0
-    assert int(corner.max()) + 4 * (CELLS + 3) < texture.size(CELLS)
+    assert int(corner.max()) + 4 * (CELLS + 3) < cube_map.size(CELLS)
 
 
 @both
 def test_rays_meet_the_ball_where_they_would_by_hand(dtype: torch.dtype) -> None:
     pixels, centre = window(dtype), np.array([30.5, 29.3])
-    points, weight = sight.met(pixels, torch.from_numpy(centre), RADIUS)
+    points, weight = projection.met(pixels, torch.from_numpy(centre), RADIUS)
     across = pixels.rays.numpy() - centre[:, None]
     distance = np.hypot(*across)
-    flat = across * sight.LIMB / np.maximum(distance, sight.LIMB * RADIUS)
+    flat = across * projection.LIMB / np.maximum(distance, projection.LIMB * RADIUS)
     assert_close(points, np.stack((*flat, -np.sqrt(1 - np.hypot(*flat) ** 2))), TOLERANCE[dtype])
-    met = pixels.part.double().numpy() * (ndtr((RADIUS - distance) / sight.TURN_PX) + 1e-9)
+    met = pixels.part.double().numpy() * (ndtr((RADIUS - distance) / projection.TURN_PX) + 1e-9)
     whole = np.bincount(pixels.owner.numpy(), met)
     # A ray's turn takes up ten times what its place is rounded by, and beyond the outline more.
     assert_close(weight, met / whole[pixels.owner.numpy()], max(100 * TOLERANCE[dtype], 1e-9))
@@ -102,7 +103,7 @@ def test_rays_meet_the_ball_where_they_would_by_hand(dtype: torch.dtype) -> None
 @both
 def test_a_pixels_share_is_that_of_a_blurred_straight_edge(dtype: torch.dtype) -> None:
     pixels, centre, blur = window(dtype), np.array([30.5, 29.3]), 0.4
-    share, slope = sight.coverage(pixels, torch.from_numpy(centre), RADIUS, blur)
+    share, slope = projection.coverage(pixels, torch.from_numpy(centre), RADIUS, blur)
     offset = pixels.pixels.numpy() - centre
     distance = np.hypot(*offset.T)
     inwards = RADIUS - (blur**2 + 1 / 12) / (2 * RADIUS) - distance
@@ -120,7 +121,7 @@ def test_what_rays_see_changes_with_the_surface_that_moves_under_them(dtype: tor
     points, gradient = -directions(200).abs(), random(3, 200)
     value, light, turn = random(200), random(200).abs(), torch.linalg.qr(random(3, 3))[0]
     given = (t.to(dtype).contiguous() for t in (points, value, gradient, light, turn))
-    found = surface.changes(*given, 0.1, RADIUS)
+    found = sphere_projection.changes(*given, 0.1, RADIUS)
     x, y, z = points.numpy()
     slope = (turn @ gradient * light / RADIUS).numpy() * (-z > 0.1)
     expected = [(light * value).numpy(), slope[2] * x / z - slope[0], slope[2] * y / z - slope[1]]
@@ -136,24 +137,24 @@ def test_sums_over_rays_and_values_for_rays_are_those_of_their_pixels(dtype: tor
     count, owner = len(pixels.pixels), pixels.owner.numpy()
     values, light = random(7, len(owner), dtype=dtype), random(len(owner), dtype=dtype)
     expected = np.stack([np.bincount(owner, row) for row in values.double().numpy()], 1)
-    assert_close(surface.pixel_sums(values, pixels.owner, count), expected, TOLERANCE[dtype])
+    assert_close(sphere_projection.pixel_sums(values, pixels.owner, count), expected, TOLERANCE[dtype])
     each = random(count, dtype=dtype)
     assert_close(pixels.spread(each, light), (each.double().numpy()[owner] * light.double().numpy()), TOLERANCE[dtype])
     points, shading = directions(len(owner), dtype), random(4)
-    bright = light.double().numpy() * (shading @ sight.shading_basis(points.double())).numpy()
-    assert_close(surface.lit(points, light, shading), bright, TOLERANCE[dtype])
+    bright = light.double().numpy() * (shading @ projection.shading_basis(points.double())).numpy()
+    assert_close(sphere_projection.lit(points, light, shading), bright, TOLERANCE[dtype])
 
 
 def test_the_equations_of_all_pixels_are_those_of_dense_matrices() -> None:
     """Some pixels see one patch, some a seam, and some more than a patch may hold."""
-    cells, products, total = 24, equations.Products(24), 0.0
+    cells, products, total = 24, map_equations.Products(24), 0.0
     for scatter in (0.05, 0.4):
         middles = directions(150).repeat_interleave(9, 1)
         places = middles + scatter * random(3, 150 * 9)
         owner, amount = torch.arange(150).repeat_interleave(9), random(150 * 9)
-        look = texture.stencil(places, cells)
-        design = equations.design(amount, owner, 150, cells, look.corner, look.offset)
-        dense = np.zeros((150, texture.size(cells)))
+        look = cube_map.stencil(places, cells)
+        design = map_equations.design(amount, owner, 150, cells, look.corner, look.offset)
+        dense = np.zeros((150, cube_map.size(cells)))
         np.add.at(dense, (owner[:, None].numpy(), look.index.numpy()), (amount[:, None] * look.weight).numpy())
         assert_close(design.toarray(), dense, 1e-14)
         weights = random(150).abs().numpy()
@@ -163,6 +164,6 @@ def test_the_equations_of_all_pixels_are_those_of_dense_matrices() -> None:
 
 
 def test_pixels_without_rays_have_empty_rows() -> None:
-    look = texture.stencil(directions(3), CELLS)
-    design = equations.design(torch.ones(3).double(), torch.tensor([1, 1, 4]), 6, CELLS, look.corner, look.offset)
+    look = cube_map.stencil(directions(3), CELLS)
+    design = map_equations.design(torch.ones(3).double(), torch.tensor([1, 1, 4]), 6, CELLS, look.corner, look.offset)
     assert np.diff(design.indptr).astype(bool).tolist() == [False, True, False, False, True, False]

@@ -8,9 +8,11 @@ import pytest
 import torch
 from shots import speckle
 
-from torchsphere import Circle, demo, forward
-from torchsphere.cli import main
-from torchsphere.confirm import confirm, refined
+from torchsphere import Circle
+from torchsphere.cli.main import main
+from torchsphere.detection.confirm import confirm, refined
+from torchsphere.synthetic import demo_shot as demo
+from torchsphere.synthetic import ray_caster
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +47,7 @@ def test_one_that_was_fitted_and_is_doubted_is_not_asked_for_again(image: torch.
 
 def test_a_small_ball_that_was_given_and_fitted_is_told_to_leave_out_the_fit(tmp_path: Path) -> None:
     moves = torch.tensor([[22.0 + 1.5 * i, 32.3] for i in range(4)])
-    images = forward.render(speckle(0, 8.0), moves, 8.0, torch.eye(3).expand(4, 3, 3), 90.0, shape=(64, 64))
+    images = ray_caster.render(speckle(0, 8.0), moves, 8.0, torch.eye(3).expand(4, 3, 3), 90.0, shape=(64, 64))
     np.save(tmp_path / "small.npy", images.round().numpy().astype(np.uint8))
     for options, advice in (((), "give --circle"), (("--circle", "22.3,32.3,8", "--refine"), "leave out --refine")):
         out = tmp_path / advice[0]

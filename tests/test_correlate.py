@@ -9,9 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shots import noisy, pair
 
-from torchsphere import correlate, criterion, forward, newton
-from torchsphere.circle import Circle
-from torchsphere.correlation import STATUSES
+from torchsphere import correlate
+from torchsphere.correlation import gauss_newton, znssd
+from torchsphere.correlation.result import STATUSES
+from torchsphere.detection.detect import Circle
+from torchsphere.synthetic import ray_caster
 
 MOTION = (0.63, -0.41, 0.2, 0.5, -0.3)
 STILL = (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -81,7 +83,7 @@ def jacobians_differ_by(images: tuple[torch.Tensor, torch.Tensor, tuple[float, f
     + [("rigid", MOTION), ("finite", MOTION)],
 )
 def test_constant_and_autograd_jacobians_agree_at_convergence(model: str, motion: tuple[float, ...]) -> None:
-    coarse = forward.speckle(0, radius_px=50.0, speckle_px=8.0)
+    coarse = ray_caster.speckle(0, radius_px=50.0, speckle_px=8.0)
     # 1e-4 px: PHYSICS section 3. Noise-free, and with a speckle that the spline interpolates without error.
     assert jacobians_differ_by(pair(motion, pattern=coarse), model=model, roi=0.9) < 1e-4
 
@@ -112,7 +114,7 @@ def test_looking_at_the_rows_less_often_changes_nothing(model: str, monkeypatch:
     shots = [pair((dx, 0.3, 0.2, 0.5, 0.1)) for dx in (0.1, 1.2, 2.3)]
     f, g = (noisy(torch.stack([shot[i] for shot in shots]), 2.0, i) for i in (0, 1))
     often = correlate(f, g, shots[0][2], model=model)
-    monkeypatch.setattr(newton, "LOOK_EVERY", 4)
+    monkeypatch.setattr(gauss_newton, "LOOK_EVERY", 4)
     seldom = correlate(f, g, shots[0][2], model=model)
     assert often.status.tolist() == seldom.status.tolist() == ["ok"] * 3
     assert often.iterations.tolist() == seldom.iterations.tolist()
@@ -237,10 +239,10 @@ def test_the_coefficient_is_one_for_a_linear_copy_and_nothing_for_noise() -> Non
     generator = torch.Generator().manual_seed(1)
     f, g = torch.randn(2, 1, 5000, generator=generator, dtype=torch.float64)
     weights = torch.ones_like(f)
-    assert float(criterion.zncc(f, 3 * f + 7, weights)) == pytest.approx(1, abs=1e-12)
-    assert float(criterion.zncc(f, 7 - 0.1 * f, weights)) == pytest.approx(-1, abs=1e-12)
-    assert abs(float(criterion.zncc(f, g, weights))) < 4 / 5000**0.5  # four standard deviations
-    assert float(criterion.zncc(f, torch.ones_like(f), weights)) == 0
+    assert float(znssd.zncc(f, 3 * f + 7, weights)) == pytest.approx(1, abs=1e-12)
+    assert float(znssd.zncc(f, 7 - 0.1 * f, weights)) == pytest.approx(-1, abs=1e-12)
+    assert abs(float(znssd.zncc(f, g, weights))) < 4 / 5000**0.5  # four standard deviations
+    assert float(znssd.zncc(f, torch.ones_like(f), weights)) == 0
 
 
 def test_the_coefficient_falls_with_noise_as_it_must() -> None:

@@ -7,8 +7,8 @@ import pytest
 from shots import shot
 
 from torchsphere import correlate
-from torchsphere.crop import Crops
-from torchsphere.reference import Filtered
+from torchsphere.correlation.reference import Filtered
+from torchsphere.imaging.crop import Crops
 
 
 def of_a_shot(form: str) -> tuple[Any, Any, np.ndarray, np.ndarray]:

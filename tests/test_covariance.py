@@ -5,7 +5,8 @@ import pytest
 import torch
 from shots import noisy, pair
 
-from torchsphere import correlate, reference
+from torchsphere import correlate
+from torchsphere.correlation import reference
 
 N = 80
 MOTION = (1.37, -0.22, 0.2, 0.5, 0.2)

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from torchsphere.cli import main
+from torchsphere.cli.main import main
 
 
 def test_the_demo_recovers_its_motion_within_the_stated_uncertainty(tmp_path: Path, capsys) -> None:

@@ -29,9 +29,11 @@ from shots import (
     textured,
 )
 
-from torchsphere import forward, interlace, track
-from torchsphere.crop import cut
-from torchsphere.track import Track
+from torchsphere import track
+from torchsphere.imaging import interlacing
+from torchsphere.imaging.crop import cut
+from torchsphere.synthetic import ray_caster
+from torchsphere.tracking.track import Track
 
 #: Largest error, in stated standard deviations, that a frame may have and be "ok".
 HONEST = 6.0
@@ -168,7 +170,7 @@ def test_interlaced_video_is_measured_by_one_of_its_fields() -> None:
     made, twice = clean(n=14), clean(n=28, step=(3.0, 0.2), turn_deg=0.285)
     later = dataclasses.replace(made, images=twice.images[1::2])
     made = recorded(made, interlaced(made, later))
-    assert interlace.is_interlaced(cut(made.images, made.centres, 58))
+    assert interlacing.is_interlaced(cut(made.images, made.centres, 58))
     measured = track(made.images, made.circle, sphere_map=False)
     assert (measured.status == "ok").all()
     errors, in_sd = errors_of(measured, made)
@@ -182,15 +184,15 @@ def test_a_texture_finer_than_a_field_s_rows_is_not_taken_for_interlaced() -> No
     for seed in range(6):
         steps = torch.arange(12.0)[:, None] * torch.tensor([1.37, 0.23]) + torch.tensor([30.3, 25.1])
         turned = torch.stack([rotation_matrix(torch.deg2rad(torch.tensor([0.2, 0.5, 0.2]) * i)) for i in range(12)])
-        images = forward.render(speckle(seed, 30.0, 0.0, 255.0), steps, 10.0, turned.float(), 60.0, shape=(50, 80))
+        images = ray_caster.render(speckle(seed, 30.0, 0.0, 255.0), steps, 10.0, turned.float(), 60.0, shape=(50, 80))
         crops = cut(noisy(images, 2.0, seed), steps.double(), 16)
-        assert not any(interlace.is_interlaced(crops.rows(i, i + 1)) for i in range(12))
+        assert not any(interlacing.is_interlaced(crops.rows(i, i + 1)) for i in range(12))
 
 
 def test_progressive_images_are_not_taken_for_interlaced_ones() -> None:
     made = clean(n=6)
     for images in (made.images, compressed(made.images, 20.0), highlight(made), torch.full_like(made.images, 90.0)):
-        assert not interlace.is_interlaced(cut(noisy(images, 2.0, 3), made.centres, 58))
+        assert not interlacing.is_interlaced(cut(noisy(images, 2.0, 3), made.centres, 58))
 
 
 def test_three_blank_frames_are_flagged_and_the_ball_is_found_again() -> None:

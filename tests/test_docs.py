@@ -19,11 +19,11 @@ from rendering import needs_mitsuba
 
 import render.cli
 import torchsphere
-import torchsphere.cli
-from torchsphere import track_cli
+import torchsphere.cli.main
 from torchsphere.archive.summary import COLUMNS
-from torchsphere.correlation import STATUSES
-from torchsphere.results import TRACK_COLUMNS
+from torchsphere.cli import track
+from torchsphere.correlation.result import STATUSES
+from torchsphere.results.writer import TRACK_COLUMNS
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
@@ -50,7 +50,7 @@ def run(command: str) -> None:
     """Run one command as the shell would, in this process: imports then cost their time once."""
     program, *arguments = shlex.split(command)
     if program == "torchsphere":
-        assert torchsphere.cli.main([*arguments, "--quiet"] if arguments[0] == "report" else arguments) == 0
+        assert torchsphere.cli.main.main([*arguments, "--quiet"] if arguments[0] == "report" else arguments) == 0
     elif arguments[:2] == ["-m", "render"]:
         assert render.cli.main([*arguments[2:], "--quiet"]) == 0
     else:
@@ -129,7 +129,7 @@ def test_every_command_that_is_shown_is_one_that_the_program_understands(page: P
             if line.startswith("torchsphere "):
                 # What is not understood ends the program.
                 words = shlex.split(line, comments=True)[1:]
-                assert torchsphere.cli._parser().parse_args(words).command == words[0]
+                assert torchsphere.cli.main._parser().parse_args(words).command == words[0]
             elif line.startswith("python -m render "):
                 render.cli._parser().parse_args(shlex.split(line, comments=True)[3:])
 
@@ -138,7 +138,7 @@ def test_the_page_of_the_command_line_has_every_command_and_every_option(directi
     page = (DOCS / "command-line.rst").read_text(encoding="utf-8")
     programs = directive.programs()
     assert all(f".. commands:: {name}\n" in page for name in programs)
-    top = torchsphere.cli._parser()
+    top = torchsphere.cli.main._parser()
     (commands,) = (action for action in top._actions if isinstance(action, argparse._SubParsersAction))
     progs = {parser.prog for parsers in programs.values() for parser in parsers}
     assert all(any(prog.startswith(f"torchsphere {name}") for prog in progs) for name in commands.choices)
@@ -154,7 +154,7 @@ def test_the_options_of_the_file_that_is_shown_are_options(tmp_path: Path) -> No
     page = (DOCS / "command-line.rst").read_text(encoding="utf-8")
     (block,) = re.findall(r"code-block:: toml\n\n((?:   .*\n)+)", page)
     (tmp_path / "shown.toml").write_text("\n".join(line[3:] for line in block.splitlines()))
-    options = track_cli._configured(tmp_path / "shown.toml")
+    options = track._configured(tmp_path / "shown.toml")
     assert options["frames"] == (10, 90)
     assert options["circle"] == (80.4, 120.7, 50.0)
 

@@ -7,11 +7,11 @@ import pytest
 from test_smooth import M_PER_PX, MASS_KG, NOISES_M, RATE, pulse
 
 import torchsphere as ts
-from torchsphere.doubts import doubts
-from torchsphere.estimates import Estimate, Impact
-from torchsphere.impact import impact
-from torchsphere.kinematics import Kinematics
-from torchsphere.orientation import chain
+from torchsphere.diagnostics.impact_warnings import doubts
+from torchsphere.dynamics.impact import impact
+from torchsphere.dynamics.impact_estimate import Estimate, Impact
+from torchsphere.dynamics.kinematics import Kinematics
+from torchsphere.geometry.orientation import chain
 
 
 @pytest.fixture(scope="module")

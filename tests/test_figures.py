@@ -9,17 +9,17 @@ import pytest
 import tifffile
 from PIL import Image
 
-from torchsphere import demo
 from torchsphere.measure import Request, measure
 from torchsphere.report import empty, image_figures, motion_figures, path_figure
-from torchsphere.report.folder import ResultFolder, read
+from torchsphere.results.reader import ResultFolder, read
+from torchsphere.synthetic import demo_shot
 
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> ResultFolder:
     """The demo's impact, frames 20 to 45, in SI units."""
     folder = tmp_path_factory.mktemp("figures")
-    tifffile.imwrite(folder / "shot.tif", demo.make_shot().images[20:46], photometric="minisblack")
+    tifffile.imwrite(folder / "shot.tif", demo_shot.make_shot().images[20:46], photometric="minisblack")
     measure(
         Request(
             input=folder / "shot.tif",

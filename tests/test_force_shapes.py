@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_smooth import FRAMES, LENGTH, M_PER_PX, MASS_KG, NOISES_M, PEAK_N, RATE, Pulse, Push, filmed
 
-from torchsphere.kinematics import kinematics_of_many
+from torchsphere.dynamics.kinematics import kinematics_of_many
 
 SHOTS, PARTS = 12, 50
 

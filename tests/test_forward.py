@@ -6,8 +6,8 @@ import pytest
 import torch
 from shots import rotation_matrix
 
-from torchsphere import forward
-from torchsphere.forward import CUBE_HALF_WIDTH, Pattern
+from torchsphere.synthetic import ray_caster
+from torchsphere.synthetic.ray_caster import CUBE_HALF_WIDTH, Pattern
 
 EYE = torch.eye(3, dtype=torch.float64)
 
@@ -28,7 +28,7 @@ def centre(x: float, y: float) -> torch.Tensor:
 
 
 def test_a_plain_ball_has_the_area_and_the_centroid_of_its_disc() -> None:
-    image = forward.render(plain(1.0), centre(30.3, 25.8), 20.0, EYE[None], 0.0, shape=(60, 70))[0]
+    image = ray_caster.render(plain(1.0), centre(30.3, 25.8), 20.0, EYE[None], 0.0, shape=(60, 70))[0]
     y, x = torch.meshgrid(torch.arange(60), torch.arange(70), indexing="ij")
     # 3 x 3 rays per pixel over an outline of 126 px: area to 0.1 % and centroid to 0.01 px.
     assert float(image.sum()) == pytest.approx(math.pi * 400, rel=1e-3)
@@ -39,7 +39,7 @@ def test_a_plain_ball_has_the_area_and_the_centroid_of_its_disc() -> None:
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_pixel_shows_the_surface_point_in_front_turned_back_into_the_body(axis: int) -> None:
     matrix = rotation_matrix(torch.tensor([0.2, -0.3, 0.4], dtype=torch.float64))
-    image = forward.render(ramp(axis), centre(30, 25), 20.0, matrix[None], 0.0, shape=(60, 70), subsamples=1)[0]
+    image = ray_caster.render(ramp(axis), centre(30, 25), 20.0, matrix[None], 0.0, shape=(60, 70), subsamples=1)[0]
     for x, y in ((0, 0), (7, -3), (-10, 12)):
         seen = torch.tensor([x, y, -math.sqrt(400 - x * x - y * y)], dtype=torch.float64)
         expected = 100 * (matrix.T @ seen)[axis] / 20.0
@@ -49,7 +49,7 @@ def test_a_pixel_shows_the_surface_point_in_front_turned_back_into_the_body(axis
 
 def test_the_background_stays_where_no_ball_is() -> None:
     still = torch.rand(40, 50, dtype=torch.float64)
-    image = forward.render(plain(9.0), centre(20, 20), 10.0, EYE[None], still)[0]
+    image = ray_caster.render(plain(9.0), centre(20, 20), 10.0, EYE[None], still)[0]
     y, x = torch.meshgrid(torch.arange(40) - 20, torch.arange(50) - 20, indexing="ij")
     away = x**2 + y**2 > 12**2
     torch.testing.assert_close(image[away], still[away], atol=1e-12, rtol=0)  # a mean of nine equal numbers
@@ -57,27 +57,27 @@ def test_the_background_stays_where_no_ball_is() -> None:
 
 @pytest.mark.parametrize("at", [(-30.0, 20.0), (20.0, 90.0)])
 def test_a_ball_out_of_the_frame_leaves_the_background(at: tuple[float, float]) -> None:
-    image = forward.render(plain(9.0), centre(*at), 10.0, EYE[None], 3.0, shape=(40, 50))[0]
+    image = ray_caster.render(plain(9.0), centre(*at), 10.0, EYE[None], 3.0, shape=(40, 50))[0]
     assert (image == 3.0).all()
 
 
 def test_a_ball_half_in_the_frame_is_cut_by_it() -> None:
-    whole = forward.render(plain(9.0), centre(25, 20), 10.0, EYE[None], 3.0, shape=(40, 50))[0]
-    cut = forward.render(plain(9.0), centre(0, 20), 10.0, EYE[None], 3.0, shape=(40, 25))[0]
+    whole = ray_caster.render(plain(9.0), centre(25, 20), 10.0, EYE[None], 3.0, shape=(40, 50))[0]
+    cut = ray_caster.render(plain(9.0), centre(0, 20), 10.0, EYE[None], 3.0, shape=(40, 25))[0]
     torch.testing.assert_close(cut, whole[:, 25:], atol=1e-9, rtol=0)
 
 
 def test_a_number_for_the_background_needs_a_shape() -> None:
     with pytest.raises(ValueError, match="shape"):
-        forward.render(plain(9.0), centre(0, 20), 10.0, EYE[None], 3.0)
+        ray_caster.render(plain(9.0), centre(0, 20), 10.0, EYE[None], 3.0)
 
 
 def test_an_image_can_be_differentiated_by_the_position() -> None:
-    pattern = forward.speckle(0, radius_px=12.0)
+    pattern = ray_caster.speckle(0, radius_px=12.0)
     at = centre(20.3, 20.6).requires_grad_()
 
     def middle(c: torch.Tensor) -> torch.Tensor:
-        return forward.render(pattern, c, 12.0, EYE[None], 90.0, shape=(42, 42))[0, 18:24, 18:24].sum()
+        return ray_caster.render(pattern, c, 12.0, EYE[None], 90.0, shape=(42, 42))[0, 18:24, 18:24].sum()
 
     (slope,) = torch.autograd.grad(middle(at), at)
     h = 1e-6
@@ -90,12 +90,12 @@ def test_an_image_can_be_differentiated_by_the_position() -> None:
 
 
 def test_speckle_has_its_range_its_size_and_its_seed() -> None:
-    pattern = forward.speckle(4, radius_px=40.0, speckle_px=4.0, low=30.0, high=220.0)
+    pattern = ray_caster.speckle(4, radius_px=40.0, speckle_px=4.0, low=30.0, high=220.0)
     volume = pattern.volume
     assert 30 <= float(volume.min()) < 40
     assert 210 < float(volume.max()) <= 220
-    assert torch.equal(volume, forward.speckle(4, radius_px=40.0).volume)
-    assert not torch.equal(volume, forward.speckle(5, radius_px=40.0).volume)
+    assert torch.equal(volume, ray_caster.speckle(4, radius_px=40.0).volume)
+    assert not torch.equal(volume, ray_caster.speckle(5, radius_px=40.0).volume)
     # The autocorrelation of smoothed noise is wider than the smoothing Gaussian by sqrt(2); the error function that
     # bounds the levels narrows it by some per cent.
     cells_per_px = volume.shape[0] / (2 * CUBE_HALF_WIDTH * 40.0)

@@ -7,9 +7,9 @@ import pytest
 from test_smooth import LENGTH, M_PER_PX, MASS_KG, NOISES_M, PEAK_N, RATE, Pulse, pulse
 
 import torchsphere as ts
-from torchsphere.impact import Estimate, Impact, impact
-from torchsphere.inertia import ball
-from torchsphere.kinematics import Kinematics
+from torchsphere.dynamics.ball import ball
+from torchsphere.dynamics.impact import Estimate, Impact, impact
+from torchsphere.dynamics.kinematics import Kinematics
 
 #: Diameter of the pulse's ball: 75 px of radius.
 DIAMETER_M = 2 * 75 * M_PER_PX

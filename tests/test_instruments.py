@@ -7,8 +7,8 @@ import pytest
 from test_smooth import LENGTH, M_PER_PX, MASS_KG, NOISES_M, PEAK_N, RATE, Pulse, pulse
 
 import torchsphere as ts
-from torchsphere.instruments import align, light_gate, read_signals
-from torchsphere.kinematics import Kinematics
+from torchsphere.dynamics.kinematics import Kinematics
+from torchsphere.instruments.signals import align, light_gate, read_signals
 
 INTERVAL_S, COUNT = 1e-6, 2000
 

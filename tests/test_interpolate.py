@@ -8,7 +8,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from torchsphere import interpolate, pixels
+from torchsphere.correlation import reference_lookup
+from torchsphere.imaging import interpolation
 
 GENERATOR = torch.Generator().manual_seed(11)
 IMAGES = 100 + 30 * torch.randn(2, 24, 24, generator=GENERATOR, dtype=torch.float64)
@@ -46,19 +47,19 @@ def slow_spline(image: np.ndarray, x: float, y: float) -> float:
 
 @pytest.mark.parametrize("pre_blur", [0.0, 0.7])
 def test_the_spline_goes_through_the_nodes_exactly(pre_blur: float) -> None:
-    c = interpolate.coefficients(IMAGES, pre_blur)
-    blurred = interpolate.blur(IMAGES, pre_blur)
+    c = interpolation.coefficients(IMAGES, pre_blur)
+    blurred = interpolation.blur(IMAGES, pre_blur)
     # Rounding of float64 at 100 grey levels.
-    torch.testing.assert_close(pixels.nodes(c)[:, 0], blurred[:, 1:-1, 1:-1], atol=1e-9, rtol=0)
+    torch.testing.assert_close(reference_lookup.nodes(c)[:, 0], blurred[:, 1:-1, 1:-1], atol=1e-9, rtol=0)
     y, x = torch.meshgrid(torch.arange(1, 22), torch.arange(1, 22), indexing="ij")
     nodes = torch.stack((x, y), -1).reshape(1, -1, 2).expand(2, -1, -1).double()
-    at_nodes = interpolate.sample(c, nodes).reshape(2, 21, 21)
+    at_nodes = interpolation.sample(c, nodes).reshape(2, 21, 21)
     torch.testing.assert_close(at_nodes, blurred[:, 1:22, 1:22], atol=1e-9, rtol=0)
 
 
 def test_samples_equal_a_slow_spline() -> None:
-    c = interpolate.coefficients(IMAGES, 0.0)
-    found = interpolate.sample(c, PLACES[:, :25])
+    c = interpolation.coefficients(IMAGES, 0.0)
+    found = interpolation.sample(c, PLACES[:, :25])
     slow = [
         [slow_spline(image.numpy(), *place) for place in places]
         for image, places in zip(IMAGES, PLACES[:, :25].tolist(), strict=True)
@@ -73,11 +74,11 @@ def found_shift(frequency: float, d: float) -> float:
     errors = []
     for phase in torch.linspace(0, 1, 9, dtype=torch.float64)[:-1]:
         f, g = (torch.cos(2 * torch.pi * (frequency * (x - moved) + phase)).expand(5, -1)[None] for moved in (0.0, d))
-        c_f, c_g = interpolate.coefficients(f, 0.0), interpolate.coefficients(g, 0.0)
-        value, slope, _ = pixels.nodes(c_f)[0, :, 1, 50:150]
+        c_f, c_g = interpolation.coefficients(f, 0.0), interpolation.coefficients(g, 0.0)
+        value, slope, _ = reference_lookup.nodes(c_f)[0, :, 1, 50:150]
         # The nodes lack one pixel at the border.
         places = torch.stack((x[51:151] + d, torch.full((100,), 2.0, dtype=torch.float64)), -1)[None]
-        left = value - interpolate.sample(c_g, places)[0]
+        left = value - interpolation.sample(c_g, places)[0]
         errors.append(float((slope * left).sum() / slope.square().sum()))
     return d + float(np.mean(errors))
 
@@ -93,33 +94,33 @@ def test_a_shift_by_part_of_a_pixel_is_found_two_to_four_times_better_than_with_
 
 
 def test_single_precision_is_good_to_a_thousandth_of_a_grey_level() -> None:
-    double = interpolate.sample(interpolate.coefficients(IMAGES), PLACES)
-    single = interpolate.sample(interpolate.coefficients(IMAGES.float()), PLACES.float())
+    double = interpolation.sample(interpolation.coefficients(IMAGES), PLACES)
+    single = interpolation.sample(interpolation.coefficients(IMAGES.float()), PLACES.float())
     # 1e-7 of 200 grey levels, a few dozen operations; places rounded to 1e-6 px on slopes of 50 levels per px.
     assert (double - single).abs().max() < 1e-3
 
 
 @pytest.mark.parametrize("pre_blur", [0.0, 0.7])
 def test_the_gradient_at_the_nodes_is_the_slope_of_the_samples(pre_blur: float) -> None:
-    c = interpolate.coefficients(IMAGES, pre_blur)
+    c = interpolation.coefficients(IMAGES, pre_blur)
     y, x = torch.meshgrid(torch.arange(2, 21), torch.arange(2, 21), indexing="ij")
     nodes = torch.stack((x, y), -1).reshape(1, -1, 2).expand(2, -1, -1).double()
     h = 1e-4
-    for axis, gradient in enumerate(pixels.nodes(c)[:, 1:].unbind(1)):
+    for axis, gradient in enumerate(reference_lookup.nodes(c)[:, 1:].unbind(1)):
         step = h * torch.eye(2, dtype=torch.float64)[axis]
-        slope = (interpolate.sample(c, nodes + step) - interpolate.sample(c, nodes - step)) / (2 * h)
+        slope = (interpolation.sample(c, nodes + step) - interpolation.sample(c, nodes - step)) / (2 * h)
         # The third derivative jumps at a node, by up to 1000 levels per px^3: times h^2 / 6, and rounding: 1e-13 / h.
         torch.testing.assert_close(slope.reshape(2, 19, 19), gradient[:, 1:20, 1:20], atol=1e-4, rtol=0)
 
 
 def test_automatic_differentiation_of_samples_equals_finite_differences() -> None:
-    c = interpolate.coefficients(IMAGES, 0.0)
+    c = interpolation.coefficients(IMAGES, 0.0)
     places = PLACES.clone().requires_grad_()
-    (slope,) = torch.autograd.grad(interpolate.sample(c, places).sum(), places)
+    (slope,) = torch.autograd.grad(interpolation.sample(c, places).sum(), places)
     h = 1e-5
     for axis in range(2):
         step = h * torch.eye(2, dtype=torch.float64)[axis]
-        expected = (interpolate.sample(c, PLACES + step) - interpolate.sample(c, PLACES - step)) / (2 * h)
+        expected = (interpolation.sample(c, PLACES + step) - interpolation.sample(c, PLACES - step)) / (2 * h)
         # Rounding: 200 levels x 1e-16 / h x a few look-ups; a node between the two places: h x 100 levels per px^2.
         torch.testing.assert_close(slope[..., axis], expected, atol=1e-3, rtol=0)
 
@@ -130,7 +131,7 @@ def test_a_plane_is_reproduced_in_the_middle(a: float, b: float, x: float, y: fl
     steps = torch.arange(61, dtype=torch.float64)
     plane = (a * steps[None] + b * steps[:, None])[None]
     place = torch.tensor([[[x + 19, y + 19]]], dtype=torch.float64)
-    value = interpolate.sample(interpolate.coefficients(plane), place)
+    value = interpolation.sample(interpolation.coefficients(plane), place)
     # The mirrored border bends the plane there; that decays by 0.42 per px, 21 px: 1e-8 of 300 levels.
     assert abs(float(value) - (a * (x + 19) + b * (y + 19))) < 1e-6
 
@@ -138,23 +139,23 @@ def test_a_plane_is_reproduced_in_the_middle(a: float, b: float, x: float, y: fl
 @pytest.mark.parametrize("pre_blur", [0.0, 0.7, 1.5])
 def test_noise_gains_are_what_white_noise_keeps(pre_blur: float) -> None:
     noise = torch.randn(1, 400, 400, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
-    c = interpolate.coefficients(noise, pre_blur)
-    of_value, of_slope = interpolate.noise_gains(pre_blur)
-    values, *slopes = pixels.nodes(c)[..., 20:-20, 20:-20].unbind(1)
+    c = interpolation.coefficients(noise, pre_blur)
+    of_value, of_slope = interpolation.noise_gains(pre_blur)
+    values, *slopes = reference_lookup.nodes(c)[..., 20:-20, 20:-20].unbind(1)
     # 130 000 pixels, of which a blur of 1.5 px leaves 130 000 / (4 pi 1.5^2) = 4600 independent: sd 2 %, three of them.
     assert float(values.var()) == pytest.approx(of_value, rel=0.06)
     assert float(torch.stack(slopes).var()) == pytest.approx(of_slope, rel=0.06)
 
 
 def test_without_blur_a_value_keeps_all_its_noise() -> None:
-    assert interpolate.noise_gains(0.0)[0] == pytest.approx(1.0, abs=1e-12)  # rounding
-    assert float(interpolate.gaussian_kernel(0.7).sum()) == pytest.approx(1.0, abs=1e-12)
+    assert interpolation.noise_gains(0.0)[0] == pytest.approx(1.0, abs=1e-12)  # rounding
+    assert float(interpolation.gaussian_kernel(0.7).sum()) == pytest.approx(1.0, abs=1e-12)
 
 
 def test_a_blurred_point_is_a_gaussian_of_the_stated_width() -> None:
     image = torch.zeros(1, 41, 41, dtype=torch.float64)
     image[0, 20, 20] = 1
-    row = interpolate.blur(image, 1.5)[0].sum(0)
+    row = interpolation.blur(image, 1.5)[0].sum(0)
     steps = torch.arange(41, dtype=torch.float64) - 20
     # Sampled and cut at 4 sigma: the variance keeps 0.1 %.
     assert float((row * steps**2).sum()) == pytest.approx(1.5**2, rel=2e-3)

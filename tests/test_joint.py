@@ -8,8 +8,9 @@ import pytest
 import torch
 from shots import shot
 
-from torchsphere import joint, track, track_many
-from torchsphere.joint import Meeting
+from torchsphere import track, track_many
+from torchsphere.correlation import batching
+from torchsphere.correlation.batching import Meeting
 
 #: One ball each, of other sizes and patterns: the first two have crops of one size.
 SHOTS = [shot(seed, n=12, radius=radius) for seed, radius in ((1, 22.0), (2, 22.0), (3, 30.0))]
@@ -106,7 +107,7 @@ def test_an_error_reaches_all_whose_pairs_were_in_the_batch_and_no_others() -> N
 
 
 def test_a_batch_has_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(joint, "MOST", 4)
+    monkeypatch.setattr(batching, "MOST", 4)
     batches: list[list[int]] = []
     results = calls_at_once(Meeting(), ["a"] * 10, batches)
     assert results == [number**2 for number in range(11)]

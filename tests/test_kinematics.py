@@ -7,9 +7,9 @@ import pytest
 import torch
 
 import torchsphere as ts
-from torchsphere import local
-from torchsphere.cautions import flattened, too_short
-from torchsphere.orientation import chain
+from torchsphere.diagnostics.track_warnings import flattened, too_short
+from torchsphere.estimation import savitzky_golay
+from torchsphere.geometry.orientation import chain
 
 N = 9
 
@@ -171,9 +171,9 @@ def test_frames_that_are_fitted_at_once_are_no_limit_that_shows(
     joined = np.ones((59, 2), dtype=bool)
     joined[30, 1] = False
 
-    def found(at_once: int) -> local.Rates:
-        monkeypatch.setattr(local, "AT_ONCE", at_once)
-        return local.rates(times, increment, joined, np.ones((60, 5)), window=7, order=3, shifted=shifted)
+    def found(at_once: int) -> savitzky_golay.Rates:
+        monkeypatch.setattr(savitzky_golay, "AT_ONCE", at_once)
+        return savitzky_golay.rates(times, increment, joined, np.ones((60, 5)), window=7, order=3, shifted=shifted)
 
     whole, blocks = found(1000), found(11)
     for name in ("first", "second", "variance_first", "variance_second"):

@@ -5,7 +5,8 @@ import pytest
 import torch
 from shots import noisy, pair, shot
 
-from torchsphere import correlate, criterion, light, track
+from torchsphere import correlate, track
+from torchsphere.correlation import illumination, znssd
 
 MOTION = (0.3, 0.2, 0.1, 0.25, 0.1)
 PATTERNS = range(4)
@@ -33,7 +34,7 @@ def error(share: float, *, robust: bool = True) -> np.ndarray:
 
 @pytest.fixture
 def no_light(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(light, "judgeable", lambda solution, model: torch.zeros_like(solution.converged))
+    monkeypatch.setattr(illumination, "judgeable", lambda solution, model: torch.zeros_like(solution.converged))
 
 
 @pytest.mark.parametrize("robust", [True, False])
@@ -53,14 +54,14 @@ def test_without_allowing_for_it_the_shade_moves_the_ball() -> None:
 
 def test_pairs_in_even_light_are_solved_as_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     found = error(0.0)
-    monkeypatch.setattr(light, "judgeable", lambda solution, model: torch.zeros_like(solution.converged))
+    monkeypatch.setattr(illumination, "judgeable", lambda solution, model: torch.zeros_like(solution.converged))
     np.testing.assert_array_equal(error(0.0), found)
 
 
 def test_the_harmonics_are_orthogonal_over_the_sphere() -> None:
     generator = torch.Generator().manual_seed(0)
     normals = torch.randn(1, 3, 400_000, dtype=torch.float64, generator=generator)
-    values = criterion.harmonics(normals / normals.norm(dim=1, keepdim=True))[0]
+    values = znssd.harmonics(normals / normals.norm(dim=1, keepdim=True))[0]
     gram = values @ values.T / values.shape[1]
     size = gram.diagonal().sqrt()
     # 400,000 directions leave 0.0016.
@@ -71,15 +72,15 @@ def test_the_changes_of_the_harmonics_are_their_derivative() -> None:
     generator = torch.Generator().manual_seed(0)
     normals, change = torch.randn(2, 1, 3, 50, dtype=torch.float64, generator=generator)
     step = 1e-5
-    ahead, back = (criterion.harmonics(normals + s * step * change) for s in (1, -1))
-    expected = criterion.harmonic_changes(normals, change)
+    ahead, back = (znssd.harmonics(normals + s * step * change) for s in (1, -1))
+    expected = znssd.harmonic_changes(normals, change)
     torch.testing.assert_close((ahead - back) / (2 * step), expected, atol=1e-7, rtol=1e-7)
 
 
 def test_near_a_target_the_steps_are_kept_unless_a_map_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     # A map would be made of any ball that turns, and says that it was called for.
-    monkeypatch.setattr("torchsphere.drift.MAP_FROM", 0.0)
-    monkeypatch.setattr("torchsphere.drift.mapped.poses_on_map", lambda *_: "called for")
+    monkeypatch.setattr("torchsphere.tracking.drift.MAP_FROM", 0.0)
+    monkeypatch.setattr("torchsphere.tracking.drift.poses.poses_on_map", lambda *_: "called for")
     film = shot(n=9, noise=1.0)
     columns = torch.arange(film.images.shape[-1], dtype=torch.float64)
     across = ((columns - film.centres[:, :1]) / film.radius).clamp(0, 1)

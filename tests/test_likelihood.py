@@ -6,9 +6,9 @@ import math
 import numpy as np
 import torch
 
-from torchsphere.entries import UNKNOWN
-from torchsphere.likelihood import STATED_COUNTS, Series, log_likelihood
-from torchsphere.process import STATES, STEADY, transitions
+from torchsphere.estimation.entries import UNKNOWN
+from torchsphere.estimation.likelihood import STATED_COUNTS, Series, log_likelihood
+from torchsphere.estimation.process_model import STATES, STEADY, transitions
 
 #: Frame 4 is missing from the recording, and frame 6 was not measured in the second degree of freedom.
 TIMES = torch.tensor([[0.0, 1.0, 2.0, 3.0, 5.0, 6.0, 7.0, 8.5]], dtype=torch.float64)

@@ -4,8 +4,9 @@ import pytest
 import torch
 from shots import noisy, pair, speckle, textured
 
-from torchsphere import forward, limb
-from torchsphere.forward import Pattern
+from torchsphere.detection import limb_fit
+from torchsphere.synthetic import ray_caster
+from torchsphere.synthetic.ray_caster import Pattern
 
 EYE = torch.eye(3, dtype=torch.float64)[None]
 
@@ -24,7 +25,7 @@ def half_as_dark(seed: int, *, rest: float = 1.0) -> tuple[torch.Tensor, torch.T
     """
     true = circle(63.2, 64.7, 50.0)
     ball = speckle(seed, 50.0, 15.0, 210.0)
-    image = forward.render(ball, true[:, :2], 50.0, EYE, 64.0, shape=(130, 130), subsamples=7)
+    image = ray_caster.render(ball, true[:, :2], 50.0, EYE, 64.0, shape=(130, 130), subsamples=7)
     low = ((torch.arange(130, dtype=torch.float64) - true[0, 1]) / 50.0 - 0.2).div(0.4).clamp(0, 1)[:, None]
     image = 64 + (image.double() - 64) * (1 - (1 - rest) * low)
     return noisy(image.float(), 2.0, seed), true
@@ -34,7 +35,7 @@ def half_as_dark(seed: int, *, rest: float = 1.0) -> tuple[torch.Tensor, torch.T
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_speckled_ball_is_found_on_any_grey_level_of_its_own(background: float, seed: int) -> None:
     f, _, at = pair((0, 0, 0, 0, 0), seed=seed, background=background)
-    found, covariance = limb.fit(noisy(f, 2.0, seed)[None].float(), circle(*at) + torch.tensor([0.5, -0.5, -0.6]))
+    found, covariance = limb_fit.fit(noisy(f, 2.0, seed)[None].float(), circle(*at) + torch.tensor([0.5, -0.5, -0.6]))
     # Fits of the edges are off by more than this over 125 grey levels.
     assert (found - circle(*at)).abs().max() < WITHIN
     sd = covariance[0].diagonal().sqrt()
@@ -44,8 +45,8 @@ def test_a_speckled_ball_is_found_on_any_grey_level_of_its_own(background: float
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_limb_as_dark_as_the_background_leaves_the_centre_unknown_along_it(seed: int) -> None:
     image, true = half_as_dark(seed, rest=0.0)
-    _, lit = limb.fit(half_as_dark(seed)[0], true)
-    found, covariance = limb.fit(image, true + torch.tensor([0.4, 0.4, -0.4]))
+    _, lit = limb_fit.fit(half_as_dark(seed)[0], true)
+    found, covariance = limb_fit.fit(image, true + torch.tensor([0.4, 0.4, -0.4]))
     sd = covariance[0].diagonal().sqrt()
     # An arc of two thirds of the circle knows x as before, but not y and the radius apart.
     assert sd[1] > 1.5 * lit[0].diagonal().sqrt()[1]
@@ -55,15 +56,15 @@ def test_a_limb_as_dark_as_the_background_leaves_the_centre_unknown_along_it(see
 
 
 def test_a_circle_beside_the_image_is_nan() -> None:
-    found, _ = limb.fit(torch.full((1, 60, 60), 100.0), circle(30, 30, 200.0))
+    found, _ = limb_fit.fit(torch.full((1, 60, 60), 100.0), circle(30, 30, 200.0))
     assert found.isnan().all()
 
 
 def test_a_batch_of_limbs_equals_its_rows() -> None:
     images, circles = zip(*(half_as_dark(seed) for seed in (0, 1)), strict=True)
-    batch = limb.fit(torch.cat(images), torch.cat(circles))
+    batch = limb_fit.fit(torch.cat(images), torch.cat(circles))
     for i in range(2):
-        one = limb.fit(images[i], circles[i])
+        one = limb_fit.fit(images[i], circles[i])
         for whole, row in zip(batch, one, strict=True):
             # Crops are as large as the batch's largest ball needs, and a spline feels their border a little.
             torch.testing.assert_close(whole[i], row[0], atol=2e-3, rtol=0)
@@ -71,15 +72,15 @@ def test_a_batch_of_limbs_equals_its_rows() -> None:
 
 def test_an_uncertain_background_makes_an_uncertain_circle() -> None:
     f, _, at = pair((0, 0, 0, 0, 0))
-    _, calm = limb.fit(noisy(f, 2.0, 0)[None].float(), circle(*at))
-    _, noise = limb.fit(noisy(f, 12.0, 0)[None].float(), circle(*at))
+    _, calm = limb_fit.fit(noisy(f, 2.0, 0)[None].float(), circle(*at))
+    _, noise = limb_fit.fit(noisy(f, 12.0, 0)[None].float(), circle(*at))
     assert (noise[0].diagonal() > 1.5 * calm[0].diagonal()).all()
 
 
 def test_a_ball_without_pattern_has_no_say_where_it_equals_its_background() -> None:
     pattern = Pattern(torch.full((4, 4, 4), 64.0))
-    image = forward.render(pattern, circle(63, 64, 40)[:, :2], 40.0, EYE, 64.0, shape=(130, 130))
-    _, covariance = limb.fit(noisy(image, 2.0, 0), circle(63, 64, 40))
+    image = ray_caster.render(pattern, circle(63, 64, 40)[:, :2], 40.0, EYE, 64.0, shape=(130, 130))
+    _, covariance = limb_fit.fit(noisy(image, 2.0, 0), circle(63, 64, 40))
     assert not (covariance[0].diagonal().sqrt() < 0.5).any()
 
 
@@ -87,7 +88,7 @@ def test_a_ball_without_pattern_has_no_say_where_it_equals_its_background() -> N
 def test_a_texture_behind_the_ball_does_not_make_it_larger(blur_px: float, levels: float) -> None:
     for seed in range(3):
         f, _, at = pair((0, 0, 0, 0, 0), seed=seed, background=textured(seed + 2, blur_px, levels))
-        found, covariance = limb.fit(noisy(f, 2.0, seed)[None].float(), circle(*at))
+        found, covariance = limb_fit.fit(noisy(f, 2.0, seed)[None].float(), circle(*at))
         off = (found - circle(*at))[0].abs()
         # With the background's level and variance from the same places it was 0.2 to 6 px too large.
         assert off[2] < WITHIN
@@ -98,5 +99,5 @@ def test_neighbours_are_averaged_around_the_whole_outline() -> None:
     values = torch.rand(2, 37, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
     # A fifth of 37 rays: four neighbours on either side, and the ray itself.
     expected = torch.stack([values.roll(shift, 1) for shift in range(-4, 5)]).mean(0)
-    assert torch.allclose(limb._averaged(values, 0.2), expected, rtol=0, atol=1e-12)
-    assert torch.allclose(limb._averaged(values[..., None], 0.2)[..., 0], expected, rtol=0, atol=1e-12)
+    assert torch.allclose(limb_fit._averaged(values, 0.2), expected, rtol=0, atol=1e-12)
+    assert torch.allclose(limb_fit._averaged(values[..., None], 0.2)[..., 0], expected, rtol=0, atol=1e-12)

@@ -5,7 +5,7 @@ import pytest
 import torch
 from shots import noisy, shot
 
-from torchsphere import locate
+from torchsphere.imaging import template_matching
 
 
 @pytest.mark.parametrize(
@@ -14,7 +14,7 @@ from torchsphere import locate
 )
 def test_the_ball_is_found_to_a_tenth_of_its_radius(step: tuple[float, float], radius: float) -> None:
     made = shot(1, n=2, step=step, jitter=0.4, radius=radius, start=(180.0, 110.0), rotation_deg=(1, 2, 1))
-    found = locate.best_match(made.images[0], made.images[1], made.centres[0], radius)
+    found = template_matching.best_match(made.images[0], made.images[1], made.centres[0], radius)
     # What `best_match` promises, and what a correlation from several starts can go on from.
     assert float((found - made.centres[1]).norm()) < 0.1 * radius
 
@@ -25,12 +25,12 @@ def test_an_ignored_region_does_not_draw_the_match() -> None:
     ignore[90:130, 190:220] = True
     spoiled = made.images.clone()
     spoiled[:, ignore] = 255
-    found = locate.best_match(spoiled[0], spoiled[1], made.centres[0], made.radius, ignore)
+    found = template_matching.best_match(spoiled[0], spoiled[1], made.centres[0], made.radius, ignore)
     assert float((found - made.centres[1]).norm()) < 0.1 * made.radius
 
 
 def test_a_match_exists_even_for_images_without_any_ball() -> None:
     blank = noisy(torch.full((2, 100, 120), 90.0), 2.0, 1)
-    found = locate.best_match(blank[0], blank[1], torch.tensor([60.0, 50.0]), 20.0)
+    found = template_matching.best_match(blank[0], blank[1], torch.tensor([60.0, 50.0]), 20.0)
     assert found.shape == (2,)
     assert np.isfinite(found.numpy()).all()

@@ -3,11 +3,11 @@
 import numpy as np
 import torch
 
-from torchsphere.bundle import Bundle
-from torchsphere.map_steps import step_covariances
-from torchsphere.register import Registration
-from torchsphere.sight import Ball, Pose
-from torchsphere.trust import level_profile
+from torchsphere.sphere_map.bundle_adjustment import Bundle
+from torchsphere.sphere_map.map_steps import step_covariances
+from torchsphere.sphere_map.pixel_weights import level_profile
+from torchsphere.sphere_map.projection import Ball, Pose
+from torchsphere.sphere_map.registration import Registration
 
 RADIUS, KEYS = 20.0, [0, 4, 5, 8]
 

@@ -7,9 +7,12 @@ import pytest
 import torch
 from shots import angles_between, noisy, rotation_matrix, speckle
 
-from torchsphere import Circle, bundle, forward, mapped, register, track
-from torchsphere.source import Source
-from torchsphere.track import Track
+from torchsphere import Circle, track
+from torchsphere.recording.frame_source import Source
+from torchsphere.sphere_map import bundle_adjustment, registration
+from torchsphere.sphere_map import poses as mapped
+from torchsphere.synthetic import ray_caster
+from torchsphere.tracking.track import Track
 
 RADIUS, N = 20.0, 60
 
@@ -37,7 +40,7 @@ def turning() -> Turning:
     orientations = torch.stack([rotation_matrix(a * axis) for a in angle])
     i = np.arange(N)
     centres = np.stack((40.3 + 0.3 * np.sin(i / 5), 38.6 + 0.2 * np.cos(i / 7)), 1)
-    clean = forward.render(
+    clean = ray_caster.render(
         speckle(1, RADIUS), torch.from_numpy(centres).float(), RADIUS, orientations.float(), 90.0, shape=(80, 80)
     )
     images = noisy(clean, 2.0, 9)
@@ -90,8 +93,8 @@ def test_neither_position_nor_orientation_drifts(turning: Turning) -> None:
 
 
 def test_the_radius_given_is_corrected(turning: Turning) -> None:
-    assert abs(turning.track.circle.radius - RADIUS) < 3 * bundle.SYSTEMATIC_RADIUS_PX
-    assert turning.track.circle.sd_radius >= bundle.SYSTEMATIC_RADIUS_PX
+    assert abs(turning.track.circle.radius - RADIUS) < 3 * bundle_adjustment.SYSTEMATIC_RADIUS_PX
+    assert turning.track.circle.sd_radius >= bundle_adjustment.SYSTEMATIC_RADIUS_PX
 
 
 def test_increments_are_the_differences_of_the_poses_and_their_errors_are_those_stated(turning: Turning) -> None:
@@ -118,7 +121,7 @@ def test_a_map_that_cannot_be_solved_for_leaves_the_measured_steps(
         raise np.linalg.LinAlgError("singular")
 
     plain = track(turning.images[:8], turning.circle, sphere_map=False)
-    monkeypatch.setattr(bundle, "adjust", unsolvable)
+    monkeypatch.setattr(bundle_adjustment, "adjust", unsolvable)
     measured = track(turning.images[:8], turning.circle, sphere_map=True)
     assert measured.settings["sphere_map"] == {"used": False, "reason": "the equations of the map have no solution"}
     np.testing.assert_array_equal(measured.increment, plain.increment)  # the same computation
@@ -134,7 +137,7 @@ def test_a_model_that_is_not_rigid_gets_no_map_and_says_so(turning: Turning) -> 
 def test_images_that_no_map_explains_are_refused(turning: Turning) -> None:
     """Every other image shows a ball with another pattern."""
     poses = torch.from_numpy(turning.centres[:10]).float(), torch.from_numpy(turning.orientations[:10]).float()
-    other = forward.render(speckle(2, RADIUS), poses[0], RADIUS, poses[1], 90.0, shape=(80, 80))
+    other = ray_caster.render(speckle(2, RADIUS), poses[0], RADIUS, poses[1], 90.0, shape=(80, 80))
     images = turning.images[:10].clone()
     images[1::2] = noisy(other, 2.0, 11)[1::2]
     circle = Circle(*turning.circle)
@@ -147,14 +150,14 @@ def test_images_that_no_map_explains_are_refused(turning: Turning) -> None:
 
 def test_a_frame_that_is_not_on_the_map_keeps_its_step(turning: Turning, monkeypatch: pytest.MonkeyPatch) -> None:
     """One registration is made to fail; the frame follows from its neighbour by the correlation's own increment."""
-    true_register, calls = register.register, []
+    true_register, calls = registration.register, []
 
-    def failing(*args: object) -> register.Registration:
+    def failing(*args: object) -> registration.Registration:
         calls.append(1)
         found = true_register(*args)  # type: ignore[arg-type]
-        return register.Registration(found.pose, found.covariance, len(calls) != 2, found.misfit)
+        return registration.Registration(found.pose, found.covariance, len(calls) != 2, found.misfit)
 
-    monkeypatch.setattr(register, "register", failing)
+    monkeypatch.setattr(registration, "register", failing)
     monkeypatch.setattr(mapped, "KEYFRAMES", 10)
     plain = track(turning.images[:16], turning.circle, sphere_map=False)
     measured = track(turning.images[:16], turning.circle, sphere_map=True)

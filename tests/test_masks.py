@@ -4,7 +4,7 @@ import imagecodecs
 import numpy as np
 import pytest
 
-from torchsphere.masks import hides_ball, inside_polygon, read_ignore, without_effect
+from torchsphere.recording.ignore_mask import hides_ball, inside_polygon, read_ignore, without_effect
 
 
 def test_a_rectangle_covers_the_pixels_whose_centres_it_holds() -> None:

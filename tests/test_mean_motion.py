@@ -7,8 +7,8 @@ import pytest
 from test_kinematics import made_track
 
 import torchsphere as ts
-from torchsphere import demo
-from torchsphere.mean_motion import mean_motion
+from torchsphere.dynamics.mean_motion import mean_motion
+from torchsphere.synthetic import demo_shot
 
 EXACT = ts.Circle(50.0, 40.0, 20.0, 0.0, 0.0, 0.0)
 POSE_SD = np.array([0.01, 0.02, 1e-4, 2e-4, 3e-4])
@@ -54,9 +54,11 @@ def test_what_was_not_measured_has_no_mean() -> None:
 
 
 def test_a_model_without_rotations_has_no_mean_of_them() -> None:
-    shot = demo.make_shot()
+    shot = demo_shot.make_shot()
     track = ts.track(shot.images[:8], model="translation")
-    found = mean_motion(track, ts.kinematics(track, frame_rate=demo.FRAME_RATE, diameter_m=1e-3 * demo.DIAMETER_MM))
+    found = mean_motion(
+        track, ts.kinematics(track, frame_rate=demo_shot.FRAME_RATE, diameter_m=1e-3 * demo_shot.DIAMETER_MM)
+    )
     for name in ("increment_px_rad", "sd_increment_px_rad"):
         assert np.isfinite(found[name][:2]).all()
         assert np.isnan(found[name][2:]).all()
@@ -66,15 +68,15 @@ def test_a_model_without_rotations_has_no_mean_of_them() -> None:
 def test_the_truth_of_the_demo_lies_within_what_is_stated() -> None:
     ratios = []
     for seed in (1, 2, 3):
-        shot = demo.make_shot(seed)
+        shot = demo_shot.make_shot(seed)
         track = ts.track(shot.images[:26])
-        motion = ts.kinematics(track, frame_rate=demo.FRAME_RATE, diameter_m=1e-3 * demo.DIAMETER_MM)
+        motion = ts.kinematics(track, frame_rate=demo_shot.FRAME_RATE, diameter_m=1e-3 * demo_shot.DIAMETER_MM)
         found = mean_motion(track, motion)
         true = shot.increment[:25].mean(0)
-        to_m_s = 1e-3 * demo.DIAMETER_MM / (2 * demo.RADIUS_PX) * demo.FRAME_RATE
+        to_m_s = 1e-3 * demo_shot.DIAMETER_MM / (2 * demo_shot.RADIUS_PX) * demo_shot.FRAME_RATE
         ratios.append((found["increment_px_rad"] - true) / found["sd_increment_px_rad"])
         ratios.append((found["velocity_m_s"] - to_m_s * true[:2]) / found["sd_velocity_m_s"])
-        ratios.append((found["spin_rad_s"] - demo.FRAME_RATE * true[2:]) / found["sd_spin_rad_s"])
+        ratios.append((found["spin_rad_s"] - demo_shot.FRAME_RATE * true[2:]) / found["sd_spin_rad_s"])
     values = np.abs(np.concatenate(ratios))
     # Of ten such flights and ten impacts the root mean square was 0.4 to 1.0 by component.
     assert np.sqrt((values**2).mean()) < 1.3

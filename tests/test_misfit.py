@@ -6,9 +6,10 @@ import torch
 from shots import clean, noisy, pair
 from torch import Tensor
 
-from torchsphere import misfit, track
-from torchsphere.crop import cut, half_size
-from torchsphere.reference import Filtered, Reference, build_reference
+from torchsphere import track
+from torchsphere.correlation import residual_noise
+from torchsphere.correlation.reference import Filtered, Reference, build_reference
+from torchsphere.imaging.crop import cut, half_size
 
 
 def reference(count: int = 1, blur: float = 1.0) -> Reference:
@@ -32,12 +33,12 @@ def test_blocks_that_fade_into_one_another_count_each_point_once_in_the_sum_of_s
     for at in (0, n // 3, n // 2, n - 1):
         point = torch.zeros(1, 1, n, dtype=torch.float64)
         point[..., at] = 2.0
-        sums = misfit.block_sums(made, point, torch.ones_like(point[:, 0]), fading=True)
+        sums = residual_noise.block_sums(made, point, torch.ones_like(point[:, 0]), fading=True)
         assert float(sums.square().sum()) == pytest.approx(4.0, rel=1e-9)
 
 
 def noise_share(made: Reference, difference: Tensor, weights: Tensor) -> Tensor:
-    return misfit.noise_share(made, misfit.Power.of(made, difference, weights))
+    return residual_noise.noise_share(made, residual_noise.Power.of(made, difference, weights))
 
 
 def test_the_share_of_noise_is_that_of_the_part_that_faces_the_camera() -> None:
@@ -60,19 +61,19 @@ def test_few_pixels_that_are_quiet_by_chance_are_noise_all_the_same() -> None:
     # Facing parts of 12 independent squares on a ball of 10 px: their variance scatters by 0.4 of itself.
     made = small_reference(400)
     white = torch.randn(made.values.shape, generator=torch.Generator().manual_seed(3)).to(made.values)
-    smooth = misfit.local_mean(made, white, made.weights)  # alike over a few px, like noise behind the pre-blur
+    smooth = residual_noise.local_mean(made, white, made.weights)  # alike over a few px, like noise behind the pre-blur
     assert float(noise_share(made, smooth, made.weights).mean()) > 0.97
 
 
 def factors(difference: Tensor, made: Reference) -> Tensor:
-    """`misfit.inflation` (n, 2) of two translations' slopes, stated as if the ``difference`` (n, p) was white noise."""
+    """`inflation` (n, 2) of two translations' slopes, stated as if the ``difference`` (n, p) was white noise."""
     weights = made.weights
     jacobian = made.gradient
     gram = ((jacobian * weights[:, None]) @ jacobian.mT).double()
     variance = (weights * difference.square()).sum(-1) / weights.sum(-1)
     stated = variance[:, None, None] * torch.linalg.inv(gram)
-    power = misfit.Power.of(made, difference, weights)
-    return misfit.inflation(made, jacobian, torch.linalg.cholesky(gram), weights * difference, power, stated)
+    power = residual_noise.Power.of(made, difference, weights)
+    return residual_noise.inflation(made, jacobian, torch.linalg.cholesky(gram), weights * difference, power, stated)
 
 
 def test_white_noise_is_stated_as_it_is() -> None:
@@ -105,7 +106,7 @@ def test_the_scatter_of_fast_turns_is_the_stated_uncertainty(degrees: float, noi
         assert (measured.status == "ok").all()
         error = measured.increment - made.increments.numpy()
         sd = np.sqrt(np.einsum("nii->ni", measured.covariance))
-        # What is alike in all steps is `torchsphere.steady`'s.
+        # What is alike in all steps is `torchsphere.tracking.steady_error`'s.
         ratios.append((error - error.mean(0)) / sd * np.sqrt(12 / 11))
     found = np.sqrt(np.mean(np.concatenate(ratios) ** 2, 0))
     # 33 free errors tell a ratio to 12 %. With the whole residual taken for noise it is 0.4 to 0.7.

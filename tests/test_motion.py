@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shots import rotation_matrix
 
-from torchsphere import motion
-from torchsphere.motion import Geometry
-from torchsphere.perspective import View
+from torchsphere.geometry import motion_models
+from torchsphere.geometry.camera import View
+from torchsphere.geometry.motion_models import Geometry
 
 R = 50.0
 VIEW = View(*(torch.tensor(v, dtype=torch.float64) for v in ((90.0, -40.0), 300.0, (-0.1, 0.02, 0.0))))
@@ -49,20 +49,22 @@ def test_modes_have_the_values_worked_out_by_hand(
     at: tuple[float, float], phi3: float, phi4: float, rigid: float
 ) -> None:
     x, y = at
-    for model, along_x, along_y in ((motion.published, phi3, phi4), (motion.rigid, rigid, rigid)):
-        modes = motion.modes(model, torch.zeros(1, 5, dtype=torch.float64), row(x, y)[None, None], GEOMETRY)[0, 0]
+    for model, along_x, along_y in ((motion_models.published, phi3, phi4), (motion_models.rigid, rigid, rigid)):
+        modes = motion_models.modes(model, torch.zeros(1, 5, dtype=torch.float64), row(x, y)[None, None], GEOMETRY)[
+            0, 0
+        ]
         expected = torch.stack((row(1, 0, 0, -R * along_x, -y), row(0, 1, R * along_y, 0, x)))
         # Hand-computed decimals carry 13 digits.
         torch.testing.assert_close(modes, expected, atol=1e-10, rtol=0)
 
 
-@pytest.mark.parametrize("name", motion.MODELS)
+@pytest.mark.parametrize("name", motion_models.MODELS)
 @pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (1.3, -0.4, 0.02, -0.05, 0.03, 0.01)])
 def test_modes_equal_finite_differences(name: str, q: tuple[float, ...], points: torch.Tensor) -> None:
-    model = motion.MODELS[name]
-    k = motion.degrees_of_freedom(model)
+    model = motion_models.MODELS[name]
+    k = motion_models.degrees_of_freedom(model)
     centre = row(*q[:k])
-    modes = motion.modes(model, centre[None], points[None], GEOMETRY)[0]
+    modes = motion_models.modes(model, centre[None], points[None], GEOMETRY)[0]
     h = 1e-5
     differences = torch.stack(
         [
@@ -77,9 +79,9 @@ def test_modes_equal_finite_differences(name: str, q: tuple[float, ...], points:
 
 @pytest.mark.parametrize("name", ["published", "rigid", "finite", "pinhole", "pinhole6"])
 def test_the_radius_mode_equals_finite_differences(name: str, points: torch.Tensor) -> None:
-    model, h = motion.MODELS[name], 1e-4
-    q = row(0.3, 0.1, 0.02, -0.05, 0.03, 0.01)[: motion.degrees_of_freedom(model)]
-    mode = motion.radius_mode(model, q[None], points[None], GEOMETRY)[0]
+    model, h = motion_models.MODELS[name], 1e-4
+    q = row(0.3, 0.1, 0.02, -0.05, 0.03, 0.01)[: motion_models.degrees_of_freedom(model)]
+    mode = motion_models.radius_mode(model, q[None], points[None], GEOMETRY)[0]
     low, high = (model(q, points, GEOMETRY._replace(radius=GEOMETRY.radius + d)) for d in (-h, h))
     # The third derivative at 0.95 R is about w / (R^2 0.3^5), times h^2: 1e-10.
     torch.testing.assert_close(mode, (high - low) / (2 * h), atol=1e-7, rtol=0)
@@ -91,7 +93,9 @@ def test_rigid_is_finite_to_first_order(dx: float, dy: float, wx: float, wy: flo
     points = torch.tensor([[0.0, 0.0], [10, -20], [-30, 5], [25, 25]], dtype=torch.float64)
     w = math.hypot(wx, wy, wz)
     q = row(dx, dy, wx, wy, wz)
-    difference = (motion.rigid(q, points, GEOMETRY) - motion.finite(q, points, GEOMETRY)).norm(dim=-1).max()
+    difference = (
+        (motion_models.rigid(q, points, GEOMETRY) - motion_models.finite(q, points, GEOMETRY)).norm(dim=-1).max()
+    )
     # exp(W) P - P - W P is at most |w|^2 R / 2, and (4/3) of it allows for the higher orders up to 0.5 rad.
     assert difference <= 4 / 3 * w**2 * R / 2 + 1e-9
 
@@ -103,7 +107,7 @@ def test_finite_moves_points_as_the_matrix_does(wx: float, wy: float, wz: float)
     q = row(0.5, -0.25, wx, wy, wz)
     surface = torch.cat((points, -(R**2 - points.square().sum(-1, keepdim=True)).sqrt()), -1)
     expected = surface @ rotation_matrix(q[2:]).T
-    moved = points + motion.finite(q, points, GEOMETRY)
+    moved = points + motion_models.finite(q, points, GEOMETRY)
     # Kornia's quaternions in float64, at 50 px.
     torch.testing.assert_close(moved - q[:2], expected[:, :2], atol=1e-9, rtol=0)
 
@@ -112,8 +116,8 @@ def test_points_that_turn_out_of_sight_are_nan_and_have_no_modes() -> None:
     # 0.98 R lies 11.5 deg inside the limb. +wy moves the front to the left: by 20 deg the left point is gone.
     points = torch.tensor([[-0.98 * R, 0.0], [0.98 * R, 0.0], [0.0, 0.0]], dtype=torch.float64)
     q = row(0, 0, 0, math.radians(20), 0)
-    assert motion.finite(q, points, GEOMETRY).isnan().all(-1).tolist() == [True, False, False]
-    modes = motion.modes(motion.finite, q[None], points[None], GEOMETRY)[0]
+    assert motion_models.finite(q, points, GEOMETRY).isnan().all(-1).tolist() == [True, False, False]
+    modes = motion_models.modes(motion_models.finite, q[None], points[None], GEOMETRY)[0]
     assert modes.isfinite().all()
     assert (modes[0] == 0).all()
     assert (modes[1] != 0).any()
@@ -121,14 +125,14 @@ def test_points_that_turn_out_of_sight_are_nan_and_have_no_modes() -> None:
 
 def test_rotation_modes_vanish_on_the_outline_but_for_the_one_about_the_view() -> None:
     points = R * torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.6, 0.8]], dtype=torch.float64)
-    moved = motion.rigid(row(0, 0, 0.1, 0.1, 0), points, GEOMETRY)
+    moved = motion_models.rigid(row(0, 0, 0.1, 0.1, 0), points, GEOMETRY)
     # 0.6 and 0.8 are not exact in binary: s = sqrt(R^2 1e-16) = 5e-7 px.
     torch.testing.assert_close(moved, torch.zeros_like(moved), atol=1e-6, rtol=0)
 
 
 def test_a_batch_of_displacements_equals_its_rows(points: torch.Tensor) -> None:
     q = torch.tensor([[1.0, 0, 0.01, 0, 0], [0, 2, 0, 0.02, 0.03]], dtype=torch.float64)
-    batch = motion.displacement(motion.finite, q, points.expand(2, -1, -1), GEOMETRY)
+    batch = motion_models.displacement(motion_models.finite, q, points.expand(2, -1, -1), GEOMETRY)
     for i in range(2):
         # The matrix exponential of a batch rounds differently; 50 px in float64 hold 1e-14 px each.
-        torch.testing.assert_close(batch[i], motion.finite(q[i], points, GEOMETRY), atol=1e-11, rtol=0)
+        torch.testing.assert_close(batch[i], motion_models.finite(q[i], points, GEOMETRY), atol=1e-11, rtol=0)

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from torchsphere import ordered
+from torchsphere.detection import ordered
 
 
 @pytest.mark.parametrize("shape", [(1,), (6,), (25, 7, 5), (1001,)])

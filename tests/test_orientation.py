@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shots import angles_between, rotation_matrix
 
-from torchsphere.orientation import chain, quaternions
+from torchsphere.geometry.orientation import chain, quaternions
 
 
 def slow_chain(rotations: np.ndarray) -> np.ndarray:

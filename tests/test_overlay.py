@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from torchsphere.report.folder import ResultFolder
-from torchsphere.report.kept import NOTHING, Sampled
 from torchsphere.report.overlay import axes_of, draw_frame, write_overlay
+from torchsphere.results.reader import ResultFolder
+from torchsphere.results.sampled_frames import NOTHING, Sampled
 
 HALF = np.sqrt(0.5)
 

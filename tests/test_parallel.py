@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 import torch
 
-from torchsphere import parallel
+from torchsphere.runtime import threads as parallel
 
 CPU = torch.device("cpu")
 

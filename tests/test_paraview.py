@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from torchsphere.report.folder import ResultFolder, SIMotion
 from torchsphere.report.paraview import sphere_mesh, write_paraview
+from torchsphere.results.reader import ResultFolder, SIMotion
 
 vtk = pytest.importorskip("vtk", reason="the package 'vtk', which reads the series back, is not installed")
 

@@ -9,10 +9,9 @@ import torch
 from numpy.typing import NDArray
 from shots import rotation_matrix
 
-from torchsphere import motion
-from torchsphere.motion import Geometry
-from torchsphere.options import Options
-from torchsphere.perspective import (
+from torchsphere.correlation.options import Options
+from torchsphere.geometry import motion_models
+from torchsphere.geometry.camera import (
     Camera,
     View,
     distorted,
@@ -21,6 +20,7 @@ from torchsphere.perspective import (
     undistorted,
     view_of,
 )
+from torchsphere.geometry.motion_models import Geometry
 
 Array = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ def test_points_of_the_ball_move_as_the_geometry_says(camera: Camera, distance: 
     view = view_of(camera, torch.from_numpy(middle[None]), q)
     radius = torch.tensor(camera.focal_px / distance, dtype=torch.float64)
     one = Geometry(radius, View(*(field[0] for field in view)))
-    found = motion.pinhole6(q, torch.from_numpy(before - middle), one).numpy()
+    found = motion_models.pinhole6(q, torch.from_numpy(before - middle), one).numpy()
     visible = ((moved_centre + body @ rotation.T) * (body @ rotation.T)).sum(1) < 0
     assert (np.isfinite(found[:, 0]) == visible).mean() > 0.9999
     both = visible & np.isfinite(found[:, 0])
@@ -125,7 +125,7 @@ def test_single_precision_keeps_the_digits_of_a_far_ball() -> None:
 
     def displaced(dtype: torch.dtype) -> torch.Tensor:
         view = View(*(torch.tensor(v, dtype=dtype) for v in ((100.0, 50.0), 50.0 * 200, (0.0, 0.0, 0.0))))
-        return motion.pinhole(q.to(dtype), points.to(dtype), Geometry(torch.tensor(50.0, dtype=dtype), view))
+        return motion_models.pinhole(q.to(dtype), points.to(dtype), Geometry(torch.tensor(50.0, dtype=dtype), view))
 
     # An eighth of the tolerance of the iteration.
     torch.testing.assert_close(displaced(torch.float32).double(), displaced(torch.float64), atol=2.5e-5, rtol=0)
@@ -136,9 +136,9 @@ def test_a_far_camera_sees_what_an_orthographic_one_sees() -> None:
     q = torch.tensor([1.0, -0.5, 0.02, -0.05, 0.03], dtype=torch.float64)
     view = View(*(torch.tensor(v, dtype=torch.float64) for v in ((0.0, 0.0), 50.0 * 1e6, (0.0, 0.0, 0.0))))
     radius = torch.tensor(50.0, dtype=torch.float64)
-    finite = motion.finite(q, points, Geometry(radius))
+    finite = motion_models.finite(q, points, Geometry(radius))
     # Perspective at 1e6 radii: a part in a million of displacements of 5 px, and limb points by its square root.
-    torch.testing.assert_close(motion.pinhole(q, points, Geometry(radius, view)), finite, atol=1e-4, rtol=0)
+    torch.testing.assert_close(motion_models.pinhole(q, points, Geometry(radius, view)), finite, atol=1e-4, rtol=0)
 
 
 def test_a_sideways_step_shows_the_rotation_that_a_person_sees() -> None:
@@ -146,7 +146,9 @@ def test_a_sideways_step_shows_the_rotation_that_a_person_sees() -> None:
     # the centre's own step by the share R / D of it, as under a rotation of -dx / D about y (+wy moves the front left).
     view = View(*(torch.tensor(v, dtype=torch.float64) for v in ((0.0, 0.0), 500.0, (0.0, 0.0, 0.0))))
     geometry = Geometry(torch.tensor(50.0, dtype=torch.float64), view)
-    moved = motion.pinhole(torch.tensor([1.0, 0, 0, 0, 0], dtype=torch.float64), torch.zeros(1, 2).double(), geometry)
+    moved = motion_models.pinhole(
+        torch.tensor([1.0, 0, 0, 0, 0], dtype=torch.float64), torch.zeros(1, 2).double(), geometry
+    )
     # At a distance of 10 radii the front is 9 radii away: it moves by 10/9 px.
     torch.testing.assert_close(moved[0], torch.tensor([10 / 9, 0.0], dtype=torch.float64), atol=1e-9, rtol=0)
 

@@ -19,7 +19,7 @@ from render.pattern import Pattern
 from render.pose import Poses
 from render.scene import Quality, Setup
 from render.sensor import Sensor
-from torchsphere.plane import in_plane
+from torchsphere.dynamics.depth_plane import in_plane
 
 Array = NDArray[np.float64]
 

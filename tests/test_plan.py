@@ -11,12 +11,12 @@ from planning import BLURRED, GREY, ROUNDING, SMALL, recorded, sides
 from scipy.integrate import solve_ivp
 
 import torchsphere as ts
-from torchsphere.plan import camera_modes
-from torchsphere.plan.advice import remarks
-from torchsphere.plan.example_image import Example, blurred, painted, rescaled, white_noise
-from torchsphere.plan.expected import Setup, differences, increment_covariance
-from torchsphere.plan.plan import Plan
-from torchsphere.plan.rehearsal import Target, hertz, rehearse
+from torchsphere.planning import camera_modes
+from torchsphere.planning.advice import remarks
+from torchsphere.planning.example_image import Example, blurred, painted, rescaled, white_noise
+from torchsphere.planning.expected import Setup, differences, increment_covariance
+from torchsphere.planning.plan import Plan
+from torchsphere.planning.rehearsal import Target, hertz, rehearse
 
 
 @pytest.mark.parametrize("setup", [SMALL, BLURRED], ids=["small and noisy", "blurred and turning"])

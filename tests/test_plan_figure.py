@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from torchsphere.plan.expected import Setup, differences
-from torchsphere.plan.free_flight import Flight
-from torchsphere.plan.plan import Plan
-from torchsphere.plan.rehearsal import Target, rehearse
-from torchsphere.plan.text import text
+from torchsphere.planning.expected import Setup, differences
+from torchsphere.planning.free_flight import Flight
+from torchsphere.planning.plan import Plan
+from torchsphere.planning.rehearsal import Target, rehearse
+from torchsphere.planning.text import text
 from torchsphere.report import plan_figure
 
 SETUP = Setup(speed_m_s=72, frame_rate=36_000, shutter_s=1e-6, px_per_mm=3.6, diameter_mm=30, mass_g=110, noise=2)

@@ -13,13 +13,13 @@ from planning import BALL, SMALL, planned, recorded
 from test_kinematics import made_track
 
 import torchsphere as ts
-from torchsphere import cli
-from torchsphere.plan import free_flight
-from torchsphere.plan import text as plan_text
-from torchsphere.plan.advice import remarks
-from torchsphere.plan.plan import from_flight
-from torchsphere.plan.rehearsal import Target
-from torchsphere.plan.table import as_table
+from torchsphere.cli.main import main
+from torchsphere.planning import free_flight
+from torchsphere.planning import text as plan_text
+from torchsphere.planning.advice import remarks
+from torchsphere.planning.plan import from_flight
+from torchsphere.planning.rehearsal import Target
+from torchsphere.planning.table import as_table
 
 KNOWN = {"frame_rate": 36_000.0, "diameter_mm": 30.0, "mass_g": 110.0}
 
@@ -43,7 +43,7 @@ def test_a_free_flight_gives_the_table_of_the_paper_from_film_and_from_result_al
     tifffile.imwrite(film, shot.images.to(torch.uint8).numpy(), photometric="minisblack")
     given = [*BALL, "--fps", "36000", "--circle", "{},{},{}".format(*shot.circle)]
     assert (
-        cli.main(
+        main(
             ["track", str(film), *given, "--map", "off", "--method", "differences", "--out", str(result), "--quiet"]
         )
         == 0
@@ -72,7 +72,7 @@ def test_a_scale_that_was_given_without_a_frame_rate_is_not_asked_for_again(
     film, result = tmp_path / "flight.tif", tmp_path / "result"
     tifffile.imwrite(film, shot.images.to(torch.uint8).numpy(), photometric="minisblack")
     given = [*scale, "--mass-g", "110", "--circle", "{},{},{}".format(*shot.circle), "--map", "off", "--no-report"]
-    assert cli.main(["track", str(film), *given, "--out", str(result), "--quiet"]) == 0
+    assert main(["track", str(film), *given, "--out", str(result), "--quiet"]) == 0
     with pytest.raises(ValueError, match=r"result: a plan needs .* give --fps$"):
         free_flight.from_result(result)
     found = free_flight.from_result(result, frame_rate=36_000.0)
@@ -85,7 +85,7 @@ def test_a_flight_tracked_without_rotation_is_not_told_to_have_no_texture(tmp_pa
     film, result = tmp_path / "flight.tif", tmp_path / "result"
     tifffile.imwrite(film, shot.images.to(torch.uint8).numpy(), photometric="minisblack")
     given = [*BALL, "--fps", "36000", "--model", "translation", "--no-report"]
-    assert cli.main(["track", str(film), *given, "--out", str(result), "--quiet"]) == 0
+    assert main(["track", str(film), *given, "--out", str(result), "--quiet"]) == 0
     with pytest.raises(ValueError, match=r"result: it was tracked with the model 'translation'.* --model rigid"):
         free_flight.from_result(result)
 

@@ -7,7 +7,7 @@ import torch
 from test_kinematics import made_track
 
 import torchsphere as ts
-from torchsphere.poses import poses
+from torchsphere.estimation.measurements import poses
 
 #: Frames with steps of the outline alone, and frames with steps of the texture.
 PLAIN, TEXTURED = 20, 8

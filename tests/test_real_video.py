@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import torchsphere as ts
-from torchsphere.masks import read_ignore
+from torchsphere.recording.ignore_mask import read_ignore
 
 #: A fifth of the recording: fast turns are measured both ways, which takes 0.2 s per frame.
 FRAMES = 60

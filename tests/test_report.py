@@ -13,16 +13,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shots import pair
 
-from torchsphere import crop, demo
-from torchsphere.cli import main
-from torchsphere.correlation import STATUSES
+from torchsphere.cli.main import main
+from torchsphere.correlation.options import Options
+from torchsphere.correlation.result import STATUSES
+from torchsphere.imaging import crop
 from torchsphere.measure import Measurement, Request, measure
-from torchsphere.options import Options
 from torchsphere.report import draw, image_figures, numbers, page, words
-from torchsphere.report.folder import ResultFolder, read
-from torchsphere.report.kept import LIMIT, chosen, load, save
 from torchsphere.report.panels import panels
 from torchsphere.report.residuals import Pairs, residual_maps
+from torchsphere.results.reader import ResultFolder, read
+from torchsphere.results.sampled_frames import LIMIT, chosen, load, save
+from torchsphere.synthetic import demo_shot
 
 FIGURES = ("motion", "rotation", "quality", "path", "residuals")
 
@@ -31,7 +32,7 @@ FIGURES = ("motion", "rotation", "quality", "path", "residuals")
 def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Measurement]:
     """Result folder and measurement of the demo's impact, frames 20 to 45."""
     folder = tmp_path_factory.mktemp("report")
-    tifffile.imwrite(folder / "shot.tif", demo.make_shot().images[20:46], photometric="minisblack")
+    tifffile.imwrite(folder / "shot.tif", demo_shot.make_shot().images[20:46], photometric="minisblack")
     request = Request(
         input=folder / "shot.tif",
         out=folder / "result",
@@ -333,7 +334,7 @@ def test_a_result_that_lacks_frames_or_a_section_is_told_from_a_whole_one(
 
 
 def test_a_report_can_be_left_out_and_drawn_later_without_images(tmp_path: Path) -> None:
-    tifffile.imwrite(tmp_path / "shot.tif", demo.make_shot().images[:4], photometric="minisblack")
+    tifffile.imwrite(tmp_path / "shot.tif", demo_shot.make_shot().images[:4], photometric="minisblack")
     arguments = ["track", str(tmp_path / "shot.tif"), "--out", str(tmp_path / "out"), "--circle", "64.3,92.6,40"]
     assert main([*arguments, "--no-report", "--quiet"]) == 0
     names = {"track.csv", "track.parquet", "summary.json"}
@@ -348,7 +349,7 @@ def test_a_report_can_be_left_out_and_drawn_later_without_images(tmp_path: Path)
 
 
 def test_a_recording_in_which_the_ball_is_lost_is_reported_in_words_and_never_as_nan(tmp_path: Path) -> None:
-    images = demo.make_shot().images[:8].copy()
+    images = demo_shot.make_shot().images[:8].copy()
     images[1:] = np.random.default_rng(0).integers(55, 66, images[1:].shape)
     tifffile.imwrite(tmp_path / "shot.tif", images, photometric="minisblack")
     arguments = ["track", str(tmp_path / "shot.tif"), "--out", str(tmp_path / "out"), "--circle", "64.3,92.6,40"]

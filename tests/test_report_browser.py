@@ -16,10 +16,10 @@ import tifffile
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from torchsphere import demo
-from torchsphere.cli import main
+from torchsphere.cli.main import main
 from torchsphere.report import index, page
-from torchsphere.report.folder import read
+from torchsphere.results.reader import read
+from torchsphere.synthetic import demo_shot
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (extra 'dev')")
 
@@ -63,12 +63,12 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.fixture(scope="module")
-def shot() -> demo.Shot:
-    return demo.make_shot()
+def shot() -> demo_shot.Shot:
+    return demo_shot.make_shot()
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory, shot: demo.Shot) -> Path:
+def results(tmp_path_factory: pytest.TempPathFactory, shot: demo_shot.Shot) -> Path:
     """Results of twelve frames after the demo's impact: in SI units, in the lab frame, in px, and of a lost ball."""
     folder = tmp_path_factory.mktemp("browser")
     images = shot.images[FIRST : LAST + 1].copy()
@@ -76,7 +76,7 @@ def results(tmp_path_factory: pytest.TempPathFactory, shot: demo.Shot) -> Path:
     images[5:] = np.random.default_rng(0).integers(55, 66, images[5:].shape)
     tifffile.imwrite(folder / "gone.tif", images, photometric="minisblack")
     x, y = shot.position[FIRST]
-    options = ["--circle", f"{x},{y},{demo.RADIUS_PX}", "--map", "off", "--quiet"]
+    options = ["--circle", f"{x},{y},{demo_shot.RADIUS_PX}", "--map", "off", "--quiet"]
     si = ["--fps", "36000", "--diameter-mm", "30", "--mass-g", "110"]
     for name, source, more in (
         ("si", "shot.tif", si),
@@ -170,7 +170,7 @@ def test_a_click_or_a_drag_in_a_plot_goes_to_that_moment(open_result: Any, plot:
 
 
 def test_circle_and_axes_are_drawn_where_the_ball_truly_is_and_how_it_truly_turned(
-    open_result: Any, shot: demo.Shot
+    open_result: Any, shot: demo_shot.Shot
 ) -> None:
     report = open_result("si")
     left, top = report.page.evaluate("torchsphere.data.images.box.slice(0, 2)")
@@ -180,7 +180,7 @@ def test_circle_and_axes_are_drawn_where_the_ball_truly_is_and_how_it_truly_turn
         x, y, radius = np.array(drawn["circle"]) / drawn["scale"]
         # Steps of 0.005 px add up over eleven frames.
         np.testing.assert_allclose((x + left, y + top), shot.position[FIRST + frame], atol=0.05)
-        assert radius == pytest.approx(demo.RADIUS_PX, abs=1e-6)
+        assert radius == pytest.approx(demo_shot.RADIUS_PX, abs=1e-6)
         turned = shot.orientation[FIRST + frame] @ shot.orientation[FIRST].T
         for k, name in enumerate("xyz"):
             tip = (np.array(drawn["axes"][name]) / drawn["scale"] - (x, y)) / (AXIS_LENGTH * radius)

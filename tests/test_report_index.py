@@ -11,15 +11,15 @@ from typing import Any
 import pytest
 import tifffile
 
-from torchsphere import demo
-from torchsphere.cli import main
+from torchsphere.cli.main import main
 from torchsphere.report import index
+from torchsphere.synthetic import demo_shot
 
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("index")
-    tifffile.imwrite(folder / "shot.tif", demo.make_shot().images[:5], photometric="minisblack")
+    tifffile.imwrite(folder / "shot.tif", demo_shot.make_shot().images[:5], photometric="minisblack")
     arguments = ["track", str(folder / "shot.tif"), "--out", str(folder / "out"), "--circle", "64.3,92.6,40", "--quiet"]
     assert main(arguments) == 0
     return folder / "out"

@@ -7,7 +7,7 @@ import pytest
 import tifffile
 
 import torchsphere as ts
-from torchsphere import demo
+from torchsphere.synthetic import demo_shot
 
 FRAMES = 12
 
@@ -15,7 +15,7 @@ FRAMES = 12
 @pytest.fixture(scope="module")
 def images() -> np.ndarray:
     """12-bit levels, so that no way in may lose bits."""
-    return demo.make_shot().images[:FRAMES].astype(np.uint16) * 16
+    return demo_shot.make_shot().images[:FRAMES].astype(np.uint16) * 16
 
 
 @pytest.fixture(scope="module")

@@ -7,11 +7,11 @@ import pytest
 import torch
 from test_smooth import M_PER_PX, MASS_KG, NOISES_M, RATE, pulse
 
-from torchsphere import contact, passes
-from torchsphere.kinematics import kinematics_of_many
-from torchsphere.moves import Moves
-from torchsphere.poses import LEAST_OWN, Poses, poses
-from torchsphere.separate import separation
+from torchsphere.dynamics.kinematics import kinematics_of_many
+from torchsphere.estimation import contact_search, passes
+from torchsphere.estimation.measurements import LEAST_OWN, Poses, poses
+from torchsphere.estimation.separate import separation
+from torchsphere.estimation.transitions import Moves
 
 SHOTS, FRAMES = 3, 400
 TIMES, ALL = torch.arange(float(FRAMES)).expand(SHOTS, FRAMES), torch.ones(SHOTS, FRAMES, 3, dtype=torch.bool)
@@ -116,7 +116,7 @@ def test_a_noisy_step_does_not_break_a_chain() -> None:
 
 def test_what_was_not_seen_says_nothing_to_the_smoother_whatever_the_noise() -> None:
     whole = of_a_pulse(8)
-    found = contact.find(whole.series())
+    found = contact_search.find(whole.series())
     found = dataclasses.replace(found, noise=found.noise * torch.tensor([1.0, 1.0, 3.0, 1.0, 1.0]).double())
     odd = torch.arange(80) % 2 == 1
     seen, covariance = whole.seen.clone(), whole.covariance.clone()

@@ -9,10 +9,10 @@ import pytest
 from refusals import refused
 
 import torchsphere as ts
-from torchsphere.cli import main
-from torchsphere.options import Options
+from torchsphere.cli.main import main
+from torchsphere.correlation.options import Options
 from torchsphere.request import Request
-from torchsphere.setting import option
+from torchsphere.settings.limits import option
 
 CIRCLE = "64.3,92.6,40"
 

@@ -9,8 +9,8 @@ import scipy
 from numpy.typing import NDArray
 
 import torchsphere as ts
+from torchsphere.diagnostics.camera_shake import shaken
 from torchsphere.recording import Recording
-from torchsphere.shaken import shaken
 
 FRAMES, SHAPE, RADIUS = 20, (160, 256), 20.0
 

@@ -6,9 +6,9 @@ import test_smooth
 from test_smooth import M_PER_PX, MASS_KG, NOISES_M, PEAK_N, RATE, Pulse, pulse
 
 import torchsphere as ts
-from torchsphere.estimates import Estimate, Impact
-from torchsphere.impact import impact
-from torchsphere.inertia import ball
+from torchsphere.dynamics.ball import ball
+from torchsphere.dynamics.impact import impact
+from torchsphere.dynamics.impact_estimate import Estimate, Impact
 
 
 def shot(seed: int, frames: float, monkeypatch: pytest.MonkeyPatch) -> tuple[Pulse, Impact]:

@@ -7,7 +7,7 @@ import pytest
 from test_smooth import NOISES_M, pulse
 
 import torchsphere as ts
-from torchsphere.skipped import skipped
+from torchsphere.diagnostics.missing_frames import skipped
 
 
 @pytest.fixture(scope="module")

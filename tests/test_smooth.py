@@ -9,11 +9,11 @@ import torch
 from shots import shot
 
 import torchsphere as ts
-from torchsphere import passes, smooth
-from torchsphere.impact import impact
-from torchsphere.inertia import ball
-from torchsphere.kinematics import Kinematics, kinematics_of_many
-from torchsphere.orientation import chain
+from torchsphere.dynamics.ball import ball
+from torchsphere.dynamics.impact import impact
+from torchsphere.dynamics.kinematics import Kinematics, kinematics_of_many
+from torchsphere.estimation import passes, rts
+from torchsphere.geometry.orientation import chain
 
 #: The pulse of PHYSICS.md, section 4: 29 kN, 14 frames, 50 kfps, 110 g. A pixel of 0.1 mm.
 RATE, MASS_KG, PEAK_N, FRAMES, LENGTH, M_PER_PX = 50e3, 0.11, 29e3, 80, 14.0, 1e-4
@@ -293,8 +293,8 @@ def test_a_root_of_a_covariance_is_one_and_does_not_turn_with_its_rounding() -> 
     alike = torch.eye(6, dtype=torch.float64) * 1e-4
     singular = some[:, :4] @ some[:, :4].mT
     both = torch.stack((some @ some.mT, alike, singular))
-    found = smooth.root(both)
+    found = rts.root(both)
     torch.testing.assert_close(found @ found.mT, both, rtol=1e-7, atol=1e-9)
     rounding = 1e-15 * torch.randn(6, 6, generator=generator, dtype=torch.float64)
-    again = smooth.root(both + both * (rounding + rounding.mT))
+    again = rts.root(both + both * (rounding + rounding.mT))
     torch.testing.assert_close(again[:2], found[:2], rtol=1e-10, atol=1e-13)

@@ -8,9 +8,8 @@ import tifffile
 import torch
 from torch import Tensor
 
-from torchsphere import source
-from torchsphere.recording import open_recording
-from torchsphere.source import Source
+from torchsphere.recording import frame_source, open_recording
+from torchsphere.recording.frame_source import Source
 
 
 def counted() -> tuple[Source, list[int]]:
@@ -42,7 +41,7 @@ def test_what_is_not_kept_is_read_as_before() -> None:
 
 
 def test_images_that_are_too_large_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(source, "KEPT_BYTES", 6 * 4 * 5 * 4 - 1)
+    monkeypatch.setattr(frame_source, "KEPT_BYTES", 6 * 4 * 5 * 4 - 1)
     plain, _ = counted()
     assert plain.keeping(3, 9) is plain
     assert plain.keeping(3, 8) is not plain

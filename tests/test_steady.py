@@ -8,7 +8,9 @@ import torch
 from shots import clean, noisy, pair, speckle
 
 import torchsphere as ts
-from torchsphere import shared, steady, track
+from torchsphere import track
+from torchsphere.dynamics import shared_errors
+from torchsphere.tracking import steady_error
 
 
 def steps(*step: float) -> np.ndarray:
@@ -16,7 +18,7 @@ def steps(*step: float) -> np.ndarray:
 
 
 def test_a_whole_number_of_pixels_aliases_nothing_and_a_quarter_most() -> None:
-    whole, quarter = (steady.sd_steady(steps(d, 3.0, 0.0, 0.0, 0.0), 50.0, on_map=False) for d in (2.0, 2.25))
+    whole, quarter = (steady_error.sd_steady(steps(d, 3.0, 0.0, 0.0, 0.0), 50.0, on_map=False) for d in (2.0, 2.25))
     np.testing.assert_allclose(whole[:2], 0.00035, rtol=1e-6)
     assert quarter[0] == pytest.approx(np.hypot(0.0005, 0.00035), rel=1e-6)
     # x and the rotation about y go together; y and the rotation about x do not know of it.
@@ -26,7 +28,7 @@ def test_a_whole_number_of_pixels_aliases_nothing_and_a_quarter_most() -> None:
 
 def test_a_turn_counts_with_the_square_of_the_fineness_up_to_a_degree() -> None:
     def of_turn(degrees: float, fine: float) -> float:
-        sd = steady.sd_steady(steps(0, 0, 0, np.radians(degrees), 0), 50.0, fine, on_map=False)
+        sd = steady_error.sd_steady(steps(0, 0, 0, np.radians(degrees), 0), 50.0, fine, on_map=False)
         return float(np.sqrt(sd[0] ** 2 - 0.00035**2))
 
     assert of_turn(0.5, 0.4) == pytest.approx(0.5 * 0.0115 * 0.16, rel=1e-6)
@@ -41,7 +43,7 @@ def of_fast_turn(degrees: tuple[float, float, float], radius: float, *, on_map: 
     """What is stated of a turn beyond what is stated of one by 1 deg about the same axis, as a root of squares (5,)."""
     turn = np.radians(degrees)
     fast, slow = (
-        steady.sd_steady(steps(0, 0, *vector), radius, on_map=on_map)
+        steady_error.sd_steady(steps(0, 0, *vector), radius, on_map=on_map)
         for vector in (turn, turn / np.degrees(np.hypot(turn[0], turn[1])))
     )
     return np.sqrt(fast**2 - slow**2)
@@ -62,7 +64,7 @@ def test_a_fast_turn_out_of_the_plane_is_off_along_its_front_and_less_so_across_
 
 def test_a_turn_within_the_plane_and_a_map_know_nothing_of_fast_turns() -> None:
     np.testing.assert_array_equal(of_fast_turn((0.0, 5.0, 0.0), 50.0, on_map=True), 0.0)
-    slow, fast = (steady.sd_steady(steps(0, 0, 0, 0, np.radians(d)), 50.0, on_map=False) for d in (1.0, 10.0))
+    slow, fast = (steady_error.sd_steady(steps(0, 0, 0, 0, np.radians(d)), 50.0, on_map=False) for d in (1.0, 10.0))
     np.testing.assert_array_equal(fast[:4], slow[:4])
 
 
@@ -78,24 +80,24 @@ def test_steps_of_a_fast_turn_are_off_alike_by_no_more_than_stated(degrees: floa
 def test_steps_that_were_not_measured_do_not_count() -> None:
     some = steps(0.25, 0.1, 0.001, 0.002, 0.0)
     gaps = np.concatenate((some, np.full((7, 5), np.nan)))
-    expected = steady.sd_steady(some, 40.0, on_map=False)
-    np.testing.assert_allclose(steady.sd_steady(gaps, 40.0, on_map=False), expected, rtol=1e-12)
-    assert np.isfinite(steady.sd_steady(gaps[-7:], 40.0, on_map=False)).all()
+    expected = steady_error.sd_steady(some, 40.0, on_map=False)
+    np.testing.assert_allclose(steady_error.sd_steady(gaps, 40.0, on_map=False), expected, rtol=1e-12)
+    assert np.isfinite(steady_error.sd_steady(gaps[-7:], 40.0, on_map=False)).all()
 
 
 def test_the_fineness_is_that_of_the_texture_whatever_the_light_and_the_noise() -> None:
     f, _, (x, y, radius) = pair((0, 0, 0, 0, 0))
     circle = ts.Circle(x, y, radius)
-    fine = steady.fineness(f, circle)
-    assert steady.fineness(0.5 * f + 20, circle) == pytest.approx(fine, rel=1e-9)
-    assert steady.fineness(noisy(f, 4.0, 1), circle) == pytest.approx(fine, rel=0.03)
+    fine = steady_error.fineness(f, circle)
+    assert steady_error.fineness(0.5 * f + 20, circle) == pytest.approx(fine, rel=1e-9)
+    assert steady_error.fineness(noisy(f, 4.0, 1), circle) == pytest.approx(fine, rel=0.03)
     # The same speckle half as large is four times as fine, but for what the pre-blur takes away of it.
     f, _, (x, y, radius) = pair((0, 0, 0, 0, 0), radius=25.0, pattern=speckle(0, 50.0), centre=(40.1, 39.7))
-    assert steady.fineness(f, ts.Circle(x, y, radius)) > 1.5 * fine
+    assert steady_error.fineness(f, ts.Circle(x, y, radius)) > 1.5 * fine
 
 
 def test_a_plain_ball_has_a_fineness_within_bounds() -> None:
-    assert 0 <= steady.fineness(torch.full((100, 100), 90.0), ts.Circle(50.0, 50.0, 30.0)) <= steady.FINEST
+    assert 0 <= steady_error.fineness(torch.full((100, 100), 90.0), ts.Circle(50.0, 50.0, 30.0)) <= steady_error.FINEST
 
 
 def turn_of_the_places(step: tuple[float, float], degrees: float, radius: float) -> float:
@@ -112,7 +114,7 @@ def turn_of_the_places(step: tuple[float, float], degrees: float, radius: float)
     [((0.0, 0.0), 0.3, 40.0), ((2.37, 0.3), 0.3, 40.0), ((0.5, 1.5), -0.6, 25.0), ((0.1, 0.2), 2.84, 50.0)],
 )
 def test_about_z_a_ball_errs_by_what_its_places_do(step: tuple[float, float], degrees: float, radius: float) -> None:
-    stated = steady.sd_steady(steps(*step, 0, 0, np.radians(degrees)), radius, on_map=False)[4]
+    stated = steady_error.sd_steady(steps(*step, 0, 0, np.radians(degrees)), radius, on_map=False)[4]
     left = np.radians(0.37) / radius**2
     expected = abs(0.00017 * turn_of_the_places(step, degrees, radius))
     # Of the sums over a disc: 401 and 32 places across, where the turn moves the limb by up to 2.5 px.
@@ -121,7 +123,7 @@ def test_about_z_a_ball_errs_by_what_its_places_do(step: tuple[float, float], de
 
 def test_a_ball_that_does_not_turn_about_z_errs_about_it_by_its_spots_alone() -> None:
     for radius in (25.0, 50.0):
-        stated = steady.sd_steady(steps(0.2, 0.3, 0.001, 0.004, 0.0), radius, on_map=False)[4]
+        stated = steady_error.sd_steady(steps(0.2, 0.3, 0.001, 0.004, 0.0), radius, on_map=False)[4]
         assert np.degrees(stated) == pytest.approx(0.37 / radius**2, rel=1e-9)
 
 
@@ -136,8 +138,8 @@ def mean_error(step: tuple[float, float], wz_deg: float, radius: float) -> tuple
             centre = (63.1 + place, 64.3 + place)
             f, g, circle = pair((*step, 0.0, 0.0, wz_deg), radius=radius, pattern=pattern, centre=centre)
             errors.append(ts.correlate(f, g, circle, start=true).q[0].numpy() - true)
-    fine = steady.fineness(f, ts.Circle(*circle))
-    return np.mean(errors, 0), steady.sd_steady(true[None], radius, fine, on_map=False)
+    fine = steady_error.fineness(f, ts.Circle(*circle))
+    return np.mean(errors, 0), steady_error.sd_steady(true[None], radius, fine, on_map=False)
 
 
 @pytest.mark.parametrize("step", [(0.25, 0.4), (0.7, 0.15)])
@@ -148,11 +150,11 @@ def test_steps_at_the_same_place_between_pixels_err_alike_and_no_more_than_state
 
 def test_light_that_a_target_takes_counts_by_its_share_of_the_steps_and_not_on_a_map() -> None:
     still = steps(0.0, 0.0, 0.0, 0.0, 0.0)
-    dark, half, lit = (steady.sd_steady(still, 40.0, on_map=False, lit=share) for share in (0.0, 0.5, 1.0))
+    dark, half, lit = (steady_error.sd_steady(still, 40.0, on_map=False, lit=share) for share in (0.0, 0.5, 1.0))
     np.testing.assert_allclose(lit[:2] ** 2 - dark[:2] ** 2, 0.0021**2, rtol=1e-9)
     np.testing.assert_allclose(lit**2 - dark**2, 2 * (half**2 - dark**2), rtol=1e-9)
     assert np.sqrt(lit[4] ** 2 - dark[4] ** 2) == pytest.approx(0.0003 / 40.0, rel=1e-9)
-    on_map = [steady.sd_steady(still, 40.0, on_map=True, lit=share) for share in (0.0, 1.0)]
+    on_map = [steady_error.sd_steady(still, 40.0, on_map=True, lit=share) for share in (0.0, 1.0)]
     np.testing.assert_array_equal(*on_map)
 
 
@@ -207,6 +209,6 @@ def test_a_circle_off_the_centre_turns_a_tilting_ball_about_z(off: tuple[float, 
             for share in (0, 1)
         )
         added.append(float(wrong - right))
-    expected = shared.ABOUT_Z_PER_CENTRE * float(np.radians(tilt) @ off) / radius
+    expected = shared_errors.ABOUT_Z_PER_CENTRE * float(np.radians(tilt) @ off) / radius
     # Four patterns scatter by a tenth of it.
     assert np.mean(added) == pytest.approx(expected, rel=0.1)

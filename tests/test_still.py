@@ -4,8 +4,8 @@ import numpy as np
 import torch
 from shots import noisy, shot, textured
 
-from torchsphere import still
-from torchsphere.source import Source
+from torchsphere.imaging import background as still
+from torchsphere.recording.frame_source import Source
 
 
 def test_a_textured_background_is_recovered_behind_the_balls_path() -> None:

@@ -6,13 +6,13 @@ import torch
 from shots import Shot, shot
 from torch import Tensor
 
-from torchsphere import successive
-from torchsphere.correlation import Correlation
-from torchsphere.joint import ALONE
-from torchsphere.options import Options
-from torchsphere.reference import SLACK_PX, Filtered
+from torchsphere.correlation.batching import ALONE
+from torchsphere.correlation.options import Options
+from torchsphere.correlation.reference import SLACK_PX, Filtered
+from torchsphere.correlation.result import Correlation
+from torchsphere.tracking import successive_pairs
 
-SETUP = successive.Setup(Options(), None, False, ALONE, shared=lambda part, rows: [part(0, rows)])
+SETUP = successive_pairs.Setup(Options(), None, False, ALONE, shared=lambda part, rows: [part(0, rows)])
 
 
 @pytest.fixture(scope="module")
@@ -28,15 +28,15 @@ def truly(made: Shot) -> Tensor:
 
 def correlated(images: Tensor, balls: Tensor, start: Tensor, truly: Tensor) -> tuple[Correlation, Tensor]:
     """With the ball expected at ``balls``, and ``truly`` in the first image."""
-    return successive.correlate_successive(successive.look(images, balls, start, SETUP), truly[0], SETUP)
+    return successive_pairs.correlate_successive(successive_pairs.look(images, balls, start, SETUP), truly[0], SETUP)
 
 
 def filtered(images: Tensor, balls: Tensor) -> Filtered:
-    return successive._filtered(successive._cut(images, balls, SETUP), SETUP, interlaced=False)
+    return successive_pairs._filtered(successive_pairs._cut(images, balls, SETUP), SETUP, interlaced=False)
 
 
 def filtered_where_off(before: Filtered, images: Tensor, balls: Tensor, expected: Tensor) -> Filtered:
-    return successive._filtered_where_off(before, images, balls, expected, SETUP, interlaced=False)
+    return successive_pairs._filtered_where_off(before, images, balls, expected, SETUP, interlaced=False)
 
 
 #: Like a ball that slows down, (12, 3): 4 px in the last image, more than the crops leave room for from the 10th on.

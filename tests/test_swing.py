@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 import torch
 
-from torchsphere.process import SPRINGS, STATES, integrator, start, swing, swing_noise, transitions, white_noise
+from torchsphere.estimation.process_model import (
+    SPRINGS,
+    STATES,
+    integrator,
+    start,
+    swing,
+    swing_noise,
+    transitions,
+    white_noise,
+)
 
 
 def exponential(duration: float, frequency: float) -> np.ndarray:

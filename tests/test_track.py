@@ -8,11 +8,11 @@ import torch
 from shots import ExampleTrack, angles_between, increment_errors, noisy, shot
 
 from torchsphere import track
-from torchsphere.correlation import STATUSES, Correlation
-from torchsphere.joint import Solver
-from torchsphere.options import Options
-from torchsphere.pairs import Pairs
-from torchsphere.solve import solve
+from torchsphere.correlation.batching import Solver
+from torchsphere.correlation.options import Options
+from torchsphere.correlation.pairs import Pairs
+from torchsphere.correlation.result import STATUSES, Correlation
+from torchsphere.correlation.solve import solve
 
 
 def test_the_example_shot_is_measured_as_the_paper_would_need_it(example: ExampleTrack) -> None:

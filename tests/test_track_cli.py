@@ -10,10 +10,11 @@ import pytest
 import tifffile
 import torch
 
-from torchsphere import demo, forward
-from torchsphere.cli import main
-from torchsphere.report.folder import read
-from torchsphere.results import TRACK_COLUMNS
+from torchsphere.cli.main import main
+from torchsphere.results.reader import read
+from torchsphere.results.writer import TRACK_COLUMNS
+from torchsphere.synthetic import demo_shot as demo
+from torchsphere.synthetic import ray_caster
 
 CIRCLE = "64.3,92.6,40"
 
@@ -230,9 +231,9 @@ def test_a_diameter_or_a_mass_in_another_unit_is_told_once_and_taken_as_it_is(
 
 
 def test_a_rotation_without_texture_stays_empty_in_the_table(tmp_path: Path) -> None:
-    plain = forward.Pattern(torch.full((8, 8, 8), 200.0))
+    plain = ray_caster.Pattern(torch.full((8, 8, 8), 200.0))
     centres = torch.tensor([[40.0, 50.0], [43.0, 50.5], [46.0, 51.0], [49.0, 51.5]])
-    images = forward.render(plain, centres, 25.0, torch.eye(3).expand(4, 3, 3), 20.0, shape=(100, 120))
+    images = ray_caster.render(plain, centres, 25.0, torch.eye(3).expand(4, 3, 3), 20.0, shape=(100, 120))
     noise = torch.randn(images.shape, generator=torch.Generator().manual_seed(0))
     np.save(tmp_path / "plain.npy", (images + noise).numpy())
     assert main(["track", str(tmp_path / "plain.npy"), "--out", str(tmp_path / "out"), "--quiet"]) == 0

@@ -10,7 +10,7 @@ import pytest
 import tifffile
 from refusals import refused
 
-from torchsphere.cli import main
+from torchsphere.cli.main import main
 
 CIRCLE = "64.3,92.6,40"
 
@@ -185,7 +185,7 @@ def test_a_folder_that_may_not_be_made_is_named_before_anything_is_tracked(
     tmp_path: Path, short: Path, capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # The tests may run as a user who may write anywhere.
-    monkeypatch.setattr("torchsphere.results.os.access", lambda *_: False)
+    monkeypatch.setattr("torchsphere.results.writer.os.access", lambda *_: False)
     monkeypatch.setattr("torchsphere.measure.track", None)
     assert main(["track", str(short), "--out", str(tmp_path / "new" / "result"), "--circle", CIRCLE, "--quiet"]) == 1
     assert f"result: {tmp_path} may not be written to" in capsys.readouterr().err
@@ -196,7 +196,7 @@ def test_a_result_that_fails_half_way_leaves_nothing(tmp_path: Path, short: Path
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device", "track.csv")
 
-    monkeypatch.setattr("torchsphere.results.write_summary", full)
+    monkeypatch.setattr("torchsphere.results.writer.write_summary", full)
     arguments = ["track", str(short), "--out", str(tmp_path / "out"), "--circle", CIRCLE, "--quiet"]
     assert "no space left" in refused(arguments, capsys)
     assert list(tmp_path.iterdir()) == []

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from torchsphere import contact
-from torchsphere.likelihood import Series
+from torchsphere.estimation import contact_search
+from torchsphere.estimation.likelihood import Series
 
 FRAMES, START, LENGTH = 80, 20.3, 40.0
 
@@ -51,7 +51,7 @@ def no_force(share: np.ndarray) -> np.ndarray:
 
 
 def share_smooth(*shapes: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    found = contact.find(series(*shapes))
+    found = contact_search.find(series(*shapes))
     assert bool(found.found[0])
     return np.asarray(found.smooth[0].double().mean(0))
 
@@ -68,7 +68,7 @@ def test_a_rough_force_is_not_taken_for_smooth_because_that_beside_it_is() -> No
 def test_a_flight_that_is_weighed_beside_a_contact_is_what_it_is_alone() -> None:
     touched, free = series(half_sine, half_sine), series(no_force, no_force)
     values = ((getattr(touched, f.name), getattr(free, f.name)) for f in dataclasses.fields(Series))
-    beside, alone = contact.find(Series(*map(torch.cat, values))), contact.find(free)
+    beside, alone = contact_search.find(Series(*map(torch.cat, values))), contact_search.find(free)
     assert beside.found.tolist() == [True, False]
     assert not alone.windows.any()
     assert not beside.windows[1].any()
@@ -84,7 +84,7 @@ def brief(share: np.ndarray) -> np.ndarray:
 
 def test_a_change_that_a_steady_acceleration_may_hide_is_not_ruled_out_and_none_is_not_made_up() -> None:
     # Rates change by 0.43 noise standard deviations per frame: a spin about an axis that an impact hardly turns.
-    found = contact.find(series(brief, *[lambda share: 0.0034 * brief(share)] * 8, *[no_force] * 8))
+    found = contact_search.find(series(brief, *[lambda share: 0.0034 * brief(share)] * 8, *[no_force] * 8))
     assert bool(found.found[0])
     # Such a change is one of an intensity of 1e-8. One in eight that are none looks like a third of it by chance.
     weighed = (found.contact[0] > 1e-11).double().mean(0)
@@ -103,6 +103,6 @@ def fading(share: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("shape", [fading, lambda share: fading(1 - share)])
 def test_a_contact_that_fades_or_swells_may_have_lasted_as_long_as_it_did(shape: Callable) -> None:
-    windows = contact.find(series(shape, shape)).windows[0]
+    windows = contact_search.find(series(shape, shape)).windows[0]
     assert float(windows[:, 0].min()) < START + 0.5
     assert float(windows[:, 1].max()) > START + LENGTH - 0.5

@@ -2,7 +2,7 @@
 
 import sys
 
-from torchsphere.cli import main
+from torchsphere.cli.main import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -14,29 +14,30 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from torchsphere import parallel, results
-from torchsphere.cautions import cautions, flattened, too_short
-from torchsphere.choices import MAPS
-from torchsphere.circle import Circle
-from torchsphere.doubts import doubts
-from torchsphere.estimates import Impact
-from torchsphere.follow import Progress
-from torchsphere.hashing import hash_files
-from torchsphere.impact import impact
-from torchsphere.inertia import ball
-from torchsphere.joint import ALONE, Solver, together
-from torchsphere.kinematics import Kinematics, kinematics
-from torchsphere.masks import hides_ball, read_ignore, without_effect
-from torchsphere.part import frames, part
+from torchsphere.correlation.batching import ALONE, Solver, together
+from torchsphere.detection.detect import Circle
+from torchsphere.diagnostics.impact_warnings import doubts
+from torchsphere.diagnostics.track_warnings import cautions, flattened, too_short
+from torchsphere.diagnostics.unused_settings import unused
+from torchsphere.dynamics.ball import ball
+from torchsphere.dynamics.impact import impact
+from torchsphere.dynamics.impact_estimate import Impact
+from torchsphere.dynamics.kinematics import Kinematics, kinematics
 from torchsphere.recording import Recording, open_recording
-from torchsphere.report import draw, kept, overlay, paraview, sampled
+from torchsphere.recording.frame_range import frames, part
+from torchsphere.recording.ignore_mask import hides_ball, read_ignore, without_effect
+from torchsphere.report import draw, overlay, paraview, sampled
 from torchsphere.report.assistant import Assistant
-from torchsphere.report.folder import read
 from torchsphere.report.words import NO_IMPACT
 from torchsphere.request import Request, require_shell_within
-from torchsphere.summary import Measurement, summary, versions
-from torchsphere.track import Track, track
-from torchsphere.unused import unused
+from torchsphere.results import sampled_frames, writer
+from torchsphere.results.reader import read
+from torchsphere.results.summary import Measurement, summary, versions
+from torchsphere.runtime import threads
+from torchsphere.runtime.file_hash import hash_files
+from torchsphere.settings.choices import MAPS
+from torchsphere.tracking.follow import Progress
+from torchsphere.tracking.track import Track, track
 
 __all__ = ["Measurement", "Request", "circle_text", "measure", "measure_jointly", "versions"]
 
@@ -59,7 +60,7 @@ def measure(
     ValueError, OSError
         With one sentence on what is wrong; then nothing has been written.
     """
-    results.check_folder(request.out, request.overwrite)
+    writer.check_folder(request.out, request.overwrite)
     if request.overlay:
         overlay.check_library()
     if request.device.startswith("cuda") and not torch.cuda.is_available():
@@ -87,7 +88,7 @@ def measure(
             **options,
         )
         frame_rate = request.fps or recording.frame_rate
-        with parallel.one_each():
+        with threads.one_each():
             motion = _kinematics(request, tracked, frame_rate, start)
             found, missing = _impact(request, tracked, motion)
             warnings = (
@@ -115,7 +116,7 @@ AIDED_FRAMES = 3000
 def _assistant(request: Request, recording: Recording) -> Iterator[Assistant | None]:
     """What hashes the recording and draws the figures, where they are wanted and a core is likely to lie idle."""
     start, stop = frames(request.frames, len(recording))
-    if not request.report or stop - start > AIDED_FRAMES or not parallel.has_idle_cores():
+    if not request.report or stop - start > AIDED_FRAMES or not threads.has_idle_cores():
         yield None
         return
     with Assistant(recording.files) as assistant:
@@ -191,20 +192,20 @@ def _write(
     assistant: Assistant | None,
 ) -> None:
     # The assistant ends before its folder is removed, should anything be wrong.
-    with results.whole_folder(request.out, request.overwrite) as folder, assistant or contextlib.nullcontext():
-        results.write_track(folder, done.track, frame_rate, done.first_frame)
+    with writer.whole_folder(request.out, request.overwrite) as folder, assistant or contextlib.nullcontext():
+        writer.write_track(folder, done.track, frame_rate, done.first_frame)
         if done.motion is not None:
-            results.write_kinematics(folder, done.motion, done.first_frame)
+            writer.write_kinematics(folder, done.motion, done.first_frame)
         for name, source in done.extra_files.items():
             shutil.copyfile(source, folder / name)
-        results.write_summary(folder, summary(request, done, frame_rate))
+        writer.write_summary(folder, summary(request, done, frame_rate))
         if request.report:
             if assistant is not None:
                 figures = folder / "figures"
                 figures.mkdir()
                 assistant.begin(folder, draw.OF_NUMBERS, figures)
             mask = None if ignore is None else torch.from_numpy(ignore)
-            kept.save(folder / "frames.npz", sampled.sample(chosen, done.track, mask))
+            sampled_frames.save(folder / "frames.npz", sampled.sample(chosen, done.track, mask))
             # From what was written, so that the folder alone is always enough to draw it again.
             draw.draw(folder, assistant)
         _export(request, folder)

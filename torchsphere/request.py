@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from torchsphere.choices import MAPS, METHODS, MODELS, ORDER, WINDOW
-from torchsphere.setting import (
+from torchsphere.settings.choices import MAPS, METHODS, MODELS, ORDER, WINDOW
+from torchsphere.settings.limits import (
     FRAME_RATES,
     ROI,
     SettingError,
@@ -19,7 +19,7 @@ from torchsphere.setting import (
 )
 
 if TYPE_CHECKING:
-    from torchsphere.perspective import Camera
+    from torchsphere.geometry.camera import Camera
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +126,7 @@ class Request:
         if not self.model.startswith("pinhole"):
             return None
         # With torch, which takes 1.2 s, and which --help and a wrong option have no need of.
-        from torchsphere.perspective import Camera
+        from torchsphere.geometry.camera import Camera
 
         radii = None
         if self.distance_mm is not None and self.diameter_mm is not None:

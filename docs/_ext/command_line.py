@@ -15,7 +15,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from render import cli as render_cli
-from torchsphere import cli
+from torchsphere.cli import main
 
 #: What a parser without groups of its own calls them.
 PLAIN_GROUPS = ("positional arguments", "options")
@@ -29,7 +29,7 @@ def parsers(parser: argparse.ArgumentParser) -> list[argparse.ArgumentParser]:
 
 def programs() -> dict[str, list[argparse.ArgumentParser]]:
     """The parsers of all commands, by the name that the directive takes."""
-    return {"torchsphere": parsers(cli._parser()), "render": parsers(render_cli._parser())}
+    return {"torchsphere": parsers(main._parser()), "render": parsers(render_cli._parser())}
 
 
 class Commands(SphinxDirective):

@@ -12,8 +12,8 @@ from typing import Any
 
 from torchsphere.archive.scan import files_of
 from torchsphere.archive.settings import DEFAULTS
-from torchsphere.hashing import hash_files
 from torchsphere.recording import open_recording
+from torchsphere.runtime.file_hash import hash_files
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from torchsphere import choices
 from torchsphere.request import Request
+from torchsphere.settings import choices
 
 CHOICES: dict[str, tuple[str, ...]] = {
     "model": choices.MODELS,

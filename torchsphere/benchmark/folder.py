@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from torchsphere.benchmark.checksum import of_benchmark, of_suite
 from torchsphere.benchmark.recorded import IMAGES, TRUTH, read_images, read_truth
-from torchsphere.perspective import Camera
+from torchsphere.geometry.camera import Camera
 
 Array = NDArray[np.float64]
 

@@ -227,7 +227,7 @@ def _described(recipe: Recipe, folder: Path) -> tuple[dict[str, Any], dict[str, 
 
 
 def _camera(camera: dict[str, Any]) -> dict[str, Any] | None:
-    """The pinhole camera as `torchsphere.perspective.Camera` has it; None where the view is orthographic."""
+    """The pinhole camera as `torchsphere.geometry.camera.Camera` has it; None where the view is orthographic."""
     if camera["model"] == "orthographic":
         return None
     principal = camera.get("principal_px") or [(camera["width"] - 1) / 2, (camera["height"] - 1) / 2]

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.results import whole_file
+from torchsphere.results.writer import whole_file
 
 Array = NDArray[np.float64]
 

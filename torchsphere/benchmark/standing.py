@@ -16,8 +16,8 @@ from torchsphere.benchmark.folder import Benchmark, Suite, read_footage
 from torchsphere.benchmark.prediction_checks import Given
 from torchsphere.benchmark.predictions import Prediction
 from torchsphere.benchmark.score import KINDS, Score, score
-from torchsphere.orientation import matrices
-from torchsphere.results import INCREMENTS, whole_file
+from torchsphere.geometry.orientation import matrices
+from torchsphere.results.writer import INCREMENTS, whole_file
 
 #: Kinds of suites whose ball has no pattern: nobody can see it turn.
 WITHOUT_PATTERN = ("no-speckle",)

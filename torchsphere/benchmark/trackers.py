@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.baselines import TRACKERS, Baseline
+from torchsphere.benchmark.baselines import TRACKERS, Baseline
 from torchsphere.benchmark.prediction_table import IGNORED, KNOWN, PLACE, QUATERNION, STEP, TURN
-from torchsphere.ending import Ending
-from torchsphere.orientation import quaternions
-from torchsphere.perspective import Camera
-from torchsphere.track import Track, track
+from torchsphere.geometry.camera import Camera
+from torchsphere.geometry.orientation import quaternions
+from torchsphere.runtime.signals import Ending
+from torchsphere.tracking.track import Track, track
 
 #: Columns of predictions by name, each of one value per frame.
 Columns = Mapping[str, Sequence[Any]]
@@ -104,7 +104,7 @@ RIVALS = {
     "lucas_kanade": "OpenCV pyramidal Lucas-Kanade points, then a fit of the five rigid modes",
     "phase_correlation": "scikit-image phase_cross_correlation",
     "hough": "OpenCV HoughCircles on the silhouette against the background, enlarged",
-    "edge_fit": "torchsphere.outline, the circle through the ball's edge in each frame",
+    "edge_fit": "torchsphere.detection.outline_fit, the circle through the ball's edge in each frame",
     "kornia_registrator": "Kornia ImageRegistrator, similarity",
 }
 
@@ -125,8 +125,8 @@ def resolve(name: str) -> Entry:
     if name in OWN:
         return Entry(name, *OWN[name])
     if name in TRACKERS:
-        text = RIVALS.get(name, f"torchsphere.baselines.{name}")
-        return Entry(name, f"{text}; defaults of torchsphere.baselines.{name}", _baseline(name))
+        text = RIVALS.get(name, f"torchsphere.benchmark.baselines.{name}")
+        return Entry(name, f"{text}; defaults of torchsphere.benchmark.baselines.{name}", _baseline(name))
     if ":" in name:
         function = _imported(name)
         return Entry(name, f"the function {name}", _users(name, function), wants_array=True)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 #: The last images, which are held so that a batch that is measured a second time is not decoded from the start: with
 #: none, 2000 images took 30 s to follow where their TIFF takes 5. So many are more than a first look at a recording
-#: takes (`torchsphere.calibrate.FRAMES`), which goes over them in several ways.
+#: takes (`torchsphere.tracking.circle_calibration.FRAMES`), which goes over them in several ways.
 HELD = 80
 
 #: Images are kept up to this many bytes in all: 2000 of 512 x 256 px in 8 bit. The search for the ball, the track, the

@@ -22,10 +22,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from torchsphere.hashing import hash_files
 from torchsphere.report import draw
 from torchsphere.report.figures import new_figure
-from torchsphere.report.folder import ResultFolder, read
+from torchsphere.results.reader import ResultFolder, read
+from torchsphere.runtime.file_hash import hash_files
 
 #: What the process runs: it finds what its parent finds, and no program of the user's is run again.
 _CODE = "import sys; sys.path[:] = sys.argv[1:]; from torchsphere.report.assistant import serve; serve()"

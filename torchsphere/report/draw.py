@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torchsphere.report import image_figures, motion_figures, page, path_figure
-from torchsphere.report.folder import ResultFolder, read
+from torchsphere.results.reader import ResultFolder, read
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

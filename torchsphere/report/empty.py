@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from torchsphere.report.folder import ResultFolder
+from torchsphere.results.reader import ResultFolder
 
 #: Per status, what keeps frames from being measured and what to do.
 REASONS = {

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.report.figures import COLOURS, DPI, new_figure
-from torchsphere.report.folder import ResultFolder
-from torchsphere.report.kept import Sampled
+from torchsphere.results.reader import ResultFolder
+from torchsphere.results.sampled_frames import Sampled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,9 +8,9 @@ import numpy as np
 
 from torchsphere.report.empty import not_in_si, why_empty
 from torchsphere.report.figures import COLOURS, DPI, new_figure
-from torchsphere.report.folder import ResultFolder
 from torchsphere.report.panels import abscissa, panels
 from torchsphere.report.stack import BOTTOM, GAP, PANEL, TOP, WIDTH, added, emptied, named, stacked, time_axis, titled
+from torchsphere.results.reader import ResultFolder
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

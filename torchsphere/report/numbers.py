@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.report.folder import ResultFolder
 from torchsphere.report.words import NO_IMPACT
+from torchsphere.results.reader import ResultFolder
 
 NOT_MEASURED = "not measured"
 

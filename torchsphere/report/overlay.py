@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.orientation import matrices
+from torchsphere.geometry.orientation import matrices
 from torchsphere.recording.refusal import LibraryMissingError
-from torchsphere.report.folder import ALL_KNOWN, TRANSLATION_KNOWN, ResultFolder
-from torchsphere.report.kept import Sampled
+from torchsphere.results.reader import ALL_KNOWN, TRANSLATION_KNOWN, ResultFolder
+from torchsphere.results.sampled_frames import Sampled
 
 if TYPE_CHECKING:
     from PIL.Image import Image as Picture

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from torchsphere.report import numbers, words
 from torchsphere.report.empty import why_empty
-from torchsphere.report.folder import ResultFolder
 from torchsphere.report.image_figures import residual_limit
-from torchsphere.report.kept import LIMIT, NOTHING, Sampled, chosen
 from torchsphere.report.motion_figures import STATUS_COLOURS
 from torchsphere.report.panels import abscissa, panels
+from torchsphere.results.reader import ResultFolder
+from torchsphere.results.sampled_frames import LIMIT, NOTHING, Sampled, chosen
 
 HERE = Path(__file__).parent
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.camera import LAB_AXES
-from torchsphere.report.folder import ResultFolder
+from torchsphere.dynamics.scale import LAB_AXES
+from torchsphere.results.reader import ResultFolder
 
 Array = NDArray[np.float64]
 

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.camera import LAB_AXES
-from torchsphere.orientation import matrices
-from torchsphere.report.folder import ResultFolder
+from torchsphere.dynamics.scale import LAB_AXES
+from torchsphere.geometry.orientation import matrices
+from torchsphere.results.reader import ResultFolder
 
 #: Parallels and meridians of the ball's mesh, the seam twice so that its texture does not run backwards there.
 PARALLELS, MERIDIANS = 19, 37

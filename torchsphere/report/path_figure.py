@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.report.figures import COLOURS, DPI, new_figure
-from torchsphere.report.folder import ResultFolder
 from torchsphere.report.image_figures import kept_images, picture
 from torchsphere.report.stack import CONTACT
+from torchsphere.results.reader import ResultFolder
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

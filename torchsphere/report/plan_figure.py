@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.plan.camera_modes import best
-from torchsphere.plan.expected import MOST_BLUR_PX
-from torchsphere.plan.free_flight import Flight
-from torchsphere.plan.plan import Plan
-from torchsphere.plan.rehearsal import MOST_CONTACT_FRAMES, Rehearsal
+from torchsphere.planning.camera_modes import best
+from torchsphere.planning.expected import MOST_BLUR_PX
+from torchsphere.planning.free_flight import Flight
+from torchsphere.planning.plan import Plan
+from torchsphere.planning.rehearsal import MOST_CONTACT_FRAMES, Rehearsal
 from torchsphere.report.figures import COLOURS, STYLES, new_figure
 
 if TYPE_CHECKING:

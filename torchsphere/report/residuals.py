@@ -12,11 +12,13 @@ import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere import criterion, crop, interlace, interpolate, motion
-from torchsphere.options import Options, margin
-from torchsphere.perspective import Camera
-from torchsphere.reference import Filtered, build_reference
-from torchsphere.warp import warp
+from torchsphere.correlation import znssd
+from torchsphere.correlation.options import Options, margin
+from torchsphere.correlation.reference import Filtered, build_reference
+from torchsphere.correlation.warp import warp
+from torchsphere.geometry import motion_models as motion
+from torchsphere.geometry.camera import Camera
+from torchsphere.imaging import crop, interlacing, interpolation
 
 #: Radius of the ball, px, up to which a map has the images' own pixels; a larger ball's are means of several, so that a
 #: map costs a ms or so whatever the camera. A map is looked at at the size of a thumb.
@@ -65,25 +67,25 @@ def residual_maps(pairs: Pairs, ignore: Tensor | None, options: Options) -> NDAr
     half = crop.half_size(float(pairs.circles[:, 2].max()), margin(options))
     crops_f = crop.cut(pairs.before, pairs.circles[:, :2], half, ignore)
     crops_g = crop.cut(pairs.after, pairs.circles[:, :2] + pairs.motion[:, :2].to(pairs.circles), half, ignore)
-    if interlace.is_interlaced(crops_f):
-        crops_f, crops_g = interlace.one_field(crops_f), interlace.one_field(crops_g)
+    if interlacing.is_interlaced(crops_f):
+        crops_f, crops_g = interlacing.one_field(crops_f), interlacing.one_field(crops_g)
     crops_f, crops_g = _binned(crops_f, k), _binned(crops_g, k)
     circles = pairs.circles.clone()
     circles[:, :2] = (circles[:, :2] - (k - 1) / 2) / k
     circles[:, 2] /= k
     camera = None if options.camera is None else options.camera.reduced(k)
     # In means of pixels the pattern is finer, so that without this blur their own aliasing is most of what is left.
-    pre_blur = max(options.pre_blur, interpolate.PRE_BLUR_PX) if k > 1 else options.pre_blur
+    pre_blur = max(options.pre_blur, interpolation.PRE_BLUR_PX) if k > 1 else options.pre_blur
     reference = build_reference(
         Filtered.of(crops_f, pre_blur), circles, options.roi, pre_blur, camera, blurred_every=None
     )
-    c_g = interpolate.coefficients(crops_g.images, pre_blur)
+    c_g = interpolation.coefficients(crops_g.images, pre_blur)
     model = motion.MODELS["finite" if options.model == "rigid" else options.model]
     q = pairs.motion[:, : motion.degrees_of_freedom(model)].clone()
     q[:, :2] /= k
     shift = (circles[:, :2] - crops_g.origin).to(c_g)
     warped, weights = warp(reference, c_g, shift, q.to(c_g), model)
-    difference = -criterion.residual(reference.values, warped, weights)
+    difference = -znssd.residual(reference.values, warped, weights)
     difference = torch.where(weights > 0, difference, torch.nan)
     maps = torch.full((len(difference), reference.side * reference.side), torch.nan)
     maps[:, reference.places.cpu()] = difference.float().cpu()

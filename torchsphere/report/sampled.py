@@ -16,13 +16,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere import parallel
-from torchsphere.follow import BATCH
-from torchsphere.report.folder import TRANSLATION_KNOWN
-from torchsphere.report.kept import LIMIT, NOTHING, Sampled, chosen
+from torchsphere.recording.frame_source import Source
 from torchsphere.report.residuals import Pairs, binning, options_of, residual_maps
-from torchsphere.source import Source
-from torchsphere.track import Track
+from torchsphere.results.reader import TRANSLATION_KNOWN
+from torchsphere.results.sampled_frames import LIMIT, NOTHING, Sampled, chosen
+from torchsphere.runtime import threads
+from torchsphere.tracking.follow import BATCH
+from torchsphere.tracking.track import Track
 
 #: Bytes of all images together, so that a report with its residual maps and numbers stays below 3 MB; longest side and
 #: area of an image, px; WebP's quality at first and at least.
@@ -54,7 +54,7 @@ def sample(recording: object, track: Track, ignore: Tensor | None = None, limit:
     for start in range(0, len(rows), BATCH):
         batch = rows[start : start + BATCH]
         read = _read(source, batch)
-        images += parallel.each(shrunk.webp, [read[int(row)].numpy() for row in batch], at_most=None)
+        images += threads.each(shrunk.webp, [read[int(row)].numpy() for row in batch], at_most=None)
         maps.append(_maps(read, batch, track, ignore, step))
     side = max(m.shape[-1] for m in maps)
     residual = np.concatenate([_padded(m, side) for m in maps])

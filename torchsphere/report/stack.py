@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from torchsphere.report.empty import why_empty
 from torchsphere.report.figures import COLOURS, DPI, STYLES, new_figure
-from torchsphere.report.folder import TRANSLATION_KNOWN, ResultFolder
 from torchsphere.report.panels import Abscissa, Panel, abscissa
+from torchsphere.results.reader import TRANSLATION_KNOWN, ResultFolder
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.report.folder import ALL_KNOWN, ResultFolder
+from torchsphere.results.reader import ALL_KNOWN, ResultFolder
 
 #: What each status means, and what to do about it.
 STATUSES: dict[str, tuple[str, str]] = {

@@ -1,0 +1,65 @@
+"""The command ``torchsphere info``: what a recording is and, with ``--preview``, where the ball is in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from torchsphere.recording import Recording, open_recording
+
+
+def run(options: dict[str, Any]) -> int:
+    """Print what the file is, and draw the preview that was asked for.
+
+    Raises
+    ------
+    ValueError, OSError
+        With one sentence on what is wrong with the file, or that no ball was found.
+    """
+    with open_recording(options["input"]) as recording:
+        for name, text in _facts(recording):
+            print(f"{name:<11} {text}")
+        if options["preview"] is not None:
+            _preview(recording, options["preview"])
+    return 0
+
+
+def _facts(recording: Recording) -> list[tuple[str, str]]:
+    def known(value: Any, text: str, key: str) -> str:
+        return "unknown" if value is None else f"{text}  (from {recording.origins.get(key, 'the file')})"
+
+    count, height, width = recording.shape
+    rate, exposure, trigger = recording.frame_rate, recording.exposure_s, recording.trigger_offset_frames
+    facts = [
+        ("recording", str(recording.path)),
+        ("kind", recording.kind),
+        ("frames", str(count)),
+        ("size", f"{width} x {height} px (width x height)"),
+        ("bit depth", known(recording.bit_depth, f"{recording.bit_depth}", "bit_depth")),
+        ("frame rate", known(rate, f"{rate:g} frames/s" if rate else "", "frame_rate")),
+        ("exposure", known(exposure, f"{1e6 * exposure:g} us" if exposure else "", "exposure_s")),
+        ("trigger", known(trigger, f"first frame is number {trigger} from the trigger", "trigger_offset_frames")),
+    ]
+    return facts + [("note", note) for note in recording.notes]
+
+
+def _preview(recording: Recording, path: Path) -> None:
+    # All but the facts takes torch, which is 1.2 s of waiting.
+    from torchsphere.correlation.options import Options
+    from torchsphere.detection.detect import find
+    from torchsphere.measure import circle_text
+    from torchsphere.recording.frame_source import Source
+    from torchsphere.report.figures import preview_figure
+    from torchsphere.tracking.circle_calibration import calibrate
+
+    if path.suffix.lower() != ".png":
+        raise ValueError(f"--preview {path}: expected a name that ends in .png")
+    source = Source.open(recording, "cpu")
+    circle = calibrate(source, find(source.images, source.count), None, Options())
+    text = circle_text(circle)
+    title = f"frame {circle.frame}: --circle {text}"
+    preview_figure(path, recording.images(circle.frame, circle.frame + 1)[0], circle, title)
+    print(f"{'circle':<11} --circle {text}   ({circle.sd_text}; frame {circle.frame})")
+    if circle.doubt:
+        print(f"{'note':<11} {circle.doubted('in the preview')}")
+    print(f"{'preview':<11} {path}")

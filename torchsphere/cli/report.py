@@ -1,0 +1,55 @@
+"""The command ``torchsphere report``: draw figures and report again from a result folder alone."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from torchsphere.report import index
+from torchsphere.report.draw import draw
+from torchsphere.results.reader import read
+
+
+def run(options: dict[str, Any]) -> int:
+    """Run the command; a result that cannot be drawn is named, and the others are drawn all the same."""
+    folder, quiet = options["folder"], options["quiet"]
+    if not (folder / "summary.csv").is_file():
+        _draw(folder, options)
+        _say(quiet, f"report  {folder / 'report.html'}")
+        return 0
+    rows = index.read_rows(folder)
+    wrong = []
+    for row in tqdm(rows, unit="result", file=sys.stderr, leave=False, desc="drawing", disable=quiet):
+        result = index.result_folder(folder, row)
+        if result is None:
+            continue
+        try:
+            _draw(result, options)
+        except (ValueError, OSError) as error:
+            wrong.append(str(error) if str(error).startswith(str(result)) else f"{result}: {error}")
+    index.write_index(folder, rows)
+    _say(quiet, f"report  {folder / 'index.html'}")
+    if wrong:
+        raise ValueError(f"{len(wrong)} of {len(rows)} results could not be drawn; the first: {wrong[0]}")
+    return 0
+
+
+def _draw(folder: Path, options: dict[str, Any]) -> None:
+    draw(folder)
+    if options["overlay"]:
+        # These two take torch, which is 1.5 s of waiting; the report itself does not.
+        from torchsphere.report import overlay
+
+        overlay.write_overlay(read(folder))
+    if options["paraview"]:
+        from torchsphere.report import paraview
+
+        paraview.write_paraview(read(folder))
+
+
+def _say(quiet: bool, sentence: str) -> None:
+    if not quiet:
+        print(sentence)  # noqa: T201  (the command line)

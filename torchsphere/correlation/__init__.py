@@ -1,0 +1,1 @@
+"""From pairs of images to increments with their covariance."""

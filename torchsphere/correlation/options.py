@@ -1,0 +1,112 @@
+"""Settings of the correlation."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from torchsphere.geometry import motion_models
+from torchsphere.geometry.camera import Camera
+from torchsphere.imaging import interpolation
+from torchsphere.settings.limits import ROI, is_whole, require_switch, require_within
+
+#: Pre-blur where the outline is near, px, and the room between it and the region of interest, in pre-blurs, that keeps
+#: what is behind the ball out. Measured over a background of blotches (speckle of 2.2 to 3 px, noise of 2 grey levels),
+#: errors of a step with 1 px and with 0.7: 0.042 and 0.029 px at a radius of 10 px, 0.026 and 0.017 at 15, 0.017 and
+#: 0.013 at 20, 0.0098 and 0.0086 at 25, 0.0085 and 0.0074 at 30; 1.2 and 1.0 times what is stated up to 20 px. Before
+#: a plain background they are equal up to 15 px. From 30 px on the smaller bias of 1 px counts more; 0.5 px aliases
+#: everywhere.
+LEAST_PRE_BLUR_PX, ROOM = 0.7, 1.5
+
+
+@dataclass(frozen=True)
+class Options:
+    """Settings of the correlation; the defaults are measured, see the README.
+
+    Attributes
+    ----------
+    model : str
+        Motion model, a key of `motion_models.MODELS`.
+    roi : float
+        Radius of the region of interest as a fraction of the ball's. Where none is given, `torchsphere.track` takes a
+        smaller one of a small ball that is much brighter or darker than what is behind it.
+    pre_blur : float
+        Standard deviation of the Gaussian that blurs both images first, px; 0 for none. Where none is given,
+        `torchsphere.track` and `torchsphere.correlate` take what is `suited` to the ball.
+    jacobian : str
+        "constant": gradient of the reference, the paper's choice, built once. "autograd": gradient of the deformed
+        image at each iterate, by automatic differentiation; exact and slow.
+    max_iterations : int
+        Gauss-Newton steps before a pair counts as not converged.
+    tolerance_px : float
+        A pair has converged when a step moves no point of the ball by more, px.
+    min_zncc : float
+        Below this correlation coefficient a pair is not believed.
+    min_visible : float
+        Least part of the region of interest that must be usable in both images.
+    finite_from_deg : float
+        Turn per pair from which `rigid` gives way to `finite`: by default always, 180 keeps `rigid` throughout.
+    robust : bool
+        Leave out what the ball's motion does not explain (occluders, reflections); models of a rigid ball only.
+    camera : Camera, optional
+        What the models `pinhole` and `pinhole6` see the ball with.
+    """
+
+    model: str = "rigid"
+    roi: float = 0.95
+    pre_blur: float = interpolation.PRE_BLUR_PX
+    jacobian: str = "constant"
+    max_iterations: int = 40
+    tolerance_px: float = 2e-4
+    min_zncc: float = 0.6
+    min_visible: float = 0.3
+    finite_from_deg: float = 0.0
+    robust: bool = True
+    camera: Camera | None = None
+
+    def __post_init__(self) -> None:
+        if self.model not in motion_models.MODELS:
+            raise ValueError(f"unknown model {self.model!r}: expected one of {', '.join(motion_models.MODELS)}")
+        if self.jacobian not in ("constant", "autograd"):
+            raise ValueError(f"unknown jacobian {self.jacobian!r}: expected 'constant' or 'autograd'")
+        given: Any = self.camera
+        if given is not None and not isinstance(given, Camera):
+            raise ValueError(f"camera = {given!r}: expected a torchsphere.Camera, as in Camera(focal_px=500)")
+        if (motion_models.MODELS[self.model] in motion_models.PERSPECTIVE) != (self.camera is not None):
+            raise ValueError(
+                f"model {self.model!r}: a camera belongs to the models pinhole and pinhole6, which need one "
+                "(its focal length in px, or the ball's distance); give both or neither"
+            )
+        require_switch("robust", self.robust)
+        if not is_whole(self.max_iterations):
+            raise ValueError(f"max_iterations = {self.max_iterations!r}: expected a whole number")
+        limits = {"roi": ROI, "pre_blur": (0.0, 5.0), "max_iterations": (1, 10_000), "tolerance_px": (1e-9, 1.0)}
+        limits |= {"min_zncc": (0.0, 1.0), "min_visible": (0.0, 1.0), "finite_from_deg": (0.0, 180.0)}
+        for name, allowed in limits.items():
+            require_within(name, getattr(self, name), allowed)
+
+
+def given_to(function: Callable[..., Any], options: Mapping[str, Any]) -> Options:
+    """The ``options`` that were given to a ``function`` beside its own arguments; TypeError for a name that is none."""
+    names = [field.name for field in fields(Options)]
+    for name in options:
+        if name not in names:
+            own = [p.name for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
+            near = difflib.get_close_matches(name, own + names, 1)
+            advice = f"did you mean {near[0]}?" if near else f"the settings are {', '.join(names)}"
+            raise TypeError(f"{function.__name__} has no argument {name!r}: {advice}")
+    return Options(**options)
+
+
+def suited(options: Options, radius: float) -> Options:
+    """The options with a pre-blur that carries nothing from behind a ball of this radius, px, into its region."""
+    room = (1 - options.roi) * radius
+    return replace(options, pre_blur=min(max(room / ROOM, LEAST_PRE_BLUR_PX), interpolation.PRE_BLUR_PX))
+
+
+def margin(options: Options) -> float:
+    """Width around the ball that a crop needs, px: what the guess may be off by, and the reach of the pre-blur."""
+    return 4 + 4 * options.pre_blur

@@ -1,0 +1,78 @@
+"""What correlated pairs say of the ball's motion: increments, covariances, and a status per pair."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+STATUSES = ("ok", "weak_texture", "low_correlation", "not_converged", "out_of_frame", "lost")
+OK, WEAK_TEXTURE, LOW_CORRELATION, NOT_CONVERGED, OUT_OF_FRAME, LOST = range(6)
+
+#: Fields of `Correlation` with a row per pair that are tensors.
+_TENSORS = ("q", "covariance", "zncc", "iterations", "growth", "sd_growth", "uneven_light")
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Motion of n pairs; rows that are not "ok" are NaN in `q` and `covariance`.
+
+    Attributes
+    ----------
+    q : Tensor
+        Increment (n, 5) as (dx, dy, wx, wy, wz): px and rad, camera frame.
+    covariance : Tensor
+        (n, 5, 5), in the units of `q`.
+    zncc : Tensor
+        Zero-mean normalised cross-correlation coefficient (n,) over the region of interest, at the last iterate.
+    iterations : Tensor
+        Gauss-Newton steps taken (n,).
+    growth, sd_growth : Tensor
+        Relative change (n,) of the ball's size in the image and its standard deviation; 0 with models that do not know
+        it, NaN like `q`.
+    uneven_light : Tensor
+        (n,), True where light that changes unevenly over the ball was allowed for: see `illumination`.
+    status : ndarray
+        Strings (n,), each one of `STATUSES`; from `torchsphere.correlate` "lost" where a value at the ball or near it
+        is no number.
+    """
+
+    q: Tensor
+    covariance: Tensor
+    zncc: Tensor
+    iterations: Tensor
+    growth: Tensor
+    sd_growth: Tensor
+    uneven_light: Tensor
+    status: NDArray[np.str_]
+
+    @property
+    def turn(self) -> Tensor:
+        """Angle (n,) that the ball turns by, rad; NaN where it was not measured."""
+        return self.q[:, 2:].norm(dim=-1)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Correlation]) -> Correlation:
+        """The rows of all parts, one after the other."""
+        fields = {name: torch.cat([getattr(part, name) for part in parts]) for name in _TENSORS}
+        return cls(status=np.concatenate([part.status for part in parts]), **fields)
+
+    def split(self, sizes: Sequence[int]) -> list[Correlation]:
+        """Parts of so many rows each, one after the other."""
+        fields = [getattr(self, name).split(sizes) for name in _TENSORS]
+        status = np.split(self.status, np.cumsum(sizes)[:-1])
+        return [
+            Correlation(status=own, **dict(zip(_TENSORS, part, strict=True)))
+            for own, *part in zip(status, *fields, strict=True)
+        ]
+
+    def replaced(self, rows: Tensor, other: Correlation) -> Correlation:
+        """The same with the rows (m,) taken from ``other``."""
+        status = self.status.copy()
+        status[rows.cpu().numpy()] = other.status
+        merged = {name: getattr(self, name).index_copy(0, rows, getattr(other, name)) for name in _TENSORS}
+        return Correlation(status=status, **merged)

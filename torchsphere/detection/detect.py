@@ -1,0 +1,256 @@
+"""Find the ball without help: silhouettes -> disc filter -> outline.
+
+A speckled ball has edges everywhere, so edges come last. First the ball is told from its background as a silhouette
+(`torchsphere.detection.silhouette`). A disc that separates its inside from a ring around it best is the candidate
+(`disc_filter`); its outline is then fitted to the silhouette and, to sub-pixel, to the image: a speckled ball's by
+`torchsphere.detection.limb_fit`, a plain one's by the light at its edge.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchsphere.detection import disc_filter, limb_fit, outline_fit
+from torchsphere.detection.silhouette import Images, saturated, silhouettes, still_background
+from torchsphere.geometry.camera import Camera
+from torchsphere.settings.arrays import check_finite_around
+from torchsphere.settings.limits import SettingError
+
+#: An outline with a smaller share of its rays on the circle is none.
+MIN_SUPPORT = 0.4
+
+#: How far the likeliest limb may lie from the circle through the edges, px and as a share of the radius: farther, and
+#: something else is next to the ball.
+LIMB_MOVES_PX, LIMB_MOVES = 2.0, 0.04
+
+#: Radius of what may well be a screw or a lamp, px; a ball is too small there for speckle of 3 px to tell its rotation.
+SMALL_PX = 10.0
+
+#: Frames in which the ball is looked for before giving up.
+MAX_TRIES = 40
+
+
+@dataclass(frozen=True)
+class Circle:
+    """Outline of the ball in one image.
+
+    Attributes
+    ----------
+    x, y, radius : float
+        Centre and radius, px.
+    sd_x, sd_y, sd_radius : float
+        Standard deviations, px; NaN where the circle was given without.
+    frame : int
+        The frame that it was found in.
+    sd_guessed : bool
+        The standard deviations are no measurement, but how far off a circle may be where the image tells no limb near
+        it. That of the radius may have been measured since on the frames that follow.
+    """
+
+    x: float
+    y: float
+    radius: float
+    sd_x: float = math.nan
+    sd_y: float = math.nan
+    sd_radius: float = math.nan
+    frame: int = 0
+    sd_guessed: bool = False
+
+    @property
+    def sd_text(self) -> str:
+        """The standard deviations in words."""
+        if self.sd_guessed:
+            return f"to about {max(self.sd_x, self.sd_y, self.sd_radius):.0f} px, not measured"
+        return f"sd {self.sd_x:.2f}, {self.sd_y:.2f}, {self.sd_radius:.2f} px"
+
+    @property
+    def doubt(self) -> str:
+        """What speaks against its being a ball, or its outline, in words; empty where nothing does."""
+        if self.sd_guessed:
+            return "no limb of a speckled ball was seen along it"
+        return "it is so small that it may be anything bright or dark" if self.radius < SMALL_PX else ""
+
+    def doubted(self, where: str) -> str:
+        """The `doubt` that there is of a circle that was found, in a sentence: ``where`` to look, and what to do."""
+        return (
+            f"The circle found, of {self.radius:.1f} px radius, may not be the ball: {self.doubt}; look at it {where}, "
+            "and give --circle X,Y,R where it is not."
+        )
+
+
+def find(images: Images, count: int, ignore: Tensor | None = None) -> Circle:
+    """Find the ball in the first frame in which it is wholly in view.
+
+    Parameters
+    ----------
+    images : callable
+        ``images(start, stop)`` -> grey levels (stop - start, h, w).
+    count : int
+        Number of frames.
+    ignore : Tensor, optional
+        (h, w), True where the images are not to be used.
+
+    Returns
+    -------
+    Circle
+
+    Raises
+    ------
+    ValueError
+        If no frame shows a ball.
+    """
+    background = still_background(images, count)
+    for frame in _frames_to_try(count):
+        found = _find_in(images, frame, count, background, ignore)
+        if found is not None:
+            return found
+    left_out = 0.0 if ignore is None else 100 * float(ignore.double().mean())
+    masked = f"; or correct `ignore`, which leaves out {left_out:.0f} % of the image: a mask is black where it is used"
+    raise SettingError(
+        f"no ball was found in {count} frames: expected a round object that differs from its background, wholly in "
+        "view in at least one frame; give its outline with `circle` as x, y, radius in px of the first frame to track"
+        f"{masked if left_out else ''}"
+    )
+
+
+def refine_circle(image: Tensor, circle: Circle, window: float | None = None, camera: Camera | None = None) -> Circle:
+    """The circle fitted to the outline in ``image`` (h, w), from one that is right to within ``window`` px.
+
+    With a camera, circles are projected centres and radii at their depth.
+
+    Raises
+    ------
+    ValueError
+        If the image shows no outline there.
+    """
+    guess = torch.tensor([[circle.x, circle.y, circle.radius]], dtype=torch.float64)
+    reach = max(2.0, 0.06 * circle.radius) if window is None else window
+    check_finite_around(image, circle.x, circle.y, circle.radius + outline_fit.OUTWARDS * reach)
+    plain = outline_fit.is_plain(image, guess[0])
+    fit = outline_fit.refine(image[None], guess, window=reach, plain=plain, patterned=not plain, camera=camera)
+    level = image.median() if float(fit.support[0]) == 0 else _level_around(image, fit.circle[0])
+    difference = (image - level).abs()
+    if (
+        float(fit.support[0]) < MIN_SUPPORT
+        or disc_filter.explained_by(saturated(difference), fit.circle[0]) < disc_filter.MIN_EXPLAINED
+    ):
+        raise ValueError(
+            f"no outline was found near the circle ({circle.x:g}, {circle.y:g}, {circle.radius:g}): give one that is "
+            f"right to {reach:.1f} px, or track with the circle as given"
+        )
+    rough = _as_circle(fit, circle.frame)
+    return rough if plain else at_limb(image[None], rough, camera=camera)
+
+
+def at_limb(views: Tensor, circle: Circle, ignore: Tensor | None = None, camera: Camera | None = None) -> Circle:
+    """The circle at the likeliest limb of a speckled ball, in the one of some views that tells it best.
+
+    Parameters
+    ----------
+    views : Tensor
+        Grey levels (m, h, w) of one image: as it is, and less its background.
+    circle : Circle
+        Right to about a px.
+    ignore : Tensor, optional
+        (h, w), True where the images are not to be used.
+    camera : Camera, optional
+        The circle is a projected centre and the radius at its depth.
+
+    Returns
+    -------
+    Circle
+        The circle as it was where every likeliest one is too far from it, and uncertain by as much.
+    """
+    guess = torch.tensor([[circle.x, circle.y, circle.radius]], dtype=torch.float64)
+    fitted, covariance = limb_fit.fit(views, guess.expand(len(views), -1), ignore=ignore, camera=camera)
+    far = max(LIMB_MOVES_PX, LIMB_MOVES * circle.radius)
+    variance = covariance.diagonal(dim1=1, dim2=2).sum(-1)
+    near = ((fitted - guess).abs() < far).all(-1) & variance.isfinite()
+    if not bool(near.any()):
+        return dataclasses.replace(circle, sd_x=far, sd_y=far, sd_radius=far, sd_guessed=True)
+    best = int(variance.where(near, torch.inf).argmin())
+    x, y, radius = fitted[best].tolist()
+    sd_x, sd_y, sd_radius = covariance[best].diagonal().sqrt().tolist()
+    return Circle(x, y, radius, sd_x, sd_y, sd_radius, circle.frame)
+
+
+def _as_circle(fit: outline_fit.OutlineFit, frame: int) -> Circle:
+    x, y, radius = fit.circle[0].tolist()
+    sd_x, sd_y, sd_radius = fit.covariance[0].diagonal().sqrt().tolist()
+    return Circle(x, y, radius, sd_x, sd_y, sd_radius, frame)
+
+
+def _frames_to_try(count: int) -> Iterator[int]:
+    """The first frames one by one, then ever larger steps: a ball that is late must not cost the whole recording."""
+    if count <= MAX_TRIES:
+        yield from range(count)
+        return
+    head = MAX_TRIES // 2
+    yield from range(head)
+    tail = torch.logspace(math.log10(head), math.log10(count - 1), MAX_TRIES - head).round().long()
+    yield from sorted(set(tail.tolist()) - set(range(head)))
+
+
+def _find_in(images: Images, frame: int, count: int, background: Tensor | None, ignore: Tensor | None) -> Circle | None:
+    image = images(frame, frame + 1)[0]
+    if bool((image == image[0, 0]).all()):
+        # A blank image differs from its background where the ball is in other images.
+        return None
+    candidates = []
+    seen = list(silhouettes(images, frame, count, background, ignore))
+    if not seen:
+        return None
+    for (silhouette, contrast), guess in zip(
+        seen, disc_filter.best(torch.stack([each[0] for each in seen])), strict=True
+    ):
+        found = None if guess is None else _outline_of(silhouette, contrast, guess)
+        if found is not None:
+            fit, plain = found
+            explained = disc_filter.explained_by(silhouette, fit.circle[0])
+            if explained > disc_filter.MIN_EXPLAINED:
+                candidates.append((explained * float(fit.support[0]), fit, plain, contrast))
+    if not candidates:
+        return None
+    _, fit, plain, contrast = max(candidates, key=lambda c: c[0])
+    circle = _as_circle(fit, frame)
+    if plain:
+        return circle
+    # A slow ball's own shadow is in the median that is taken for the background: the image alone may tell more.
+    return at_limb(image[None] if contrast.equal(image) else torch.stack((contrast, image)), circle, ignore)
+
+
+def _outline_of(silhouette: Tensor, contrast: Tensor, guess: Tensor) -> tuple[outline_fit.OutlineFit, bool] | None:
+    """The silhouette brings the ``guess`` within a px or two; the image places it. And whether it is plain."""
+    coarse = outline_fit.refine(silhouette[None], guess, window=max(2.0, 0.08 * float(guess[0, 2])))
+    if float(coarse.support[0]) < MIN_SUPPORT or not _within(coarse.circle[0], silhouette.shape):
+        return None
+    plain = outline_fit.is_plain(contrast, coarse.circle[0])
+    fine = outline_fit.refine(contrast[None], coarse.circle, window=outline_fit.STEP_BLUR_PX, plain=plain)
+    if float(fine.support[0]) < MIN_SUPPORT or not _within(fine.circle[0], silhouette.shape):
+        return None
+    moved = float((fine.circle - coarse.circle).abs().max())
+    if moved >= max(3.0, 0.04 * float(guess[0, 2])):
+        return None
+    return fine, plain
+
+
+def _level_around(image: Tensor, circle: Tensor) -> Tensor:
+    """Median grey level of a ring around the circle."""
+    x, y, radius = circle.tolist()
+    rows, columns = (torch.arange(size, device=image.device) for size in image.shape)
+    distance = ((rows[:, None] - y) ** 2 + (columns - x) ** 2).sqrt()
+    ring = image[(distance > 1.1 * radius) & (distance < disc_filter.RING * radius)]
+    return ring.median() if len(ring) else image.median()
+
+
+def _within(circle: Tensor, shape: torch.Size) -> bool:
+    """Whether the circle lies in the image, but for a pixel."""
+    x, y, radius = circle.tolist()
+    height, width = shape
+    return min(x, y, width - 1 - x, height - 1 - y) > radius - 1.5

@@ -1,0 +1,1 @@
+"""Sentences that warn the user."""

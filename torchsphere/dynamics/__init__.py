@@ -1,0 +1,1 @@
+"""SI units, kinematics and impact."""

@@ -1,0 +1,101 @@
+"""What is stated of an impact: numbers and vectors, each with its standard deviation and unit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torchsphere.dynamics.ball import Ball
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number or vector, its standard deviation, and its unit."""
+
+    value: Array
+    sd: Array
+    unit: str
+
+
+@dataclass(frozen=True)
+class Impact:
+    """What happened; None where it does not follow from what is known, for which ``missing`` has the sentences.
+
+    Attributes
+    ----------
+    contact_start, contact_end, duration : Estimate
+    velocity_before, velocity_after, speed_before, speed_after : Estimate
+    direction_before, direction_after : Estimate
+        Angle from the x axis towards the y axis of the results' frame.
+    normal_direction : Estimate
+        The same of the target's normal, from the target to the ball: as given, or that of the change of velocity.
+    angle_of_impact, angle_of_exit : Estimate
+        Between path and target's surface: 90 deg is frontal.
+    restitution_normal : Estimate
+        Normal speed after over before.
+    restitution_tangential : Estimate or None
+        Minus the tangential velocity of the point of contact after over before, spin included: -1 where it slides
+        without friction, 0 where it rolls off.
+    tangential_velocity_ratio : Estimate or None
+        Tangential velocity of the centre after over before.
+    spin_before, spin_after : Estimate
+        Vectors (3,), rev/s.
+    spin_rate_before, spin_rate_after : Estimate
+        Their lengths.
+    peak_force, peak_time, impulse, impulse_size, mean_force : Estimate or None
+    energy_before, energy_after : Estimate or None
+        Of the translation.
+    spin_energy_before, spin_energy_after : Estimate or None
+    energy_given : Estimate or None
+        To the target, and lost: the difference of both energies together.
+    ball : Ball or None
+    missing : tuple of str
+    """
+
+    contact_start: Estimate
+    contact_end: Estimate
+    duration: Estimate
+    velocity_before: Estimate
+    velocity_after: Estimate
+    speed_before: Estimate
+    speed_after: Estimate
+    direction_before: Estimate
+    direction_after: Estimate
+    normal_direction: Estimate
+    angle_of_impact: Estimate
+    angle_of_exit: Estimate
+    restitution_normal: Estimate
+    restitution_tangential: Estimate | None
+    tangential_velocity_ratio: Estimate | None
+    spin_before: Estimate
+    spin_after: Estimate
+    spin_rate_before: Estimate
+    spin_rate_after: Estimate
+    peak_force: Estimate | None
+    peak_time: Estimate | None
+    impulse: Estimate | None
+    impulse_size: Estimate | None
+    mean_force: Estimate | None
+    energy_before: Estimate | None
+    energy_after: Estimate | None
+    spin_energy_before: Estimate | None
+    spin_energy_after: Estimate | None
+    energy_given: Estimate | None
+    ball: Ball | None
+    missing: tuple[str, ...]
+
+    def summary(self) -> dict[str, Any]:
+        """Name -> value, sd, unit, for a table; a name that carries newtons is absent where there is no mass."""
+        result: dict[str, Any] = {}
+        for field in fields(self):
+            item = getattr(self, field.name)
+            if isinstance(item, Estimate):
+                result[field.name] = {"value": item.value.tolist(), "sd": item.sd.tolist(), "unit": item.unit}
+        if self.ball is not None:
+            result["ball"] = vars(self.ball)
+        return result | {"missing": list(self.missing)}

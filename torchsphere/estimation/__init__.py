@@ -1,0 +1,1 @@
+"""From poses to position, velocity and force with their uncertainty."""

@@ -1,0 +1,1 @@
+"""Motion models, camera, rotations and orientation."""

@@ -1,0 +1,193 @@
+"""A camera near the ball: rays, the ball's outline under perspective, and the lens's distortion.
+
+Under perspective the outline is an ellipse whose centre is not where the ball's centre is projected to. Everything in
+this package that is called the ball's position is the projected centre, and its radius in px is that of the ball's true
+size at the depth of its centre, ``focal_px / distance``, with the distance in radii. Both are exactly what an
+orthographic view has, and `outline_distance` says where the outline is.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from torchsphere.settings.limits import number, positive
+
+#: Steps that invert the distortion: each gains about two digits at the corners of usual lenses.
+INVERSION_STEPS = 12
+
+#: Rays that a circle is compared on with the outline of a sphere, and rounds to make them agree.
+RAYS, ROUNDS = 90, 8
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera with radial distortion, as calibration programs give it (OpenCV's convention).
+
+    Attributes
+    ----------
+    focal_px : float, optional
+        Focal length over the size of a pixel, px. Where it is not known, ``distance_radii`` takes its place.
+    principal_px : tuple of float, optional
+        Where the optical axis meets the image (x, y), px; by default the middle of the image.
+    distortion : tuple of float
+        Radial coefficients (k1, k2, k3): a ray at the radius r over the focal length is seen at
+        ``r (1 + k1 r^2 + k2 r^4 + k3 r^6)``.
+    distance_radii : float, optional
+        Distance of the ball's centre from the camera along the optical axis in the first frame, in radii of the ball:
+        tells the focal length by the size of the outline.
+    """
+
+    focal_px: float | None = None
+    principal_px: tuple[float, float] | None = None
+    distortion: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    distance_radii: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.focal_px is None) == (self.distance_radii is None):
+            raise ValueError("camera: give either the focal length in px or the ball's distance in radii, not both")
+        if self.focal_px is not None:
+            positive("camera: focal_px", self.focal_px, "a finite, positive number of px")
+        if self.distance_radii is not None and not 1 < number(self.distance_radii) < math.inf:
+            raise ValueError(f"camera: distance_radii = {self.distance_radii!r}: expected a number above 1")
+        for name, count in (("principal_px", 2), ("distortion", 3)):
+            values: Any = getattr(self, name)
+            if values is None:
+                continue
+            found = tuple(map(number, values)) if isinstance(values, Iterable) else ()
+            if not (len(found) == count and all(map(math.isfinite, found))):
+                raise ValueError(f"camera: {name} = {values!r}: expected {count} finite numbers")
+            # Calibration programs give arrays, and two cameras are compared.
+            object.__setattr__(self, name, found)
+
+    def settled(self, shape: tuple[int, ...], outline_radius: float = math.nan) -> Camera:
+        """The camera with focal length and principal point, for images (h, w) of a ball of that radius, px."""
+        height, width = shape[-2:]
+        focal = self.focal_px
+        if self.distance_radii is not None:
+            # The cone that touches a ball on the axis: tan of its half angle is 1 / sqrt(D^2 - 1).
+            focal = outline_radius * math.sqrt(self.distance_radii**2 - 1)
+        principal = self.principal_px or ((width - 1) / 2, (height - 1) / 2)
+        return Camera(focal, principal, self.distortion)
+
+    def reduced(self, factor: int) -> Camera:
+        """The camera of images whose pixels are the means of ``factor`` x ``factor`` pixels."""
+        assert self.focal_px is not None
+        assert self.principal_px is not None
+        x, y = ((v + 0.5) / factor - 0.5 for v in self.principal_px)
+        return dataclasses.replace(self, focal_px=self.focal_px / factor, principal_px=(x, y))
+
+
+class View(NamedTuple):
+    """How a camera sees one ball; n of them where the fields of a batch are stacked.
+
+    Attributes
+    ----------
+    centre : Tensor
+        Where the ball's centre is seen (2,), px from the principal point.
+    focal : Tensor
+        Focal length, a scalar, px.
+    distortion : Tensor
+        Radial coefficients (3,).
+    """
+
+    centre: Tensor
+    focal: Tensor
+    distortion: Tensor
+
+
+def view_of(camera: Camera, centres: Tensor, like: Tensor) -> View:
+    """Views of balls seen at ``centres`` (n, 2), px; in the precision and on the device of ``like``."""
+    assert camera.focal_px is not None
+    assert camera.principal_px is not None
+    n = len(centres)
+    offset = centres - torch.tensor(camera.principal_px, dtype=centres.dtype, device=centres.device)
+    focal, distortion = (
+        torch.tensor(v, dtype=like.dtype, device=like.device) for v in (camera.focal_px, camera.distortion)
+    )
+    return View(offset.to(like), focal.expand(n), distortion.expand(n, 3))
+
+
+def distorted(rays: Tensor, distortion: Tensor) -> Tensor:
+    """Where rays (..., 2), as tangents of their angles, are seen: the same over the focal length."""
+    r2 = rays.square().sum(-1, keepdim=True)
+    k1, k2, k3 = (k[..., None] for k in distortion.unbind(-1))
+    return rays * (1 + r2 * (k1 + r2 * (k2 + r2 * k3)))
+
+
+def undistorted(seen: Tensor, distortion: Tensor) -> Tensor:
+    """The inverse of `distorted`, by fixed-point steps."""
+    rays = seen
+    k1, k2, k3 = (k[..., None] for k in distortion.unbind(-1))
+    for _ in range(INVERSION_STEPS):
+        r2 = rays.square().sum(-1, keepdim=True)
+        rays = seen / (1 + r2 * (k1 + r2 * (k2 + r2 * k3)))
+    return rays
+
+
+def outline_distance(circles: Tensor, angles: Tensor, camera: Camera) -> Tensor:
+    """Distance (n, a), px, of the outline from the projected centre along rays at ``angles`` (a,), rad, in the image.
+
+    ``circles`` (n, 3): projected centre and radius at its depth, px, float64.
+
+    The outline is where the cone that touches the sphere meets the image: rays whose angle with the direction of the
+    centre has the sine 1 / |C|, the centre's distance |C| in radii. Distortion bends it; Newton steps follow.
+    """
+    view = view_of(camera, circles[:, :2], circles)
+    focal, distortion = view.focal[:, None], view.distortion[:, None]
+    centre = undistorted(view.centre[:, None] / focal[..., None], distortion)[:, 0]
+    axis = torch.cat((centre, torch.ones_like(centre[:, :1])), -1)
+    distance = focal[:, 0] / circles[:, 2] * axis.norm(dim=-1)
+    sine2 = (1 / distance.clamp_min(1 + 1e-9)).square()
+    direction = torch.stack((angles.cos(), angles.sin()), -1)
+    reach = circles[:, 2:].expand(-1, len(angles)).clone()
+    for _ in range(ROUNDS):
+        value, slope = _beyond_cone(reach, view, direction, axis, sine2)
+        reach = reach - value / slope
+    return reach
+
+
+def _beyond_cone(reach: Tensor, view: View, direction: Tensor, axis: Tensor, sine2: Tensor) -> tuple[Tensor, Tensor]:
+    """How far rays at ``reach`` (n, a) px from the centre lie outside the cone, as a distance, and its derivative."""
+
+    def beyond(at: Tensor) -> Tensor:
+        seen = (view.centre[:, None] + at[..., None] * direction) / view.focal[:, None, None]
+        rays = undistorted(seen, view.distortion[:, None])
+        # Sine of the angle between ray and axis by the cross product: it stays exact for a far camera.
+        offset = rays - axis[:, None, :2]
+        cross2 = (
+            offset.square().sum(-1) + (axis[:, None, 0] * offset[..., 1] - axis[:, None, 1] * offset[..., 0]).square()
+        )
+        lengths = (rays.square().sum(-1) + 1) * axis.square().sum(-1, keepdim=True)
+        return (cross2 / lengths).sqrt() - sine2.sqrt()[:, None]
+
+    value, slope, *_ = torch.func.jvp(beyond, (reach,), (torch.ones_like(reach),))
+    return value, slope
+
+
+def sphere_of_outline(circle: Tensor, camera: Camera) -> Tensor:
+    """Projected centre and radius (3,) of the sphere whose outline a circle (3,) fits best, px, float64."""
+    angles = torch.arange(RAYS, dtype=torch.float64) * (2 * math.pi / RAYS)
+    direction = torch.stack((angles.cos(), angles.sin()), -1)
+    sphere = circle.to(torch.float64).clone()
+    for _ in range(ROUNDS):
+        points = sphere[:2] + outline_distance(sphere[None], angles, camera)[0][:, None] * direction
+        sphere = sphere + circle - _circle_through(points)
+    return sphere
+
+
+def _circle_through(points: Tensor) -> Tensor:
+    """Least-squares circle (3,) through points (a, 2), by distances from it."""
+    circle = torch.cat((points.mean(0), (points - points.mean(0)).norm(dim=-1).mean()[None]))
+    for _ in range(ROUNDS):
+        offset = points - circle[:2]
+        distance = offset.norm(dim=-1)
+        design = torch.cat((offset / distance[:, None], torch.ones_like(distance)[:, None]), -1)
+        circle = circle + torch.linalg.lstsq(design, (distance - circle[2])[:, None]).solution[:, 0]
+    return circle

@@ -1,0 +1,128 @@
+"""Closed forms of a rotation for a whole batch: where the points of the ball go, and what their modes do to an image.
+
+They are what `motion_models.rigid` and `finite` say and what automatic differentiation makes of them, which the
+tests hold them to. Measured at 7000 points: 0.01 ms per pair instead of 0.5 for the displacement, 0.02 instead of 1.1
+for the modes; the two had become half of the time of a pair.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from torchsphere import kernels
+from torchsphere.kernels import rotation
+
+
+def surface(points: Tensor, radius: Tensor) -> Tensor:
+    """Points (n, 3, p) of the ball's front at the pixels ``points`` (n, 2, p), px from its centre; ``radius`` (n,)."""
+    squared = points.square().sum(1)
+    depth = (radius.square()[:, None] - squared).clamp_min_(0.0).sqrt_()
+    return torch.cat((points, -depth[:, None]), 1)
+
+
+#: The cross product with the three axes from the left, (3, 9) row by row.
+_CROSS = torch.tensor(
+    [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=torch.float64
+)
+
+
+def cross_matrices(vectors: Tensor) -> Tensor:
+    """Matrices (n, 3, 3) that take the cross product with ``vectors`` (n, 3) from the left."""
+    return (vectors @ _CROSS.to(vectors)).unflatten(-1, (3, 3))
+
+
+def rotations(vectors: Tensor) -> Tensor:
+    """Rotation matrices (n, 3, 3) of rotation vectors (n, 3), rad: Rodrigues' formula, its quotients as sinc."""
+    if kernels.suits(vectors):
+        return rotation.matrices(vectors, exact=True)
+    cross = cross_matrices(vectors)
+    half_turns = vectors.norm(dim=-1)[:, None, None] / torch.pi
+    sine, versine = torch.sinc(half_turns), 0.5 * torch.sinc(0.5 * half_turns).square()
+    return torch.eye(3, dtype=vectors.dtype, device=vectors.device) + sine * cross + versine * (cross @ cross)
+
+
+def tangents(vectors: Tensor) -> Tensor:
+    """Matrices (n, 3, 3) from a change of the rotation vectors (n, 3) to the small rotation that follows the old one.
+
+    The left Jacobian of SO(3), ``I + (1 - cos t) / t^2 [w]x + (t - sin t) / t^3 [w]x^2``.
+    """
+    if kernels.suits(vectors):
+        return rotation.tangents(vectors)
+    cross = cross_matrices(vectors)
+    half_turns = vectors.norm(dim=-1)[:, None, None] / torch.pi
+    versine = 0.5 * torch.sinc(0.5 * half_turns).square()
+    squared = (torch.pi * half_turns).square()
+    # The quotient loses its digits near 0, where its series does not: the next term is below 1e-8 up to 0.2 rad.
+    quotient = (1 - torch.sinc(half_turns)) / squared.clamp_min(1e-12)
+    rest = torch.where(squared < 0.04, 1 / 6 - squared / 120 + squared.square() / 5040, quotient)
+    return torch.eye(3, dtype=vectors.dtype, device=vectors.device) + versine * cross + rest * (cross @ cross)
+
+
+def moved(q: Tensor, places: Tensor, *, exact: bool) -> Tensor:
+    """Points (n, 3, p) of the ball after the rotation in ``q`` (n, k), from `surface` (n, 3, p); no translation.
+
+    ``exact``: the rotation itself, otherwise its linearisation.
+    """
+    return matrices(q, exact=exact) @ places
+
+
+def matrices(q: Tensor, *, exact: bool) -> Tensor:
+    """Matrices (n, 3, 3) of the rotation in ``q`` (n, k), or of its linearisation."""
+    vectors = q[:, 2:5]
+    if kernels.suits(vectors):
+        return rotation.matrices(vectors, exact=exact)
+    return rotations(vectors) if exact else torch.eye(3).to(q) + cross_matrices(vectors)
+
+
+def slopes(q: Tensor, places: Tensor, gradient: Tensor, *, exact: bool) -> Tensor:
+    """Change of grey level (n, 5, p) per px and per rad: the modes' product with ``gradient`` (n, 2, p).
+
+    A small rotation ``v`` moves a point ``P`` by ``v x P``; of that, the image shows x and y.
+    """
+    x, y, z = (moved(q, places, exact=True) if exact else places).unbind(1)
+    gx, gy = gradient.unbind(1)
+    turned = torch.stack((-gy * z, gx * z, gy * x - gx * y), 1)
+    if exact:
+        turned = tangents(q[:, 2:5]).mT @ turned
+    return torch.cat((gradient, turned), 1)
+
+
+#: What (1, x, y, z) of a point does to its place in the image, x and y, per unknown: (2, 5, 4).
+_MODES = torch.tensor(
+    [
+        [[1, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1], [0, 0, -1, 0]],
+        [[0, 0, 0, 0], [1, 0, 0, 0], [0, 0, 0, -1], [0, 0, 0, 0], [0, 1, 0, 0]],
+    ],
+    dtype=torch.float64,
+)
+
+
+def gram(q: Tensor, places: Tensor, weights: Tensor, *, exact: bool, every: int = 1) -> Tensor:
+    """Weighted sum (n, 5, 5), float64, over every so many-th point of the modes' products with each other."""
+    if kernels.suits(q, places, weights):
+        still = torch.eye(3).expand(len(q), 3, 3)
+        turn, tangent = (rotations(q[:, 2:5]), tangents(q[:, 2:5])) if exact else (still, still)
+        return rotation.gram(places, weights, turn, tangent, every)
+    places, weights = places[..., ::every], weights[..., ::every]
+    at = moved(q, places, exact=True) if exact else places
+    at = torch.cat((torch.ones_like(at[:, :1]), at), 1)
+    moments = ((at * weights[:, None]) @ at.mT).double()
+    modes = _MODES.to(moments.device)
+    total = (modes @ moments[:, None] @ modes.mT).sum(1)
+    if exact:
+        change = torch.eye(5, dtype=torch.float64, device=total.device).repeat(len(total), 1, 1)
+        change[:, 2:, 2:] = tangents(q[:, 2:5].double())
+        total = change.mT @ total @ change
+    return total
+
+
+def radius_mode(q: Tensor, places: Tensor, radius: Tensor, *, exact: bool) -> Tensor:
+    """Derivative (n, 2, p) of the displacement by the ``radius`` (n,), px per px; 0 on the outline.
+
+    A larger ball is nearer by ``R / s`` at each pixel, and the rotation takes that along.
+    """
+    depth = -places[:, 2]
+    nearer = radius[:, None] / depth.clamp_min(1e-6) * (depth > 0)
+    turn = rotations(q[:, 2:5]) if exact else cross_matrices(q[:, 2:5])
+    return -turn[:, :2, 2:] * nearer[:, None]

@@ -1,0 +1,1 @@
+"""Interpolation, crops, still background and interlacing of images."""

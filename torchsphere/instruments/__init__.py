@@ -1,0 +1,1 @@
+"""Records of other instruments beside a track."""

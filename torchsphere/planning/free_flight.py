@@ -1,0 +1,213 @@
+"""What a recording of a free flight, with no target, tells of the uncertainty: table 3 of the paper for any set-up.
+
+In free flight the velocity is constant and the force none, so whatever scatters is error, from every source at once:
+noise, interpolation, blur, light (section 5.2 of the paper).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from torchsphere.planning.change import NO_FLIGHT, change_of
+from torchsphere.planning.expected import Setup
+from torchsphere.tracking.track import Track
+
+#: Increments from which a standard deviation is known to a fifth.
+LEAST_STEPS = 12
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Flight:
+    """What was measured of a free flight, and the set-up.
+
+    Attributes
+    ----------
+    increment : ndarray
+        (n - 1, 5), px and rad; NaN where not measured.
+    stated : ndarray
+        Median of the stated standard deviations (5,), px and rad.
+    setup : Setup
+        Speed, direction and spin as measured.
+    origin : str
+    """
+
+    increment: Array
+    stated: Array
+    setup: Setup
+    origin: str
+
+    @property
+    def velocity_m_s(self) -> Array:
+        """(n - 1, 2), an increment over the frame interval."""
+        return self.increment[:, :2] * self.setup.m_per_px * self.setup.frame_rate
+
+    @property
+    def force_N(self) -> Array:  # noqa: N802  (N is newton)
+        """(n - 2, 2), mass times the difference of successive velocities over the interval."""
+        return np.diff(self.velocity_m_s, axis=0) * self.setup.mass_kg * self.setup.frame_rate
+
+    @property
+    def spin_rad_s(self) -> Array:
+        """(n - 1, 3)."""
+        return self.increment[:, 2:] * self.setup.frame_rate
+
+    @property
+    def covariance(self) -> Array:
+        """Of the increments (5, 5) as they scatter."""
+        return np.cov(self.increment[np.isfinite(self.increment).all(1)].T)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What makes the scatter no measure of the uncertainty."""
+        change = change_of(self.velocity_m_s)
+        if change is None:
+            return ()
+        return (
+            f"The velocity {change.text} over the recording, more than it scatters: a target, drag or gravity is in "
+            "the standard deviations, too; take fewer frames, of free flight alone.",
+        )
+
+
+def spread(values: Array) -> tuple[Array, Array]:
+    """Mean and standard deviation (k,) of values (n, k); NaN entries are left out."""
+    return np.nanmean(values, 0), np.nanstd(values, 0, ddof=1)
+
+
+def from_track(
+    track: Track,
+    origin: str,
+    *,
+    frame_rate: float | None,
+    diameter_mm: float | None,
+    mass_g: float | None,
+    shutter_s: float | None = None,
+) -> Flight:
+    """The flight as it was tracked.
+
+    Raises
+    ------
+    ValueError
+        If frame rate, diameter or mass are missing, too few increments were measured, or the ball does not fly freely.
+    """
+    _require_rotation(origin, track.settings.get("model"))
+    sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))
+    return _flight(track.increment, sd, track.circle.radius, origin, (frame_rate, diameter_mm, mass_g, shutter_s))
+
+
+def from_result(
+    folder: Path,
+    *,
+    frame_rate: float | None = None,
+    diameter_mm: float | None = None,
+    mass_g: float | None = None,
+    shutter_s: float | None = None,
+) -> Flight:
+    """The flight from a result folder of ``torchsphere track``; what is given goes before what its summary says.
+
+    Raises
+    ------
+    ValueError, OSError
+        If the folder is no such result, or something is missing.
+    """
+    try:
+        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        table = pq.read_table(folder / "track.parquet").to_pydict()
+        columns = ("dx_px", "dy_px", "wx_rad", "wy_rad", "wz_rad")
+        increment, sd = (
+            np.stack([np.array(table[prefix + name], dtype=float)[1:] for name in columns], 1) for prefix in ("", "sd_")
+        )
+        radius, settings = float(summary["circle"]["radius"]), summary["settings"]
+        found = _known(summary, settings, radius)
+    except (KeyError, TypeError, json.JSONDecodeError, pa.ArrowException) as error:
+        raise ValueError(f"{folder}: is no whole result of 'torchsphere track' ({error}); track again") from error
+    origin, given = f"result folder {folder.name}", (frame_rate, diameter_mm, mass_g, shutter_s)
+    _require_rotation(origin, settings.get("model"))
+    known = tuple(own if own is not None else there for own, there in zip(given, found, strict=True))
+    return _flight(increment, sd, radius, origin, known)
+
+
+def _known(summary: dict[str, Any], settings: dict[str, Any], radius: float) -> tuple[float | None, ...]:
+    """Frame rate, diameter (mm), mass (g) and exposure (s) by a summary."""
+    scale, diameter, mm_per_px = summary["scale"], settings.get("diameter_mm"), settings.get("mm_per_px")
+    # Without a frame rate the summary has no scale, but what was given for one.
+    if scale is not None:
+        mm_per_px = 1e3 * float(scale["m_per_px"])
+    if mm_per_px is not None:
+        diameter = 2 * radius * mm_per_px
+    return summary["frame_rate"], diameter, settings["mass_g"], summary["input"]["exposure_s"]
+
+
+def require(
+    origin: str, frame_rate: float | None, diameter_mm: float | None, mass_g: float | None
+) -> tuple[float, float, float]:
+    """Frame rate, diameter and mass.
+
+    Raises
+    ------
+    ValueError
+        If one of them is not known.
+    """
+    if frame_rate is None or diameter_mm is None or mass_g is None:
+        named = {"--fps": frame_rate, "--diameter-mm": diameter_mm, "--mass-g": mass_g}
+        missing = " and ".join(name for name, value in named.items() if value is None)
+        raise ValueError(
+            f"{origin}: a plan needs frame rate, diameter and mass, which it does not all tell; give {missing}"
+        )
+    return frame_rate, diameter_mm, mass_g
+
+
+def _require_rotation(origin: str, model: str | None) -> None:
+    if model == "translation":
+        raise ValueError(
+            f"{origin}: it was tracked with the model 'translation', which measures no rotation, and a plan needs it; "
+            "track again with --model rigid"
+        )
+
+
+def _flight(increment: Array, sd: Array, radius: float, origin: str, known: tuple[float | None, ...]) -> Flight:
+    *_, shutter_s = known
+    frame_rate, diameter_mm, mass_g = require(origin, *known[:3])
+    valid, placed = np.isfinite(increment).all(1), np.isfinite(increment[:, :2]).all(1)
+    if placed.sum() >= LEAST_STEPS > valid.sum():
+        raise ValueError(
+            f"{origin}: the ball shows too little texture: of {placed.sum()} increments {valid.sum()} have a rotation, "
+            f"and {LEAST_STEPS} are needed; put a pattern of spots on the ball, or light it so that its pattern shows"
+        )
+    if valid.sum() < LEAST_STEPS:
+        raise ValueError(
+            f"{origin}: {valid.sum()} increments were measured, and {LEAST_STEPS} are needed for a standard deviation; "
+            "take a longer recording"
+        )
+    px_per_mm = 2 * radius / diameter_mm
+    mean = increment[valid].mean(0)
+    spin = mean[2:] * frame_rate / (2 * math.pi)
+    setup = Setup(
+        speed_m_s=float(np.hypot(*mean[:2])) * 1e-3 / px_per_mm * frame_rate,
+        direction_deg=math.degrees(math.atan2(mean[1], mean[0])),
+        spin_rev_s=(float(spin[0]), float(spin[1]), float(spin[2])),
+        frame_rate=frame_rate,
+        px_per_mm=px_per_mm,
+        diameter_mm=diameter_mm,
+        mass_g=mass_g,
+        shutter_s=shutter_s,
+    )
+    flight = Flight(increment, np.median(sd[valid], 0), setup, origin)
+    change = change_of(flight.velocity_m_s)
+    if change is not None and change.is_sudden and change.share > NO_FLIGHT:
+        raise ValueError(
+            f"{origin}: this is no free flight: the velocity {change.text}, {100 * change.share:.0f} % of the speed, "
+            "as by an impact; track the frames before it alone with 'torchsphere track --frames A:B' and give that "
+            "result"
+        )
+    return flight

@@ -1,0 +1,1 @@
+"""Threads, signals and hashes of files: what every step may use."""

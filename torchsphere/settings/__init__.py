@@ -1,0 +1,1 @@
+"""What a setting may be, and how an invalid value is refused."""

@@ -1,0 +1,1 @@
+"""A ray caster and the demo's shot."""
