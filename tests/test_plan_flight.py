@@ -43,9 +43,7 @@ def test_a_free_flight_gives_the_table_of_the_paper_from_film_and_from_result_al
     tifffile.imwrite(film, shot.images.to(torch.uint8).numpy(), photometric="minisblack")
     given = [*BALL, "--fps", "36000", "--circle", "{},{},{}".format(*shot.circle)]
     assert (
-        main(
-            ["track", str(film), *given, "--map", "off", "--method", "differences", "--out", str(result), "--quiet"]
-        )
+        main(["track", str(film), *given, "--map", "off", "--method", "differences", "--out", str(result), "--quiet"])
         == 0
     )
     out = tmp_path / "plan"

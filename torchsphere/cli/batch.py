@@ -52,7 +52,7 @@ def command(options: dict[str, Any], measurement: Measure = measure) -> int:
         if not claims.work():
             notes.append(f"{out}: its file system has no locks, so two runs at once would repeat each other's work.")
         for note in notes:
-            print(f"torchsphere: {note}", file=sys.stderr)  # noqa: T201  (the command line)
+            print(f"torchsphere: {note}", file=sys.stderr)
     return _run(archive, out, engine, options)
 
 
@@ -85,7 +85,7 @@ def _failures(counts: Counts, out: Path) -> list[str]:
 
 def _say(sentence: str, quiet: bool) -> None:
     if not quiet:
-        print(sentence)  # noqa: T201  (the command line)
+        print(sentence)
 
 
 def _absolute(common: Mapping[str, Any]) -> dict[str, Any]:

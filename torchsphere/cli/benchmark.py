@@ -61,7 +61,7 @@ def _run(options: dict[str, Any]) -> int:
             outcomes = run(made, entries, out, suites=suites, keep=options["keep"], started=started)
         except KeyboardInterrupt:
             sentence = "interrupted; predictions that were made are kept, and the same command with --keep goes on"
-            print(f"torchsphere: {sentence}", file=sys.stderr)  # noqa: T201  (the command line)
+            print(f"torchsphere: {sentence}", file=sys.stderr)
             return 130
     rows = [row for name in names for row in standing.standings(made, out / folder_of(name), name, truth)]
     standing.write(out / "scores.csv", [*standing.earlier(out / "scores.csv", made, rows), *rows])
@@ -75,7 +75,7 @@ def _failures(failed: Sequence[Outcome]) -> int:
     """Exit code, and a sentence on stderr for each failure."""
     for outcome in failed:
         sentence = f"{outcome.tracker} failed on {outcome.suite}: {outcome.failed}"
-        print(f"torchsphere: {sentence}", file=sys.stderr)  # noqa: T201  (the command line)
+        print(f"torchsphere: {sentence}", file=sys.stderr)
     return SOME_FAILED if failed else 0
 
 
@@ -102,7 +102,7 @@ def _table(options: dict[str, Any]) -> int:
     rows = [row for path in options["scores"] for row in standing.read(path)]
     text = "# Leaderboard\n\n" + table.markdown(table.board(rows))
     if options["out"] is None:
-        print(text, end="")  # noqa: T201  (the command line)
+        print(text, end="")
     else:
         with whole_file(options["out"]) as stream:
             stream.write(text)
@@ -120,13 +120,13 @@ def _tell(rows: Sequence[Standing], quiet: bool) -> None:
         return
     for row in rows:
         if row.notes:
-            print(f"torchsphere: {row.tracker} on {row.suite}: {row.notes}", file=sys.stderr)  # noqa: T201
-    print(table.summary(table.board(rows)), end="")  # noqa: T201  (the command line)
+            print(f"torchsphere: {row.tracker} on {row.suite}: {row.notes}", file=sys.stderr)
+    print(table.summary(table.board(rows)), end="")
 
 
 def _say(quiet: bool, sentence: str) -> None:
     if not quiet:
-        print(sentence)  # noqa: T201  (the command line)
+        print(sentence)
 
 
 #: What ``torchsphere benchmark ACTION`` runs.

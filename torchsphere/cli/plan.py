@@ -51,7 +51,7 @@ def run(options: dict[str, Any]) -> int:
         (folder / "summary.json").rename(folder / "plan.json")
         plan_figure.plan_figure(folder / "plan.png", made)
     if not quiet:
-        print(f"{plan_text.text(made)}\nresult  {out}")  # noqa: T201  (the command line)
+        print(f"{plan_text.text(made)}\nresult  {out}")
     return 0
 
 

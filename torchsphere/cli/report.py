@@ -52,4 +52,4 @@ def _draw(folder: Path, options: dict[str, Any]) -> None:
 
 def _say(quiet: bool, sentence: str) -> None:
     if not quiet:
-        print(sentence)  # noqa: T201  (the command line)
+        print(sentence)
