@@ -10,7 +10,7 @@ from shots import speckle
 
 from torchsphere import Circle
 from torchsphere.cli.main import main
-from torchsphere.detection.confirm import confirm, refined
+from torchsphere.detection.detect import confirm, refined
 from torchsphere.synthetic import demo_shot as demo
 from torchsphere.synthetic import ray_caster
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import torch
 
-from torchsphere.estimation.entries import UNKNOWN
+from torchsphere.estimation.filter_bank import UNKNOWN
 from torchsphere.estimation.likelihood import STATED_COUNTS, Series, log_likelihood
 from torchsphere.estimation.process_model import STATES, STEADY, transitions
 

@@ -4,8 +4,8 @@ import numpy as np
 import torch
 
 from torchsphere.sphere_map.bundle_adjustment import Bundle
-from torchsphere.sphere_map.map_steps import step_covariances
 from torchsphere.sphere_map.pixel_weights import level_profile
+from torchsphere.sphere_map.poses import step_covariances
 from torchsphere.sphere_map.projection import Ball, Pose
 from torchsphere.sphere_map.registration import Registration
 

@@ -3,20 +3,20 @@
 import pytest
 import torch
 
-from torchsphere.detection import ordered
+from torchsphere.detection import silhouette
 
 
 @pytest.mark.parametrize("shape", [(1,), (6,), (25, 7, 5), (1001,)])
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_the_median_is_the_one_that_torch_takes(shape: tuple[int, ...], dtype: torch.dtype) -> None:
     values = torch.randn(shape, generator=torch.Generator().manual_seed(3), dtype=dtype)
-    assert torch.equal(ordered.median(values), values.median(0).values)
+    assert torch.equal(silhouette.median(values), values.median(0).values)
 
 
 def test_a_value_that_is_no_number_makes_the_median_none_where_it_is() -> None:
     values = torch.arange(10.0).reshape(5, 2)
     values[3, 1] = torch.nan
-    found = ordered.median(values)
+    found = silhouette.median(values)
     assert float(found[0]) == 4.0
     assert bool(found[1].isnan())
 
@@ -25,4 +25,4 @@ def test_a_value_that_is_no_number_makes_the_median_none_where_it_is() -> None:
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.97, 1.0])
 def test_the_quantile_is_the_one_that_torch_takes(count: int, share: float) -> None:
     values = torch.rand(count, generator=torch.Generator().manual_seed(4))
-    assert ordered.quantile(values, share) == float(torch.quantile(values, share))
+    assert silhouette.quantile(values, share) == float(torch.quantile(values, share))

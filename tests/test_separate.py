@@ -8,9 +8,8 @@ import torch
 from test_smooth import M_PER_PX, MASS_KG, NOISES_M, RATE, pulse
 
 from torchsphere.dynamics.kinematics import kinematics_of_many
-from torchsphere.estimation import contact_search, passes
-from torchsphere.estimation.measurements import LEAST_OWN, Poses, poses
-from torchsphere.estimation.separate import separation
+from torchsphere.estimation import contact_search, rts
+from torchsphere.estimation.measurements import LEAST_OWN, Poses, poses, separation
 from torchsphere.estimation.transitions import Moves
 
 SHOTS, FRAMES = 3, 400
@@ -127,7 +126,7 @@ def test_what_was_not_seen_says_nothing_to_the_smoother_whatever_the_noise() -> 
     vague = dataclasses.replace(whole, covariance=covariance)
     for one in (hidden, vague):
         one.__dict__["separation"] = whole.separation
-    ends = [passes.forward(one, found, Moves(one, found))[1][-1] for one in (hidden, vague)]
+    ends = [rts.forward(one, found, Moves(one, found))[1][-1] for one in (hidden, vague)]
     # Of y, the quieter one of y and wx.
     np.testing.assert_allclose(ends[0][..., 1, 1], ends[1][..., 1, 1], rtol=1e-3)
 

@@ -12,7 +12,7 @@ import torchsphere as ts
 from torchsphere.dynamics.ball import ball
 from torchsphere.dynamics.impact import impact
 from torchsphere.dynamics.kinematics import Kinematics, kinematics_of_many
-from torchsphere.estimation import passes, rts
+from torchsphere.estimation import rts
 from torchsphere.geometry.orientation import chain
 
 #: The pulse of PHYSICS.md, section 4: 29 kN, 14 frames, 50 kfps, 110 g. A pixel of 0.1 mm.
@@ -281,7 +281,7 @@ def test_a_system_that_is_singular_but_for_rounding_is_solved_where_it_says_anyt
     matrix = direction.mT @ direction * (1 + 1e-14 * torch.randn(3, 3, generator=torch.Generator().manual_seed(1)))
     matrix[0, 0] -= 1e-11
     both = torch.stack((matrix, torch.eye(3, dtype=torch.float64)))
-    solution = torch.from_numpy(passes._solve(both.numpy(), both.numpy()))
+    solution = torch.from_numpy(rts._solve(both.numpy(), both.numpy()))
     assert torch.linalg.cholesky_ex(matrix / matrix.diagonal().sqrt()[:, None] / matrix.diagonal().sqrt()).info > 0
     torch.testing.assert_close(matrix @ solution[0], matrix, rtol=1e-8, atol=0.0)
     torch.testing.assert_close(solution[1], both[1])

@@ -1,4 +1,7 @@
-"""What a solution is worth: status, covariance and coefficient of each pair."""
+"""What a solution is worth: status, covariance and coefficient of each pair.
+
+What a converged pair is worth: covariance of the increment, and whether the texture can carry the modes.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +9,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchsphere.correlation import covariance, illumination, residual_noise, znssd
+from torchsphere.correlation import illumination, residual_noise, znssd
 from torchsphere.correlation.gauss_newton import Solution
 from torchsphere.correlation.options import Options
-from torchsphere.correlation.reference import Reference
+from torchsphere.correlation.reference import IN_CLOSED_FORM, THINNED, Reference, scale
+from torchsphere.correlation.residual_noise import Power
 from torchsphere.correlation.result import (
     LOW_CORRELATION,
     NOT_CONVERGED,
@@ -19,7 +23,92 @@ from torchsphere.correlation.result import (
     WEAK_TEXTURE,
     Correlation,
 )
+from torchsphere.correlation.warp import projected_slopes
+from torchsphere.geometry import motion_models, rotation
 from torchsphere.geometry.motion_models import Displacement
+from torchsphere.imaging import interpolation
+
+#: Least ratio, in the worst combination of modes, of the gradients' energy to what noise alone would give. Noise has
+#: 1, a speckle of 10 grey levels under noise of 2 has 3.5, one of 190 grey levels has 700.
+MIN_TEXTURE_SIGNAL = 3.0
+
+#: Largest ratio of the best to the worst combination of modes in that measure. Speckle has 1 to 4, a plain ball with a
+#: highlight 30 and more.
+MAX_CONDITION = 15.0
+
+
+#: Every how many points geometry alone is summed over: it changes slowly from one to the next.
+THIN = 8
+
+
+def increment_covariance(
+    reference: Reference,
+    power: Power,
+    weights: Tensor,
+    q: Tensor,
+    model: Displacement,
+    operator: Tensor,
+    pre_blur: float,
+) -> Tensor:
+    """Covariance (n, k, k), float64, of the increments ``q`` (n, k): px and rad.
+
+    Without pre-blur it is ``2 sigma^2 M^-1``, the variance of the residual times the inverse of the ``operator``. The
+    pre-blur correlates the noise of neighbouring pixels: ``M^-1 N M^-1`` takes its place, where ``N`` is the operator
+    of the gradients blurred once more, and the residual's variance is divided by what the blur leaves of a pixel's.
+    Points at a distance have less of their noise in common: ``N`` shrinks by another factor of their density.
+    """
+    k = q.shape[-1]
+    few = reference.thinned()
+    some = weights[:, ::THINNED]
+    _, products = projected_slopes(few, few.blurred_gradient, q, model, some)
+    carried = THINNED * products / reference.spacing**2
+    value_gain, _ = interpolation.noise_gains(pre_blur)
+    freedom = (power.whole - k - 2).clamp_min(1)
+    variance = power.of_whole.double() / freedom / value_gain
+    inverse = torch.cholesky_inverse(znssd.cholesky(operator))
+    in_px = variance[:, None, None] * inverse @ carried @ inverse
+    unit = scale(reference, k).double()
+    return in_px / (unit[:, :, None] * unit[:, None])
+
+
+def texture_carries_modes(
+    reference: Reference,
+    power: Power,
+    weights: Tensor,
+    q: Tensor,
+    model: Displacement,
+    operator: Tensor,
+    pre_blur: float,
+) -> Tensor:
+    """True (n,) where the texture determines every mode.
+
+    The ``operator`` (n, k, k) is taken relative to the one that white noise would give over the same region, so that
+    what the geometry itself does to the modes cancels. Two ways to fail: gradients that are hardly more than noise (a
+    plain ball), and gradients in a part of the ball only (a highlight), where translation and rotation look the same.
+    """
+    value_gain, slope_gain = interpolation.noise_gains(pre_blur)
+    # Two upper bounds of the noise: the residual is too large where the match fails, the raw image's where the
+    # texture is as fine as noise. Half of the residual's variance belongs to either image.
+    from_residual = power.of_whole / power.whole.clamp_min(1) / (2 * value_gain)
+    noise = torch.minimum(from_residual, reference.noise.square()).double().clamp_min(1e-12)
+    of_noise = slope_gain * noise[:, None, None] * _gram_of_modes(reference, q, model, weights)
+    root = znssd.cholesky(of_noise)
+    relative = torch.linalg.solve_triangular(root, operator, upper=False)
+    relative = torch.linalg.solve_triangular(root, relative.mT, upper=False)
+    spectrum = torch.linalg.eigvalsh((0.5 * (relative + relative.mT)).nan_to_num())
+    worst, best = spectrum[:, 0], spectrum[:, -1]
+    return (worst > MIN_TEXTURE_SIGNAL) & (best < MAX_CONDITION * worst)
+
+
+def _gram_of_modes(reference: Reference, q: Tensor, model: Displacement, weights: Tensor) -> Tensor:
+    """Operator that a gradient of independent unit components would give: sum of the modes' products."""
+    unit = scale(reference, q.shape[-1]).double()
+    if model in IN_CLOSED_FORM:
+        total = THIN * rotation.gram(q, reference.surface, weights, exact=model is motion_models.finite, every=THIN)
+    else:
+        modes = motion_models.modes(model, q, reference.points, reference.geometry).double()
+        total = torch.einsum("np,npck,npcl->nkl", weights.double(), modes, modes)
+    return total / (unit[:, :, None] * unit[:, None])
 
 
 def conclude(
@@ -35,10 +124,10 @@ def conclude(
     difference = znssd.residual(reference.values, warped, weights)
     power = residual_noise.Power.of(reference, difference, weights)
     gram = znssd.operator(jacobian, weights)
-    spread = covariance.increment_covariance(reference, power, weights, q, model, gram, options.pre_blur)
+    spread = increment_covariance(reference, power, weights, q, model, gram, options.pre_blur)
     wider = residual_noise.inflation(reference, jacobian, factor, weights * difference, power, spread)
     spread = spread * wider[:, :, None] * wider[:, None, :]
-    carried = covariance.texture_carries_modes(reference, power, weights, q, model, gram, options.pre_blur)
+    carried = texture_carries_modes(reference, power, weights, q, model, gram, options.pre_blur)
     points = torch.pi * (options.roi * reference.geometry.radius / reference.spacing) ** 2
     status = torch.full((len(q),), OK, device=q.device)
     for wrong, code in (

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from torchsphere.dynamics.impact_estimate import Estimate, Impact
 from torchsphere.dynamics.kinematics import Kinematics
-from torchsphere.dynamics.short_contact import SHORT, frames_of
+from torchsphere.dynamics.peak_force import SHORT, frames_of
 
 #: Frames of flight before or after a contact below which a contact that the recording cuts off may pass for a shorter
 #: one: of a half-sine of force whose first half was missing, up to 5 frames were taken for flight.

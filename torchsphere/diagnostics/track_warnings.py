@@ -7,7 +7,7 @@ import math
 import numpy as np
 import torch
 
-from torchsphere.detection.confirm import confirm, refined
+from torchsphere.detection.detect import confirm, refined
 from torchsphere.diagnostics.camera_shake import shaken
 from torchsphere.diagnostics.missing_frames import skipped
 from torchsphere.dynamics.kinematics import Kinematics
@@ -16,8 +16,7 @@ from torchsphere.estimation.savitzky_golay import runs
 from torchsphere.recording import Recording
 from torchsphere.request import Request
 from torchsphere.results import writer
-from torchsphere.settings.limits import option
-from torchsphere.settings.plausible import implausible
+from torchsphere.settings.limits import implausible, option
 from torchsphere.tracking import edge_leakage
 from torchsphere.tracking.steady_error import ROTATION_PER_STEP
 from torchsphere.tracking.track import Track

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from torchsphere.dynamics.ball import Ball
 from torchsphere.dynamics.impact_estimate import Estimate, Impact
 from torchsphere.dynamics.kinematics import Draws, Kinematics
-from torchsphere.dynamics.peak_force import peak
+from torchsphere.dynamics.peak_force import as_far_as_seen, peak
 from torchsphere.dynamics.rebound import (
     State,
     along,
@@ -31,7 +31,6 @@ from torchsphere.dynamics.rebound import (
     state,
     to_surface,
 )
-from torchsphere.dynamics.short_contact import as_far_as_seen
 from torchsphere.settings.limits import number
 
 Array = NDArray[np.float64]

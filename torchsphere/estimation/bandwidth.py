@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.estimation.entries import UNKNOWN
+from torchsphere.estimation.filter_bank import UNKNOWN
 from torchsphere.estimation.process_model import ABSENT, STATES, STEADY, transitions
 
 Array = NDArray[np.float64]

@@ -15,8 +15,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.estimation.entries import Array, exact, matrices, operators, part, unknown
-from torchsphere.estimation.filter_bank import Bank, Step, Sums, Values
+from torchsphere.estimation.filter_bank import (
+    Array,
+    Bank,
+    Step,
+    Sums,
+    Values,
+    exact,
+    matrices,
+    operators,
+    part,
+    unknown,
+)
 from torchsphere.estimation.process_model import (
     ROUGH,
     STATES,

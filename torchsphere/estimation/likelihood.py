@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchsphere.estimation.entries import Array
+from torchsphere.estimation.filter_bank import Array
 from torchsphere.estimation.innovations import Recordings
 
 #: Observations that the stated noise counts as: it is believed to some 15 %, and corrected where the data insist.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torchsphere.estimation import bandwidth, contact_search, savitzky_golay
 from torchsphere.estimation import rts as smooth
 from torchsphere.estimation.contact_search import Contact
-from torchsphere.estimation.entries import UNKNOWN
+from torchsphere.estimation.filter_bank import UNKNOWN
 from torchsphere.estimation.likelihood import Series
 from torchsphere.estimation.measurements import FREEDOMS, Poses, joined, poses
 from torchsphere.estimation.process_model import STATES

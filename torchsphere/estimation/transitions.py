@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from torchsphere.estimation.contact_search import Contact
-from torchsphere.estimation.entries import Array
+from torchsphere.estimation.filter_bank import Array
 from torchsphere.estimation.measurements import FREEDOMS, Poses
 from torchsphere.estimation.process_model import ABSENT, STATES, STEADY, steady, touches, transitions, white_noise
 

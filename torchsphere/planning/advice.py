@@ -7,7 +7,7 @@ import math
 from torchsphere.planning.camera_modes import LEAST_CONTACT_FRAMES, LEAST_IN_VIEW, Verdict, best
 from torchsphere.planning.expected import MOST_BLUR_PX, NOISE_ONLY_UP_TO_DEG
 from torchsphere.planning.plan import Plan
-from torchsphere.settings.plausible import implausible
+from torchsphere.settings.limits import implausible
 
 #: Share of the peak force that its error may be: 1.5 % is the paper's (table 3).
 PAPER_SHARE = 0.015

@@ -25,10 +25,9 @@ from torchsphere.detection.detect import Circle
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
 from torchsphere.tracking import recovery
-from torchsphere.tracking.prediction import Seen, path, trend
+from torchsphere.tracking.prediction import Seen, path, repeats, trend
 from torchsphere.tracking.prefetch import Ahead
 from torchsphere.tracking.record import Record
-from torchsphere.tracking.repeated import repeats
 from torchsphere.tracking.successive_pairs import PREDICTION_TOLERANCE, Setup, correlate_successive, leading
 from torchsphere.tracking.successive_pairs import look as looked_at
 

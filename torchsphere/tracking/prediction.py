@@ -1,4 +1,7 @@
-"""Where the ball will be: it is expected to go on from where it was last seen as it moved there."""
+"""Where the ball will be: it is expected to go on from where it was last seen as it moved there.
+
+Images that repeat the one before although the ball moves: a copy is no measurement.
+"""
 
 from __future__ import annotations
 
@@ -84,3 +87,17 @@ def path(first: Tensor, steps: Tensor, growth: Tensor) -> Tensor:
     centres = first[:2] + steps.cumsum(0)
     radii = first[2] * (1 + growth).cumprod(0)
     return torch.cat((first[None], torch.cat((centres, radii[:, None]), -1)))
+
+
+#: Rows of the images between those that are compared first: two images that differ do so in some of these.
+SPARSE = 16
+
+
+def repeats(images: Tensor, seen: Seen) -> NDArray[np.bool_]:
+    """Which of the images (m + 1, h, w) after the first repeat the one before (m,), while the ball moves."""
+    if not seen.moves:
+        return np.zeros(len(images) - 1, dtype=bool)
+    same = (images[1:, ::SPARSE] == images[:-1, ::SPARSE]).flatten(1).all(-1)
+    if bool(same.any()):
+        same = (images[1:] == images[:-1]).flatten(1).all(-1)
+    return same.cpu().numpy()
