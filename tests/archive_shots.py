@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import json
 import os
 import signal
 import sys
@@ -12,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 import tifffile
 import torch
 from shots import rotation_matrix, speckle
@@ -31,6 +34,24 @@ COMMON: dict[str, Any] = {"circle": (22.0, 32.3, RADIUS), "fps": 1000.0, "diamet
 CALLS = "calls.txt"
 #: Grey level of what `pretended` refuses.
 BAD = 255
+
+
+#: Twelve recordings of which nine can be measured.
+NAMES = [
+    "a/r0",
+    "a/r1",
+    "a/held2",
+    "a/r3",
+    "a/corrupt4",
+    "b/r5",
+    "b/poison6",
+    "b/r7",
+    "b/r8",
+    "b/corrupt9",
+    "c/r10",
+    "c/r11",
+]
+GOOD = [name for name in NAMES if "corrupt" not in name and "poison" not in name]
 
 
 def step_px(seed: int) -> float:
@@ -134,6 +155,26 @@ def arguments(source: Path, out: Path, **more: Any) -> dict[str, Any]:
     none = dict.fromkeys(settings.NAMES)
     fixed = {"source": source, "out": out, "config": None, "scheduler": None, "workers": 2, "together": None}
     return {**none, **COMMON, **fixed, "shard": None, "retry_failed": False, "quiet": True, **more}
+
+
+def rows(out: Path) -> dict[str, dict[str, str]]:
+    with (out / "summary.csv").open(newline="") as stream:
+        return {row["recording"]: row for row in csv.DictReader(stream)}
+
+
+def check_the_whole(out: Path, source: Path) -> None:
+    """Nine results of the right recordings, each measured once, and three failures with their reasons."""
+    table = {name.removesuffix(".tif"): row for name, row in rows(out).items()}
+    assert {name for name, row in table.items() if row["state"] == "done"} == set(GOOD)
+    assert "worker process died" in table["b/poison6"]["reason"]
+    assert all("cut" in table[name]["reason"] for name in ("a/corrupt4", "b/corrupt9"))
+    assert calls(source) == sorted(Path(name).name for name in GOOD)
+    for seed, name in enumerate(NAMES):
+        if name in GOOD:
+            step = json.loads((out / name / "summary.json").read_text())["mean_motion"]["increment_px_rad"][0]
+            # Five small frames are measured to a few hundredths of a pixel; the recordings differ by 0.25 px.
+            assert step == pytest.approx(step_px(seed), abs=0.08)
+    assert not [path for path in out.rglob(".*.*") if path.is_dir() and path.parent.name != ".batch"]
 
 
 if __name__ == "__main__":

@@ -1,0 +1,136 @@
+"""Whole archives by own processes: one is killed, one dies of its recording, and nothing else suffers."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from archive_shots import (
+    COMMON,
+    NAMES,
+    RADIUS,
+    arguments,
+    calls,
+    check_the_whole,
+    kill_holder,
+    measured,
+    pid_of,
+    rows,
+    write_archive,
+)
+
+from torchsphere.cli import batch
+
+SCRIPT = Path(__file__).parents[1] / "archive_shots.py"
+
+
+def start(source: Path, out: Path, workers: int) -> subprocess.Popen[bytes]:
+    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    return subprocess.Popen([sys.executable, str(SCRIPT), str(source), str(out), str(workers)], env=environment)
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
+
+
+def test_a_killed_worker_a_poisonous_and_two_corrupt_recordings_cost_only_what_they_must(tmp_path: Path) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    write_archive(source, NAMES)
+    killer = kill_holder(source / "a" / "held2.pid")
+    assert batch.command(arguments(source, out), measured) == batch.SOME_FAILED
+    killer.join()
+    check_the_whole(out, source)
+    assert rows(out)["b/poison6.tif"]["reason"].startswith("the worker process died (signal 9, SIGKILL), and so did")
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("summary.json")}
+    assert batch.command(arguments(source, out), measured) == batch.SOME_FAILED
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("summary.json")} == before
+    check_the_whole(out, source)
+
+
+def test_of_several_recordings_in_flight_only_the_poisonous_one_is_given_up(tmp_path: Path) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    names = ["r0", "r1", "poison2", "r3", "r4", "corrupt5", "r6"]
+    write_archive(source, names)
+    assert batch.command(arguments(source, out, workers=1, together=3), measured) == batch.SOME_FAILED
+    table = {Path(name).stem: row for name, row in rows(out).items()}
+    assert {name for name, row in table.items() if row["state"] == "failed"} == {"poison2", "corrupt5"}
+    assert "worker process died" in table["poison2"]["reason"]
+    assert calls(source) == sorted(name for name in names if name.startswith("r"))
+
+
+def test_recordings_in_common_batches_have_the_results_of_each_alone(tmp_path: Path) -> None:
+    source = tmp_path / "in"
+    names = ["r0", "r1", "r2"]
+    write_archive(source, names)
+    for out, together in (("alone", None), ("both", 3)):
+        options = arguments(source, tmp_path / out, workers=1, together=together, report=False)
+        assert batch.command(options) == 0
+    for name in names:
+        alone, both = (
+            np.genfromtxt(tmp_path / out / name / "track.csv", delimiter=",", names=True) for out in ("alone", "both")
+        )
+        # Iterations end with a step of 2e-4 px, and their modes are those of where a rough look ended, which other
+        # pairs in the batch change: from starts 0.02 px apart, balls of 12 px end up to 0.002 px apart.
+        np.testing.assert_allclose(both["dx_px"], alone["dx_px"], atol=2e-3)
+        np.testing.assert_allclose(both["wy_rad"], alone["wy_rad"], atol=2e-3 / RADIUS)
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="there is no /proc to see whether a process lives")
+def test_after_the_parent_was_killed_its_workers_end_and_the_next_run_goes_on(tmp_path: Path) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    names = ["r0", "r1", "held2", "r3"]
+    write_archive(source, names)
+    with start(source, out, 1) as parent:
+        worker = pid_of(source / "held2.pid")
+        parent.kill()
+    end = time.monotonic() + 30
+    while is_alive(worker):
+        assert time.monotonic() < end, "the worker outlives its parent"
+        time.sleep(0.05)
+    finished = calls(source)
+    (out / ".r3.abcd_123").mkdir()
+    assert batch.command(arguments(source, out, workers=1), measured) == 0
+    assert calls(source) == sorted(names)
+    assert set(finished) < set(names)
+    assert sorted(path.name for path in out.iterdir() if path.is_dir()) == [".batch", *sorted(names)]
+    assert [row["state"] for row in rows(out).values()] == ["done"] * 4
+
+
+def test_ctrl_c_ends_the_workers_and_the_next_run_goes_on(tmp_path: Path) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    write_archive(source, ["held0", "r1"])
+    with start(source, out, 1) as parent:
+        worker = pid_of(source / "held0.pid")
+        parent.send_signal(signal.SIGINT)
+        assert parent.wait(60) == 130
+    with pytest.raises(ProcessLookupError):
+        os.kill(worker, 0)
+    assert [row["state"] for row in rows(out).values()] == ["pending", "pending"]
+    assert sorted(path.name for path in out.iterdir()) == [".batch", "index.html", "summary.csv", "summary.parquet"]
+    assert batch.command(arguments(source, out, workers=1), measured) == 0
+
+
+def test_two_runs_at_once_share_the_work_and_both_end_with_all_of_it(tmp_path: Path) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    names = [f"r{i}" for i in range(5)]
+    write_archive(source, names)
+    with start(source, out, 1) as first, start(source, out, 1) as second:
+        assert (first.wait(120), second.wait(120)) == (0, 0)
+    assert calls(source) == sorted(names)
+    assert [row["state"] for row in rows(out).values()] == ["done"] * 5
+
+
+def test_a_run_without_anything_to_do_starts_no_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    write_archive(source, ["r0"])
+    assert batch.command(arguments(source, out, **COMMON), measured) == 0
+    monkeypatch.setattr("torchsphere.archive.processes._start", None)
+    assert batch.command(arguments(source, out), measured) == 0

@@ -1,0 +1,301 @@
+"""A run over an archive in one process: what is measured again, what is not, and what the table says."""
+
+import errno
+import math
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+from archive_shots import BAD, calls, pretended, rows, serial, write_array
+
+from torchsphere.archive import folder, manifest, records, summary
+from torchsphere.archive.run import Counts, in_shard, run
+from torchsphere.archive.work import Job, Outcome, settle
+
+
+@pytest.fixture
+def shots(tmp_path: Path) -> Path:
+    """Three recordings that can be pretended to be measured, and one that cannot."""
+    source = tmp_path / "shots"
+    for name, level in (("a.npy", 1), ("b.npy", 2), ("deep/c.npy", 3), ("d.npy", BAD)):
+        write_array(source / name, level)
+    return source
+
+
+def again(source: Path, out: Path, common: dict[str, Any] | None = None, **options: Any) -> Counts:
+    return run(manifest.read(source, common or {}, out), out, serial, **options)
+
+
+def test_every_recording_has_a_folder_that_mirrors_its_path_and_a_row_of_the_table(shots: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert again(shots, out, {"fps": 50.0}) == Counts(done=3, failed=1, pending=0, measured=4)
+    assert sorted(p.parent.relative_to(out).as_posix() for p in out.rglob("summary.json")) == ["a", "b", "deep/c"]
+    table = rows(out)
+    assert [row["state"] for row in table.values()] == ["done", "done", "failed", "done"]
+    assert list(table) == ["a.npy", "b.npy", "d.npy", "deep/c.npy"]
+    assert table["d.npy"]["reason"] == f"{shots / 'd.npy'}: is bad"
+    assert (table["a.npy"]["frames"], table["a.npy"]["ok"], table["a.npy"]["frame_rate"]) == ("3", "3", "50")
+    assert table["d.npy"]["frames"] == ""
+    assert "<title>" in (out / "index.html").read_text()
+    parquet = pq.read_table(out / "summary.parquet").to_pylist()
+    assert [row["recording"] for row in parquet] == list(table)
+    assert [row["state"] for row in parquet] == ["done", "done", "failed", "done"]
+    assert [row["frames"] for row in parquet] == [3, 3, None, 3]
+
+
+def test_a_second_run_measures_nothing(shots: Path, tmp_path: Path) -> None:
+    again(shots, tmp_path / "out")
+    assert again(shots, tmp_path / "out") == Counts(done=3, failed=1, pending=0, measured=0)
+    assert calls(shots) == ["a", "b", "c"]
+
+
+def test_only_a_recording_that_is_new_or_changed_is_measured(shots: Path, tmp_path: Path) -> None:
+    again(shots, tmp_path / "out")
+    write_array(shots / "b.npy", 7)
+    write_array(shots / "e.npy", 5)
+    assert again(shots, tmp_path / "out") == Counts(done=4, failed=1, pending=0, measured=2)
+    assert calls(shots) == ["a", "b", "b", "c", "e"]
+
+
+def test_a_touched_file_of_the_same_contents_is_not_measured_again(shots: Path, tmp_path: Path) -> None:
+    again(shots, tmp_path / "out")
+    os.utime(shots / "a.npy", ns=(1, 1))
+    assert again(shots, tmp_path / "out").done == 3
+    # Its contents decided, and need not be read a third time: the record has the new time.
+    key = records.read(tmp_path / "out", "a")
+    assert again(shots, tmp_path / "out").done == 3
+    assert records.read(tmp_path / "out", "a") == key
+    assert calls(shots).count("a") == 1
+
+
+def test_a_changed_setting_measures_the_recordings_it_holds_for_again(shots: Path, tmp_path: Path) -> None:
+    sheet = shots / "list.csv"
+    sheet.write_text("recording,fps\na.npy,100\nb.npy,100\n")
+    again(sheet, tmp_path / "out")
+    sheet.write_text("recording,fps\na.npy,100\nb.npy,200\n")
+    assert again(sheet, tmp_path / "out") == Counts(done=2, failed=0, pending=0, measured=1)
+    assert calls(shots) == ["a", "b", "b"]
+    assert rows(tmp_path / "out")["b.npy"]["frame_rate"] == "200"
+
+
+def test_a_setting_given_as_its_default_changes_nothing(shots: Path, tmp_path: Path) -> None:
+    again(shots, tmp_path / "out")
+    assert again(shots, tmp_path / "out", {"model": "rigid", "map": "auto"}).measured == 0
+
+
+def test_a_changed_mask_image_measures_again(shots: Path, tmp_path: Path) -> None:
+    mask = tmp_path / "mask.png"
+    mask.write_bytes(b"one")
+    again(shots, tmp_path / "out", {"ignore": [str(mask)]})
+    assert again(shots, tmp_path / "out", {"ignore": [str(mask)]}).measured == 0
+    mask.write_bytes(b"another")
+    assert again(shots, tmp_path / "out", {"ignore": [str(mask)]}).measured == 4
+
+
+def test_a_failure_is_repeated_only_on_request_or_when_its_input_changes(shots: Path, tmp_path: Path) -> None:
+    again(shots, tmp_path / "out")
+    assert again(shots, tmp_path / "out").measured == 0
+    assert again(shots, tmp_path / "out", retry_failed=True) == Counts(done=3, failed=1, pending=0, measured=1)
+    write_array(shots / "d.npy", 4)
+    assert again(shots, tmp_path / "out") == Counts(done=4, failed=0, pending=0, measured=1)
+
+
+def test_a_recording_that_is_missing_fails_and_is_measured_once_it_is_there(shots: Path, tmp_path: Path) -> None:
+    sheet = shots / "list.csv"
+    sheet.write_text("recording\na.npy\nlater.npy\n")
+    assert again(sheet, tmp_path / "out").failed == 1
+    assert "later.npy" in rows(tmp_path / "out")["later.npy"]["reason"]
+    assert again(sheet, tmp_path / "out").measured == 0
+    write_array(shots / "later.npy", 4)
+    assert again(sheet, tmp_path / "out") == Counts(done=2, failed=0, pending=0, measured=1)
+
+
+def test_a_failure_in_the_place_of_an_earlier_result_says_that_it_is_still_there(shots: Path, tmp_path: Path) -> None:
+    again(shots, tmp_path / "out")
+    write_array(shots / "a.npy", BAD)
+    again(shots, tmp_path / "out")
+    row = rows(tmp_path / "out")["a.npy"]
+    assert row["state"] == "failed"
+    assert "still holds the result of an earlier input" in row["reason"]
+    assert (row["frames"], row["result"]) == ("", "")
+
+
+def test_a_result_without_its_record_is_taken_over_and_a_record_without_its_result_is_not(
+    shots: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    again(shots, out)
+    records.file_of(out, "a").unlink()
+    records.file_of(out, "b").write_text('{"state": "do')
+    shutil.rmtree(out / "deep" / "c")
+    assert again(shots, out) == Counts(done=3, failed=1, pending=0, measured=1)
+    assert calls(shots) == ["a", "b", "c", "c"]
+
+
+def test_an_output_folder_without_its_state_is_known_by_its_table(shots: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    again(shots, out)
+    shutil.rmtree(out / ".batch")
+    # Results are found again, failures are tried again.
+    assert again(shots, out) == Counts(done=3, failed=1, pending=0, measured=1)
+    shutil.rmtree(out / ".batch")
+    (out / "summary.csv").write_text("name,price\n")
+    with pytest.raises(FileExistsError, match="no results of 'torchsphere batch'"):
+        again(shots, out)
+
+
+def test_a_result_that_a_power_failure_left_empty_is_measured_again(shots: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    again(shots, out)
+    for name in ("summary.json", "batch.json"):
+        (out / "b" / name).write_bytes(b"")
+    assert again(shots, out) == Counts(done=3, failed=1, pending=0, measured=1)
+    assert (out / "b" / "summary.json").stat().st_size > 0
+
+
+def test_an_error_that_nobody_foresaw_is_a_failure_with_its_trace(shots: Path, tmp_path: Path) -> None:
+    def broken(*_: Any) -> None:
+        raise RuntimeError("out of memory")
+
+    def engine(jobs: Iterator[Job]) -> Iterator[Outcome]:
+        return (settle(job, broken) for job in jobs)
+
+    out = tmp_path / "out"
+    assert run(manifest.read(shots, {}, out), out, engine).failed == 4
+    assert rows(out)["a.npy"]["reason"].startswith("unforeseen RuntimeError: out of memory (test_archive.py, line ")
+    record = records.read(out, "a")
+    assert record is not None
+    assert "Traceback" in record.trace
+
+
+def test_a_full_disk_stops_the_run_and_condemns_no_recording(shots: Path, tmp_path: Path) -> None:
+    def full(request: Any, progress: None, extra: Any) -> None:
+        if request.input.name == "b.npy":
+            raise OSError(errno.ENOSPC, "No space left on device", "track.csv")
+        pretended(request, progress, extra)
+
+    out = tmp_path / "out"
+    with pytest.raises(OSError, match="no space left on device; the run stops here"):
+        run(manifest.read(shots, {}, out), out, lambda jobs: (settle(job, full) for job in jobs))
+    assert [row["state"] for row in rows(out).values()] == ["done", "pending", "pending", "pending"]
+    assert again(shots, out) == Counts(done=3, failed=1, pending=0, measured=3)
+
+
+def test_a_recording_whose_process_died_twice_in_a_run_is_given_up_and_a_new_run_tries_it_again(
+    shots: Path, tmp_path: Path
+) -> None:
+    class Death(BaseException):
+        """Stands for a process that ends in the middle: its mark stays."""
+
+    def die(request: Any, progress: None, extra: Any) -> None:
+        raise Death
+
+    out = tmp_path / "out"
+    archive = manifest.read(shots, {}, out)
+
+    def engine(jobs: Iterator[Job]) -> Iterator[Outcome]:
+        for job in jobs:
+            if job.item.result != "a":
+                continue
+            mark = records.file_of(out, "a", ".started")
+            records.write_table(mark, {"run": "of another day", "count": 2})
+            with pytest.raises(Death):
+                settle(job, die)
+            # The marks of another run count for nothing: this one may start it twice itself.
+            records.write_table(mark, {"run": job.run, "count": 2})
+            yield settle(job, pretended)
+
+    assert run(archive, out, engine).failed == 1
+    assert "died 2 times" in rows(out)["a.npy"]["reason"]
+    assert again(shots, out, retry_failed=True).done == 3
+
+
+def test_shards_part_the_archive_and_the_last_one_s_table_has_all(shots: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    names = ["a", "b", "deep/c", "d"]
+    parts = [[name for name in names if in_shard(name, (k, 3))] for k in (1, 2, 3)]
+    assert sorted(name for part in parts for name in part) == sorted(names)
+    totals = [again(shots, out, shard=(k, 3)).total for k in (1, 2, 3)]
+    assert totals == [len(part) for part in parts]
+    assert [row["state"] for row in rows(out).values()] == ["done", "done", "failed", "done"]
+    assert calls(shots) == ["a", "b", "c"]
+
+
+def test_the_counts_are_told_from_the_start_and_after_each_recording(shots: Path, tmp_path: Path) -> None:
+    seen: list[Counts] = []
+    again(shots, tmp_path / "out", changed=seen.append)
+    assert [(c.done, c.failed, c.pending) for c in seen] == [(0, 0, 4), (1, 0, 3), (2, 0, 2), (2, 1, 1), (3, 1, 0)]
+
+
+CLAIM = """
+import sys
+from pathlib import Path
+from torchsphere.archive.folder import claims_of
+with claims_of(Path(sys.argv[1])).claim(sys.argv[2]) as mine:
+    print(mine, flush=True)
+    sys.stdin.readline()
+"""
+
+
+def test_leftovers_of_the_dead_are_removed_and_those_of_the_living_are_not(shots: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    again(shots, out)
+    for left in (".a.abcd1234", ".b.abcd1234", "deep/.c.0_x9zzzz", ".stranger.abcd1234"):
+        (out / left).mkdir()
+    command = [sys.executable, "-c", CLAIM, str(out), "b"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "True\n"
+        results = ["a", "b", "deep/c", "d"]
+        with folder.claims_of(out).claim("b") as mine, folder.claims_of(out).claim("a") as free:
+            assert (mine, free) == (False, True)
+        assert folder.sweep(out, results) == 2
+        # Killed, not told to end: the system lets go of its claim.
+        other.kill()
+        other.wait()
+        assert (out / ".b.abcd1234").is_dir()
+        assert folder.sweep(out, results) == 1
+    assert sorted(p.name for p in out.iterdir() if p.is_dir()) == [".batch", ".stranger.abcd1234", "a", "b", "deep"]
+
+
+def test_a_claim_holds_against_the_same_process(tmp_path: Path) -> None:
+    claims = folder.prepare(tmp_path / "out")
+    assert claims.work()
+    with claims.claim("a") as first, claims.claim("a") as second, claims.claim("b") as other:
+        assert (first, second, other) == (True, False, True)
+    with claims.claim("a") as again:
+        assert again
+
+
+def test_the_table_tells_the_spin_of_an_impact_in_rad_per_s() -> None:
+    # A quarter of a turn per second, which the result folder states in revolutions.
+    impact = {"spin_rate_after": {"value": 0.25, "sd": 0.01, "unit": "rev/s"}}
+    row = summary.measured({"impact": impact})
+    assert row["spin_after_rad_s"] == pytest.approx(math.pi / 2)
+    assert row["sd_spin_after_rad_s"] == pytest.approx(0.02 * math.pi)
+    assert row["spin_before_rad_s"] is None
+
+
+def test_the_table_has_a_standard_deviation_for_the_radius_and_the_lengths_of_the_means() -> None:
+    mean = {"velocity_m_s": [3.0, 4.0], "sd_velocity_m_s": [0.3, 0.4], "spin_rad_s": [0.0, 2.0, 0.0]}
+    row = summary.measured({"circle": {"radius": 40.1, "sd_radius": 0.09}, "mean_motion": mean})
+    assert (row["radius_px"], row["sd_radius_px"]) == (40.1, 0.09)
+    assert row["mean_speed_m_s"] == 5
+    # The length's change is that of the components along the vector: 0.6 * 0.3 and 0.8 * 0.4.
+    assert row["sd_mean_speed_m_s"] == pytest.approx(math.hypot(0.18, 0.32))
+    # A result of an earlier version has no standard deviation of its mean.
+    assert (row["mean_spin_rad_s"], row["sd_mean_spin_rad_s"]) == (2, None)
+    assert set(row) < set(summary.COLUMNS)
+
+
+def test_the_table_keeps_the_sign_of_a_restitution() -> None:
+    # A ball that goes through its target has a negative one.
+    row = summary.measured({"impact": {"restitution_normal": {"value": -0.28, "sd": 0.002, "unit": "1"}}})
+    assert row["restitution"] == -0.28
+    assert row["sd_restitution"] == pytest.approx(0.002)

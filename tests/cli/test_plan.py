@@ -1,0 +1,65 @@
+"""``torchsphere plan`` from its command line: what it writes, and what it refuses."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+import torch
+from plan_setups import (
+    GIVEN,
+    TEST,
+    planned,
+    sides,
+)
+
+
+def test_the_command_writes_figure_and_numbers_and_says_what_to_do(tmp_path: Path, capsys) -> None:
+    modes = tmp_path / "modes.csv"
+    modes.write_text("width_px,height_px,fps_max\n256,64,40000\n256,24,80000\n")
+    image = tmp_path / "ball.tif"
+    side = sides(18.0)[0]
+    tifffile.imwrite(image, side.image.round().to(torch.uint8).numpy(), photometric="minisblack")
+    circle = "{},{},{}".format(*side.circle)
+    looks = ["--image", str(image), "--circle", circle, "--modes", str(modes), "--width", "256"]
+    assert planned(*GIVEN, *looks, "--out", str(tmp_path / "plan"), "--quiet") == 0
+    assert {path.name for path in (tmp_path / "plan").iterdir()} == {"plan.json", "plan.png"}
+    table = json.loads((tmp_path / "plan" / "plan.json").read_text())
+    assert table["advice"].startswith("Film with 256 x 64 px at 40000 frames/s")
+    assert table["blur_px"] == pytest.approx(30 * 5e-6 * 1200)
+    assert table["frames_in_view"] == 221
+    assert [mode["reason_against"] == "" for mode in table["modes"]] == [True, False]
+    assert np.array(table["increment_covariance_px_rad"]).shape == (5, 5)
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--noise", "nan"], "noise = nan"),
+        (["--speed", "-3"], "speed = -3"),
+        (["--direction-deg", "nan"], "direction_deg = nan"),
+        (["--shutter-us", "100"], "longer than the 27.78 us"),
+        (["--image", "there-is-none.tif"], "each image needs its circle"),
+        (["--image", "there-is-none.tif", "--circle", "3,3,3"], "does not exist"),
+        (["--flight", "shot.tif"], "leave one of both out"),
+        (["--field-mm", "100"], "add --modes"),
+        (["--restitution", "2"], "restitution = 2"),
+        (["--contact-us", "-1"], "contact_us = -1"),
+        (["--speckle-px", "30"], "smaller than the radius"),
+        (["--grey", "200,100"], "dark one first"),
+        (["--blurred"], "add --image"),
+    ],
+)
+def test_what_cannot_be_planned_is_refused_in_words_and_writes_nothing(
+    tmp_path: Path, more: list[str], said: str
+) -> None:
+    with pytest.raises((ValueError, OSError), match=said):
+        planned(*GIVEN, *more, "--out", str(tmp_path / "plan"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_plan_without_its_numbers_names_those_that_are_missing(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="needs --shutter-us, --noise;"):
+        planned(*TEST, "--out", str(tmp_path))

@@ -1,0 +1,131 @@
+"""What speaks against an impact: contacts cut off or too short, and restitutions that no target gives."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from pulses import M_PER_PX, MASS_KG, NOISES_M, RATE, pulse
+
+import torchsphere as ts
+from torchsphere.diagnostics.impact_warnings import doubts
+from torchsphere.dynamics.impact import impact
+from torchsphere.dynamics.impact_estimate import Estimate, Impact
+from torchsphere.dynamics.kinematics import Kinematics
+from torchsphere.geometry.orientation import chain
+
+
+@pytest.fixture(scope="module")
+def motion() -> Kinematics:
+    return ts.kinematics(pulse(11, NOISES_M[0]).track, frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
+
+
+@pytest.fixture(scope="module")
+def sound(motion: Kinematics) -> Impact:
+    """The impact, its ball thrown back."""
+    found, _ = impact(motion, normal_deg=180.0)
+    assert found is not None
+    return dataclasses.replace(found, restitution_normal=of(0.33))
+
+
+def of(value: float) -> Estimate:
+    return Estimate(np.array(value), np.array(0.01), "1")
+
+
+def test_an_impact_between_two_long_flights_is_not_doubted(motion: Kinematics, sound: Impact) -> None:
+    assert doubts(motion, sound) == ()
+
+
+@pytest.mark.parametrize(("side", "word"), [("before", "starts"), ("after", "ends")])
+def test_few_frames_of_flight_may_be_frames_of_contact(motion: Kinematics, sound: Impact, side: str, word: str) -> None:
+    velocity, contact = motion.velocity_m_s.copy(), (sound.contact_start.value, sound.contact_end.value)
+    if side == "before":
+        velocity[: int(contact[0] * RATE) - 3] = np.nan
+    else:
+        velocity[int(contact[1] * RATE) + 5 :] = np.nan
+    (sentence,) = doubts(dataclasses.replace(motion, velocity_m_s=velocity), sound)
+    assert sentence.startswith(f"Frames measured {side} the contact: 4,")
+    assert word in sentence
+
+
+@pytest.mark.parametrize(("value", "word"), [(-0.44, "flies the way it came"), (1.7, "faster than it came")])
+def test_a_restitution_that_no_target_at_rest_gives_is_doubted(
+    motion: Kinematics, sound: Impact, value: float, word: str
+) -> None:
+    (sentence,) = doubts(motion, dataclasses.replace(sound, restitution_normal=of(value)))
+    assert f"{value:g}" in sentence
+    assert word in sentence
+    assert "--frames" in sentence
+
+
+@pytest.mark.parametrize("value", [-0.02, 1.02])
+def test_a_restitution_beyond_its_range_by_noise_is_none(motion: Kinematics, sound: Impact, value: float) -> None:
+    assert doubts(motion, dataclasses.replace(sound, restitution_normal=of(value))) == ()
+
+
+def pushed(motion: Kinematics, frames: slice, newton: float) -> Kinematics:
+    """The motion with the force of these frames taken for another one, in y."""
+    acceleration = motion.acceleration_m_s2.copy()
+    acceleration[frames] = 0.0, newton / MASS_KG
+    return dataclasses.replace(motion, acceleration_m_s2=acceleration)
+
+
+def test_a_pause_of_the_force_makes_two_impacts_of_a_contact(motion: Kinematics, sound: Impact) -> None:
+    # The contact lasts from frame 33 or 34 on for 14 frames.
+    (sentence,) = doubts(pushed(motion, slice(39, 42), 0.0), sound)
+    assert sentence.startswith("Within the contact, from frame 39 to 41, there is next to no force")
+    assert "up to 40 and from 40" in sentence
+
+
+@pytest.mark.parametrize(("frames", "newton"), [(slice(39, 41), 0.0), (slice(39, 42), 4e3)])
+def test_a_short_or_shallow_dip_of_the_force_makes_no_two_impacts(
+    motion: Kinematics, sound: Impact, frames: slice, newton: float
+) -> None:
+    assert doubts(pushed(motion, frames, newton), sound) == ()
+
+
+def test_two_impacts_that_are_found_as_one_are_doubted() -> None:
+    # The ball of the pulse is pushed the same way once more from frame 112 on, and its spin taken away.
+    first = pulse(11, NOISES_M[0])
+    once = first.track
+    again = once.increment.copy()
+    again[:, :2] += (first.velocity_m_s[-1] - first.velocity_m_s[0]) / RATE / M_PER_PX
+    again[:, 2:] = again[::-1, 2:]
+    increment = np.concatenate((once.increment, again))
+    n = len(increment) + 1
+    track = dataclasses.replace(
+        once,
+        position=np.concatenate((once.position[:1], once.position[0] + increment[:, :2].cumsum(0))),
+        increment=increment,
+        covariance=np.tile(once.covariance[:1], (n - 1, 1, 1)),
+        orientation=chain(np.concatenate((np.zeros((1, 3)), increment[:, 2:])), np.ones(n, dtype=bool)),
+        zncc=np.ones(n),
+        iterations=np.ones(n, dtype=np.int64),
+        status=np.full(n, "ok"),
+        radius=np.full(n, 75.0),
+        sd_growth=np.zeros(n - 1),
+    )
+    motion = ts.kinematics(track, frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
+    found, _ = impact(motion, normal_deg=180.0)
+    assert found is not None
+    assert any("two impacts are stated as one" in sentence for sentence in doubts(motion, found))
+
+
+def test_a_push_outside_the_contact_is_another_impact(motion: Kinematics, sound: Impact) -> None:
+    (sentence,) = doubts(pushed(motion, slice(70, 71), 2.9e3), sound)
+    assert sentence.startswith("In frame 70, outside the contact, the ball is pushed by 10 %")
+
+
+def test_a_push_next_to_the_contact_is_its_own_rest(motion: Kinematics, sound: Impact) -> None:
+    # As in a recording that ends within the contact.
+    assert doubts(pushed(motion, slice(48, 60), 6e3), sound) == ()
+
+
+def test_gravity_is_no_other_impact(motion: Kinematics, sound: Impact) -> None:
+    gravity = np.array([0.0, 3e3 / MASS_KG])
+    falling = dataclasses.replace(motion, acceleration_m_s2=motion.acceleration_m_s2 + gravity)
+    assert doubts(falling, sound) == ()
+
+
+def test_a_contact_within_two_frames_does_not_tell_its_force(motion: Kinematics, sound: Impact) -> None:
+    (sentence,) = doubts(motion, dataclasses.replace(sound, duration=of(1.3 / RATE)))
+    assert sentence.startswith("The contact lasts 1.3 frames")

@@ -1,0 +1,202 @@
+"""The smoother on pulses of force and torque with exact truth: bands that hold in flight and in contact, and gaps."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from pulses import FRAMES, M_PER_PX, MASS_KG, NOISES_M, PEAK_N, RATE, Pulse, pulse
+from shots import shot
+
+import torchsphere as ts
+from torchsphere.dynamics.ball import ball
+from torchsphere.dynamics.impact import impact
+from torchsphere.dynamics.kinematics import Kinematics, kinematics_of_many
+from torchsphere.estimation import rts
+
+SHOTS = 24
+
+#: Most that the peak of any of the shots may be off by, N.
+PEAK_OFF_N = 500
+
+
+@pytest.fixture(scope="module", params=NOISES_M)
+def shots(request: pytest.FixtureRequest) -> tuple[list[Pulse], list[Kinematics]]:
+    made = [pulse(seed, request.param) for seed in range(SHOTS)]
+    return made, kinematics_of_many([p.track for p in made], frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
+
+
+def covered(shots: tuple[list[Pulse], list[Kinematics]], name: str, part: bool) -> float:
+    """Share of all values in contact, or in flight, within 1.96 standard deviations of the truth."""
+    made, found = shots
+    within = []
+    for truth, motion in zip(made, found, strict=True):
+        off = np.abs(getattr(motion, name) - getattr(truth, name)) <= 1.96 * getattr(motion, f"sd_{name}")
+        within.append(off[truth.touching == part])
+    return float(np.concatenate(within).mean())
+
+
+@pytest.mark.parametrize("part", [False, True], ids=["flight", "contact"])
+@pytest.mark.parametrize("name", ["velocity_m_s", "force_N", "spin_rad_s"])
+def test_bands_of_95_percent_hold_nine_of_ten_values_in_flight_and_contact(
+    shots: tuple[list[Pulse], list[Kinematics]], name: str, part: bool
+) -> None:
+    # That they hold no more than 98 of 100 takes more shots than a test has: the errors of a flight, and of a force
+    # that is none, are one error each, so that of 24 shots a share is known to 2 percent. Of 96 other shots the
+    # shares are 94 to 98 (velocity, spin) and 95 to 99 (force). Bands too wide show in their widths, below.
+    assert covered(shots, name, part) >= 0.9
+
+
+@pytest.mark.parametrize("name", ["velocity_m_s", "force_N"])
+def test_bands_in_contact_are_as_wide_as_the_errors_or_up_to_half_as_much_again(
+    shots: tuple[list[Pulse], list[Kinematics]], name: str
+) -> None:
+    made, found = shots
+    off = np.concatenate(
+        [(getattr(k, name) - getattr(p, name))[p.touching, 0] for p, k in zip(made, found, strict=True)]
+    )
+    sd = np.concatenate([getattr(k, f"sd_{name}")[p.touching, 0] for p, k in zip(made, found, strict=True)])
+    # Of 24 shots the ratio is known to some 15 percent, as one shot's errors may be three times another's. Of 1024
+    # others it is 1.1 (force, 7.5 um) and 1.4 (1.5 um).
+    assert 0.85 < np.sqrt((sd**2).mean() / (off**2).mean()) < 1.5
+
+
+def test_the_peak_force_of_every_shot_is_right_to_half_a_kilonewton(
+    shots: tuple[list[Pulse], list[Kinematics]],
+) -> None:
+    found = [impact(motion, ball(MASS_KG, 150 * M_PER_PX), normal_deg=180.0)[0] for motion in shots[1]]
+    peaks = [one.peak_force for one in found if one is not None and one.peak_force is not None]
+    assert len(peaks) == SHOTS
+    off = np.array([float(peak.value) - PEAK_N for peak in peaks])
+    assert np.abs(off).max() < PEAK_OFF_N
+    assert abs(off.mean()) < 0.2 * PEAK_OFF_N
+    # It is stated to be off by no more than twice what it is off by, and by no less than that.
+    assert 0.5 < np.sqrt(np.mean((off / [float(peak.sd) for peak in peaks]) ** 2)) < 1.1
+
+
+def test_the_contact_is_found_as_well_as_is_stated(
+    shots: tuple[list[Pulse], list[Kinematics]],
+) -> None:
+    off = np.array([(k.contact_s - p.edges_s) / k.sd_contact_s for p, k in zip(*shots, strict=True)])
+    # Of 2048 edges of other shots 1.2 percent are off by more than three at 7.5 um, 0.05 percent at 1.5 um.
+    assert np.sort(np.abs(off).ravel())[-2] < 4
+    assert 0.3 < np.sqrt((off**2).mean()) < 1.3
+    assert all(np.all(k.sd_contact_s < 1.0 / RATE) for k in shots[1])
+
+
+def test_a_batch_gives_each_recording_what_it_gets_alone(shots: tuple[list[Pulse], list[Kinematics]]) -> None:
+    alone = ts.kinematics(shots[0][1].track, frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
+    for name in ("velocity_m_s", "force_N", "spin_rad_s", "contact_s"):
+        # Sums of other order may take one of the 32 candidates for its neighbour: a tenth of the uncertainty.
+        off = np.abs(getattr(alone, name) - getattr(shots[1][1], name))
+        assert np.all(off < 0.1 * getattr(alone, f"sd_{name}"))
+
+
+def test_a_gap_is_bridged_with_bands_that_grow_into_it() -> None:
+    made = pulse(3, NOISES_M[1])
+    hidden = slice(8, 16)
+    arrays = {"position": hidden, "orientation": hidden, "increment": slice(7, 16)}
+    changed = {name: getattr(made.track, name).copy() for name in arrays}
+    for name, part in arrays.items():
+        changed[name][part] = np.nan
+    track = dataclasses.replace(made.track, **changed)
+    motion = ts.kinematics(track, frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
+    whole = ts.kinematics(made.track, frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
+    assert np.isfinite(motion.velocity_m_s).all()
+    assert np.all(motion.sd_position_m[11:13, 0] > 1.2 * whole.sd_position_m[11:13, 0])
+    assert np.all(np.abs(motion.velocity_m_s - made.velocity_m_s)[hidden] < 4 * motion.sd_velocity_m_s[hidden])
+    assert np.all(np.abs(motion.spin_rad_s - made.spin_rad_s)[hidden] < 4 * motion.sd_spin_rad_s[hidden])
+
+
+def test_frames_before_the_first_and_after_the_last_are_not_made_up() -> None:
+    made = pulse(4, NOISES_M[1])
+    ends = np.r_[0:5, 70:FRAMES]
+    position, orientation = made.track.position.copy(), made.track.orientation.copy()
+    position[ends], orientation[ends] = np.nan, np.nan
+    increment = made.track.increment.copy()
+    increment[np.r_[0:5, 69 : FRAMES - 1]] = np.nan
+    track = dataclasses.replace(made.track, position=position, orientation=orientation, increment=increment)
+    motion = ts.kinematics(track, frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
+    for name in ("position_m", "velocity_m_s", "force_N", "spin_rad_s", "sd_spin_rad_s"):
+        values = getattr(motion, name)
+        assert np.isnan(values[ends]).all()
+        assert np.isfinite(values[5:70]).all()
+
+
+def test_without_rotation_the_translation_stands() -> None:
+    made = pulse(5, NOISES_M[1])
+    increment, covariance = made.track.increment.copy(), made.track.covariance.copy()
+    increment[:, 2:], covariance[:, 2:], covariance[:, :, 2:] = np.nan, np.nan, np.nan
+    track = dataclasses.replace(
+        made.track, increment=increment, covariance=covariance, orientation=np.full((FRAMES, 3, 3), np.nan)
+    )
+    motion = ts.kinematics(track, frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
+    assert np.isnan(motion.spin_rad_s).all()
+    assert np.isfinite(motion.sd_force_N).all()
+    assert abs(np.abs(motion.force_N[:, 0]).max() - PEAK_N) < 1500
+
+
+def test_steady_flight_has_no_contact_and_says_how_it_was_smoothed() -> None:
+    made = pulse(6, NOISES_M[1])
+    steady = dataclasses.replace(
+        made.track,
+        **{
+            name: getattr(made.track, name)[:30] for name in ("position", "orientation", "status", "zncc", "iterations")
+        },
+        increment=made.track.increment[:29],
+        covariance=made.track.covariance[:29],
+    )
+    motion = ts.kinematics(steady, frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
+    assert motion.contact_s is None
+    assert motion.about["contact_found"] is False
+    # A parabola through 30 frames passes little beyond a period of about twice their length.
+    assert motion.about["bandwidth_flight_translation_Hz"]["acceleration"] < RATE / 15
+    # Of 30 independent errors a line's slope has sd * sqrt(12 / 30^3), a parabola's up to twice that at its ends. The
+    # noise that 30 frames tell is their own to 15 percent.
+    slope = NOISES_M[1] * RATE * np.sqrt(12 / 30**3)
+    assert 0.85 * slope < motion.sd_velocity_m_s[15, 0] < 6 * slope
+
+
+def test_the_smoother_passes_more_in_contact_than_in_flight(shots: tuple[list[Pulse], list[Kinematics]]) -> None:
+    for motion in shots[1]:
+        about = motion.about
+        assert about["contact_found"]
+        in_contact, in_flight = (about[f"bandwidth_{part}_translation_Hz"] for part in ("contact", "flight"))
+        # A half-sine of 14 frames has its power below a period of 28 frames; that has to pass.
+        assert in_contact["acceleration"] > RATE / 28 > in_flight["acceleration"]
+
+
+def test_an_impact_between_two_frames_is_smoothed_although_its_states_are_one_number() -> None:
+    # The covariance ahead of such a contact is singular but for rounding, in one of its 32 intervals.
+    before = shot(2, n=20, step=(9, 1), start=(80, 60), radius=40)
+    after = shot(2, n=14, step=(-5, 4), start=(250, 80), radius=40)
+    tracked = ts.track(torch.cat((before.images, after.images)), before.circle, sphere_map=False)
+    motion = ts.kinematics(tracked, frame_rate=1000, diameter_m=0.03)
+    m_s = 0.03 / 80 * 1000  # of a px per frame; each step trembles by 0.3 of it
+    np.testing.assert_allclose(motion.velocity_m_s[5:15].mean(0), [9 * m_s, 1 * m_s], atol=0.3 * m_s)
+    np.testing.assert_allclose(motion.velocity_m_s[24:30].mean(0), [-5 * m_s, 4 * m_s], atol=0.3 * m_s)
+    assert np.isfinite(motion.sd_velocity_m_s).all()
+
+
+def test_a_system_that_is_singular_but_for_rounding_is_solved_where_it_says_anything() -> None:
+    direction = torch.tensor([[1.0, 1e3, -1e-3]], dtype=torch.float64)
+    matrix = direction.mT @ direction * (1 + 1e-14 * torch.randn(3, 3, generator=torch.Generator().manual_seed(1)))
+    matrix[0, 0] -= 1e-11
+    both = torch.stack((matrix, torch.eye(3, dtype=torch.float64)))
+    solution = torch.from_numpy(rts._solve(both.numpy(), both.numpy()))
+    assert torch.linalg.cholesky_ex(matrix / matrix.diagonal().sqrt()[:, None] / matrix.diagonal().sqrt()).info > 0
+    torch.testing.assert_close(matrix @ solution[0], matrix, rtol=1e-8, atol=0.0)
+    torch.testing.assert_close(solution[1], both[1])
+
+
+def test_a_root_of_a_covariance_is_one_and_does_not_turn_with_its_rounding() -> None:
+    generator = torch.Generator().manual_seed(4)
+    some = torch.randn(6, 6, generator=generator, dtype=torch.float64)
+    alike = torch.eye(6, dtype=torch.float64) * 1e-4
+    singular = some[:, :4] @ some[:, :4].mT
+    both = torch.stack((some @ some.mT, alike, singular))
+    found = rts.root(both)
+    torch.testing.assert_close(found @ found.mT, both, rtol=1e-7, atol=1e-9)
+    rounding = 1e-15 * torch.randn(6, 6, generator=generator, dtype=torch.float64)
+    again = rts.root(both + both * (rounding + rounding.mT))
+    torch.testing.assert_close(again[:2], found[:2], rtol=1e-10, atol=1e-13)

@@ -1,0 +1,184 @@
+"""Light gate and accelerometer: delays to a fraction of a sample, with standard deviations by many repetitions."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pulses import LENGTH, M_PER_PX, MASS_KG, NOISES_M, PEAK_N, RATE, Pulse, pulse
+
+import torchsphere as ts
+from torchsphere.dynamics.kinematics import Kinematics
+from torchsphere.instruments.signals import align, light_gate, read_signals
+
+INTERVAL_S, COUNT = 1e-6, 2000
+
+
+def barrier(time_s: np.ndarray, at_s: float) -> np.ndarray:
+    """A ball that darkens a barrier for 270 us, with edges of 15 us."""
+    return 1 / (1 + np.exp(-(time_s - at_s) / 15e-6)) - 1 / (1 + np.exp(-(time_s - at_s - 270e-6) / 15e-6))
+
+
+def gate(delay_s: float, noise: float, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    time_s = INTERVAL_S * np.arange(COUNT)
+    first = 2.0 + barrier(time_s, 400e-6) + noise * rng.normal(size=COUNT)
+    second = 1.0 + 0.8 * barrier(time_s, 400e-6 + delay_s) + noise * rng.normal(size=COUNT)
+    return time_s, first, second
+
+
+def test_a_light_gate_without_noise_gives_the_velocity_to_a_thousandth_of_a_sample() -> None:
+    delay = 628.63e-6
+    found = light_gate(*gate(delay, 0.0, 0), spacing_m=0.04)
+    assert found.delay_s == pytest.approx(delay, abs=1e-3 * INTERVAL_S)
+    assert found.velocity_m_s == pytest.approx(0.04 / delay, rel=1e-5)
+    assert found.correlation > 0.9999
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.05])
+def test_the_light_gates_standard_deviation_is_that_of_many_repetitions(noise: float) -> None:
+    delay = 628.63e-6
+    found = [light_gate(*gate(delay, noise, seed), spacing_m=0.04) for seed in range(100)]
+    off = np.array([f.delay_s - delay for f in found]) / np.array([f.sd_delay_s for f in found])
+    # Of 100 values the root mean square is right to 7 %, the mean to 0.1: three of that.
+    assert np.sqrt((off**2).mean()) == pytest.approx(1.0, abs=0.21)
+    assert abs(off.mean()) < 0.3
+
+
+def test_the_spacings_uncertainty_is_part_of_the_velocitys() -> None:
+    found = light_gate(*gate(628.63e-6, 0.0, 0), spacing_m=0.04, sd_spacing_m=0.0004)
+    assert found.sd_velocity_m_s == pytest.approx(0.01 * found.velocity_m_s, rel=1e-3)
+
+
+def darkened(time_s: np.ndarray, at_s: float) -> np.ndarray:
+    """A barrier that stays dark, as one whose ball is still there at the end of the record."""
+    return 1 / (1 + np.exp(-(time_s - at_s) / 15e-6))
+
+
+@pytest.mark.parametrize("first_s", [400e-6, 1200e-6])
+@pytest.mark.parametrize("shape", [darkened, barrier])
+def test_barriers_that_stay_dark_or_are_cut_by_the_end_have_the_delay_of_their_edges(shape, first_s: float) -> None:
+    # With the first at 1200 us the second is dark from 1829 us on, and the record ends at 2000.
+    delay, time_s, off = 628.63e-6, INTERVAL_S * np.arange(COUNT), []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        first = 2.0 - shape(time_s, first_s) + 0.01 * rng.normal(size=COUNT)
+        second = 1.0 - 0.8 * shape(time_s, first_s + delay) + 0.01 * rng.normal(size=COUNT)
+        found = light_gate(time_s, first, second, spacing_m=0.04)
+        assert found.correlation > 0.999
+        off.append((found.delay_s - delay) / found.sd_delay_s)
+    # Of 20 values the root mean square is right to 16 %: three of that.
+    assert np.sqrt((np.array(off) ** 2).mean()) == pytest.approx(1.0, abs=0.48)
+
+
+@pytest.mark.parametrize("case", ["noise", "turned over"])
+def test_signals_of_two_shapes_have_no_velocity(case: str) -> None:
+    time_s, first, second = gate(628.63e-6, 0.05, 3)
+    if case == "noise":
+        second = np.random.default_rng(4).normal(size=COUNT)
+    else:
+        second = -second
+    with pytest.raises(ValueError, match="give the part of both that holds the whole event"):
+        light_gate(time_s, first, second, spacing_m=0.04)
+
+
+def test_one_barrier_twice_is_no_gate() -> None:
+    time_s, first, _ = gate(628.63e-6, 0.05, 3)
+    with pytest.raises(ValueError, match="light_gate"):
+        light_gate(time_s, first, first, spacing_m=0.04)
+
+
+@pytest.fixture(scope="module")
+def truth() -> Pulse:
+    return pulse(21, NOISES_M[0])
+
+
+@pytest.fixture(scope="module")
+def motion(truth: Pulse) -> Kinematics:
+    return ts.kinematics(truth.track, frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
+
+
+def test_an_accelerometer_is_aligned_to_a_tenth_of_a_frame_with_the_tracks_peak(
+    truth: Pulse, motion: Kinematics
+) -> None:
+    clock, rng = 0.0123, np.random.default_rng(5)
+    time_s = 0.011 + 1e-6 * np.arange(5000)
+    share = np.clip((time_s - clock - truth.edges_s[0]) * RATE / LENGTH, 0, 1)
+    top = PEAK_N / MASS_KG
+    sensor = -top * np.sin(np.pi * share) + 50.0 + 0.02 * top * rng.normal(size=len(time_s))
+    found = align(motion, time_s, sensor, direction=np.array([1.0, 0.0]))
+    assert abs(found.delay_s - clock) < min(3 * found.sd_delay_s, 0.1 / RATE)
+    assert found.peak_track_m_s2 == pytest.approx(-top, rel=0.03)
+    assert found.peak_sensor_m_s2 == pytest.approx(-top, rel=0.03)
+    change = -2 / np.pi * top * LENGTH / RATE
+    assert found.change_track_m_s == pytest.approx(change, rel=0.02)
+    assert found.change_sensor_m_s == pytest.approx(change, rel=0.02)
+    assert found.rms_difference_m_s2 < 0.02 * top
+    assert found.gain == pytest.approx(1.0, abs=0.02)
+    assert found.correlation > 0.99
+
+
+@pytest.mark.parametrize("case", ["nothing but noise", "turned over", "cut in the middle"])
+def test_a_sensor_that_does_not_show_the_tracks_event_is_refused(case: str, truth: Pulse, motion: Kinematics) -> None:
+    time_s, rng, top = 1e-6 * np.arange(3000), np.random.default_rng(5), PEAK_N / MASS_KG
+    if case == "cut in the middle":
+        time_s = time_s + truth.edges_s.mean()
+    share = np.clip((time_s - truth.edges_s[0]) * RATE / LENGTH, 0, 1)
+    height = {"nothing but noise": 0.0, "turned over": 1.0}.get(case, -1.0)
+    sensor = height * top * np.sin(np.pi * share) + 0.02 * top * rng.normal(size=len(time_s))
+    with pytest.raises(ValueError, match="give the part of both that holds the whole event"):
+        align(motion, time_s, sensor, direction=np.array([1.0, 0.0]))
+
+
+def test_signals_are_read_with_their_names_and_unit_of_time(tmp_path: Path) -> None:
+    path = tmp_path / "gate.csv"
+    lines = [f"{t / 1000},{t % 3},{-t}" for t in range(20)]
+    path.write_text("# scope\nt_ms, a, b\n" + "\n".join(lines))
+    found = read_signals(str(path), time="t_ms", time_unit_s=1e-3)
+    np.testing.assert_allclose(found.time_s, 1e-6 * np.arange(20))
+    np.testing.assert_allclose(found.values["b"], -np.arange(20.0))
+    assert set(found.values) == {"a", "b"}
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("", "names"),
+        ("a,b\n1,2\n", "time_s"),
+        ("time_s,a\n1;2,3\n", "numbers"),
+        ("time_s,a\n1,2\n2,3\n", "rows"),
+        ("time_s;a\n1;2\n", "commas, with a column 'time_s', got 'time_s;a'"),
+        ("time_s,a,a\n1,2,3\n", "two columns 'a'"),
+        ("time_s,a\n0,1\n1,\n", "row 2 below the names: expected numbers"),
+        ("time_s,a\n0,1\n1,2,3\n", "row 2 below the names: expected 2 numbers"),
+        ("time_s,gr\udcfcn\n0,1\n", r"bad\.csv: is no CSV file in UTF-8"),
+        ("time_s,a\n" + "\n".join(f"{t % 5},1" for t in range(20)), "rising"),
+        ("time_s,a\n" + "\n".join(f"{t**2},1" for t in range(20)), "even"),
+    ],
+)
+def test_a_file_without_signals_is_refused_in_a_sentence(tmp_path: Path, text: str, word: str) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_bytes(text.encode("utf-8", "surrogateescape"))
+    with pytest.raises(ValueError, match=word):
+        read_signals(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"spacing_m": 0.0}, "spacing_m"),
+        ({"first": np.ones(COUNT)}, "constant"),
+        ({"second": np.where(np.arange(COUNT) == 7, np.nan, 1.0)}, "finite numbers, got nan at 7 and 1 such"),
+        ({"first": np.ones(3)}, "numbers"),
+    ],
+)
+def test_a_gate_without_sense_is_refused(change: dict, word: str) -> None:
+    time_s, first, second = gate(628e-6, 0.0, 0)
+    arguments = {"first": first, "second": second, "spacing_m": 0.04} | change
+    with pytest.raises(ValueError, match=word):
+        light_gate(time_s, **arguments)
+
+
+def test_barriers_in_the_wrong_order_are_said_to_be() -> None:
+    time_s, first, second = gate(628e-6, 0.0, 0)
+    with pytest.raises(ValueError, match="swap"):
+        light_gate(time_s, second, first, spacing_m=0.04)

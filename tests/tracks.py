@@ -1,0 +1,26 @@
+"""Tracks with increments of one's choice."""
+
+import numpy as np
+
+import torchsphere as ts
+from torchsphere.geometry.orientation import chain
+
+
+def made_track(increment: np.ndarray, sd: np.ndarray, circle: ts.Circle) -> ts.Track:
+    n = len(increment) + 1
+    position = np.array([circle.x, circle.y]) + np.concatenate((np.zeros((1, 2)), increment[:, :2].cumsum(0)))
+    rotation = np.concatenate((np.zeros((1, 3)), increment[:, 2:]))
+    return ts.Track(
+        position=position,
+        increment=increment,
+        covariance=np.tile(np.diag(sd**2), (n - 1, 1, 1)),
+        orientation=chain(rotation, np.ones(n, dtype=bool)),
+        zncc=np.ones(n),
+        iterations=np.ones(n, dtype=np.int64),
+        status=np.full(n, "ok"),
+        radius=np.full(n, circle.radius),
+        sd_growth=np.zeros(n - 1),
+        sd_steady=np.zeros(5),
+        circle=circle,
+        settings={"sphere_map": {"used": True}},
+    )
