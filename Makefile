@@ -26,16 +26,17 @@ docs: $(VENV)/installed-test  ## build the pages: docs/_build/index.html
 	# A link that leads nowhere, a command or an object that is gone: every warning is an error.
 	OMP_NUM_THREADS=1 $(BIN)/python -m sphinx -W --keep-going -q -E docs docs/_build
 
-test: $(VENV)/installed-test  ## ruff, mypy, the pages and all tests
+test: $(VENV)/installed-test  ## ruff, mypy, import contracts, the pages and all tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 	$(MAKE) docs
 	# One thread each: processes whose threads compete for the cores slow each other down many times over.
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
 clean:  ## remove .venv, caches, builds and the demo's result
-	rm -rf $(VENV) $(DEMO_OUT) docs/_build build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(DEMO_OUT) docs/_build build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find torchsphere render experiments tests -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 
 # One pip call with the constraints, so that no other torch is ever fetched first.

@@ -153,7 +153,7 @@ def arguments(source: Path, out: Path, **more: Any) -> dict[str, Any]:
     from torchsphere.archive import settings
 
     none = dict.fromkeys(settings.NAMES)
-    fixed = {"source": source, "out": out, "config": None, "scheduler": None, "workers": 2, "together": None}
+    fixed = {"source": source, "out": out, "config": None, "scheduler": None, "workers": 2}
     return {**none, **COMMON, **fixed, "shard": None, "retry_failed": False, "quiet": True, **more}
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import shutil
 import time
 from collections.abc import Iterator, Mapping
@@ -14,7 +13,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from torchsphere.correlation.batching import ALONE, Solver, together
 from torchsphere.detection.detect import Circle
 from torchsphere.diagnostics.impact_warnings import doubts
 from torchsphere.diagnostics.track_warnings import cautions, flattened, too_short
@@ -39,7 +37,7 @@ from torchsphere.settings.choices import MAPS
 from torchsphere.tracking.follow import Progress
 from torchsphere.tracking.track import Track, track
 
-__all__ = ["Measurement", "Request", "circle_text", "measure", "measure_jointly", "versions"]
+__all__ = ["Measurement", "Request", "circle_text", "measure", "versions"]
 
 
 def measure(
@@ -48,12 +46,10 @@ def measure(
     extra: Mapping[str, Path] | None = None,
     *,
     name: str | None = None,
-    solver: Solver = ALONE,
 ) -> Measurement:
     """Track the recording and write the result folder; files of ``extra`` (name -> source) are copied into it.
 
-    ``name`` stands in the summary in place of the input's path, where that is a temporary one; ``solver`` is what
-    measures the pairs.
+    ``name`` stands in the summary in place of the input's path, where that is a temporary one.
 
     Raises
     ------
@@ -84,7 +80,6 @@ def measure(
             in_place=request.in_place,
             sphere_map=MAPS[request.map],
             progress=progress,
-            solver=solver,
             **options,
         )
         frame_rate = request.fps or recording.frame_rate
@@ -127,18 +122,6 @@ def _hidden(ignore: NDArray[np.bool_] | None, tracked: Track, start: int) -> tup
     """Whether the region that is not used covers the ball."""
     circle = tracked.circle
     return hides_ball(ignore, circle.x, circle.y, circle.radius, start + circle.frame)
-
-
-@functools.cache
-def _of_this_process() -> Solver:
-    return together()
-
-
-def measure_jointly(
-    request: Request, progress: Progress | None = None, extra: Mapping[str, Path] | None = None
-) -> Measurement:
-    """`measure` for the threads of a process: the pairs of their recordings come into common batches."""
-    return measure(request, progress, extra, solver=_of_this_process())
 
 
 def _kinematics(request: Request, tracked: Track, frame_rate: float | None, start: int) -> Kinematics | None:

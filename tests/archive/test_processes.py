@@ -7,12 +7,10 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from archive_shots import (
     COMMON,
     NAMES,
-    RADIUS,
     arguments,
     calls,
     check_the_whole,
@@ -53,34 +51,6 @@ def test_a_killed_worker_a_poisonous_and_two_corrupt_recordings_cost_only_what_t
     assert batch.command(arguments(source, out), measured) == batch.SOME_FAILED
     assert {path: path.stat().st_mtime_ns for path in out.rglob("summary.json")} == before
     check_the_whole(out, source)
-
-
-def test_of_several_recordings_in_flight_only_the_poisonous_one_is_given_up(tmp_path: Path) -> None:
-    source, out = tmp_path / "in", tmp_path / "out"
-    names = ["r0", "r1", "poison2", "r3", "r4", "corrupt5", "r6"]
-    write_archive(source, names)
-    assert batch.command(arguments(source, out, workers=1, together=3), measured) == batch.SOME_FAILED
-    table = {Path(name).stem: row for name, row in rows(out).items()}
-    assert {name for name, row in table.items() if row["state"] == "failed"} == {"poison2", "corrupt5"}
-    assert "worker process died" in table["poison2"]["reason"]
-    assert calls(source) == sorted(name for name in names if name.startswith("r"))
-
-
-def test_recordings_in_common_batches_have_the_results_of_each_alone(tmp_path: Path) -> None:
-    source = tmp_path / "in"
-    names = ["r0", "r1", "r2"]
-    write_archive(source, names)
-    for out, together in (("alone", None), ("both", 3)):
-        options = arguments(source, tmp_path / out, workers=1, together=together, report=False)
-        assert batch.command(options) == 0
-    for name in names:
-        alone, both = (
-            np.genfromtxt(tmp_path / out / name / "track.csv", delimiter=",", names=True) for out in ("alone", "both")
-        )
-        # Iterations end with a step of 2e-4 px, and their modes are those of where a rough look ended, which other
-        # pairs in the batch change: from starts 0.02 px apart, balls of 12 px end up to 0.002 px apart.
-        np.testing.assert_allclose(both["dx_px"], alone["dx_px"], atol=2e-3)
-        np.testing.assert_allclose(both["wy_rad"], alone["wy_rad"], atol=2e-3 / RADIUS)
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="there is no /proc to see whether a process lives")

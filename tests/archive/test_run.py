@@ -168,7 +168,7 @@ def test_an_error_that_nobody_foresaw_is_a_failure_with_its_trace(shots: Path, t
 
     out = tmp_path / "out"
     assert run(manifest.read(shots, {}, out), out, engine).failed == 4
-    assert rows(out)["a.npy"]["reason"].startswith("unforeseen RuntimeError: out of memory (test_archive.py, line ")
+    assert rows(out)["a.npy"]["reason"].startswith("unforeseen RuntimeError: out of memory (test_run.py, line ")
     record = records.read(out, "a")
     assert record is not None
     assert "Traceback" in record.trace

@@ -196,7 +196,6 @@ REFUSED = {
     "shard of zero": ["shots", "--shard", "0/2"],
     "shard in words": ["shots", "--shard", "half"],
     "two engines": ["shots", "--scheduler", "tcp://h:1", "--workers", "2"],
-    "batches of an engine that has none": ["shots", "--scheduler", "tcp://h:1", "--together", "2"],
     "other files": ["shots", "--out", "thesis"],
     "a file": ["shots", "--out", "thesis/chapter.txt"],
     "the recordings' folder": ["shots", "--out", "shots"],
@@ -247,7 +246,7 @@ def test_a_gpu_that_is_not_there_fails_the_run_and_no_recording(
 def test_every_core_that_may_be_used_is(shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[int] = []
 
-    def engine(jobs: Any, workers: int, measure: Any, lanes: int) -> Any:
+    def engine(jobs: Any, workers: int, measure: Any) -> Any:
         seen.append(workers)
         return serial(jobs)
 

@@ -13,7 +13,6 @@ from shots import Shot, shot
 from torch import Tensor
 
 from torchsphere import track
-from torchsphere.correlation.batching import ALONE
 from torchsphere.correlation.gauss_newton import Approach
 from torchsphere.correlation.options import Options
 from torchsphere.recording import open_recording
@@ -25,7 +24,7 @@ from torchsphere.tracking.prediction import Seen
 from torchsphere.tracking.prefetch import Ahead
 from torchsphere.tracking.successive_pairs import Look, Setup
 
-SETUP = Setup(Options(), None, False, ALONE, shared=lambda part, rows: [part(0, rows)])
+SETUP = Setup(Options(), None, False, shared=lambda part, rows: [part(0, rows)])
 
 #: Pairs of the first batch, and of the one behind it.
 FIRST, NEXT = 20, 6

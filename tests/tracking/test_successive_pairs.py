@@ -6,13 +6,12 @@ import torch
 from shots import Shot, shot
 from torch import Tensor
 
-from torchsphere.correlation.batching import ALONE
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.reference import SLACK_PX, Filtered
 from torchsphere.correlation.result import Correlation
 from torchsphere.tracking import successive_pairs
 
-SETUP = successive_pairs.Setup(Options(), None, False, ALONE, shared=lambda part, rows: [part(0, rows)])
+SETUP = successive_pairs.Setup(Options(), None, False, shared=lambda part, rows: [part(0, rows)])
 
 
 @pytest.fixture(scope="module")

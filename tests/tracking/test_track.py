@@ -8,11 +8,11 @@ import torch
 from shots import ExampleTrack, angles_between, increment_errors, noisy, shot
 
 from torchsphere import track
-from torchsphere.correlation.batching import Solver
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.pairs import Pairs
 from torchsphere.correlation.result import STATUSES, Correlation
 from torchsphere.correlation.solve import solve
+from torchsphere.tracking import successive_pairs
 
 
 def test_the_example_shot_is_measured_as_the_paper_would_need_it(example: ExampleTrack) -> None:
@@ -103,7 +103,7 @@ def test_a_sudden_change_of_motion_is_followed() -> None:
     assert off.max() < 0.2  # the jump between the halves turns the ball by 4 deg: linearising it costs 0.02 px
 
 
-def test_what_lies_behind_an_impact_is_not_solved_only_to_be_given_up() -> None:
+def test_what_lies_behind_an_impact_is_not_solved_only_to_be_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     before = shot(2, n=40, step=(3.0, 1.0), start=(80.0, 90.0))
     after = shot(2, n=30, step=(-3.0, 2.0), start=(200.0, 131.0))
     images = torch.cat((before.images, after.images))
@@ -113,7 +113,8 @@ def test_what_lies_behind_an_impact_is_not_solved_only_to_be_given_up() -> None:
         solved.append(len(near))
         return solve(pairs, near, options, start)
 
-    measured = track(images, before.circle, sphere_map=False, solver=Solver(solve=counting))
+    monkeypatch.setattr(successive_pairs, "solve", counting)
+    measured = track(images, before.circle, sphere_map=False)
     assert set(measured.status) == {"ok"}
     # The batch that the impact interrupts holds 23 pairs more. A pair is solved again where its centre was off.
     assert sum(solved) < 1.25 * len(images)

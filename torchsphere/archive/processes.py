@@ -1,8 +1,4 @@
-"""Own processes on one machine: one that dies is replaced, and costs the recordings in flight one more try.
-
-A process has one or more lanes, a thread and a recording in flight each. Where it dies with several in flight, nobody
-knows of which: each of them is tried again with nothing beside it.
-"""
+"""Own processes on one machine: one that dies is replaced, and costs the recording in flight one more try."""
 
 from __future__ import annotations
 
@@ -13,7 +9,7 @@ import signal
 import sys
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -36,17 +32,14 @@ _GRACE_S = 5.0
 
 @dataclass
 class _Worker:
-    """A lane of the process number ``index``."""
-
-    index: int
     process: BaseProcess
     connection: Connection
     job: Job | None = None
     is_ready: bool = False
 
 
-def run(jobs: Iterator[Job], workers: int, measure: Measure, lanes: int = 1) -> Iterator[Outcome]:
-    """Have the jobs done by ``workers`` processes of so many ``lanes`` each; an outcome each, as they end.
+def run(jobs: Iterator[Job], workers: int, measure: Measure) -> Iterator[Outcome]:
+    """Have the jobs done by so many processes; an outcome each, as they end.
 
     Raises
     ------
@@ -54,20 +47,28 @@ def run(jobs: Iterator[Job], workers: int, measure: Measure, lanes: int = 1) -> 
         Where no worker can be started, or nothing can be written any more.
     """
     backlog, deaths = Backlog(jobs), Counter[str]()
-    pool: list[_Worker] = []
+    pool: dict[int, _Worker] = {}
     failed_starts = 0
     try:
         while True:
             for index in range(workers):
-                _give_out(index, pool, backlog, deaths, lambda index: _start(index, workers, measure, lanes))
-            if not any(worker.job for worker in pool) and not backlog.waits:
+                worker = pool.get(index)
+                if worker is not None and worker.job is not None:
+                    continue
+                job = backlog.take()
+                if job is None:
+                    break
+                if worker is None:
+                    worker = pool[index] = _start(index, workers, measure)
+                _send(worker, job)
+            if not any(worker.job for worker in pool.values()) and not backlog.waits:
                 return
-            for connection in wait([worker.connection for worker in pool], timeout=PAUSE_S):
-                worker = next(w for w in pool if w.connection is connection)
+            for connection in wait([worker.connection for worker in pool.values()], timeout=PAUSE_S):
+                index, worker = next((i, w) for i, w in pool.items() if w.connection is connection)
                 try:
                     outcome = worker.connection.recv()
                 except (EOFError, OSError):
-                    pool.remove(worker)
+                    del pool[index]
                     failed_starts = 0 if worker.is_ready else failed_starts + 1
                     yield from _after_death(worker, backlog, deaths, failed_starts)
                     continue
@@ -80,33 +81,14 @@ def run(jobs: Iterator[Job], workers: int, measure: Measure, lanes: int = 1) -> 
                 else:
                     yield outcome
     finally:
-        _end(pool)
+        _end(list(pool.values()))
 
 
-def _give_out(
-    index: int, pool: list[_Worker], backlog: Backlog, deaths: Counter[str], start: Callable[[int], list[_Worker]]
-) -> None:
-    """A job for every idle lane of a process; it is started only where there is a job for it."""
-    while True:
-        lanes = [worker for worker in pool if worker.index == index]
-        busy = [worker.job.item.result for worker in lanes if worker.job is not None]
-        # What was in flight when a process died is tried alone: otherwise its neighbours would be blamed with it.
-        if (lanes and len(busy) == len(lanes)) or any(deaths[result] for result in busy):
-            return
-        job = backlog.take()
-        if job is None:
-            return
-        if busy and deaths[job.item.result]:
-            backlog.again(job)
-            return
-        if not lanes:
-            lanes = start(index)
-            pool += lanes
-        worker = next(worker for worker in lanes if worker.job is None)
-        worker.job = job
-        # A worker that died in this moment is noticed when its answer is read.
-        with contextlib.suppress(OSError):
-            worker.connection.send(job)
+def _send(worker: _Worker, job: Job) -> None:
+    worker.job = job
+    # A worker that died in this moment is noticed when its answer is read.
+    with contextlib.suppress(OSError):
+        worker.connection.send(job)
 
 
 def _after_death(worker: _Worker, backlog: Backlog, deaths: Counter[str], failed_starts: int) -> Iterator[Outcome]:
@@ -136,10 +118,9 @@ def _how(exit_code: int | None) -> str:
     return f"exit code {exit_code}"
 
 
-def _start(index: int, workers: int, measure: Measure, lanes: int) -> list[_Worker]:
-    pipes = [_CONTEXT.Pipe() for _ in range(lanes)]
-    there = [pipe[1] for pipe in pipes]
-    process = _CONTEXT.Process(target=_serve, args=(there, measure, index, workers * lanes > 1), daemon=True)
+def _start(index: int, workers: int, measure: Measure) -> _Worker:
+    here, there = _CONTEXT.Pipe()
+    process = _CONTEXT.Process(target=_serve, args=(there, measure, index, workers > 1), daemon=True)
     before = {name: os.environ.get(name) for name in _THREADS}
     try:
         if workers > 1:
@@ -151,46 +132,29 @@ def _start(index: int, workers: int, measure: Measure, lanes: int) -> list[_Work
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-    # Held by the worker alone, so that its death ends the connections.
-    for connection in there:
-        connection.close()
-    return [_Worker(index, process, here) for here, _ in pipes]
+    # Held by the worker alone, so that its death ends the connection.
+    there.close()
+    return _Worker(process, here)
 
 
-def _end(pool: list[_Worker]) -> None:
-    processes = list({worker.process.pid: worker.process for worker in pool}.values())
-    for process in processes:
-        process.terminate()
-    for process in processes:
-        process.join(_GRACE_S)
-        if process.is_alive():
-            process.kill()
-            process.join()
+def _end(pool: Sequence[_Worker]) -> None:
     for worker in pool:
+        worker.process.terminate()
+    for worker in pool:
+        worker.process.join(_GRACE_S)
+        if worker.process.is_alive():
+            worker.process.kill()
+            worker.process.join()
         worker.connection.close()
-    for process in processes:
-        process.close()
+        worker.process.close()
 
 
-def _serve(connections: Sequence[Connection], measure: Measure, index: int, is_one_of_many: bool) -> None:
-    """The worker's process: settle jobs, in a thread per connection, until the connections end."""
+def _serve(connection: Connection, measure: Measure, index: int, is_one_of_many: bool) -> None:
+    """The worker's process: settle jobs until the connection ends."""
     # Ctrl-C reaches all processes of a terminal; the first of them ends the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _leave)
     threading.Thread(target=_die_with_parent, daemon=True).start()
-    others = [
-        threading.Thread(target=_settle_all, args=(other, measure, index, is_one_of_many), daemon=True)
-        for other in connections[1:]
-    ]
-    for other in others:
-        other.start()
-    _settle_all(connections[0], measure, index, is_one_of_many)
-    for other in others:
-        other.join()
-
-
-def _settle_all(connection: Connection, measure: Measure, index: int, is_one_of_many: bool) -> None:
-    """Settle jobs until the connection ends."""
     if is_one_of_many:
         torch.set_num_threads(1)
     with contextlib.suppress(EOFError, OSError):

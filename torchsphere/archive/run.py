@@ -56,7 +56,7 @@ class _Standing:
     """How each recording stands: rows of the table, by the recording's number."""
 
     def __init__(self, archive: Archive, out: Path, jobs: Sequence[Job]) -> None:
-        self._items, self._out, self._jobs = archive.items, out, jobs
+        self._out, self._jobs = out, jobs
         self._rows: list[dict[str, Any]] = [{} for _ in archive.items]
         for i in range(len(self._rows)):
             self.read(i)

@@ -16,7 +16,7 @@ from tqdm import tqdm
 from torchsphere.archive import dask_engine, folder, manifest, processes, settings
 from torchsphere.archive.run import Counts, Engine, Interrupted, run
 from torchsphere.archive.work import Measure
-from torchsphere.measure import measure, measure_jointly
+from torchsphere.measure import measure
 
 #: Exit code where recordings failed; their reasons are in summary.csv.
 SOME_FAILED = 3
@@ -42,8 +42,6 @@ def command(options: dict[str, Any], measurement: Measure = measure) -> int:
     common = _absolute(settings.joined(common, given))
     if options["scheduler"] is not None and options["workers"] is not None:
         raise ValueError("--workers and --scheduler were both given; a scheduler has workers of its own, leave one out")
-    if options["scheduler"] is not None and options["together"] is not None:
-        raise ValueError("--together and --scheduler were both given; a Dask worker has one thread, leave one out")
     archive = manifest.read(source, common, out)
     engine = _engine(options, any(item.settings.get("device") == "cuda" for item in archive.items), measurement)
     claims = folder.prepare(out)
@@ -108,10 +106,7 @@ def _engine(options: Mapping[str, Any], on_gpu: bool, measurement: Measure) -> E
     if workers is None:
         # Processes that share a GPU would each hold its context and its memory.
         workers = max(1, torch.cuda.device_count()) if on_gpu else _cores()
-    lanes = options["together"] or 1
-    if lanes > 1 and measurement is measure:
-        measurement = measure_jointly
-    return functools.partial(processes.run, workers=workers, measure=measurement, lanes=lanes)
+    return functools.partial(processes.run, workers=workers, measure=measurement)
 
 
 def _cores() -> int:

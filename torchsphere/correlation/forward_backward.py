@@ -15,10 +15,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchsphere.correlation.batching import Solver
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.pairs import Pairs
 from torchsphere.correlation.result import Correlation
+from torchsphere.correlation.solve import solve
 
 #: Rotation from which a pair is measured both ways, rad. Below, the mean changes nothing that noise does not hide.
 SYMMETRIC_FROM = math.radians(1.0)
@@ -31,7 +31,7 @@ MAX_DISAGREEMENT = 0.05
 MAX_APART = 0.1
 
 
-def both_ways(pairs: Pairs, there: Tensor, found: Correlation, options: Options, solver: Solver) -> Correlation:
+def both_ways(pairs: Pairs, there: Tensor, found: Correlation, options: Options) -> Correlation:
     """``found`` (f to g), with the mean of both directions in the rows that turn by `SYMMETRIC_FROM` or more.
 
     ``there`` (n, 3): the ball in the deformed images. A row whose way back fails takes its status from there; one whose
@@ -44,7 +44,7 @@ def both_ways(pairs: Pairs, there: Tensor, found: Correlation, options: Options,
     forth = found.q[chosen]
     here = chosen.cpu()
     some = pairs.take(chosen)
-    back = solver.solve(Pairs(some.g, some.f, there[here]), -forth, options, None)
+    back = solve(Pairs(some.g, some.f, there[here]), -forth, options)
     dx, dy, wx, wy, wz = (forth + back.q).unbind(-1)
     radius = some.circles[:, 2].to(dx)
     # How differently both ways move the front of the ball; translation and rotation alone are known less well.

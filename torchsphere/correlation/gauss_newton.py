@@ -82,10 +82,6 @@ class Approach(NamedTuple):
         """The rows of all parts, one after the other."""
         return cls(*(torch.cat(values) for values in zip(*parts, strict=True)))
 
-    def split(self, sizes: Sequence[int]) -> list[Approach]:
-        """Parts of so many rows each, one after the other."""
-        return [Approach(*values) for values in zip(*(v.split(sizes) for v in self), strict=True)]
-
 
 class Solution(NamedTuple):
     """Where n pairs have come to.

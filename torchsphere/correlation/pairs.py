@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
-import torch
 from torch import Tensor
 
 from torchsphere.correlation.reference import Filtered
@@ -30,14 +28,6 @@ class Pairs(NamedTuple):
     def shift(self) -> Tensor:
         """From the ball's centre in the reference image to the deformed image's crop (n, 2), px."""
         return (self.circles[:, :2] - self.g.crops.origin).to(self.g.c)
-
-    @classmethod
-    def joined(cls, parts: Sequence[Pairs]) -> Pairs:
-        """The pairs of all parts, whose crops have one size, one after the other."""
-        if len(parts) == 1:
-            return parts[0]
-        f, g, circles = zip(*parts, strict=True)
-        return cls(Filtered.joined(f), Filtered.joined(g), torch.cat(circles))
 
     def rows(self, start: int, stop: int) -> Pairs:
         """Pairs ``start`` to ``stop - 1``."""

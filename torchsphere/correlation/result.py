@@ -61,15 +61,6 @@ class Correlation:
         fields = {name: torch.cat([getattr(part, name) for part in parts]) for name in _TENSORS}
         return cls(status=np.concatenate([part.status for part in parts]), **fields)
 
-    def split(self, sizes: Sequence[int]) -> list[Correlation]:
-        """Parts of so many rows each, one after the other."""
-        fields = [getattr(self, name).split(sizes) for name in _TENSORS]
-        status = np.split(self.status, np.cumsum(sizes)[:-1])
-        return [
-            Correlation(status=own, **dict(zip(_TENSORS, part, strict=True)))
-            for own, *part in zip(status, *fields, strict=True)
-        ]
-
     def replaced(self, rows: Tensor, other: Correlation) -> Correlation:
         """The same with the rows (m,) taken from ``other``."""
         status = self.status.copy()

@@ -20,7 +20,7 @@ from torchsphere.estimation.measurements import FREEDOMS, Poses
 from torchsphere.estimation.process_model import ABSENT, STATES, STEADY, steady, touches, transitions, white_noise
 
 #: Numbers in the state of a flight and of a contact.
-FLIGHT, SIZE = STEADY * FREEDOMS, STATES * FREEDOMS
+FLIGHT = STEADY * FREEDOMS
 
 
 class Steps(NamedTuple):

@@ -16,7 +16,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.correlation.batching import ALONE, Solver
 from torchsphere.correlation.options import Options, margin
 from torchsphere.correlation.pairs import Pairs
 from torchsphere.correlation.radius_mode import radius_evidence
@@ -67,7 +66,7 @@ FEWEST_PAIRS = 3
 BATCH = 16
 
 
-def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Options, solver: Solver = ALONE) -> Circle:
+def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Options) -> Circle:
     """The circle in the frame in which it was found, with radius and centre from the frames that follow it.
 
     A plain ball, or one that cannot be followed, keeps its circle.
@@ -79,7 +78,7 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
         options = dataclasses.replace(options, model="rigid", finite_from_deg=GRADIENT_FROM_DEG)
     stop = min(found.frame + FRAMES, source.count)
     source = source.keeping(found.frame, stop)
-    followed = Follower(source, found, ignore, options, solver=solver, searches=SEARCHES).run(stop)
+    followed = Follower(source, found, ignore, options, searches=SEARCHES).run(stop)
     frames = np.flatnonzero(followed.status[:stop] == "ok")
     if len(frames) < 3:
         return found
@@ -100,7 +99,7 @@ def calibrate(source: Source, found: Circle, ignore: Tensor | None, options: Opt
         # After the last round nobody asks where the ball is.
         if turn < ROUNDS - 1 and abs(radius - followed.radius) > FOLLOWED_ANEW * radius:
             anew = dataclasses.replace(found, radius=radius)
-            followed = Follower(source, anew, ignore, options, solver=solver, searches=SEARCHES).run(stop)
+            followed = Follower(source, anew, ignore, options, searches=SEARCHES).run(stop)
             frames = np.flatnonzero(followed.status[:stop] == "ok")
     return dataclasses.replace(found, radius=radius, sd_radius=1 / math.hypot(1 / sd, 1 / sd_correction))
 

@@ -17,7 +17,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.correlation.batching import ALONE, Solver
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.result import Correlation
 from torchsphere.detection import outline_fit
@@ -71,11 +70,10 @@ class Follower:
         progress: Progress | None = None,
         in_place: bool = False,
         searches: float = math.inf,
-        solver: Solver = ALONE,
     ) -> None:
         self.record = Record.empty(source.count, first)
         self._source, self._progress, self._first, self._searches = source, progress, first.frame, searches
-        self._setup = Setup(options, ignore, in_place, solver, shared=lambda part, rows: [part(0, rows)])
+        self._setup = Setup(options, ignore, in_place, shared=lambda part, rows: [part(0, rows)])
         image = source.images(first.frame, first.frame + 1)
         self._seen = self._seen_in(first.frame, image, np.zeros(5))
         self._plain = outline_fit.is_plain(image[0], self._seen.ball)

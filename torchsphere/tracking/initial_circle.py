@@ -8,7 +8,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchsphere.correlation.batching import Solver
 from torchsphere.correlation.options import Options
 from torchsphere.detection import detect as circles
 from torchsphere.detection.detect import Circle
@@ -20,7 +19,7 @@ from torchsphere.tracking.circle_calibration import calibrate
 
 
 def first_circle(
-    source: Source, given: Any, mask: Tensor | None, refine: bool, options: Options, solver: Solver
+    source: Source, given: Any, mask: Tensor | None, refine: bool, options: Options
 ) -> tuple[Circle, Options]:
     """The ball in the first tracked frame, and the options with a camera that knows its focal length."""
     if given is None:
@@ -28,7 +27,7 @@ def first_circle(
         found, options = _as_sphere(seen, source, options)
         if options.camera is not None:
             found = _as_camera_sees(source, seen, found, options.camera)
-        return calibrate(source, found, mask, options, solver), options
+        return calibrate(source, found, mask, options), options
     three = (given.x, given.y, given.radius) if isinstance(given, Circle) else given
     x, y, radius = _three_numbers(three)
     circle = dataclasses.replace(given, x=x, y=y, radius=radius) if isinstance(given, Circle) else Circle(x, y, radius)

@@ -10,13 +10,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.correlation.batching import Solver
 from torchsphere.correlation.forward_backward import both_ways
 from torchsphere.correlation.gauss_newton import Approach
 from torchsphere.correlation.options import Options, margin
 from torchsphere.correlation.pairs import Pairs
 from torchsphere.correlation.reference import SLACK_PX, Filtered
 from torchsphere.correlation.result import Correlation
+from torchsphere.correlation.solve import approach, solve
 from torchsphere.imaging import crop, interlacing
 from torchsphere.runtime import threads
 from torchsphere.tracking.prediction import path
@@ -36,7 +36,6 @@ class Setup:
         (h, w), True where the images are not to be used.
     in_place : bool
         The ball turns where it is: its region stays on the circle, whatever the increments add up to.
-    solver : Solver
     shared : callable
         Shares rows out among threads: see `torchsphere.runtime.threads.sharing`.
     """
@@ -44,7 +43,6 @@ class Setup:
     options: Options
     ignore: Tensor | None
     in_place: bool
-    solver: Solver
     shared: threads.Run
 
 
@@ -179,7 +177,7 @@ def _brought_near(pairs: Pairs, start: Tensor, setup: Setup) -> Approach:
     """From ``start`` (m, 5) to near the increments sought."""
 
     def brought_near(a: int, b: int) -> Approach:
-        return setup.solver.approach(pairs.rows(a, b), start[a:b], setup.options)
+        return approach(pairs.rows(a, b), start[a:b], setup.options)
 
     return Approach.joined(setup.shared(brought_near, len(start)))
 
@@ -197,11 +195,11 @@ def _worth_solving(approach: Approach, off: Tensor, radius: float) -> int:
 
 def _measured(pairs: Pairs, near: Tensor, start: Tensor, there: Tensor, setup: Setup) -> Correlation:
     """Motion of the pairs from ``near``, in both directions where they turn fast; the ball is ``there`` (m, 3)."""
-    found = setup.solver.solve(pairs, near, setup.options, start)
+    found = solve(pairs, near, setup.options, start)
     if not setup.in_place:
         # The centre that the way there found, not the one that was expected: 2 px off made errors of 0.06 px.
         centre = pairs.circles[:, :2] + found.q[:, :2].to(pairs.circles)
         size = pairs.circles[:, 2:] * (1 + found.growth[:, None].to(pairs.circles))
         arrived = torch.cat((centre, size), -1)
         there = torch.where(arrived.isfinite(), arrived, there)
-    return both_ways(pairs, there, found, setup.options, setup.solver)
+    return both_ways(pairs, there, found, setup.options)

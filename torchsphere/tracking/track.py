@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +11,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from torchsphere.correlation.batching import ALONE, Solver, together
 from torchsphere.correlation.options import given_to
 from torchsphere.detection.detect import Circle
 from torchsphere.recording.frame_source import Source
@@ -29,9 +27,6 @@ from torchsphere.tracking.steady_error import fineness, sd_steady
 
 #: Change of the radius by the map, as a share of it, after which frames that were not measured are tried again.
 WRONG_RADIUS = 0.004
-
-#: Recordings that `track_many` follows at once.
-AT_ONCE = 64
 
 
 @dataclass(frozen=True)
@@ -98,7 +93,6 @@ def track(
     sphere_map: bool | None = None,
     progress: Progress | None = None,
     dtype: torch.dtype = torch.float32,
-    solver: Solver = ALONE,
     **options: Any,
 ) -> Track:
     """Follow the ball through a recording.
@@ -132,8 +126,6 @@ def track(
         Called as ``progress(done, total)`` with numbers of frames; once more from 0 where a map of the ball is made.
     dtype : torch.dtype
         ``torch.float32`` or ``torch.float64``.
-    solver : Solver
-        What measures the pairs; `track_many` gives those of several recordings to one.
     **options
         Fields of `torchsphere.correlation.options.Options`: ``model``, ``roi``, ``pre_blur`` ...
 
@@ -155,7 +147,7 @@ def track(
     settings = given_to(track, options)
     source = Source.open(recording, device, dtype)
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
-    first, settings = first_circle(source, circle, mask, refine, settings, solver)
+    first, settings = first_circle(source, circle, mask, refine, settings)
     image = source.images(first.frame, first.frame + 1)[0]
     apart = difference(image, first, mask)
     settings = fitted(settings, options, first.radius, apart)
@@ -164,7 +156,7 @@ def track(
     asked = False if in_place and sphere_map is None else sphere_map
 
     def followed(first: Circle) -> tuple[Record, Motion]:
-        follower = Follower(source, first, mask, settings, progress=progress, in_place=in_place, solver=solver)
+        follower = Follower(source, first, mask, settings, progress=progress, in_place=in_place)
         record = follower.run(source.count)
         if circle is not None and not record.is_confirmed(first.frame) and not shows_ball(source, first, settings):
             # A circle around nothing: neither its own image nor any other speaks for it.
@@ -216,15 +208,12 @@ def _as_track(measured: Record, motion: Motion, first: Circle, fine: float, sett
 def track_many(
     recordings: Sequence[Any], circles: Sequence[Any] | None = None, **settings: Any
 ) -> list[Track | Exception]:
-    """Follow the ball through several recordings at once, their pairs in common batches.
-
-    Meant for a GPU, which the batches of one short recording do not fill; on a CPU, processes of their own are faster.
-    The increments differ from those of `track` by less than the tolerance of the iteration.
+    """`track` for several recordings, one after the other; one that fails does not end the rest.
 
     Parameters
     ----------
     recordings : sequence
-        Each as for `track`; all are in memory at once if they are arrays.
+        Each as for `track`.
     circles : sequence, optional
         One for each recording, as for `track`; by default they are found.
     **settings
@@ -233,7 +222,7 @@ def track_many(
     Returns
     -------
     list of Track or Exception
-        In the order of the recordings; in place of a track what `track` would have raised.
+        In the order of the recordings; in place of a track what `track` raised.
 
     Raises
     ------
@@ -243,7 +232,10 @@ def track_many(
     given = [None] * len(recordings) if circles is None else list(circles)
     if len(given) != len(recordings):
         raise ValueError(f"circles: expected one for each of {len(recordings)} recordings, got {len(given)}")
-    solver = together()
-    with threads.one_each(), ThreadPoolExecutor(AT_ONCE, initializer=torch.set_num_threads, initargs=(1,)) as pool:
-        tracks = [pool.submit(track, *each, solver=solver, **settings) for each in zip(recordings, given, strict=True)]
-        return [found.exception() or found.result() for found in tracks]  # type: ignore[misc]
+    tracks: list[Track | Exception] = []
+    for recording, circle in zip(recordings, given, strict=True):
+        try:
+            tracks.append(track(recording, circle, **settings))
+        except Exception as error:
+            tracks.append(error)
+    return tracks

@@ -28,9 +28,6 @@ def add(commands: Any) -> None:
     parser.add_argument("source", type=Path, metavar="MANIFEST_OR_FOLDER", help="manifest .csv, .toml, or a folder")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
     parser.add_argument("--workers", type=_count, metavar="N", help="processes (one per core, or per GPU)")
-    parser.add_argument(
-        "--together", type=_count, metavar="N", help="recordings that a GPU measures at once, in common batches (1)"
-    )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="or the workers of a Dask scheduler, tcp://host:8786")
     parser.add_argument("--shard", type=_shard, metavar="K/N", help="only part K of N, for job arrays")
     parser.add_argument("--retry-failed", action="store_true", help="measure again what failed in an earlier run")
