@@ -117,11 +117,8 @@ import json, resource, sys, time
 import importlib
 begin = time.perf_counter()
 from pathlib import Path
-from torchsphere.cli.main import loading
-# As the command loads its libraries.
-with loading():
-    from torchsphere import measure
-    from torchsphere.tracking import follow
+from torchsphere import measure
+from torchsphere.tracking import follow
 spent = {"import_s": time.perf_counter() - begin}
 def timed(place, name, key):
     module = importlib.import_module(place)

@@ -32,21 +32,6 @@ sys.exit(f"loaded {sorted(heavy)}" if heavy else "changed" if before != after el
     assert done.returncode == 0, done.stderr
 
 
-def test_the_command_loads_no_linear_algebra_for_loops_that_have_none_and_leaves_it_to_others() -> None:
-    script = """
-import sys
-from torchsphere.cli.main import loading
-with loading():
-    from torchsphere.imaging import interpolation as interpolate
-import numpy, torch
-print("scipy.linalg" in sys.modules)
-print(interpolate.coefficients(torch.ones(1, 9, 9), 0.0).shape)
-import scipy.linalg
-print(float(scipy.linalg.det(numpy.eye(3))))
-"""
-    assert ran(script).split("\n") == ["False", "torch.Size([1, 9, 9])", "1.0", ""]
-
-
 def test_torchsphere_imports_where_optional_libraries_are_missing() -> None:
     missing = ["matplotlib", "av", "mitsuba", "drjit", "dask", "distributed", "cv2", "skimage"]
     script = f"import sys; sys.modules.update(dict.fromkeys({missing!r})); from torchsphere import *"
@@ -102,21 +87,6 @@ def test_the_facts_of_a_recording_wait_for_no_library(tmp_path: Path) -> None:
     printed = ran(script)
     assert "9 x 8 px" in printed
     assert printed.splitlines()[-1] == "loaded"
-
-
-@pytest.mark.parametrize(("first", "frozen"), [("", True), ("import torch", False)])
-def test_what_a_command_loads_is_never_searched_for_garbage_and_a_program_s_own_settings_stay(
-    tmp_path: Path, first: str, frozen: bool
-) -> None:
-    np.save(tmp_path / "shot.npy", np.zeros((3, 8, 9), np.uint8))
-    script = f"""
-{first}
-import gc
-from torchsphere.cli.main import main
-main(['info', {str(tmp_path / "shot.npy")!r}])
-print(gc.isenabled(), gc.get_freeze_count() > 0)
-"""
-    assert ran(script).splitlines()[-1] == f"True {frozen}"
 
 
 def test_a_report_is_drawn_again_without_what_measures() -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import shutil
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,6 @@ from torchsphere.recording import Recording, open_recording
 from torchsphere.recording.frame_range import frames, part
 from torchsphere.recording.ignore_mask import hides_ball, read_ignore, without_effect
 from torchsphere.report import draw, overlay, paraview, sampled
-from torchsphere.report.assistant import Assistant
 from torchsphere.report.words import NO_IMPACT
 from torchsphere.request import Request, require_shell_within
 from torchsphere.results import sampled_frames, writer
@@ -64,7 +63,11 @@ def measure(
             "--device cuda was asked for, but torch finds no CUDA device here; leave it out to use the CPU"
         )
     began = time.perf_counter()
-    with open_recording(request.input) as recording, _assistant(request, recording) as assistant:
+    with (
+        open_recording(request.input) as recording,
+        draw.drawing_process(_draws_beside(request, recording)) as pool,
+    ):
+        hashed = draw.begin(pool, hash_files, recording.files)
         start, stop = frames(request.frames, len(recording))
         chosen = part(recording, start, stop)
         options: dict[str, Any] = {"model": request.model, "camera": request.camera()}
@@ -96,26 +99,21 @@ def measure(
                 *_hidden(ignore, tracked, start),
             )
             seconds = time.perf_counter() - began
-            sha256 = (assistant and assistant.sha256()) or hash_files(recording.files)
+            sha256 = hashed.result() if hashed is not None and not draw.failed(hashed) else hash_files(recording.files)
             done = Measurement(recording, tracked, motion, found, start, warnings, seconds, sha256, extra or {}, name)
-            _write(request, done, frame_rate, chosen, ignore, assistant)
+            _write(request, done, frame_rate, chosen, ignore, pool)
     return done
 
 
-#: Frames up to which other processes draw. They take memory of their own, 120 MiB more in all for 2,000 frames
-#: (proportional set size), and what they save, a second, is little of the time to follow more frames than these.
-AIDED_FRAMES = 3000
+#: Frames up to which another process draws. It takes memory of its own, and what it saves, a second, is little of the
+#: time to follow more frames than these.
+DRAWN_BESIDE_FRAMES = 3000
 
 
-@contextlib.contextmanager
-def _assistant(request: Request, recording: Recording) -> Iterator[Assistant | None]:
-    """What hashes the recording and draws the figures, where they are wanted and a core is likely to lie idle."""
+def _draws_beside(request: Request, recording: Recording) -> bool:
+    """Whether a process is to draw the figures while this one measures: a core is likely to lie idle."""
     start, stop = frames(request.frames, len(recording))
-    if not request.report or stop - start > AIDED_FRAMES or not threads.has_idle_cores():
-        yield None
-        return
-    with Assistant(recording.files) as assistant:
-        yield assistant
+    return request.report and stop - start <= DRAWN_BESIDE_FRAMES and threads.has_idle_cores()
 
 
 def _hidden(ignore: NDArray[np.bool_] | None, tracked: Track, start: int) -> tuple[str, ...]:
@@ -172,10 +170,9 @@ def _write(
     frame_rate: float | None,
     chosen: Recording,
     ignore: NDArray[np.bool_] | None,
-    assistant: Assistant | None,
+    pool: Executor | None,
 ) -> None:
-    # The assistant ends before its folder is removed, should anything be wrong.
-    with writer.whole_folder(request.out, request.overwrite) as folder, assistant or contextlib.nullcontext():
+    with writer.whole_folder(request.out, request.overwrite) as folder:
         writer.write_track(folder, done.track, frame_rate, done.first_frame)
         if done.motion is not None:
             writer.write_kinematics(folder, done.motion, done.first_frame)
@@ -183,14 +180,11 @@ def _write(
             shutil.copyfile(source, folder / name)
         writer.write_summary(folder, summary(request, done, frame_rate))
         if request.report:
-            if assistant is not None:
-                figures = folder / "figures"
-                figures.mkdir()
-                assistant.begin(folder, draw.OF_NUMBERS, figures)
+            begun = draw.begin_figures(folder, pool)
             mask = None if ignore is None else torch.from_numpy(ignore)
             sampled_frames.save(folder / "frames.npz", sampled.sample(chosen, done.track, mask))
             # From what was written, so that the folder alone is always enough to draw it again.
-            draw.draw(folder, assistant)
+            draw.draw(folder, pool, begun)
         _export(request, folder)
 
 

@@ -7,7 +7,6 @@ import multiprocessing
 import os
 import signal
 import sys
-import threading
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ import torch
 
 from torchsphere.archive.backlog import PAUSE_S, Backlog
 from torchsphere.archive.work import BUSY, DEATHS, Job, Measure, Outcome, give_up, settle
+from torchsphere.runtime import signals
 
 #: A child of its own start, not a copy of this process: torch's threads and CUDA do not survive a fork.
 _CONTEXT = multiprocessing.get_context("spawn")
@@ -151,10 +151,8 @@ def _end(pool: Sequence[_Worker]) -> None:
 
 def _serve(connection: Connection, measure: Measure, index: int, is_one_of_many: bool) -> None:
     """The worker's process: settle jobs until the connection ends."""
-    # Ctrl-C reaches all processes of a terminal; the first of them ends the others.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signals.serve_parent()
     signal.signal(signal.SIGTERM, _leave)
-    threading.Thread(target=_die_with_parent, daemon=True).start()
     if is_one_of_many:
         torch.set_num_threads(1)
     with contextlib.suppress(EOFError, OSError):
@@ -167,11 +165,3 @@ def _serve(connection: Connection, measure: Measure, index: int, is_one_of_many:
 def _leave(*_: Any) -> None:
     # As an exception, so that the unfinished folder is removed.
     sys.exit(0)
-
-
-def _die_with_parent() -> None:
-    """End at once when the parent has ended, however it did: nobody waits for the result any more."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
-        os._exit(1)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
-import gc
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
 from torchsphere import __version__
@@ -37,9 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"unrecognized arguments: {' '.join(unknown)}")
     try:
         with signals.in_order():
-            with loading():
-                run = _command(name)
-            return run(options)
+            return _command(name)(options)
     except (ValueError, OSError) as error:
         print(f"torchsphere: {_sentence(error)}", file=sys.stderr)
     except ModuleNotFoundError as error:
@@ -48,29 +44,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("torchsphere: interrupted; nothing was written", file=sys.stderr)
         return 130
     return 1
-
-
-@contextlib.contextmanager
-def loading() -> Iterator[None]:
-    """Load libraries without looking for garbage among what they bring, neither meanwhile nor afterwards.
-
-    Torch brings 200 000 objects that stay to the end; to go through them all again and again took 0.5 s of a track.
-    What compiled loops need to be run is loaded as well, so that it is no garbage either. A process that has loaded
-    torch before is left as it is.
-    """
-    if "torch" in sys.modules or not gc.isenabled():
-        yield
-        return
-    gc.disable()
-    try:
-        yield
-        if "numba" in sys.modules:
-            from torchsphere.kernels.jit import make_ready
-
-            make_ready()
-        gc.freeze()
-    finally:
-        gc.enable()
 
 
 def _sentence(error: Exception) -> str:

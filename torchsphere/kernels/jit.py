@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from typing import Any
 
 import numba
 from numba.core.compiler import Compiler
-from numba.core.registry import cpu_target
 from torch import Tensor
 
 #: Sums may be taken in any order, which is what lets several points be done at once. NaN and infinities stay what they
@@ -47,23 +45,6 @@ def compiled(function: Callable[..., Any]) -> Any:
     except RuntimeError:
         # Neither beside the module nor in the user's own cache can anything be written: each process compiles anew.
         return numba.njit(**options)(function)
-
-
-def make_ready() -> None:
-    """Load what Numba takes to run what it has compiled, but for SciPy: for a process whose only loops are these.
-
-    Numba looks for BLAS, for products of matrices that no loop here takes, and loads SciPy's linear algebra to find it:
-    0.14 s of each start. Loops with such products could not be compiled in this process any more.
-    """
-    if "scipy.linalg" in sys.modules:
-        return
-    # What Python takes for a package that cannot be found.
-    sys.modules["scipy.linalg"] = None  # type: ignore[assignment]
-    try:
-        cpu_target.typing_context.refresh()
-        cpu_target.target_context.refresh()
-    finally:
-        del sys.modules["scipy.linalg"]
 
 
 def arrays(*tensors: Tensor) -> tuple[Any, ...]:

@@ -1,8 +1,11 @@
-"""A request to end (SIGTERM) as an exception, so that what was begun is cleaned up."""
+"""How processes end: a request to end (SIGTERM) becomes an exception, and a worker ends with its parent."""
 
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
+import multiprocessing.connection
+import os
 import signal
 import threading
 from collections.abc import Iterator
@@ -31,3 +34,17 @@ def in_order() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def serve_parent() -> None:
+    """Make this process a worker: it leaves Ctrl-C to its parent, and ends at once when the parent has ended."""
+    # Ctrl-C reaches all processes of a terminal; the parent ends its workers in order.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        multiprocessing.connection.wait([parent.sentinel])
+        os._exit(1)

@@ -1,0 +1,104 @@
+"""Figures drawn by a process beside this one: the same files, drawn here where that process fails."""
+
+import json
+import multiprocessing
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from pathlib import Path
+
+import pytest
+
+from torchsphere import measure as measuring
+from torchsphere.measure import Request, measure
+from torchsphere.report import draw
+from torchsphere.runtime import threads
+
+CIRCLE = (170.3, 98.6, 40.0)
+
+
+@pytest.fixture
+def idle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a core lie idle, whatever machine this is."""
+    monkeypatch.setattr(threads, "has_idle_cores", lambda: True)
+
+
+@pytest.fixture(scope="module")
+def alone(short: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Give a result of a process that draws all by itself."""
+    out = tmp_path_factory.mktemp("alone") / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(threads, "has_idle_cores", lambda: False)
+        yield tracked(short, out)
+
+
+def tracked(short: Path, out: Path) -> Path:
+    measure(Request(input=short, out=out, fps=36_000.0, diameter_mm=30.0, circle=CIRCLE, map="off"))
+    return out
+
+
+def contents(folder: Path) -> dict[str, object]:
+    """All files by name, of the summary what does not depend on the clock."""
+    found: dict[str, object] = {
+        str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()
+    }
+    return found | {"summary.json": json.loads((folder / "summary.json").read_text()) | {"seconds": None}}
+
+
+def refuse(*_: object) -> None:
+    raise AssertionError("drawn by the process that measures")
+
+
+@pytest.mark.usefixtures("idle")
+def test_with_idle_cores_another_process_draws_and_the_result_is_the_same_file_by_file(
+    short: Path, alone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(draw.motion_figures, "motion_figure", refuse)
+    assert contents(tracked(short, tmp_path / "out")) == contents(alone)
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.usefixtures("idle")
+def test_a_process_that_dies_leaves_its_figures_to_this_one(
+    short: Path, alone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    killed = []
+
+    def kill(pool: Executor | None, function: Callable[..., object], *arguments: object) -> object:
+        for child in multiprocessing.active_children():
+            child.kill()
+            killed.append(child)
+        return begin(pool, function, *arguments)
+
+    begin = draw.begin
+    monkeypatch.setattr(draw, "begin", kill)
+    assert contents(tracked(short, tmp_path / "out")) == contents(alone)
+    assert killed
+
+
+@pytest.mark.usefixtures("idle")
+def test_an_error_leaves_no_process_and_no_folder(short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device", "frames.npz")
+
+    monkeypatch.setattr("torchsphere.results.sampled_frames.save", full)
+    with pytest.raises(OSError, match="No space left"):
+        tracked(short, tmp_path / "out")
+    assert not list(tmp_path.iterdir())
+    assert not multiprocessing.active_children()
+
+
+# Its memory comes on top, which long recordings have none to spare for.
+@pytest.mark.usefixtures("idle")
+def test_a_long_recording_is_drawn_without_the_process(
+    short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(measuring, "DRAWN_BESIDE_FRAMES", 7)
+    monkeypatch.setattr(draw, "ProcessPoolExecutor", refuse)
+    assert (tracked(short, tmp_path / "out") / "report.html").is_file()
+
+
+def test_what_cannot_be_drawn_is_told_as_without_the_process(tmp_path: Path) -> None:
+    with draw.drawing_process() as pool, pytest.raises(ValueError, match="no result folder"):
+        draw.draw(tmp_path, pool)
+    assert not list(tmp_path.iterdir())
