@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from torchsphere.correlation.correlate import correlate
     from torchsphere.correlation.result import Correlation
-    from torchsphere.detection.detect import Circle
     from torchsphere.dynamics.ball import Ball, ball
     from torchsphere.dynamics.impact import impact
     from torchsphere.dynamics.impact_estimate import Impact
     from torchsphere.dynamics.kinematics import Kinematics, kinematics, kinematics_of_many
     from torchsphere.geometry.camera import Camera
+    from torchsphere.geometry.circle import Circle
     from torchsphere.recording import Recording, open_recording
     from torchsphere.tracking.track import Track, track, track_many
 
@@ -41,7 +41,7 @@ __all__ = [
 _HOMES = {
     "Ball": "dynamics.ball",
     "Camera": "geometry.camera",
-    "Circle": "detection.detect",
+    "Circle": "geometry.circle",
     "Correlation": "correlation.result",
     "Impact": "dynamics.impact_estimate",
     "Kinematics": "dynamics.kinematics",

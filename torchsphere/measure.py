@@ -13,7 +13,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from torchsphere.detection.detect import Circle
 from torchsphere.diagnostics.impact_warnings import doubts
 from torchsphere.diagnostics.track_warnings import cautions, flattened, too_short
 from torchsphere.diagnostics.unused_settings import unused
@@ -36,7 +35,7 @@ from torchsphere.settings.choices import MAPS
 from torchsphere.tracking.follow import Progress
 from torchsphere.tracking.track import Track, track
 
-__all__ = ["Measurement", "Request", "circle_text", "measure", "versions"]
+__all__ = ["Measurement", "Request", "measure", "versions"]
 
 
 def measure(
@@ -197,8 +196,3 @@ def _export(request: Request, folder: Path) -> None:
         overlay.write_overlay(result)
     if request.paraview and result.known.any():
         paraview.write_paraview(result)
-
-
-def circle_text(circle: Circle) -> str:
-    """The circle as ``--circle`` takes it."""
-    return f"{circle.x:.2f},{circle.y:.2f},{circle.radius:.2f}"

@@ -13,7 +13,7 @@ from torchsphere import open_recording
 from torchsphere.benchmark.baselines import TRACKERS, Baseline, ecc
 from torchsphere.benchmark.baselines.lucas_kanade import rigid_fit
 from torchsphere.correlation.result import STATUSES
-from torchsphere.detection.detect import Circle
+from torchsphere.geometry.circle import Circle
 
 NEEDS = {"ecc": "cv2", "lucas_kanade": "cv2", "hough": "cv2", "phase_correlation": "skimage"}
 NAMES = tuple(TRACKERS)

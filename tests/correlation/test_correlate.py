@@ -12,7 +12,7 @@ from shots import noisy, pair
 from torchsphere import correlate
 from torchsphere.correlation import gauss_newton, znssd
 from torchsphere.correlation.result import STATUSES
-from torchsphere.detection.detect import Circle
+from torchsphere.geometry.circle import Circle
 from torchsphere.synthetic import ray_caster
 
 MOTION = (0.63, -0.41, 0.2, 0.5, -0.3)

@@ -10,7 +10,8 @@ import torch
 from shots import SHAPE, Shot, noisy, shot, textured
 
 from torchsphere.cli.main import main
-from torchsphere.detection.detect import Circle, at_limb, find, refine_circle
+from torchsphere.detection.detect import at_limb, find, refine_circle
+from torchsphere.geometry.circle import Circle
 
 
 def found_in(images: torch.Tensor) -> Circle:
@@ -122,7 +123,7 @@ def test_a_circle_cannot_be_changed() -> None:
 def test_a_small_bright_square_is_doubted_and_a_ball_is_not() -> None:
     images = 40 + 3 * torch.randn(6, 120, 160, generator=torch.Generator().manual_seed(0))
     images[:, 53:67, 73:87] += 190
-    assert "px radius, may not be the ball: it is so small" in found_in(images).doubted("there")
+    assert "px radius, may not be the ball: it is so small" in found_in(images).warning("there")
     assert found_in(shot(0, n=6).images).doubt == ""
 
 

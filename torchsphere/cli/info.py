@@ -47,7 +47,6 @@ def _preview(recording: Recording, path: Path) -> None:
     # All but the facts takes torch, which is 1.2 s of waiting.
     from torchsphere.correlation.options import Options
     from torchsphere.detection.detect import find
-    from torchsphere.measure import circle_text
     from torchsphere.recording.frame_source import Source
     from torchsphere.report.figures import preview_figure
     from torchsphere.tracking.circle_calibration import calibrate
@@ -56,10 +55,10 @@ def _preview(recording: Recording, path: Path) -> None:
         raise ValueError(f"--preview {path}: expected a name that ends in .png")
     source = Source.open(recording, "cpu")
     circle = calibrate(source, find(source.images, source.count), None, Options())
-    text = circle_text(circle)
+    text = circle.text()
     title = f"frame {circle.frame}: --circle {text}"
     preview_figure(path, recording.images(circle.frame, circle.frame + 1)[0], circle, title)
     print(f"{'circle':<11} --circle {text}   ({circle.sd_text}; frame {circle.frame})")
     if circle.doubt:
-        print(f"{'note':<11} {circle.doubted('in the preview')}")
+        print(f"{'note':<11} {circle.warning('in the preview')}")
     print(f"{'preview':<11} {path}")

@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 from tqdm import tqdm
 
 from torchsphere.cli.arguments.track import frames, numbers
-from torchsphere.measure import Measurement, circle_text, measure
+from torchsphere.measure import Measurement, measure
 from torchsphere.request import Request
 from torchsphere.results.writer import status_counts
 
@@ -139,7 +139,7 @@ def _print_result(done: Measurement, out: Path) -> None:
     counts = ", ".join(f"{count} {name}" for name, count in status_counts(tracked).items())
     circle = tracked.circle
     print(f"{len(tracked.status)} frames: {counts}")
-    print(f"circle  {circle_text(circle)} px in frame {done.first_frame + circle.frame}")
+    print(f"circle  {circle.text()} px in frame {done.first_frame + circle.frame}")
     for sentence in done.warnings:
         print(f"note    {sentence}")
     print(f"result  {out}")

@@ -24,7 +24,7 @@ from torchsphere.correlation.pairs import Pairs
 from torchsphere.correlation.reference import SLACK_PX, Filtered
 from torchsphere.correlation.result import Correlation
 from torchsphere.correlation.solve import approach, solve
-from torchsphere.detection.detect import Circle
+from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import crop
 from torchsphere.runtime import threads
 from torchsphere.settings.arrays import as_images, as_mask, as_rows, check_circle

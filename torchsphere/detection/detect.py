@@ -13,7 +13,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -21,6 +20,7 @@ from torch import Tensor
 from torchsphere.detection import disc_filter, limb_fit, outline_fit
 from torchsphere.detection.silhouette import Images, saturated, silhouettes, still_background
 from torchsphere.geometry.camera import Camera
+from torchsphere.geometry.circle import Circle
 from torchsphere.settings.arrays import check_finite_around
 from torchsphere.settings.limits import SettingError
 
@@ -31,59 +31,8 @@ MIN_SUPPORT = 0.4
 #: something else is next to the ball.
 LIMB_MOVES_PX, LIMB_MOVES = 2.0, 0.04
 
-#: Radius of what may well be a screw or a lamp, px; a ball is too small there for speckle of 3 px to tell its rotation.
-SMALL_PX = 10.0
-
 #: Frames in which the ball is looked for before giving up.
 MAX_TRIES = 40
-
-
-@dataclass(frozen=True)
-class Circle:
-    """Outline of the ball in one image.
-
-    Attributes
-    ----------
-    x, y, radius : float
-        Centre and radius, px.
-    sd_x, sd_y, sd_radius : float
-        Standard deviations, px; NaN where the circle was given without.
-    frame : int
-        The frame that it was found in.
-    sd_guessed : bool
-        The standard deviations are no measurement, but how far off a circle may be where the image tells no limb near
-        it. That of the radius may have been measured since on the frames that follow.
-    """
-
-    x: float
-    y: float
-    radius: float
-    sd_x: float = math.nan
-    sd_y: float = math.nan
-    sd_radius: float = math.nan
-    frame: int = 0
-    sd_guessed: bool = False
-
-    @property
-    def sd_text(self) -> str:
-        """The standard deviations in words."""
-        if self.sd_guessed:
-            return f"to about {max(self.sd_x, self.sd_y, self.sd_radius):.0f} px, not measured"
-        return f"sd {self.sd_x:.2f}, {self.sd_y:.2f}, {self.sd_radius:.2f} px"
-
-    @property
-    def doubt(self) -> str:
-        """What speaks against its being a ball, or its outline, in words; empty where nothing does."""
-        if self.sd_guessed:
-            return "no limb of a speckled ball was seen along it"
-        return "it is so small that it may be anything bright or dark" if self.radius < SMALL_PX else ""
-
-    def doubted(self, where: str) -> str:
-        """The `doubt` that there is of a circle that was found, in a sentence: ``where`` to look, and what to do."""
-        return (
-            f"The circle found, of {self.radius:.1f} px radius, may not be the ball: {self.doubt}; look at it {where}, "
-            "and give --circle X,Y,R where it is not."
-        )
 
 
 def find(images: Images, count: int, ignore: Tensor | None = None) -> Circle:
@@ -267,7 +216,7 @@ LOOK = "See figures/path.png: where it is not the ball's, every length and speed
 
 def confirm(image: Tensor, given: Circle) -> str:
     """A sentence where the outline in ``image`` (h, w) is not the circle that was ``given``; empty where it is."""
-    told = f"The circle that was given, {_told(given)} px,"
+    told = f"The circle that was given, {given.text(1)} px,"
     try:
         seen = refine_circle(image, given)
     except ValueError:
@@ -277,7 +226,7 @@ def confirm(image: Tensor, given: Circle) -> str:
     apart = max(math.hypot(seen.x - given.x, seen.y - given.y), abs(seen.radius - given.radius))
     if apart <= max(CLEAR * max(seen.sd_x, seen.sd_y, seen.sd_radius), CAREFUL * seen.radius):
         return ""
-    return f"{told} is not the outline that the image shows at {_told(seen)} px; --refine takes that. {LOOK}"
+    return f"{told} is not the outline that the image shows at {seen.text(1)} px; --refine takes that. {LOOK}"
 
 
 def refined(fitted: Circle) -> str:
@@ -285,10 +234,6 @@ def refined(fitted: Circle) -> str:
     if not fitted.doubt:
         return ""
     return (
-        f"The circle that was given was fitted by --refine, at {_told(fitted)} px, and may not be the ball's outline: "
+        f"The circle that was given was fitted by --refine, at {fitted.text(1)} px, and may not be the ball's outline: "
         f"{fitted.doubt}. See figures/path.png: where the circle as given is better, leave out --refine."
     )
-
-
-def _told(circle: Circle) -> str:
-    return f"{circle.x:.1f},{circle.y:.1f},{circle.radius:.1f}"

@@ -129,7 +129,7 @@ def _of_circle(recording: Recording, tracked: Track, start: int) -> list[str]:
     if tracked.settings["circle_refined"] and tracked.circle.doubt:
         in_preview = "with 'torchsphere info INPUT --preview FILE.png'"
         was_given = tracked.settings["circle_given"]
-        found.append(refined(tracked.circle) if was_given else tracked.circle.doubted(in_preview))
+        found.append(refined(tracked.circle) if was_given else tracked.circle.warning(in_preview))
     return found
 
 

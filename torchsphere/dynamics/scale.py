@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from torchsphere.detection.detect import Circle
+    from torchsphere.geometry.circle import Circle
 from torchsphere.settings.limits import positive
 
 #: From the camera frame (y down, z away from the camera) to the lab frame (y up, z towards the camera).

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.detection.detect import Circle
 from torchsphere.dynamics.kinematics import Kinematics, kinematics
+from torchsphere.geometry.circle import Circle
 from torchsphere.geometry.orientation import chain
 from torchsphere.planning.expected import Setup
 from torchsphere.tracking.steady_error import sd_steady

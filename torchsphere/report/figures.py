@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from torchsphere.detection.detect import Circle
+    from torchsphere.geometry.circle import Circle
 
 #: Blue, vermilion, green of Okabe and Ito, which colour-blind readers tell apart; also by line style.
 COLOURS = ("#0072B2", "#D55E00", "#009E73")

@@ -18,7 +18,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.detection.detect import Circle
+from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import background
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads

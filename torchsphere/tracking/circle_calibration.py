@@ -22,8 +22,9 @@ from torchsphere.correlation.radius_mode import radius_evidence
 from torchsphere.correlation.reference import Filtered
 from torchsphere.correlation.solve import GRADIENT_FROM_DEG
 from torchsphere.detection import limb_fit, outline_fit
-from torchsphere.detection.detect import Circle, at_limb
+from torchsphere.detection.detect import at_limb
 from torchsphere.geometry.camera import Camera
+from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import background, crop
 from torchsphere.recording.frame_source import Source
 from torchsphere.tracking.follow import Follower

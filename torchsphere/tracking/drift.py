@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.correlation.options import Options
-from torchsphere.detection.detect import Circle
 from torchsphere.geometry import orientation
+from torchsphere.geometry.circle import Circle
 from torchsphere.imaging.interpolation import noise_gains
 from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map import poses

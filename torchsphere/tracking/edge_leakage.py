@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from torchsphere.correlation.options import Options, suited
-from torchsphere.detection.detect import Circle
+from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import crop
 
 #: Error of a step over the motion of the front, over the square of what leaks in, in contrasts of the texture. Mean of

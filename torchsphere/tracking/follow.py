@@ -20,7 +20,7 @@ from torch import Tensor
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.result import Correlation
 from torchsphere.detection import outline_fit
-from torchsphere.detection.detect import Circle
+from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
 from torchsphere.tracking import recovery

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from torchsphere.correlation.options import Options
 from torchsphere.detection import detect as circles
-from torchsphere.detection.detect import Circle
 from torchsphere.geometry.camera import Camera, sphere_of_outline
+from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source
 from torchsphere.settings.arrays import check_circle
 from torchsphere.settings.limits import SettingError, is_whole

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.correlation.result import STATUSES, Correlation
-from torchsphere.detection.detect import Circle
+from torchsphere.geometry.circle import Circle
 
 Array = NDArray[np.float64]
 

@@ -25,7 +25,7 @@ from torch import Tensor
 
 from torchsphere.correlation import znssd
 from torchsphere.correlation.reference import Filtered, build_reference
-from torchsphere.detection.detect import Circle
+from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import crop, interpolation
 
 #: Error of a step by d px over ``sin(2 pi d)``, times the radius, px^2. This and the constants down to

@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 from torchsphere.correlation.options import given_to
-from torchsphere.detection.detect import Circle
+from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
 from torchsphere.settings.arrays import as_mask

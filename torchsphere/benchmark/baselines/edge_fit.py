@@ -23,8 +23,9 @@ from torchsphere.benchmark.baselines.stepwise import (
     result,
 )
 from torchsphere.detection import outline_fit
-from torchsphere.detection.detect import MIN_SUPPORT, Circle
+from torchsphere.detection.detect import MIN_SUPPORT
 from torchsphere.detection.outline_fit import OutlineFit
+from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import background as still
 from torchsphere.recording.frame_source import Source
 

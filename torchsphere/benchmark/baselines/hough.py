@@ -13,7 +13,7 @@ from torchsphere.benchmark.baselines import extras
 from torchsphere.benchmark.baselines.baseline import Baseline, Progress
 from torchsphere.benchmark.baselines.edge_fit import behind, without
 from torchsphere.benchmark.baselines.stepwise import NO_ROTATION, NOWHERE, Array, Pair, follow, opened, result
-from torchsphere.detection.detect import Circle
+from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source
 
 #: Share of the circle that the silhouette must fill: less is an edge that happens to be round.

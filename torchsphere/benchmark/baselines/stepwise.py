@@ -14,7 +14,7 @@ from torch import Tensor
 
 from torchsphere.benchmark.baselines.baseline import Baseline, Progress
 from torchsphere.correlation.result import STATUSES
-from torchsphere.detection.detect import Circle
+from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import crop, template_matching
 from torchsphere.recording.frame_source import Source
 from torchsphere.settings.arrays import check_circle
