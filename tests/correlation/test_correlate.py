@@ -259,8 +259,9 @@ def noise_image(seed: int) -> torch.Tensor:
     return 100 + 20 * torch.randn(130, 130, generator=torch.Generator().manual_seed(seed))
 
 
-def test_a_flat_image_has_no_texture() -> None:
-    flat = torch.full((130, 130), 100.0)
+@pytest.mark.parametrize("level", [77.3, 100.0, 255.0])
+def test_a_flat_image_has_no_texture(level: float) -> None:
+    flat = torch.full((130, 130), level)
     found = correlate(flat, flat, (64, 64, 50))
     assert found.status.tolist() == ["weak_texture"]
     assert found.q.isnan().all()

@@ -47,76 +47,84 @@ def approach(pairs: Pairs, start: Tensor, options: Options) -> Approach:
 
 
 def solve(pairs: Pairs, near: Tensor, options: Options, start: Tensor | None = None) -> Correlation:
-    """Correlate n pairs from ``near`` (n, k), which came from ``start`` (n, 5) by `approach`."""
+    """Correlate n pairs from ``near`` (n, k), which came from ``start`` (n, 5) by `approach`.
+
+    Pairs that turn fast are solved with the exact model and the exact Jacobian.
+    """
     start = near if start is None else start
     if motion_models.MODELS[options.model] not in (motion_models.rigid, *motion_models.EXACT):
-        return _solve(pairs, near, start, options)
-    slowly, exactly = _by_turn(options)
+        return _solve_in_any_light(pairs, near, start, options)
+    slow, fast = _by_turn(options)
     limit = math.radians(options.finite_from_deg or GRADIENT_FROM_DEG)
-    turning = motion_models.turn(near) >= limit
-    if bool(turning.all()):
-        return _solve(pairs, near, start, exactly)
-    found = _solve(pairs, near, start, slowly, again_from=limit)
-    # Rows whose turn asks for more, whether that was expected or is only found now.
-    beyond = turning | (found.turn >= limit)
-    if not bool(beyond.any()):
+    turns_fast = motion_models.turn(near) >= limit
+    if bool(turns_fast.all()):
+        return _solve_in_any_light(pairs, near, start, fast)
+    found = _solve_in_any_light(pairs, near, start, slow, limit)
+    # Pairs whose fast turn was expected, and pairs whose fast turn shows only now.
+    again = turns_fast | (found.turn >= limit)
+    if not bool(again.any()):
         return found
-    rows = torch.nonzero(beyond)[:, 0]
-    better = torch.where(found.q.isfinite() & ~turning[:, None], found.q, near[:, :5])[rows]
-    return found.replaced(rows, _solve(pairs.take(rows), better, start[rows], exactly))
+    rows = torch.nonzero(again)[:, 0]
+    better = torch.where(found.q.isfinite() & ~turns_fast[:, None], found.q, near[:, :5])[rows]
+    return found.replaced(rows, _solve_in_any_light(pairs.take(rows), better, start[rows], fast))
 
 
 @functools.lru_cache(maxsize=16)
 def _by_turn(options: Options) -> tuple[Options, Options]:
-    """The options for rows that turn slowly, and for those that turn fast."""
+    """The options for pairs that turn slowly, and for pairs that turn fast."""
     exact = "finite" if options.model == "rigid" else options.model
-    # Measured at 0.57 deg per frame: the second order of the rotation, which `rigid` lacks, is half of its bias (0.0009
-    # of 0.0018 deg), and costs a tenth of the time.
-    slowly = options if options.finite_from_deg else dataclasses.replace(options, model=exact)
-    return slowly, dataclasses.replace(options, model=exact, jacobian="autograd")
+    # The linearised model lacks the second order of the rotation, half of its bias at 0.57 deg per frame, and saves a
+    # tenth of the time: it is used only where the user asks for it.
+    slow = options if options.finite_from_deg else dataclasses.replace(options, model=exact)
+    return slow, dataclasses.replace(options, model=exact, jacobian="autograd")
+
+
+def _solve_in_any_light(
+    pairs: Pairs, near: Tensor, start: Tensor, options: Options, fast_from: float = math.inf
+) -> Correlation:
+    """Correlate all pairs by one model, and pairs whose light changes unevenly once more with that light allowed for.
+
+    Pairs that turn by ``fast_from``, rad, or more are to be solved again by another model.
+    """
+    found, q, is_uneven = _solve(pairs, near, start, options, fast_from)
+    rows = torch.nonzero(is_uneven)[:, 0]
+    if len(rows) == 0:
+        return found
+    again, _, _ = _solve(pairs.take(rows), q[rows], start[rows], options, fast_from, uneven_light=True)
+    return found.replaced(rows, dataclasses.replace(again, iterations=again.iterations + found.iterations[rows]))
 
 
 def _solve(
-    pairs: Pairs, near: Tensor, start: Tensor, options: Options, again_from: float = math.inf, *, uneven: bool = False
-) -> Correlation:
-    """`solve` with one model for all rows; those that turn by ``again_from``, rad, or more are to be solved again.
+    pairs: Pairs, near: Tensor, start: Tensor, options: Options, fast_from: float, *, uneven_light: bool = False
+) -> tuple[Correlation, Tensor, Tensor]:
+    """The correlation by one model, its unknowns (n, k), and True (n,) for pairs whose light changes unevenly.
 
-    With ``uneven``, light that changes unevenly over the ball is allowed for; rows that show it are solved so by
-    themselves.
+    With ``uneven_light`` such a change is allowed for, and no pair shows it any more.
     """
     model = motion_models.MODELS[options.model]
     reference, first = _reference(pairs, near, model, options)
-    reference = dataclasses.replace(reference, uneven_light=uneven)
+    reference = dataclasses.replace(reference, uneven_light=uneven_light)
     c_g, shift = pairs.g.c, pairs.shift
     how = How(options.max_iterations, options.tolerance_px, options.jacobian == "autograd")
     solution = gauss_newton(reference, c_g, shift, first, model, how)
     # Weights are 0 to 1; comparisons take three times as long.
     visible = solution.weights.ceil().sum(-1)
-    lit = illumination.is_uneven(reference, solution, model)
-    # Judging takes a few steps of its own.
-    if (
-        options.robust
-        and model in (motion_models.rigid, *motion_models.EXACT)
-        and options.max_iterations > occlusion.STEPS
-    ):
+    is_uneven = illumination.is_uneven(reference, solution, model)
+    # The search for occluders takes a few steps of its own.
+    is_rigid = model in (motion_models.rigid, *motion_models.EXACT)
+    if options.robust and is_rigid and options.max_iterations > occlusion.STEPS:
         doubt = ~solution.converged | occlusion.doubtful(reference, solution, model, options.pre_blur)
-        # What is not explained of a large turn so far is no occluder.
-        turned = motion_models.turn(solution.q) >= again_from
-        doubt = doubt & ~(solution.converged & turned)
-        if not uneven:
-            # What looks like an occluder may be light; only what that does not explain is left out.
-            lit = lit | (doubt & illumination.judgeable(solution, model))
-            doubt = doubt & ~lit
+        # A large turn that the model does not explain yet is no occluder.
+        doubt = doubt & ~(solution.converged & (motion_models.turn(solution.q) >= fast_from))
+        if not uneven_light:
+            # Light may look like an occluder; only what light does not explain is left out.
+            is_uneven = is_uneven | (doubt & illumination.judgeable(solution, model))
+            doubt = doubt & ~is_uneven
         guesses = (first, as_unknowns(start, model))
         reference, solution = occlusion.reconsider(
             reference, c_g, shift, guesses, solution, doubt, model, how, options.pre_blur
         )
-    found = conclude(reference, solution, visible, model, options)
-    rows = torch.nonzero(lit)[:, 0]
-    if len(rows) == 0:
-        return found
-    again = _solve(pairs.take(rows), solution.q[rows], start[rows], options, again_from, uneven=True)
-    return found.replaced(rows, dataclasses.replace(again, iterations=again.iterations + found.iterations[rows]))
+    return conclude(reference, solution, visible, model, options), solution.q, is_uneven
 
 
 def _reference(

@@ -40,6 +40,10 @@ MAX_CONDITION = 15.0
 #: Every how many points geometry alone is summed over: it changes slowly from one to the next.
 THIN = 8
 
+#: Contrast, as a share of the grey level, that rounding in float32 makes of a flat image; the interpolation adds up to
+#: a hundred terms.
+ROUNDING = 1e-5
+
 
 def increment_covariance(
     reference: Reference,
@@ -135,9 +139,17 @@ def conclude(
         (~converged, NOT_CONVERGED),
         (~carried, WEAK_TEXTURE),
         (visible < options.min_visible * points, OUT_OF_FRAME),
+        # Rounding errors moved the points of an image without contrast: where the points lie says nothing.
+        (_is_flat(reference) & (reference.weights.sum(-1) >= options.min_visible * points), WEAK_TEXTURE),
     ):
         status = torch.where(wrong, code, status)
     return _as_correlation(solution, spread, coefficient, status, reference.uneven_light)
+
+
+def _is_flat(reference: Reference) -> Tensor:
+    """True (n,) where the contrast of the reference image is no more than rounding errors of its grey levels."""
+    contrast = znssd.centred(reference.values, reference.weights) * reference.weights
+    return contrast.abs().amax(-1) < ROUNDING * reference.values.abs().amax(-1)
 
 
 def _as_correlation(
