@@ -107,7 +107,7 @@ class Run:
 #: Where a clock is put around what a track does: module, function, and the name of the time.
 STAGES = (
     ("torchsphere.measure", "open_recording", "open_s"),
-    ("torchsphere.tracking.track", "first_circle", "circle_s"),
+    ("torchsphere.tracking.track", "find_initial_circle", "circle_s"),
     ("torchsphere.measure", "track", "track_s"),
 )
 

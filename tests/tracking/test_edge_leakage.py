@@ -67,12 +67,12 @@ def test_a_region_that_lets_it_in_is_told_with_a_better_one(
 
 
 def test_a_ball_that_is_large_or_like_its_background_keeps_the_region() -> None:
-    assert edge_leakage.fitted(Options(), (), 50.0, 6.0).roi == 0.95
-    assert edge_leakage.fitted(Options(), (), 25.0, 1.0).roi == 0.95
-    small = edge_leakage.fitted(Options(), (), 25.0, 4.0)
+    assert edge_leakage.suited_to_ball(Options(), (), 50.0, 6.0).roi == 0.95
+    assert edge_leakage.suited_to_ball(Options(), (), 25.0, 1.0).roi == 0.95
+    small = edge_leakage.suited_to_ball(Options(), (), 25.0, 4.0)
     assert (small.roi, small.pre_blur) == (0.9, 1.0)
-    assert edge_leakage.fitted(Options(roi=0.95), ("roi",), 25.0, 4.0).roi == 0.95
-    assert edge_leakage.fitted(Options(pre_blur=0.8), ("pre_blur",), 25.0, 4.0).pre_blur == 0.8
+    assert edge_leakage.suited_to_ball(Options(roi=0.95), ("roi",), 25.0, 4.0).roi == 0.95
+    assert edge_leakage.suited_to_ball(Options(pre_blur=0.8), ("pre_blur",), 25.0, 4.0).pre_blur == 0.8
 
 
 def test_the_difference_is_that_of_the_levels_over_the_contrast() -> None:
@@ -80,19 +80,19 @@ def test_the_difference_is_that_of_the_levels_over_the_contrast() -> None:
     inside = torch.hypot(x - 40, y - 40) < 20
     ball = torch.where((x + y) % 2 == 0, 180.0, 140.0)
     image = torch.where(inside, ball, 60.0)
-    assert edge_leakage.difference(image, ts.Circle(40.0, 40.0, 20.0)) == pytest.approx(5.0, rel=0.01)
-    assert edge_leakage.difference(noisy(image[None], 1.0, 1)[0], ts.Circle(40.0, 40.0, 20.0)) == pytest.approx(
-        5.0, rel=0.02
-    )
+    assert edge_leakage.background_contrast(image, ts.Circle(40.0, 40.0, 20.0)) == pytest.approx(5.0, rel=0.01)
+    assert edge_leakage.background_contrast(
+        noisy(image[None], 1.0, 1)[0], ts.Circle(40.0, 40.0, 20.0)
+    ) == pytest.approx(5.0, rel=0.02)
     hidden = ~inside
-    assert edge_leakage.difference(image, ts.Circle(40.0, 40.0, 20.0), hidden) == 0.0
+    assert edge_leakage.background_contrast(image, ts.Circle(40.0, 40.0, 20.0), hidden) == 0.0
 
 
 def test_what_leaks_in_is_off_along_the_motion_of_the_front_and_less_so_across_and_about_z() -> None:
     steps = np.tile([1.0, 1.0, 0.0, 0.01, 0.0], (9, 1))
-    with_it, without = (steady_error.sd_steady(steps, 20.0, 0.0, on_map=False, leaked=share) for share in (0.05, 0.0))
+    with_it, without = (steady_error.sd_steady(steps, 20.0, 0.0, on_map=False, leakage=share) for share in (0.05, 0.0))
     x, y, wx, wy, wz = np.sqrt(with_it**2 - without**2)
     assert x == pytest.approx(0.05 * 0.2, rel=1e-6)
     np.testing.assert_allclose([y, wx, wy, wz], [0.3 * x, 1.2 * 0.3 * x / 20, 1.2 * x / 20, 0.08 * x / 20], rtol=1e-6)
-    of_map = (steady_error.sd_steady(steps, 20.0, 0.0, on_map=True, leaked=share) for share in (0.05, 0.0))
+    of_map = (steady_error.sd_steady(steps, 20.0, 0.0, on_map=True, leakage=share) for share in (0.05, 0.0))
     np.testing.assert_array_equal(*of_map)

@@ -67,7 +67,7 @@ def test_a_sudden_turn_is_found_by_the_search_over_rotations() -> None:
 @pytest.mark.parametrize("degrees", [0.5, 9.0, 15.0, 25.0])
 def test_the_search_comes_near_enough_to_start_from(degrees: float) -> None:
     made = recorded(clean(n=2, step=(-40.0, 20.0), turn_deg=degrees, start=(250.0, 100.0)))
-    guesses = rotation_search.guesses(made.images[0], made.images[1], made.centres[0], made.radius)
+    guesses = rotation_search.find_guesses(made.images[0], made.images[1], made.centres[0], made.radius)
     off = (guesses - made.increments[0]) * torch.tensor([1.0, 1.0, 50.0, 50.0, 50.0])
     # Half a step of the grid along all three axes is 0.09 rad, 4.5 px on the front; a small image's pixel is 4 px.
     assert float(off.norm(dim=-1).min()) < 6
@@ -76,9 +76,9 @@ def test_the_search_comes_near_enough_to_start_from(degrees: float) -> None:
 def test_a_search_in_parts_finds_what_one_of_all_rotations_does(monkeypatch: pytest.MonkeyPatch) -> None:
     made = recorded(clean(n=2, turn_deg=9.0))
     monkeypatch.setattr(rotation_search, "AT_ONCE", 10**9)
-    at_once = rotation_search.guesses(made.images[0], made.images[1], made.centres[0], made.radius)
+    at_once = rotation_search.find_guesses(made.images[0], made.images[1], made.centres[0], made.radius)
     monkeypatch.setattr(rotation_search, "AT_ONCE", 50_000)
-    in_parts = rotation_search.guesses(made.images[0], made.images[1], made.centres[0], made.radius)
+    in_parts = rotation_search.find_guesses(made.images[0], made.images[1], made.centres[0], made.radius)
     np.testing.assert_array_equal(at_once, in_parts)
 
 
@@ -91,7 +91,7 @@ def test_footage_without_the_ball_is_searched_in_ever_fewer_frames(monkeypatch: 
         searched.append(True)
         return torch.empty(0, 5, dtype=torch.float64)
 
-    monkeypatch.setattr(rotation_search, "guesses", nothing)
+    monkeypatch.setattr(rotation_search, "find_guesses", nothing)
     measured = track(torch.cat((made.images, blank)), made.circle, sphere_map=False)
     assert not (measured.status[1:] == "ok").any()
     # Frames 1 to 5, then after ever longer waits.
@@ -102,7 +102,7 @@ def test_the_search_finds_nothing_where_there_is_no_such_ball() -> None:
     made, other = recorded(clean(n=1)), recorded(clean(n=1, seed=5, start=(150.0, 110.0)))
     blank = noisy(torch.full(made.images.shape[1:], 100.0), 2.0, 1)
     for image in (blank, other.images[0]):
-        assert len(rotation_search.guesses(made.images[0], image, made.centres[0], made.radius)) == 0
+        assert len(rotation_search.find_guesses(made.images[0], image, made.centres[0], made.radius)) == 0
 
 
 def test_wrong_starts_never_pass_for_a_measurement() -> None:

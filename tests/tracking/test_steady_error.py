@@ -88,16 +88,20 @@ def test_steps_that_were_not_measured_do_not_count() -> None:
 def test_the_fineness_is_that_of_the_texture_whatever_the_light_and_the_noise() -> None:
     f, _, (x, y, radius) = pair((0, 0, 0, 0, 0))
     circle = ts.Circle(x, y, radius)
-    fine = steady_error.fineness(f, circle)
-    assert steady_error.fineness(0.5 * f + 20, circle) == pytest.approx(fine, rel=1e-9)
-    assert steady_error.fineness(noisy(f, 4.0, 1), circle) == pytest.approx(fine, rel=0.03)
+    fine = steady_error.texture_fineness(f, circle)
+    assert steady_error.texture_fineness(0.5 * f + 20, circle) == pytest.approx(fine, rel=1e-9)
+    assert steady_error.texture_fineness(noisy(f, 4.0, 1), circle) == pytest.approx(fine, rel=0.03)
     # The same speckle half as large is four times as fine, but for what the pre-blur takes away of it.
     f, _, (x, y, radius) = pair((0, 0, 0, 0, 0), radius=25.0, pattern=speckle(0, 50.0), centre=(40.1, 39.7))
-    assert steady_error.fineness(f, ts.Circle(x, y, radius)) > 1.5 * fine
+    assert steady_error.texture_fineness(f, ts.Circle(x, y, radius)) > 1.5 * fine
 
 
 def test_a_plain_ball_has_a_fineness_within_bounds() -> None:
-    assert 0 <= steady_error.fineness(torch.full((100, 100), 90.0), ts.Circle(50.0, 50.0, 30.0)) <= steady_error.FINEST
+    assert (
+        0
+        <= steady_error.texture_fineness(torch.full((100, 100), 90.0), ts.Circle(50.0, 50.0, 30.0))
+        <= steady_error.FINEST
+    )
 
 
 def turn_of_the_places(step: tuple[float, float], degrees: float, radius: float) -> float:
@@ -138,7 +142,7 @@ def mean_error(step: tuple[float, float], wz_deg: float, radius: float) -> tuple
             centre = (63.1 + place, 64.3 + place)
             f, g, circle = pair((*step, 0.0, 0.0, wz_deg), radius=radius, pattern=pattern, centre=centre)
             errors.append(ts.correlate(f, g, circle, start=true).q[0].numpy() - true)
-    fine = steady_error.fineness(f, ts.Circle(*circle))
+    fine = steady_error.texture_fineness(f, ts.Circle(*circle))
     return np.mean(errors, 0), steady_error.sd_steady(true[None], radius, fine, on_map=False)
 
 
@@ -150,11 +154,13 @@ def test_steps_at_the_same_place_between_pixels_err_alike_and_no_more_than_state
 
 def test_light_that_a_target_takes_counts_by_its_share_of_the_steps_and_not_on_a_map() -> None:
     still = steps(0.0, 0.0, 0.0, 0.0, 0.0)
-    dark, half, lit = (steady_error.sd_steady(still, 40.0, on_map=False, lit=share) for share in (0.0, 0.5, 1.0))
-    np.testing.assert_allclose(lit[:2] ** 2 - dark[:2] ** 2, 0.0021**2, rtol=1e-9)
-    np.testing.assert_allclose(lit**2 - dark**2, 2 * (half**2 - dark**2), rtol=1e-9)
-    assert np.sqrt(lit[4] ** 2 - dark[4] ** 2) == pytest.approx(0.0003 / 40.0, rel=1e-9)
-    on_map = [steady_error.sd_steady(still, 40.0, on_map=True, lit=share) for share in (0.0, 1.0)]
+    none, half, full = (
+        steady_error.sd_steady(still, 40.0, on_map=False, uneven_light=share) for share in (0.0, 0.5, 1.0)
+    )
+    np.testing.assert_allclose(full[:2] ** 2 - none[:2] ** 2, 0.0021**2, rtol=1e-9)
+    np.testing.assert_allclose(full**2 - none**2, 2 * (half**2 - none**2), rtol=1e-9)
+    assert np.sqrt(full[4] ** 2 - none[4] ** 2) == pytest.approx(0.0003 / 40.0, rel=1e-9)
+    on_map = [steady_error.sd_steady(still, 40.0, on_map=True, uneven_light=share) for share in (0.0, 1.0)]
     np.testing.assert_array_equal(*on_map)
 
 

@@ -1,4 +1,4 @@
-"""Pairs of a batch: wherever the ball was expected, they are measured around where it is."""
+"""Pairs of a batch are measured around the ball's true place, wherever it was expected."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from torchsphere.correlation.reference import SLACK_PX, Filtered
 from torchsphere.correlation.result import Correlation
 from torchsphere.tracking import successive_pairs
 
-SETUP = successive_pairs.Setup(Options(), None, False, shared=lambda part, rows: [part(0, rows)])
+SETUP = successive_pairs.PairSetup(Options(), None, False, shared=lambda part, rows: [part(0, rows)])
 
 
 @pytest.fixture(scope="module")
@@ -21,21 +21,21 @@ def made() -> Shot:
 
 @pytest.fixture(scope="module")
 def truly(made: Shot) -> Tensor:
-    """The ball (12, 3) where it is."""
+    """True circles (12, 3)."""
     return torch.cat((made.centres, torch.full((12, 1), made.radius, dtype=torch.float64)), -1)
 
 
 def correlated(images: Tensor, balls: Tensor, start: Tensor, truly: Tensor) -> tuple[Correlation, Tensor]:
     """With the ball expected at ``balls``, and ``truly`` in the first image."""
-    return successive_pairs.correlate_successive(successive_pairs.look(images, balls, start, SETUP), truly[0], SETUP)
+    return successive_pairs.correlate_successive(successive_pairs.prepare(images, balls, start, SETUP), truly[0], SETUP)
 
 
 def filtered(images: Tensor, balls: Tensor) -> Filtered:
-    return successive_pairs._filtered(successive_pairs._cut(images, balls, SETUP), SETUP, interlaced=False)
+    return successive_pairs._filter(successive_pairs._cut(images, balls, SETUP), SETUP, interlaced=False)
 
 
 def filtered_where_off(before: Filtered, images: Tensor, balls: Tensor, expected: Tensor) -> Filtered:
-    return successive_pairs._filtered_where_off(before, images, balls, expected, SETUP, interlaced=False)
+    return successive_pairs._filter_where_off(before, images, balls, expected, SETUP, interlaced=False)
 
 
 #: Like a ball that slows down, (12, 3): 4 px in the last image, more than the crops leave room for from the 10th on.

@@ -49,12 +49,12 @@ def _preview(recording: Recording, path: Path) -> None:
     from torchsphere.detection.detect import find
     from torchsphere.recording.frame_source import Source
     from torchsphere.report.figures import preview_figure
-    from torchsphere.tracking.circle_calibration import calibrate
+    from torchsphere.tracking.circle_calibration import calibrate_circle
 
     if path.suffix.lower() != ".png":
         raise ValueError(f"--preview {path}: expected a name that ends in .png")
     source = Source.open(recording, "cpu")
-    circle = calibrate(source, find(source.images, source.count), None, Options())
+    circle = calibrate_circle(source, find(source.images, source.count), None, Options())
     text = circle.text()
     title = f"frame {circle.frame}: --circle {text}"
     preview_figure(path, recording.images(circle.frame, circle.frame + 1)[0], circle, title)

@@ -166,7 +166,7 @@ def _of_leak(request: Request, tracked: Track) -> list[str]:
     if share < edge_leakage.NOTABLE or tracked.settings["sphere_map"]["used"] or not turns:
         return []
     smaller = (
-        f"leave --roi out, or give {edge_leakage.roomy(radius):g}"
+        f"leave --roi out, or give {edge_leakage.roi_without_leakage(radius):g}"
         if request.roi is not None
         else "film the ball larger"
     )

@@ -1,4 +1,4 @@
-"""Bound the drift of a track: when a map of the ball is made, and what of its poses enters the track."""
+"""Absolute poses without drift: when a map of the ball is made, and how its poses enter the track."""
 
 from __future__ import annotations
 
@@ -23,26 +23,25 @@ from torchsphere.tracking.record import Record
 
 Array = NDArray[np.float64]
 
-#: A ball that turns by more in the whole recording gets a map without being asked, rad. An error of 0.1 px in a radius
-#: of 50 px alone is then 0.4 deg.
+#: Turn of a ball in the whole recording, rad, from which a map is made without being asked for: an error of 0.1 px in a
+#: radius of 50 px alone is then 0.4 deg.
 MAP_FROM = np.radians(90.0)
 
-#: Effect of an uncertain radius on a step, px, from which the map, which knows the radius to 0.02 px, is made without
-#: being asked. Measured: an error of 1 px (of 50) moves the step by 3 px per rad of rotation.
+#: Effect of an uncertain radius on a step, px, from which a map is made without being asked for; and the step per px of
+#: error and rad of rotation (docs/constants.md).
 RADIUS_MATTERS_PX, STEP_PER_RADIUS = 0.01, 3.0
 
-#: Share of the steps with light that changes unevenly over the ball, from which no map is made unasked. Rendered
-#: impacts have 0.7 to 0.85, free flights 0. Of four oblique impacts whose outline was found, the 95 % bands of
-#: velocity, force and spin held 58 to 100 % in contact on a map and 97 to 100 % by steps.
-MOST_LIT = 0.25
+#: Share of the steps with light that changes unevenly over the ball, from which no map is made unless asked for
+#: (docs/constants.md).
+MOST_UNEVEN = 0.25
 
-#: Models of a rigid motion in an orthographic view; the others are kept as they are.
+#: Models of a rigid motion in an orthographic view, which a map replaces.
 ON_MAP = ("rigid", "finite")
 
 
 @dataclass(frozen=True)
-class Motion:
-    """What a track says of the ball's motion; the fields are those of `torchsphere.tracking.track.Track`."""
+class AbsoluteMotion:
+    """Positions, increments and orientations of a track; the fields are those of `torchsphere.tracking.track.Track`."""
 
     position: Array
     increment: Array
@@ -52,7 +51,7 @@ class Motion:
     about_map: dict[str, Any]
 
 
-def bound(
+def absolute_motion(
     source: Source,
     measured: Record,
     circle: Circle,
@@ -61,21 +60,21 @@ def bound(
     options: Options,
     *,
     progress: Progress | None = None,
-) -> Motion:
-    """The motion that was ``measured``, on a map of the ball where one is ``asked`` for or, by None, needed."""
+) -> AbsoluteMotion:
+    """The ``measured`` motion, on a map of the ball where a map is ``asked`` for or, by None, needed."""
     known = np.isfinite(measured.position[:, 0])
     chained = orientation.chain(measured.rotation, known)
     turns = np.linalg.norm(measured.rotation, axis=1)
-    reason = _why_not(turns, circle, asked, options.model) or _what_else(measured, asked)
+    reason = _reason_without_map(turns, circle, asked, options.model) or _reason_by_light(measured, asked)
     about = {"used": False, "reason": reason}
-    plain = Motion(measured.position, measured.increment, measured.covariance, chained, circle, about)
+    plain = AbsoluteMotion(measured.position, measured.increment, measured.covariance, chained, circle, about)
     if reason:
         return plain
     noise = _noise_share(measured.zncc, options.pre_blur)
     try:
         found = poses.poses_on_map(source, measured.position, chained, noise, circle, ignore, progress)
     except (np.linalg.LinAlgError, torch.linalg.LinAlgError):  # type: ignore[attr-defined]
-        # What the correlation measured must not be lost with the map.
+        # The increments must not be lost with the map.
         found = "the equations of the map have no solution"
     if isinstance(found, str):
         plain.about_map["reason"] = found
@@ -84,15 +83,15 @@ def bound(
 
 
 def _noise_share(zncc: Array, pre_blur: float) -> float:
-    """Variance of the images' noise over that of their grey levels, by what the pairs' coefficients (n,) lack of 1."""
+    """Variance of the images' noise over that of their grey levels, from the pairs' coefficients (n,)."""
     known = zncc[np.isfinite(zncc)]
     lack = float(np.median(1 - known)) if len(known) else 0.0
     value_gain, _ = noise_gains(pre_blur)
     return lack / value_gain
 
 
-def _why_not(turns: Array, circle: Circle, asked: bool | None, model: str) -> str:
-    """Why no map is made of a ball that turns by ``turns`` (n,), rad, in words; empty where one is."""
+def _reason_without_map(turns: Array, circle: Circle, asked: bool | None, model: str) -> str:
+    """Why no map is made of a ball that turns by ``turns`` (n,), rad, in words; empty where a map is made."""
     if asked is False:
         return "not needed: it was not asked for"
     prefix = "" if asked else "not needed: "
@@ -106,19 +105,19 @@ def _why_not(turns: Array, circle: Circle, asked: bool | None, model: str) -> st
     return ""
 
 
-def _what_else(measured: Record, asked: bool | None) -> str:
-    """Why the steps are better than a map that would be made unasked, in words; empty where they are not."""
-    steps, lit = int(np.isfinite(measured.increment[:, 0]).sum()), int(measured.uneven_light.sum())
-    if asked is None and lit > MOST_LIT * steps:
+def _reason_by_light(measured: Record, asked: bool | None) -> str:
+    """Why the light makes the steps better than a map that was not asked for, in words; empty where it does not."""
+    steps, uneven = int(np.isfinite(measured.increment[:, 0]).sum()), int(measured.uneven_light.sum())
+    if asked is None and uneven > MOST_UNEVEN * steps:
         return (
-            f"no map of the ball was made, as something near it takes light from one side of it in {lit} of {steps} "
+            f"no map of the ball was made, as something near it takes light from one side of it in {uneven} of {steps} "
             "steps, which steps allow for and a map does not; ask for a map to have one all the same"
         )
     return ""
 
 
-def _merged(measured: Record, chained: Array, found: Mapped) -> Motion:
-    """Poses of the map; a frame that is not on it follows from its neighbour by the step between them."""
+def _merged(measured: Record, chained: Array, found: Mapped) -> AbsoluteMotion:
+    """Poses of the map; a frame that is not on the map follows from its neighbour by the step between them."""
     position, turned = found.position.copy(), found.orientation.copy()
     on_map = np.isfinite(position[:, 0])
     for i in np.flatnonzero(np.isfinite(measured.position[:, 0]) & ~on_map):
@@ -140,7 +139,7 @@ def _merged(measured: Record, chained: Array, found: Mapped) -> Motion:
         "edge_blur_px": found.edge_blur,
         "residual_over_noise": found.misfit**0.5,
     }
-    return Motion(position, increment, covariance, turned, found.circle, about)
+    return AbsoluteMotion(position, increment, covariance, turned, found.circle, about)
 
 
 def _nearest(on_map: NDArray[np.bool_], frame: int) -> int:

@@ -1,6 +1,7 @@
-"""Where the ball will be: it is expected to go on from where it was last seen as it moved there.
+"""Prediction of the ball's motion from its last known state, and images that repeat the image before.
 
-Images that repeat the one before although the ball moves: a copy is no measurement.
+The ball is expected to go on as it moved last. An image that repeats the one before although the ball moves is a copy
+and no measurement.
 """
 
 from __future__ import annotations
@@ -16,10 +17,13 @@ from torch import Tensor
 #: Motion of the ball's front per frame, px, from which two images of it cannot be the same bit for bit.
 MOVES_PX = 0.05
 
+#: Every how many rows two images are compared first: images that differ do so in some of these rows.
+SPARSE = 16
+
 
 @dataclass(frozen=True)
-class Seen:
-    """The ball in the last frame in which it was seen, and how it moves on from there.
+class BallState:
+    """The ball in the last frame in which it was seen, and its expected motion from there.
 
     Attributes
     ----------
@@ -31,7 +35,7 @@ class Seen:
     radius : float
         px.
     increment : Tensor
-        Motion (5,) that is expected to the next frame, px and rad, float64.
+        Motion (5,) expected to the next frame, px and rad, float64.
     trend : Tensor
         Change (5,) of the increment from each frame to the next.
     growth : float
@@ -47,19 +51,19 @@ class Seen:
     growth: float
 
     @property
-    def ball(self) -> Tensor:
+    def circle(self) -> Tensor:
         """Centre and radius (3,), px, float64."""
         return torch.cat((self.centre, self.centre.new_tensor([self.radius])))
 
     @property
-    def moves(self) -> bool:
-        """Whether the ball is expected to move by so much that no image of it repeats the one before."""
+    def is_moving(self) -> bool:
+        """Whether the expected motion is so large that no image of the ball repeats the one before."""
         dx, dy, wx, wy, wz = self.increment.tolist()
         front = math.hypot(dx - self.radius * wy, dy + self.radius * wx, self.radius * wz)
         return max(front, math.hypot(dx, dy)) > MOVES_PX
 
-    def ahead(self, count: int, in_place: bool) -> tuple[Tensor, Tensor]:
-        """Increments (m, 5) of the next ``count`` pairs, px and rad, and the ball (m + 1, 3) from this frame on, px."""
+    def predict(self, count: int, in_place: bool) -> tuple[Tensor, Tensor]:
+        """Increments (m, 5) of the next ``count`` pairs, px and rad, and circles (m + 1, 3) from this frame on, px."""
         steps = torch.arange(count + 1, dtype=torch.float64)[:, None]
         increments = self.increment + steps[1:] * self.trend
         moving = torch.zeros_like(increments[:, :2]) if in_place else increments[:, :2]
@@ -76,26 +80,22 @@ class Seen:
         return float(((x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)).double().mean())
 
 
-def trend(increments: NDArray[np.float64]) -> tuple[Tensor, Tensor]:
-    """Increment (5,) at the last of ``increments`` (m, 5) and its change from one to the next, by a straight line."""
+def linear_trend(increments: NDArray[np.float64]) -> tuple[Tensor, Tensor]:
+    """Increment (5,) at the last of ``increments`` (m, 5) and its change (5,) per frame, by a straight line."""
     slope, last = np.polyfit(np.arange(1 - len(increments), 1), increments, 1)
     return torch.from_numpy(last), torch.from_numpy(slope)
 
 
-def path(first: Tensor, steps: Tensor, growth: Tensor) -> Tensor:
-    """The ball (m + 1, 3) where ``steps`` (m, 2), px, and relative ``growth`` (m,) lead it from ``first`` (3,)."""
+def circle_path(first: Tensor, steps: Tensor, growth: Tensor) -> Tensor:
+    """Circles (m + 1, 3) that ``steps`` (m, 2), px, and relative ``growth`` (m,) lead to from ``first`` (3,)."""
     centres = first[:2] + steps.cumsum(0)
     radii = first[2] * (1 + growth).cumprod(0)
     return torch.cat((first[None], torch.cat((centres, radii[:, None]), -1)))
 
 
-#: Rows of the images between those that are compared first: two images that differ do so in some of these.
-SPARSE = 16
-
-
-def repeats(images: Tensor, seen: Seen) -> NDArray[np.bool_]:
-    """Which of the images (m + 1, h, w) after the first repeat the one before (m,), while the ball moves."""
-    if not seen.moves:
+def repeats_previous(images: Tensor, state: BallState) -> NDArray[np.bool_]:
+    """True (m,) for images (m + 1, h, w), after the first, that repeat the one before while the ball moves."""
+    if not state.is_moving:
         return np.zeros(len(images) - 1, dtype=bool)
     same = (images[1:, ::SPARSE] == images[:-1, ::SPARSE]).flatten(1).all(-1)
     if bool(same.any()):

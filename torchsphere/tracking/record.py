@@ -1,4 +1,4 @@
-"""What is known of each frame so far: the rows that following the ball fills one after the other."""
+"""Results per frame, which following the ball fills row by row."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Record:
-    """Rows of n frames; what is not known, or not yet, is NaN and "lost". The arrays are filled in place.
+    """Rows of n frames; unknown rows are NaN and "lost". The arrays are filled in place.
 
     Attributes
     ----------
     position, increment, covariance, zncc, iterations, status
         As in `torchsphere.tracking.track.Track`.
     size : ndarray
-        Radius (n,) of the ball in each frame, px; the same throughout but with the model `pinhole6`.
+        Radius (n,) of the ball in each frame, px; constant except with the model `pinhole6`.
     sd_growth : ndarray
         Standard deviation (n - 1,) of its relative change from each frame to the next.
     uneven_light : ndarray
@@ -49,7 +49,7 @@ class Record:
 
     @classmethod
     def empty(cls, count: int, first: Circle) -> Record:
-        """For ``count`` frames, in one of which the ball is known."""
+        """A record of ``count`` frames in which only the ``first`` circle is known."""
         record = cls(
             position=np.full((count, 2), np.nan),
             increment=np.full((count - 1, 5), np.nan),
@@ -72,39 +72,39 @@ class Record:
         return float(self.size[np.isfinite(self.size)][-1])
 
     def is_placed(self, frame: int) -> bool:
-        """Whether it is known where the ball is in that frame."""
+        """Whether the position in that frame is known."""
         return bool(np.isfinite(self.position[frame, 0]))
 
     def place(self, frame: int, centre: Array, radius: float) -> None:
-        """Note where the ball is in one frame, px."""
+        """Store position and radius of the ball in one frame, px."""
         self.position[frame], self.size[frame] = centre, radius
 
     def is_confirmed(self, first: int) -> bool:
-        """Whether a later frame was measured against the ``first`` one in which the ball is known."""
+        """Whether a later frame was measured against the ``first`` frame."""
         later = np.flatnonzero(np.isfinite(self.position[first + 1 :, 0])) + first + 1
-        # A ball that was found anew, by its outline alone, has no rotation since the frame before.
+        # A ball found anew by its outline alone has no rotation since the frame before.
         return len(later) > 0 and (self.status[first] != "ok" or bool(np.isfinite(self.rotation[later[0], 0])))
 
     def without(self, frame: int) -> Record:
-        """The same with nothing known of that frame."""
+        """The record without position and status of that frame."""
         position, status = self.position.copy(), self.status.copy()
         position[frame], status[frame] = np.nan, "lost"
         return dataclasses.replace(self, position=position, status=status)
 
-    def note(self, frame: int, found: Correlation) -> str:
-        """Note status, coefficient and steps of a frame that was measured by itself, and return its status."""
+    def set_status(self, frame: int, found: Correlation) -> str:
+        """Store status, coefficient and iterations of a frame that was measured alone; returns its status."""
         self.status[frame], self.zncc[frame] = found.status[0], float(found.zncc[0])
         self.iterations[frame] = int(found.iterations[0])
         return str(found.status[0])
 
-    def keep(self, last: int, found: Correlation, balls: Tensor, count: int) -> Array:
-        """Write ``count`` confirmed pairs down, the ball at ``balls`` (m + 1, 3); return their increments."""
+    def set_pairs(self, last: int, found: Correlation, circles: Tensor, count: int) -> Array:
+        """Store the first ``count`` pairs after frame ``last``, with ``circles`` (m + 1, 3): their increments."""
         rows = slice(last, last + count)
         after = slice(last + 1, last + 1 + count)
         self.increment[rows] = found.q[:count].double().cpu().numpy()
         self.sd_growth[rows] = found.sd_growth[:count].double().cpu().numpy()
         self.covariance[rows] = found.covariance[:count].cpu().numpy()
-        arrived = balls[1 : count + 1].numpy()
+        arrived = circles[1 : count + 1].numpy()
         self.position[after], self.size[after] = arrived[:, :2], arrived[:, 2]
         self.rotation[after] = self.increment[rows, 2:]
         self.zncc[after] = found.zncc[:count].cpu().numpy()
@@ -114,7 +114,7 @@ class Record:
         return self.increment[rows]
 
     def without_rotation(self) -> Record:
-        """The same for a model that knows no rotation: where it holds it at 0, none was measured."""
+        """The record of a model without rotation: a rotation held at 0 was not measured."""
         increment = self.increment.copy()
         increment[:, 2:] = np.nan
         status = np.where(self.status == "ok", "weak_texture", self.status)

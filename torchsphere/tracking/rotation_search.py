@@ -1,7 +1,7 @@
-"""Where the ball is and how far it has turned, without any guess: rotated templates over small, blurred images.
+"""Place and rotation of the ball without a first guess: rotated templates over small, blurred images.
 
-Every rotation of a grid turns the ball of one image; each such template is matched over the whole other image. What
-comes out are first guesses, good to half a grid step, for a correlation to start from and to choose among.
+Every rotation of a grid turns the ball of one image; each such template is matched over the whole other image. The best
+matches are first guesses of a correlation, good to half a step of the grid.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import math
 
-import scipy  # which imports scipy.fft on its first use: 0.13 s, and a track that needs no search has none
+import scipy  # scipy.fft is loaded on its first use, in 0.13 s: only a track that searches needs it
 import torch
 import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from kornia.geometry.liegroup import So3
@@ -17,24 +17,22 @@ from torch import Tensor
 
 from torchsphere.imaging import interpolation
 
-#: Radius of the ball in the small images, and their further blur, px; the texture's spots are then 3 to 4 px wide, as
-#: far as a rotation between the grid's may be off.
+#: Radius of the ball in the small images, and their blur, px: spots are then as wide as half a grid step moves them.
 SMALL_RADIUS_PX, BLUR_PX = 12.5, 1.0
 
 #: Step and reach of the grid of rotation vectors, degrees.
 STEP_DEG, REACH_DEG = 6.0, 36.0
 
-#: Part of the disc that is matched; beyond, the texture is too foreshortened to turn.
+#: Share of the radius that is matched: beyond, the texture is too foreshortened to be turned.
 TEMPLATE = 0.9
 
-#: Score below which a template is not there. Measured over turns up to 25 deg: 0.92 and more for the best of the grid,
-#: 0.80 with a third of the ball hidden; 0.51 for another ball, 0.46 for noise, 0.55 for a blotchy background.
+#: Correlation coefficient below which a template has no match (docs/constants.md).
 LEAST_SCORE = 0.6
 
-#: Pixels of all scores looked at together: those of all rotations over an image of 1024 x 1024 px would take 4 GB.
+#: Pixels of the scores that are held at once: those of all rotations over 1024 x 1024 px would take 4 GB.
 AT_ONCE = 2_000_000
 
-#: Texture of a place, as a share of the ball's own, below which it does not count as texture.
+#: Energy of the texture at a place, as a share of the ball's own, below which noise alone may match.
 LEAST_POWER = 0.1
 
 
@@ -49,7 +47,7 @@ def rotation_vectors(step_deg: float = STEP_DEG, reach_deg: float = REACH_DEG) -
     return torch.deg2rad(kept[kept.norm(dim=-1).argsort(stable=True)])
 
 
-def guesses(
+def find_guesses(
     f: Tensor, g: Tensor, centre: Tensor, radius: float, ignore: Tensor | None = None, keep: int = 16
 ) -> Tensor:
     """The likeliest increments of the ball from ``f`` (h, w) to ``g`` (h, w), the best first.
@@ -84,8 +82,8 @@ def guesses(
     best, chosen = best.topk(min(keep, len(best)))
     chosen = chosen[best > LEAST_SCORE]
     at = at[chosen]
-    there = torch.stack((at % small_g.shape[-1], at // small_g.shape[-1]), -1).double()
-    return torch.cat(((there - place) * factor, vectors[chosen]), -1)
+    matched = torch.stack((at % small_g.shape[-1], at // small_g.shape[-1]), -1).double()
+    return torch.cat(((matched - place) * factor, vectors[chosen]), -1)
 
 
 def _shrunk(image: Tensor, factor: int) -> Tensor:
@@ -93,13 +91,13 @@ def _shrunk(image: Tensor, factor: int) -> Tensor:
 
 
 def _templates(image: Tensor, place: Tensor, radius: float, vectors: Tensor) -> tuple[Tensor, Tensor]:
-    """The ball at ``place`` of ``image``, turned by each of the ``vectors``: (m, s, s), without mean; and its disc."""
+    """The ball at ``place`` of ``image``, turned by each of the ``vectors``: (m, s, s), of mean 0; its disc (s, s)."""
     reach = math.ceil(TEMPLATE * radius)
     steps = torch.arange(-reach, reach + 1, dtype=torch.float64)
     y, x = torch.meshgrid(steps, steps, indexing="ij")
     disc = (x**2 + y**2) <= (TEMPLATE * radius) ** 2
     points = torch.stack((x, y, -(radius**2 - x**2 - y**2).clamp_min(0).sqrt()), -1)
-    # What is seen at P after the turn was at R^T P before; a row vector times R is R^T times the column.
+    # The surface point at P after the turn was at R^T P before; a row vector times R is R^T times the column.
     before = torch.einsum("hwi,mij->mhwj", points, So3.exp(vectors).matrix())
     size = torch.tensor([image.shape[1], image.shape[0]], dtype=torch.float64)
     at = ((before[..., :2] + place) * 2 + 1) / size - 1
@@ -132,7 +130,7 @@ def _match(image: Tensor, templates: Tensor, disc: Tensor) -> tuple[Tensor, Tens
     count = summed(spectrum(torch.ones_like(image)), disc).clamp_min(1)
     mean = summed(levels, disc) / count
     energy = templates.square().sum((1, 2)).clamp_min(1e-6)
-    # A place with much less texture than the ball's is background, where noise alone can look like anything.
+    # A place with much less texture than the ball's is background, where noise alone may match.
     least = LEAST_POWER * float(energy.max())
     power = (summed(spectrum(level.square()), disc) - count * mean.square()).clamp_min(least).rsqrt()
     some = max(1, AT_ONCE // (size[0] * size[1]))

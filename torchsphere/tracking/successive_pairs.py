@@ -1,4 +1,4 @@
-"""Correlate successive images of a recording in one batch; each is cut and filtered once, for both of its pairs."""
+"""Correlate successive images of a recording in one batch; each image is cut and filtered once, for both its pairs."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from torchsphere.correlation.result import Correlation
 from torchsphere.correlation.solve import approach, solve
 from torchsphere.imaging import crop, interlacing
 from torchsphere.runtime import threads
-from torchsphere.tracking.prediction import path
+from torchsphere.tracking.prediction import circle_path
 
-#: A prediction that is off by more than this share of the radius ends its batch.
+#: Error of a prediction, as a share of the radius, that ends its batch.
 PREDICTION_TOLERANCE = 0.1
 
 
 @dataclass(frozen=True)
-class Setup:
+class PairSetup:
     """What all pairs of a recording are measured with.
 
     Attributes
@@ -35,7 +35,7 @@ class Setup:
     ignore : Tensor or None
         (h, w), True where the images are not to be used.
     in_place : bool
-        The ball turns where it is: its region stays on the circle, whatever the increments add up to.
+        The ball turns without leaving its place: the region stays on the circle.
     shared : callable
         Shares rows out among threads: see `torchsphere.runtime.threads.sharing`.
     """
@@ -47,159 +47,159 @@ class Setup:
 
 
 @dataclass(frozen=True)
-class Look:
-    """A rough look at m pairs of successive images.
+class PreparedBatch:
+    """m pairs of successive images, filtered and coarsely correlated.
 
     Attributes
     ----------
     images : Tensor
         Grey levels (m + 1, h, w).
-    balls : Tensor
-        Where the ball was expected (m + 1, 3), px, float64, on the CPU.
+    circles : Tensor
+        Expected circles (m + 1, 3), px, float64, on the CPU.
     start : Tensor
-        Increments (m, 5) that were expected, px and rad.
+        Expected increments (m, 5), px and rad.
     filtered : Filtered
-        The images around the expected balls, by one of their fields where they are ``interlaced``. Every image but the
-        first and the last serves as deformed image and then as reference: it is filtered once.
+        The images around the circles, by one of their fields where ``interlaced``.
     interlaced : bool
-    approach : Approach
-        From the expected increments to near those sought.
-    approached : bool
-        Balls and start were known well, and better than a rough look can tell: an occluder deceives that by a px and
-        more. ``approach`` is where it started.
+    coarse : Approach
+        Coarse solution of the increments.
+    is_exact : bool
+        Circles and start are already better than a coarse solution, which an occluder deceives by a px and more:
+        ``coarse`` is the start.
     """
 
     images: Tensor
-    balls: Tensor
+    circles: Tensor
     start: Tensor
     filtered: Filtered
     interlaced: bool
-    approach: Approach
-    approached: bool
+    coarse: Approach
+    is_exact: bool
 
-    def led(self, ball: Tensor) -> Tensor:
-        """The ball (m + 1, 3) where the look leads it, from ``ball`` (3,) in the first image on: px, float64."""
-        steps = self.approach.near.to("cpu", torch.float64)
-        return path(ball, steps[:, :2], steps[:, 5] if steps.shape[-1] == 6 else torch.zeros_like(steps[:, 0]))
+    def circles_from(self, first: Tensor) -> Tensor:
+        """Circles (m + 1, 3) that the coarse solution leads to from ``first`` (3,), px, float64."""
+        steps = self.coarse.near.to("cpu", torch.float64)
+        return circle_path(first, steps[:, :2], steps[:, 5] if steps.shape[-1] == 6 else torch.zeros_like(steps[:, 0]))
 
 
-def look(images: Tensor, balls: Tensor, start: Tensor, setup: Setup, *, approached: bool = False) -> Look:
-    """Look at successive ``images`` (m + 1, h, w), the ball expected at ``balls`` (m + 1, 3) and to move by ``start``.
+def prepare(
+    images: Tensor, circles: Tensor, start: Tensor, setup: PairSetup, *, is_exact: bool = False
+) -> PreparedBatch:
+    """Prepare successive ``images`` (m + 1, h, w) of a ball expected at ``circles`` (m + 1, 3), moving by ``start``.
 
-    With ``approached`` they are filtered and taken as they are: see `Look.approached`.
+    With ``is_exact`` no coarse solution is sought: see `PreparedBatch.is_exact`.
     """
-    crops = _cut(images, balls, setup)
+    crops = _cut(images, circles, setup)
     interlaced = interlacing.is_interlaced(crops)
-    filtered = _filtered(crops, setup, interlaced)
+    filtered = _filter(crops, setup, interlaced)
     start = start.to(filtered.c)
-    approach = Approach.none(start) if approached else _brought_near(_pairs(filtered, balls), start, setup)
-    return Look(images, balls, start, filtered, interlaced, approach, approached)
+    coarse = Approach.none(start) if is_exact else _solve_coarsely(_pairs(filtered, circles), start, setup)
+    return PreparedBatch(images, circles, start, filtered, interlaced, coarse, is_exact)
 
 
-def correlate_successive(seen: Look, ball: Tensor, setup: Setup) -> tuple[Correlation, Tensor]:
-    """Correlate the images that a `look` was taken at, with the ``ball`` (3,) known in the first of them.
+def correlate_successive(batch: PreparedBatch, circle: Tensor, setup: PairSetup) -> tuple[Correlation, Tensor]:
+    """Correlate a prepared batch, the ``circle`` (3,) known in its first image.
 
-    Returns the motion of those pairs that are worth it, the first ones, and the circles that the regions lay on in the
-    end.
+    Returns the motion of the first pairs, as many as are plausible, and the circles that their regions lay on.
     """
-    filtered, balls, approach = seen.filtered, seen.balls, seen.approach
-    if not (seen.approached or setup.in_place):
-        # The path that was expected is off by up to a few px at its end; the region has to be on the ball.
-        balls, before = seen.led(ball), balls
-        count = _worth_solving(approach, balls - before, float(ball[2]))
-        balls, before = balls[: count + 1], before[: count + 1]
+    filtered, circles = batch.filtered, batch.circles
+    if not (batch.is_exact or setup.in_place):
+        # The expected path errs by up to a few px at its end; the region has to be on the ball.
+        circles, expected = batch.circles_from(circle), circles
+        count = _count_plausible(batch.coarse, circles - expected, float(circle[2]))
+        circles, expected = circles[: count + 1], expected[: count + 1]
         filtered = filtered.rows(0, count + 1)
-        filtered = _filtered_where_off(filtered, seen.images, balls, before, setup, interlaced=seen.interlaced)
-    pairs = _pairs(filtered, balls)
-    near, start, there = approach.near, seen.start, balls[1:]
+        filtered = _filter_where_off(filtered, batch.images, circles, expected, setup, interlaced=batch.interlaced)
+    pairs = _pairs(filtered, circles)
+    near, start, targets = batch.coarse.near, batch.start, circles[1:]
 
-    def measured(a: int, b: int) -> Correlation:
-        return _measured(pairs.rows(a, b), near[a:b], start[a:b], there[a:b], setup)
+    def measure(a: int, b: int) -> Correlation:
+        return _measure(pairs.rows(a, b), near[a:b], start[a:b], targets[a:b], setup)
 
-    found = Correlation.joined(setup.shared(measured, len(there)))
-    return dataclasses.replace(found, iterations=found.iterations + approach.steps[: len(there)]), balls
-
-
-def correlate_one(pair: Tensor, ball: Tensor, start: Tensor, setup: Setup) -> Correlation:
-    """Correlate two images (2, h, w), the ball (3,) known in the first, from ``start`` (5,)."""
-    balls = torch.stack((ball, ball))
-    balls[1, :2] += start[:2]
-    return correlate_successive(look(pair, balls, start[None], setup), ball, setup)[0]
+    found = Correlation.joined(setup.shared(measure, len(targets)))
+    return dataclasses.replace(found, iterations=found.iterations + batch.coarse.steps[: len(targets)]), circles
 
 
-def leading(good: NDArray[np.bool_]) -> int:
-    """How many of the first rows are all good."""
+def correlate_one(pair: Tensor, circle: Tensor, start: Tensor, setup: PairSetup) -> Correlation:
+    """Correlate two images (2, h, w), the ``circle`` (3,) known in the first, from ``start`` (5,)."""
+    circles = torch.stack((circle, circle))
+    circles[1, :2] += start[:2]
+    return correlate_successive(prepare(pair, circles, start[None], setup), circle, setup)[0]
+
+
+def count_leading(good: NDArray[np.bool_]) -> int:
+    """Number of rows before the first that is not good."""
     return int(good.cumprod().sum())
 
 
-def _cut(images: Tensor, balls: Tensor, setup: Setup) -> crop.Crops:
-    """Crops of the images (m + 1, h, w) around ``balls`` (m + 1, 3)."""
-    half = crop.half_size(float(balls[:, 2].max()), margin(setup.options))
-    return crop.cut(images, balls[:, :2], half, setup.ignore)
+def _cut(images: Tensor, circles: Tensor, setup: PairSetup) -> crop.Crops:
+    """Crops of the images (m + 1, h, w) around ``circles`` (m + 1, 3)."""
+    half = crop.half_size(float(circles[:, 2].max()), margin(setup.options))
+    return crop.cut(images, circles[:, :2], half, setup.ignore)
 
 
-def _filtered(crops: crop.Crops, setup: Setup, interlaced: bool) -> Filtered:
+def _filter(crops: crop.Crops, setup: PairSetup, interlaced: bool) -> Filtered:
     """The crops filtered, by one of their fields where they are ``interlaced``."""
     if interlaced:
         crops = interlacing.one_field(crops)
 
-    def filtered(a: int, b: int) -> Filtered:
+    def filter_rows(a: int, b: int) -> Filtered:
         return Filtered.of(crops.rows(a, b), setup.options.pre_blur)
 
-    return Filtered.joined(setup.shared(filtered, len(crops.images)))
+    return Filtered.joined(setup.shared(filter_rows, len(crops.images)))
 
 
-def _filtered_where_off(
-    filtered: Filtered, images: Tensor, balls: Tensor, before: Tensor, setup: Setup, *, interlaced: bool
+def _filter_where_off(
+    filtered: Filtered, images: Tensor, circles: Tensor, expected: Tensor, setup: PairSetup, *, interlaced: bool
 ) -> Filtered:
-    """``filtered`` around the balls ``before`` (m + 1, 3), anew from the first image on that this does not suit.
+    """``filtered`` images around ``expected`` circles (m + 1, 3), filtered anew from the first that is off.
 
-    What was ``interlaced`` for all images is so for those anew: of a pair, both images are taken by a field or none.
+    Images that were ``interlaced`` stay so: both images of a pair are taken by a field, or neither.
     """
-    off = (balls - before).abs().amax(-1) > SLACK_PX
-    first = leading(~off.numpy())
-    if first == len(balls):
+    off = (circles - expected).abs().amax(-1) > SLACK_PX
+    first = count_leading(~off.numpy())
+    if first == len(circles):
         return filtered
-    again = _filtered(_cut(images[first : len(balls)], balls[first:], setup), setup, interlaced)
+    again = _filter(_cut(images[first : len(circles)], circles[first:], setup), setup, interlaced)
     if again.c.shape[-1] != filtered.c.shape[-1]:
-        # A ball that comes nearer needs larger crops, and all images those of one size.
-        return _filtered(_cut(images[: len(balls)], balls, setup), setup, interlaced)
+        # A ball that comes nearer needs larger crops, and all crops have one size.
+        return _filter(_cut(images[: len(circles)], circles, setup), setup, interlaced)
     return Filtered.joined([filtered.rows(0, first), again])
 
 
-def _pairs(images: Filtered, balls: Tensor) -> Pairs:
-    """Each of the first images with the next; ``balls`` (m + 1, 3) in them."""
-    m = len(balls) - 1
-    return Pairs(images.rows(0, m), images.rows(1, m + 1), balls[:-1])
+def _pairs(images: Filtered, circles: Tensor) -> Pairs:
+    """Each image but the last with the next; ``circles`` (m + 1, 3) in them."""
+    m = len(circles) - 1
+    return Pairs(images.rows(0, m), images.rows(1, m + 1), circles[:-1])
 
 
-def _brought_near(pairs: Pairs, start: Tensor, setup: Setup) -> Approach:
+def _solve_coarsely(pairs: Pairs, start: Tensor, setup: PairSetup) -> Approach:
     """From ``start`` (m, 5) to near the increments sought."""
 
-    def brought_near(a: int, b: int) -> Approach:
+    def solve_rows(a: int, b: int) -> Approach:
         return approach(pairs.rows(a, b), start[a:b], setup.options)
 
-    return Approach.joined(setup.shared(brought_near, len(start)))
+    return Approach.joined(setup.shared(solve_rows, len(start)))
 
 
-def _worth_solving(approach: Approach, off: Tensor, radius: float) -> int:
-    """How many of a batch's first rows may be confirmed, the circles being ``off`` (m + 1, 3) what was expected.
+def _count_plausible(coarse: Approach, off: Tensor, radius: float) -> int:
+    """Number of a batch's first pairs that may be confirmed, the circles being ``off`` (m + 1, 3) the expected ones.
 
-    Behind an impact nothing is where it was expected. To solve those rows, and to judge what does not agree in each of
-    them, took three quarters of the time of a shot of 70 frames, only to give them up.
+    Behind an impact no circle is where it was expected: to solve those pairs takes most of the time of a short shot,
+    only to give them up.
     """
     on_path = (off[:-1, :2].norm(dim=-1) < PREDICTION_TOLERANCE * radius).numpy()
-    # The first row that does not come to rest is tried: an occluder may be the cause, which judging leaves out.
-    return min(leading(on_path), 1 + leading(approach.at_rest.cpu().numpy()), len(on_path))
+    # The first pair that does not converge is tried: an occluder may be the cause, which the full solution leaves out.
+    return min(count_leading(on_path), 1 + count_leading(coarse.at_rest.cpu().numpy()), len(on_path))
 
 
-def _measured(pairs: Pairs, near: Tensor, start: Tensor, there: Tensor, setup: Setup) -> Correlation:
-    """Motion of the pairs from ``near``, in both directions where they turn fast; the ball is ``there`` (m, 3)."""
+def _measure(pairs: Pairs, near: Tensor, start: Tensor, targets: Tensor, setup: PairSetup) -> Correlation:
+    """Motion of the pairs from ``near``, both ways where they turn fast; ``targets`` (m, 3) in the images g."""
     found = solve(pairs, near, setup.options, start)
     if not setup.in_place:
-        # The centre that the way there found, not the one that was expected: 2 px off made errors of 0.06 px.
+        # The measured centre, not the expected one: an error of 2 px made errors of 0.06 px on the way back.
         centre = pairs.circles[:, :2] + found.q[:, :2].to(pairs.circles)
         size = pairs.circles[:, 2:] * (1 + found.growth[:, None].to(pairs.circles))
         arrived = torch.cat((centre, size), -1)
-        there = torch.where(arrived.isfinite(), arrived, there)
-    return both_ways(pairs, there, found, setup.options)
+        targets = torch.where(arrived.isfinite(), arrived, targets)
+    return both_ways(pairs, targets, found, setup.options)

@@ -1,4 +1,7 @@
-"""A whole recording, from its images to the ball's motion in px and rad: `track`."""
+"""A whole recording, from its images to the ball's motion in px and rad: `track`, in four phases.
+
+Initial circle -> follow from frame to frame -> absolute poses -> assemble.
+"""
 
 from __future__ import annotations
 
@@ -10,22 +13,22 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
-from torchsphere.correlation.options import given_to
+from torchsphere.correlation.options import Options, given_to
 from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
 from torchsphere.settings.arrays import as_mask
 from torchsphere.settings.limits import require_switch
-from torchsphere.tracking import drift
-from torchsphere.tracking.drift import Motion
-from torchsphere.tracking.edge_leakage import difference, fitted, leaked
+from torchsphere.tracking.drift import AbsoluteMotion, absolute_motion
+from torchsphere.tracking.edge_leakage import background_contrast, leakage_share, suited_to_ball
 from torchsphere.tracking.follow import Follower, Progress
-from torchsphere.tracking.initial_circle import first_circle, shows_ball
+from torchsphere.tracking.initial_circle import find_initial_circle, shows_outline
 from torchsphere.tracking.record import Record
-from torchsphere.tracking.steady_error import fineness, sd_steady
+from torchsphere.tracking.steady_error import sd_steady, texture_fineness
 
-#: Change of the radius by the map, as a share of it, after which frames that were not measured are tried again.
+#: Change of the radius by the map, as a share of it, from which frames that were not measured are tried again.
 WRONG_RADIUS = 0.004
 
 
@@ -36,31 +39,31 @@ class Track:
     Attributes
     ----------
     position : ndarray
-        Centre in each image (n, 2) as (x, y), px; NaN where it is not known.
+        Centre in each image (n, 2) as (x, y), px; NaN where unknown.
     increment : ndarray
         Motion (n - 1, 5) from each frame to the next as (dx, dy, wx, wy, wz), px and rad; NaN where not measured, as
         are all rotations with the model `translation`.
     covariance : ndarray
-        Of the increments (n - 1, 5, 5). Successive increments share an image, so that their errors are of opposite
-        sign: the covariance of increment i with i + 1 is about minus half of this.
+        Of the increments (n - 1, 5, 5). Successive increments share an image, so that their errors have opposite signs:
+        the covariance of increment i with i + 1 is about minus half of this.
     orientation : ndarray
         Rotation matrices (n, 3, 3) since the first tracked frame; NaN from where a rotation is missing.
     zncc : ndarray
-        Correlation coefficient (n,) of each frame with the one it was compared with; NaN for the first.
+        Correlation coefficient (n,) of each frame with the frame it was compared with; NaN for the first.
     iterations : ndarray
         Gauss-Newton steps (n,).
     status : ndarray
-        Strings (n,), one of `result.STATUSES`; row i speaks of frame i and of the increment that leads
-        to it. A frame found again after a gap is "lost" with a position: no increment leads to it. With the model
-        `translation`, which measures no rotation, a frame is "weak_texture" at best.
+        Strings (n,), each one of `torchsphere.correlation.result.STATUSES`; row i speaks of frame i and of the
+        increment that leads to it. A frame found again after a gap is "lost" with a position: no increment leads to it.
+        With the model `translation`, which measures no rotation, a frame is "weak_texture" at best.
     radius : ndarray
-        Radius of the ball in each image (n,), px; constant but with the model `pinhole6`, NaN where not known.
+        Radius of the ball in each image (n,), px; constant except with the model `pinhole6`; NaN where unknown.
     sd_growth : ndarray
         Standard deviation (n - 1,) of the radius's relative change from each frame to the next; 0 where the model
         takes it as constant.
     sd_steady : ndarray
-        Standard deviation (5,) of what all increments of a flight are off by alike, px and rad: it is not in
-        `covariance`, since it does not average out.
+        Standard deviation (5,) of the error that all increments of a flight have in common, px and rad. It is not part
+        of `covariance`, since it does not average out.
     circle : Circle
         The outline in the first tracked frame; with a camera the projected centre and the radius at its depth.
     settings : dict
@@ -79,6 +82,50 @@ class Track:
     sd_steady: NDArray[np.float64]
     circle: Circle
     settings: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What `track` was asked for, checked.
+
+    Attributes
+    ----------
+    source : Source
+    circle : Circle, tuple or None
+        As given.
+    ignore : Tensor or None
+        (h, w), True where the images are not to be used.
+    refine, in_place, sphere_map, progress
+        As for `track`.
+    """
+
+    source: Source
+    circle: Any
+    ignore: Tensor | None
+    refine: bool
+    in_place: bool
+    sphere_map: bool | None
+    progress: Progress | None
+
+
+@dataclass(frozen=True)
+class _Start:
+    """Result of the first phase: the circle, its image, and the options that suit the ball.
+
+    Attributes
+    ----------
+    circle : Circle
+    image : Tensor
+        Grey levels (h, w) of the circle's frame.
+    contrast : float
+        Of the background against the ball, see `background_contrast`.
+    options : Options
+    """
+
+    circle: Circle
+    image: Tensor
+    contrast: float
+    options: Options
 
 
 @threads.one_each()
@@ -100,12 +147,12 @@ def track(
     Parameters
     ----------
     recording : Recording or array_like
-        Images (n, h, w), NumPy or torch, or a `Recording`, which is read as it is needed.
+        Images (n, h, w), NumPy or torch, or a `Recording`, which is read as needed.
     circle : tuple of float or Circle, optional
-        Outline (x, y, radius) of the ball in the first image, px, taken as it is unless a map of the ball corrects
-        it; a `Circle` with a camera is the projected centre and the radius at its depth, as in `Track.circle`. By
-        default it is found, in the first image that shows the whole ball, and the images before that one are
-        "lost".
+        Outline (x, y, radius) of the ball in the first image, px. It is taken as given unless a map of the ball
+        corrects it. A `Circle` with a camera is the projected centre and the radius at its depth, as in
+        `Track.circle`. By default the ball is found in the first image that shows the whole of it, and the images
+        before are "lost".
     ignore : array_like, optional
         (h, w), True where the images are not to be used.
     device : str or torch.device, optional
@@ -113,17 +160,16 @@ def track(
     refine : bool
         Fit a given circle to the image's edges first.
     in_place : bool
-        The ball turns without leaving its place (in a bearing, on an air cushion): the region stays on the circle, and
-        so do the positions; the increments are still measured. Without it, the errors of fast rotations add up to a
-        drift of the region.
+        The ball turns without leaving its place (in a bearing, on an air cushion): region and positions stay on the
+        circle, and the increments are still measured. Without this, errors of fast rotations add up to a drift.
     sphere_map : bool, optional
         Make a map of the ball's texture from all frames together and take every pose from it, the outline included:
         no drift, and about twice the precision, for 0.3 s per frame up to 36 frames and a twentieth beyond. By
-        default where the ball turns by more than 90 deg in all, or so fast that the uncertainty of a radius that was
-        found would show, unless something near the ball takes light from one side of it. Where the images do not
-        allow it, nothing changes and ``settings`` says why.
+        default a map is made where the ball turns by more than 90 deg in all, or so fast that the uncertainty of a
+        found radius would show, unless a target near the ball takes light from one side of it. Where the images do
+        not allow a map, nothing changes and ``settings`` says why.
     progress : callable, optional
-        Called as ``progress(done, total)`` with numbers of frames; once more from 0 where a map of the ball is made.
+        Called as ``progress(done, total)`` with numbers of frames; once more from 0 while a map of the ball is made.
     dtype : torch.dtype
         ``torch.float32`` or ``torch.float64``.
     **options
@@ -147,48 +193,58 @@ def track(
     settings = given_to(track, options)
     source = Source.open(recording, device, dtype)
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
-    first, settings = first_circle(source, circle, mask, refine, settings)
-    image = source.images(first.frame, first.frame + 1)[0]
-    apart = difference(image, first, mask)
-    settings = fitted(settings, options, first.radius, apart)
-
-    # A ball that cannot leave its place is where the circle says, unless a map is asked for.
+    # A ball that cannot leave its place has no drift: its map is made only on request.
     asked = False if in_place and sphere_map is None else sphere_map
+    task = _Task(source, circle, mask, refine, in_place, asked, progress)
 
-    def followed(first: Circle) -> tuple[Record, Motion]:
-        follower = Follower(source, first, mask, settings, progress=progress, in_place=in_place)
-        record = follower.run(source.count)
-        if circle is not None and not record.is_confirmed(first.frame) and not shows_ball(source, first, settings):
-            # A circle around nothing: neither its own image nor any other speaks for it.
-            record = record.without(first.frame)
-        if settings.model == "translation":
-            record = record.without_rotation()
-        return record, drift.bound(source, record, first, mask, asked, settings, progress=progress)
-
-    measured, motion = followed(first)
-    if abs(motion.circle.radius - first.radius) > WRONG_RADIUS * first.radius and (measured.status != "ok").any():
-        # The map knows better how large the ball is than the circle that frames were given up with.
-        first = dataclasses.replace(motion.circle, frame=first.frame)
-        measured, motion = followed(first)
-    fine = fineness(image, motion.circle, mask)
-    used = dataclasses.asdict(settings) | {
-        "circle_given": circle is not None,
-        "circle_refined": circle is None or refine,
-        "in_place": in_place,
-        "sphere_map": motion.about_map,
-        "repeated_frames": measured.repeated,
-        "leaked": leaked(apart, motion.circle.radius, settings),
-        "device": str(source.device),
-        "dtype": str(dtype).removeprefix("torch."),
-    }
-    return _as_track(measured, motion, first, fine, used)
+    start = _initial_circle(task, settings, options)
+    measured = _follow(task, start)
+    motion = _absolute_motion(task, start, measured)
+    if _radius_was_wrong(start, measured, motion):
+        start = dataclasses.replace(start, circle=dataclasses.replace(motion.circle, frame=start.circle.frame))
+        measured = _follow(task, start)
+        motion = _absolute_motion(task, start, measured)
+    return _assemble(task, start, measured, motion)
 
 
-def _as_track(measured: Record, motion: Motion, first: Circle, fine: float, settings: dict[str, Any]) -> Track:
-    """What was ``measured`` from the circle ``first`` on, as the ``motion``; ``fine`` is the texture's fineness."""
-    steps, lit = int(np.isfinite(measured.increment[:, 0]).sum()), int(measured.uneven_light.sum())
+def _initial_circle(task: _Task, settings: Options, given: dict[str, Any]) -> _Start:
+    """Phase 1: find or check the circle, and suit the options to the ball; options that were ``given`` stay."""
+    circle, settings = find_initial_circle(task.source, task.circle, task.ignore, task.refine, settings)
+    image = task.source.images(circle.frame, circle.frame + 1)[0]
+    contrast = background_contrast(image, circle, task.ignore)
+    return _Start(circle, image, contrast, suited_to_ball(settings, given, circle.radius, contrast))
+
+
+def _follow(task: _Task, start: _Start) -> Record:
+    """Phase 2: measure the motion from frame to frame."""
+    first, options = start.circle, start.options
+    follower = Follower(task.source, first, task.ignore, options, progress=task.progress, in_place=task.in_place)
+    measured = follower.run(task.source.count)
+    is_confirmed = measured.is_confirmed(first.frame)
+    if task.circle is not None and not is_confirmed and not shows_outline(task.source, first, options):
+        # Neither its own image nor any other supports the given circle.
+        measured = measured.without(first.frame)
+    return measured.without_rotation() if options.model == "translation" else measured
+
+
+def _absolute_motion(task: _Task, start: _Start, measured: Record) -> AbsoluteMotion:
+    """Phase 3: poses without drift, from a map of the ball where one is asked for or needed."""
+    return absolute_motion(
+        task.source, measured, start.circle, task.ignore, task.sphere_map, start.options, progress=task.progress
+    )
+
+
+def _radius_was_wrong(start: _Start, measured: Record, motion: AbsoluteMotion) -> bool:
+    """Whether frames were given up with a radius that the map has corrected since."""
+    change = abs(motion.circle.radius - start.circle.radius)
+    return change > WRONG_RADIUS * start.circle.radius and bool((measured.status != "ok").any())
+
+
+def _assemble(task: _Task, start: _Start, measured: Record, motion: AbsoluteMotion) -> Track:
+    """Phase 4: the track, its steady error and its settings."""
     radius, on_map = motion.circle.radius, motion.about_map["used"]
-    share = lit / max(steps, 1)
+    leakage = leakage_share(start.contrast, radius, start.options)
+    steps = int(np.isfinite(measured.increment[:, 0]).sum())
     return Track(
         position=motion.position,
         increment=motion.increment,
@@ -197,11 +253,28 @@ def _as_track(measured: Record, motion: Motion, first: Circle, fine: float, sett
         zncc=measured.zncc,
         iterations=measured.iterations,
         status=measured.status,
-        radius=measured.size * (radius / first.radius),
+        radius=measured.size * (radius / start.circle.radius),
         sd_growth=measured.sd_growth,
-        sd_steady=sd_steady(motion.increment, radius, fine, on_map=on_map, lit=share, leaked=settings["leaked"]),
+        sd_steady=sd_steady(
+            motion.increment,
+            radius,
+            texture_fineness(start.image, motion.circle, task.ignore),
+            on_map=on_map,
+            uneven_light=int(measured.uneven_light.sum()) / max(steps, 1),
+            leakage=leakage,
+        ),
         circle=motion.circle,
-        settings=settings,
+        settings=dataclasses.asdict(start.options)
+        | {
+            "circle_given": task.circle is not None,
+            "circle_refined": task.circle is None or task.refine,
+            "in_place": task.in_place,
+            "sphere_map": motion.about_map,
+            "repeated_frames": measured.repeated,
+            "leaked": leakage,
+            "device": str(task.source.device),
+            "dtype": str(task.source.dtype).removeprefix("torch."),
+        },
     )
 
 
