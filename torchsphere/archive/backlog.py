@@ -6,10 +6,8 @@ import time
 from collections import deque
 from collections.abc import Iterator
 
+from torchsphere.archive.claims import PAUSE_S
 from torchsphere.archive.work import Job
-
-#: Wait before a recording that another process has claimed is looked at again, s.
-PAUSE_S = 1.0
 
 
 class Backlog:

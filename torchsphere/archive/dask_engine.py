@@ -10,7 +10,8 @@ from typing import Any
 
 import torch
 
-from torchsphere.archive.backlog import PAUSE_S, Backlog
+from torchsphere.archive.backlog import Backlog
+from torchsphere.archive.claims import PAUSE_S
 from torchsphere.archive.work import BUSY, Job, Measure, Outcome, give_up, settle
 from torchsphere.recording.refusal import LibraryMissingError
 

@@ -8,7 +8,7 @@ import shutil
 from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 
-from torchsphere.archive.claims import Claims, claims
+from torchsphere.archive.claims import Claims, claims_of
 from torchsphere.archive.scan import STATE
 
 SUMMARIES = ("summary.csv", "summary.parquet")
@@ -41,16 +41,15 @@ def _has_table(out: Path) -> bool:
         return False
 
 
-def claims_of(out: Path) -> Claims:
-    """The claims on the recordings of an archive."""
-    return claims((out / STATE / "claims").absolute())
-
-
 def sweep(out: Path, results: Iterable[str]) -> int:
     """Remove unfinished folders that no living process claims; how many there were.
 
-    Each folder that holds results is listed once, however many results it holds.
+    Each folder that holds results is listed once, however many results it holds. Nothing is removed on a file system
+    without locks: another machine may be filling the folder.
     """
+    claims = claims_of(out)
+    if not claims.are_supported():
+        return 0
     names: dict[PurePosixPath, set[str]] = {}
     for result in results:
         path = PurePosixPath(result)
@@ -66,7 +65,7 @@ def sweep(out: Path, results: Iterable[str]) -> int:
             match = _UNFINISHED.fullmatch(folder)
             if match is None or match["name"] not in known:
                 continue
-            with claims_of(out).claim((parent / match["name"]).as_posix()) as mine:
+            with claims.claim((parent / match["name"]).as_posix()) as mine:
                 if mine:
                     shutil.rmtree(out / parent / folder, ignore_errors=True)
                     removed += 1

@@ -16,7 +16,8 @@ from typing import Any
 
 import torch
 
-from torchsphere.archive.backlog import PAUSE_S, Backlog
+from torchsphere.archive.backlog import Backlog
+from torchsphere.archive.claims import PAUSE_S
 from torchsphere.archive.work import BUSY, DEATHS, Job, Measure, Outcome, give_up, settle
 from torchsphere.runtime import signals
 

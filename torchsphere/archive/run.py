@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from torchsphere.archive import folder, records, summary
+from torchsphere.archive.claims import claims_of
 from torchsphere.archive.key import Key, key_of
 from torchsphere.archive.manifest import Archive, Item
 from torchsphere.archive.records import DONE, FAILED, PENDING
@@ -80,7 +81,7 @@ class _Standing:
 
     def write(self, *, everything: bool) -> None:
         """Write the table, at the end also as a page; other runs are waited for: the last to end has seen all."""
-        with folder.claims_of(self._out).summary():
+        with claims_of(self._out).summary_lock():
             for i in range(len(self._rows)):
                 if everything or self.state(i) == PENDING:
                     self.read(i)

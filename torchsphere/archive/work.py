@@ -15,7 +15,7 @@ from typing import Any
 import torch
 
 from torchsphere.archive import key, records, summary
-from torchsphere.archive.folder import claims_of
+from torchsphere.archive.claims import claims_of
 from torchsphere.archive.key import Key
 from torchsphere.archive.manifest import Item
 from torchsphere.archive.records import DONE, FAILED, Record
