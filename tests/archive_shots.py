@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +32,10 @@ RADIUS, FRAMES = 12.0, 5
 #: Every recording has the same circle and frame rate; the map would take a second each.
 COMMON: dict[str, Any] = {"circle": (22.0, 32.3, RADIUS), "fps": 1000.0, "diameter_mm": 30.0, "map": "off"}
 CALLS = "calls.txt"
-#: Grey level of what `pretended` refuses.
+#: Grey level of a recording that `pretended` refuses.
 BAD = 255
+#: Limit of every wait for an event, s: far longer than a machine under heavy load needs.
+PATIENCE_S = 900.0
 
 
 #: Twelve recordings of which nine can be measured.
@@ -101,14 +103,14 @@ def write_result(request: Request, extra: Mapping[str, Path], tracked: Track | N
 
 
 def measured(request: Request, progress: None, extra: Mapping[str, Path]) -> None:
-    """Track, but die on poison, and wait to be killed on what is held, the first time."""
+    """Track a recording; but die on a poisonous one, and wait to be killed on a held one, the first time."""
     name, mark = request.input.stem, request.input.with_suffix(".pid")
     if "poison" in name:
         os.kill(os.getpid(), signal.SIGKILL)
     if "held" in name and not mark.exists():
         mark.with_suffix(".new").write_text(str(os.getpid()))
         mark.with_suffix(".new").rename(mark)
-        time.sleep(120)
+        time.sleep(2 * PATIENCE_S)
     with open_recording(request.input) as recording:
         write_result(request, extra, track(recording, request.circle, sphere_map=False))
 
@@ -131,19 +133,24 @@ def calls(folder: Path) -> list[str]:
     return sorted(line for file in folder.rglob(CALLS) for line in file.read_text().split())
 
 
-def pid_of(mark: Path, seconds: float = 100.0) -> int:
-    """The process that holds a recording, once it does."""
-    end = time.monotonic() + seconds
-    while not mark.exists():
+def wait_until(has_happened: Callable[[], bool], event: str) -> None:
+    """Wait for an event."""
+    end = time.monotonic() + PATIENCE_S
+    while not has_happened():
         if time.monotonic() > end:
-            raise TimeoutError(f"{mark}: nobody took the recording up")
+            raise TimeoutError(f"waited {PATIENCE_S:g} s in vain: {event}")
         time.sleep(0.02)
+
+
+def pid_of(mark: Path) -> int:
+    """The process that holds a recording, as soon as one holds it."""
+    wait_until(mark.exists, f"a process takes up the recording of {mark}")
     return int(mark.read_text())
 
 
 def kill_holder(mark: Path) -> threading.Thread:
     """Kill the process that holds a recording as soon as it does."""
-    thread = threading.Thread(target=lambda: os.kill(pid_of(mark), signal.SIGKILL))
+    thread = threading.Thread(target=lambda: os.kill(pid_of(mark), signal.SIGKILL), daemon=True)
     thread.start()
     return thread
 

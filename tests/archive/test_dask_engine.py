@@ -2,15 +2,26 @@
 
 import functools
 import logging
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from archive_shots import COMMON, NAMES, check_the_whole, kill_holder, measured, write_archive
+from archive_shots import COMMON, NAMES, PATIENCE_S, check_the_whole, kill_holder, measured, write_archive
 
 from torchsphere.archive import dask_engine, manifest
 from torchsphere.archive.run import Counts, run
 
 distributed = pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+
+
+@pytest.fixture(autouse=True)
+def patience() -> Iterator[None]:
+    """Dask gives a worker that was killed 15 s to start again; under heavy load, the imports alone may take longer."""
+    import dask
+
+    names = ("deploy.lost-worker-timeout", "scheduler.worker-ttl", "comm.timeouts.connect", "comm.timeouts.tcp")
+    with dask.config.set({f"distributed.{name}": f"{PATIENCE_S:g}s" for name in names}):
+        yield
 
 
 def test_a_cluster_loses_no_more_than_the_recordings_that_kill_it(tmp_path: Path) -> None:

@@ -4,8 +4,6 @@ import errno
 import math
 import os
 import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 from archive_shots import BAD, calls, pretended, rows, serial, write_array
 
-from torchsphere.archive import folder, manifest, records, summary
+from torchsphere.archive import manifest, records, summary
 from torchsphere.archive.run import Counts, in_shard, run
 from torchsphere.archive.work import Job, Outcome, settle
 
@@ -231,46 +229,6 @@ def test_the_counts_are_told_from_the_start_and_after_each_recording(shots: Path
     seen: list[Counts] = []
     again(shots, tmp_path / "out", changed=seen.append)
     assert [(c.done, c.failed, c.pending) for c in seen] == [(0, 0, 4), (1, 0, 3), (2, 0, 2), (2, 1, 1), (3, 1, 0)]
-
-
-CLAIM = """
-import sys
-from pathlib import Path
-from torchsphere.archive.folder import claims_of
-with claims_of(Path(sys.argv[1])).claim(sys.argv[2]) as mine:
-    print(mine, flush=True)
-    sys.stdin.readline()
-"""
-
-
-def test_leftovers_of_the_dead_are_removed_and_those_of_the_living_are_not(shots: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    again(shots, out)
-    for left in (".a.abcd1234", ".b.abcd1234", "deep/.c.0_x9zzzz", ".stranger.abcd1234"):
-        (out / left).mkdir()
-    command = [sys.executable, "-c", CLAIM, str(out), "b"]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
-        assert other.stdout is not None
-        assert other.stdout.readline() == "True\n"
-        results = ["a", "b", "deep/c", "d"]
-        with folder.claims_of(out).claim("b") as mine, folder.claims_of(out).claim("a") as free:
-            assert (mine, free) == (False, True)
-        assert folder.sweep(out, results) == 2
-        # Killed, not told to end: the system lets go of its claim.
-        other.kill()
-        other.wait()
-        assert (out / ".b.abcd1234").is_dir()
-        assert folder.sweep(out, results) == 1
-    assert sorted(p.name for p in out.iterdir() if p.is_dir()) == [".batch", ".stranger.abcd1234", "a", "b", "deep"]
-
-
-def test_a_claim_holds_against_the_same_process(tmp_path: Path) -> None:
-    claims = folder.prepare(tmp_path / "out")
-    assert claims.work()
-    with claims.claim("a") as first, claims.claim("a") as second, claims.claim("b") as other:
-        assert (first, second, other) == (True, False, True)
-    with claims.claim("a") as again:
-        assert again
 
 
 def test_the_table_tells_the_spin_of_an_impact_in_rad_per_s() -> None:

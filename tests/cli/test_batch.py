@@ -1,6 +1,7 @@
 """The command ``torchsphere batch``: what it writes and returns, and one clear sentence for what it cannot use."""
 
 import csv
+import errno
 import json
 import os
 import sys
@@ -178,6 +179,21 @@ def test_what_is_left_out_of_a_folder_is_said(shots: Path, tmp_path: Path, capsy
     (shots / "photo.png").touch()
     main(["batch", str(shots), "--out", str(tmp_path / "out")])
     assert "1 single image(s) were left out" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("here")
+def test_a_file_system_without_locks_is_said_and_the_run_goes_on(
+    shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(*_: int) -> None:
+        raise OSError(errno.ENOSYS, "Function not implemented")
+
+    monkeypatch.setattr("torchsphere.archive.claims._set", refuse)
+    out = tmp_path / "out"
+    assert main(["batch", str(shots), "--out", str(out)]) == batch.SOME_FAILED
+    printed = capsys.readouterr()
+    assert f"torchsphere: {out}: its file system has no locks, so two runs at once would" in printed.err
+    assert printed.out.startswith("1 of 2 recordings done, 1 failed (2 measured in this run)")
 
 
 REFUSED = {

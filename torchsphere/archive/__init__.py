@@ -1,5 +1,5 @@
-"""Many recordings: a folder or a manifest, measured by several processes, to one result folder each.
+"""Archives: the recordings of a folder or a manifest, measured by several processes into a result folder each.
 
-Read `run` first: what is to do (`manifest`, `key`, `records`), an engine that has it done (`processes` or
-`dask_engine`, both through `work.settle`), and the table of it all (`summary`).
+Start with `run`. It lists the recordings to measure (`manifest`, `key`, `records`), has an engine measure them
+(`processes` or `dask_engine`, both through `work.settle`), and writes the table of all recordings (`summary`).
 """

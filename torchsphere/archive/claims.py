@@ -1,7 +1,10 @@
-"""Who measures a recording: a lock on one byte of one file, which the system lets go of when its process dies.
+"""Locks that give each recording of an archive to one process at a time.
 
-No claim outlives its process, so that none has to be guessed stale, and a million recordings need one file. Such locks
-(POSIX, `fcntl.lockf`) hold on local disks and, between machines, on NFS 4 and on cluster file systems that have them.
+Each recording has one byte of one file. The process that measures the recording holds a lock on this byte. The system
+drops the lock when the process dies: no lock is ever stale, and a million recordings need one file.
+
+The locks are POSIX byte locks (`fcntl.lockf`). The library filelock uses `flock`, which on IBM Storage Scale (GPFS)
+holds on one machine only: two machines would measure the same recording, and neither would notice.
 """
 
 from __future__ import annotations
@@ -13,94 +16,98 @@ import hashlib
 import os
 import sys
 import threading
+import time
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
+
+from torchsphere.archive.scan import STATE
+
+#: Wait before a lock that another process holds is tried again, s.
+PAUSE_S = 1.0
+
+#: Errors that mean that another process holds the lock. Any other error means that the file system has no locks.
+_HELD_ELSEWHERE = (errno.EACCES, errno.EAGAIN)
+#: Byte of the summary. The next 2^56 bytes are those of recordings. The byte after them tells whether locks work.
+_SUMMARY, _PROBE = 0, (1 << 56) + 1
 
 if sys.platform == "win32":
     import msvcrt
+
+    _LOCK, _UNLOCK = msvcrt.LK_NBLCK, msvcrt.LK_UNLCK
+
+    def _set(file: int, byte: int, mode: int) -> None:
+        os.lseek(file, byte, os.SEEK_SET)
+        msvcrt.locking(file, mode, 1)
+
 else:
     import fcntl
 
-#: Errors of a lock that another process holds; any other means that there are no locks here.
-_HELD = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
-#: The byte of the summary; those of the recordings follow it.
-_SUMMARY = 0
+    _LOCK, _UNLOCK = fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.LOCK_UN
+
+    def _set(file: int, byte: int, mode: int) -> None:
+        fcntl.lockf(file, mode, 1, byte)
 
 
 class Claims:
-    """The claims of this process on one file; `claims` gives the one of a folder, as closing a second drops all."""
+    """The locks of this process in one archive.
+
+    `claims_of` opens the file once: POSIX drops all locks of a process when it closes any descriptor of the file.
+    """
 
     def __init__(self, path: Path) -> None:
         self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         self._held: set[int] = set()
         self._guard = threading.Lock()
 
+    def claim(self, result: str) -> AbstractContextManager[bool]:
+        """Lock the recording of a result folder for a block; False if another process or thread holds the lock."""
+        return self._locked(1 + int.from_bytes(hashlib.sha256(result.encode()).digest()[:7], "big"))
+
     @contextlib.contextmanager
-    def claim(self, result: str) -> Iterator[bool]:
-        """Claim the recording of a result folder for the block; False where another process or thread has it."""
-        byte = 1 + int.from_bytes(hashlib.sha256(result.encode()).digest()[:7], "big")
+    def summary_lock(self) -> Iterator[None]:
+        """Lock the summary for a block; wait while another process or thread holds the lock."""
+        while True:
+            with self._locked(_SUMMARY) as is_mine:
+                if is_mine:
+                    yield
+                    return
+            time.sleep(PAUSE_S)
+
+    def are_supported(self) -> bool:
+        """Whether the file system has locks; without locks, two runs may measure a recording twice."""
+        try:
+            _set(self._file, _PROBE, _LOCK)
+            _set(self._file, _PROBE, _UNLOCK)
+        except OSError as error:
+            return error.errno in _HELD_ELSEWHERE
+        return True
+
+    @contextlib.contextmanager
+    def _locked(self, byte: int) -> Iterator[bool]:
         with self._guard:
-            mine = byte not in self._held and self._lock(byte, wait=False)
-            if mine:
+            # A POSIX lock excludes other processes only; the set excludes other threads of this process.
+            is_mine = byte not in self._held
+            if is_mine:
+                try:
+                    _set(self._file, byte, _LOCK)
+                except OSError as error:
+                    # A run on a file system without locks goes on as if it were alone.
+                    is_mine = error.errno not in _HELD_ELSEWHERE
+            if is_mine:
                 self._held.add(byte)
         try:
-            yield mine
+            yield is_mine
         finally:
-            if mine:
-                with self._guard:
+            if is_mine:
+                with self._guard, contextlib.suppress(OSError):
                     self._held.discard(byte)
-                    self._unlock(byte)
-
-    @contextlib.contextmanager
-    def summary(self) -> Iterator[None]:
-        """Wait until no other process writes the summary, and keep them from it for the block."""
-        self._lock(_SUMMARY, wait=True)
-        try:
-            yield
-        finally:
-            self._unlock(_SUMMARY)
-
-    def work(self) -> bool:
-        """Whether the file system has locks; without them two runs may measure a recording twice."""
-        try:
-            _lock(self._file, _SUMMARY + 1, wait=False)
-            self._unlock(_SUMMARY + 1)
-        except OSError as error:
-            return error.errno in _HELD
-        return True
-
-    def _lock(self, byte: int, wait: bool) -> bool:
-        try:
-            _lock(self._file, byte, wait)
-        except OSError as error:
-            return error.errno not in _HELD
-        return True
-
-    def _unlock(self, byte: int) -> None:
-        with contextlib.suppress(OSError):
-            _unlock(self._file, byte)
+                    _set(self._file, byte, _UNLOCK)
 
 
-if sys.platform == "win32":
-
-    def _lock(file: int, byte: int, wait: bool) -> None:
-        os.lseek(file, byte, os.SEEK_SET)
-        msvcrt.locking(file, msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
-
-    def _unlock(file: int, byte: int) -> None:
-        os.lseek(file, byte, os.SEEK_SET)
-        msvcrt.locking(file, msvcrt.LK_UNLCK, 1)
-
-else:
-
-    def _lock(file: int, byte: int, wait: bool) -> None:
-        fcntl.lockf(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB), 1, byte)
-
-    def _unlock(file: int, byte: int) -> None:
-        fcntl.lockf(file, fcntl.LOCK_UN, 1, byte)
+_open = functools.cache(Claims)
 
 
-@functools.lru_cache(maxsize=64)
-def claims(path: Path) -> Claims:
-    """The claims file at ``path``, opened once per process."""
-    return Claims(path)
+def claims_of(out: Path) -> Claims:
+    """The locks of the archive in the folder ``out``."""
+    return _open((out / STATE / "claims").absolute())

@@ -1,4 +1,4 @@
-"""The output folder of an archive: whether it is one, and what a killed process left in it."""
+"""The output folder of an archive: whether a folder may be one, and unfinished results that a killed process left."""
 
 from __future__ import annotations
 
@@ -8,21 +8,22 @@ import shutil
 from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 
-from torchsphere.archive.claims import Claims, claims
+from torchsphere.archive.claims import Claims, claims_of
 from torchsphere.archive.scan import STATE
 
 SUMMARIES = ("summary.csv", "summary.parquet")
-#: Folders that `torchsphere.results.writer.whole_folder` fills before they get their name, "shot" here: .shot.k3_x9a1b
+#: Unfinished result folder of the recording "shot", as `torchsphere.results.writer.whole_folder` names it:
+#: ".shot.k3_x9a1b".
 _UNFINISHED = re.compile(r"\.(?P<name>.+)\.[a-z0-9_]{8}")
 
 
 def prepare(out: Path) -> Claims:
-    """Make the folder ready, and give its claims.
+    """Make the output folder ready, and return its locks.
 
     Raises
     ------
     OSError
-        Where it is a file, or holds what is no archive's result.
+        If ``out`` is a file, or a folder with files that are no results of an archive.
     """
     if out.exists() and not out.is_dir():
         raise FileExistsError(f"{out} is a file; give the name of a folder for the results")
@@ -33,7 +34,7 @@ def prepare(out: Path) -> Claims:
 
 
 def _has_table(out: Path) -> bool:
-    """Whether the folder has an archive's table: a copy may have left out what is hidden, its state among it."""
+    """Whether the folder has the table of an archive; a copy may lack the hidden folder of its state."""
     try:
         with (out / SUMMARIES[0]).open(encoding="utf-8") as stream:
             return stream.readline().startswith("recording,state,")
@@ -41,33 +42,36 @@ def _has_table(out: Path) -> bool:
         return False
 
 
-def claims_of(out: Path) -> Claims:
-    """The claims on the recordings of an archive."""
-    return claims((out / STATE / "claims").absolute())
-
-
 def sweep(out: Path, results: Iterable[str]) -> int:
-    """Remove unfinished folders that no living process claims; how many there were.
+    """Remove unfinished result folders that no living process is filling, and return their number.
 
-    Each folder that holds results is listed once, however many results it holds.
+    Each parent folder is listed once, however many results it holds. Nothing is removed on a file system without
+    locks: another machine may be filling the folder.
     """
+    claims = claims_of(out)
+    if not claims.are_supported():
+        return 0
     names: dict[PurePosixPath, set[str]] = {}
     for result in results:
         path = PurePosixPath(result)
         names.setdefault(path.parent, set()).add(path.name)
     removed = 0
     for parent, known in names.items():
-        try:
-            with os.scandir(out / parent) as entries:
-                left = [entry.name for entry in entries if entry.name.startswith(".") and entry.is_dir()]
-        except (FileNotFoundError, NotADirectoryError):
-            continue
-        for folder in left:
-            match = _UNFINISHED.fullmatch(folder)
-            if match is None or match["name"] not in known:
+        for folder, name in _unfinished(out / parent):
+            if name not in known:
                 continue
-            with claims_of(out).claim((parent / match["name"]).as_posix()) as mine:
-                if mine:
-                    shutil.rmtree(out / parent / folder, ignore_errors=True)
+            with claims.claim((parent / name).as_posix()) as is_mine:
+                if is_mine:
+                    shutil.rmtree(folder, ignore_errors=True)
                     removed += 1
     return removed
+
+
+def _unfinished(parent: Path) -> list[tuple[Path, str]]:
+    """Unfinished result folders in a folder, each with the name that it would get."""
+    try:
+        with os.scandir(parent) as entries:
+            found = [(entry, _UNFINISHED.fullmatch(entry.name)) for entry in entries]
+            return [(Path(entry), match["name"]) for entry, match in found if match is not None and entry.is_dir()]
+    except (FileNotFoundError, NotADirectoryError):
+        return []

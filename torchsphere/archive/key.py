@@ -1,4 +1,4 @@
-"""What a result rests on: a hash of the input and one of the settings."""
+"""Hashes of the input and of the settings of a result, to see whether the result is still valid."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from torchsphere.runtime.file_hash import hash_files
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Key:
-    """Hashes that tell whether a result is still that of its recording and settings.
+    """Hashes of a recording's input and settings.
 
     Attributes
     ----------
     stat : str
-        Of the sizes and times of change of the input's files: reading an archive's contents at every run would take
-        longer than what is new in it. Where it differs, `content` decides.
+        Hash of the sizes and times of change of the input's files: to read the contents of a whole archive at every
+        run would take too long. If this hash differs, `content` decides.
     settings : str
-        Of the settings that are not the default, and of the mask images they name.
+        Hash of the settings that are not the default, and of the contents of mask images.
     """
 
     stat: str
@@ -34,16 +34,16 @@ class Key:
 
 
 def key_of(recording: Path, settings: Mapping[str, Any]) -> Key:
-    """The key of a recording with its settings, from the file system's tables alone (but for mask images)."""
+    """The key of a recording and its settings. Of all files, only mask images are opened."""
     stats = [None if stat is None else (stat.st_size, stat.st_mtime_ns) for stat in files_of(recording)]
-    # A setting that a later version adds leaves the keys of earlier results as they are.
-    told = {name: value for name, value in settings.items() if _plain(value) != _plain(DEFAULTS[name])}
+    # Defaults are left out, so that a setting that a later version adds does not change the keys of earlier results.
+    changed = {name: value for name, value in settings.items() if _plain(value) != _plain(DEFAULTS[name])}
     masks = [_mask_hash(text) for text in settings.get("ignore", ())]
-    return Key(_hash(stats), _hash([told, masks]))
+    return Key(_hash(stats), _hash([changed, masks]))
 
 
 def content(recording: Path) -> str | None:
-    """SHA-256 of the input's files, as ``summary.json`` has it; None where they cannot be opened."""
+    """SHA-256 of the input's files, as in ``summary.json``; None if they cannot be opened."""
     try:
         with open_recording(recording) as opened:
             return hash_files(opened.files)

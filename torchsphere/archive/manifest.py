@@ -1,4 +1,4 @@
-"""What an archive consists of: recordings from a folder, a CSV or a TOML file, each with its settings and its place."""
+"""The list of an archive's recordings, from a folder, a CSV or a TOML file: settings and result folder of each."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class Item:
     Attributes
     ----------
     recording : str
-        Its path as the manifest has it, or relative to the folder that was searched.
+        Path as in the manifest, or relative to the folder that was searched.
     input : Path
-        The same as a path to open.
+        The same recording as a path to open.
     result : str
-        Its result folder, relative to that of the archive, with slashes.
+        Result folder, relative to the output folder, with slashes.
     settings : mapping
         Fields of `torchsphere.measure.Request`.
     """
@@ -39,7 +39,7 @@ class Item:
 
 @dataclass(frozen=True)
 class Archive:
-    """Recordings in order, no two with one result folder, and sentences on what was left out."""
+    """Recordings in order, each with its own result folder, and sentences on images that were left out."""
 
     items: tuple[Item, ...]
     notes: tuple[str, ...] = ()
@@ -190,7 +190,7 @@ def _rebased(source: Path, own: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _result(where: str, name: str, result: str | None) -> str:
-    """The result folder: as given, or the recording's path without what leads out of the manifest's folder."""
+    """The result folder: as given, or the path of the recording without parts such as ``..`` and without its suffix."""
     if result is not None:
         path = PurePosixPath(result.replace("\\", "/"))
         if path.is_absolute() or ".." in path.parts or path.parts[:1] in ((), (scan.STATE,)):
@@ -204,7 +204,7 @@ def _result(where: str, name: str, result: str | None) -> str:
 
 
 def _require_own_folders(source: Path, placed: list[tuple[str, Item]]) -> None:
-    # Some file systems do not tell upper from lower case.
+    # On some file systems, upper and lower case name the same folder.
     places: dict[str, tuple[str, Item]] = {}
     for where, item in placed:
         first, other = places.setdefault(item.result.lower(), (where, item))

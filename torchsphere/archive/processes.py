@@ -1,4 +1,4 @@
-"""Own processes on one machine: one that dies is replaced, and costs the recording in flight one more try."""
+"""Worker processes on this machine: one that dies is replaced, and its recording is tried once more."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -16,17 +16,18 @@ from typing import Any
 
 import torch
 
-from torchsphere.archive.backlog import PAUSE_S, Backlog
-from torchsphere.archive.work import BUSY, DEATHS, Job, Measure, Outcome, give_up, settle
+from torchsphere.archive.backlog import Backlog
+from torchsphere.archive.claims import PAUSE_S
+from torchsphere.archive.work import BUSY, MAX_DEATHS, Job, Measure, Outcome, give_up, settle
 from torchsphere.runtime import signals
 
-#: A child of its own start, not a copy of this process: torch's threads and CUDA do not survive a fork.
+#: Workers are started anew, not forked: the threads of torch, and CUDA, do not survive a fork.
 _CONTEXT = multiprocessing.get_context("spawn")
-#: Starts in a row that may fail before it is taken that no worker can start here.
-_STARTS = 3
-#: What libraries read when they are loaded; processes whose threads compete for cores slow each other down.
+#: Failed starts in a row after which no worker can start on this machine.
+_MAX_FAILED_STARTS = 3
+#: Variables that libraries read when they are loaded; processes with many threads each slow each other down.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-#: Time to clean up in when the run is interrupted, s.
+#: Time that workers have to clean up when the run is interrupted, s.
 _GRACE_S = 5.0
 
 
@@ -39,79 +40,80 @@ class _Worker:
 
 
 def run(jobs: Iterator[Job], workers: int, measure: Measure) -> Iterator[Outcome]:
-    """Have the jobs done by so many processes; an outcome each, as they end.
+    """Measure the jobs in ``workers`` processes, and yield the outcome of each job as it ends.
 
     Raises
     ------
     OSError
-        Where no worker can be started, or nothing can be written any more.
+        If no worker can start.
     """
     backlog, deaths = Backlog(jobs), Counter[str]()
     pool: dict[int, _Worker] = {}
     failed_starts = 0
     try:
         while True:
-            for index in range(workers):
-                worker = pool.get(index)
-                if worker is not None and worker.job is not None:
-                    continue
-                job = backlog.take()
-                if job is None:
-                    break
-                if worker is None:
-                    worker = pool[index] = _start(index, workers, measure)
-                _send(worker, job)
-            if not any(worker.job for worker in pool.values()) and not backlog.waits:
+            _give_out(backlog, pool, workers, measure)
+            if not any(worker.job for worker in pool.values()) and not backlog.is_waiting:
                 return
-            for connection in wait([worker.connection for worker in pool.values()], timeout=PAUSE_S):
-                index, worker = next((i, w) for i, w in pool.items() if w.connection is connection)
+            indices: dict[Any, int] = {worker.connection: index for index, worker in pool.items()}
+            for connection in wait(list(indices), timeout=PAUSE_S):
+                worker = pool[indices[connection]]
                 try:
                     outcome = worker.connection.recv()
                 except (EOFError, OSError):
-                    del pool[index]
+                    del pool[indices[connection]]
                     failed_starts = 0 if worker.is_ready else failed_starts + 1
-                    yield from _after_death(worker, backlog, deaths, failed_starts)
+                    outcome = _after_death(worker, backlog, deaths, failed_starts)
+                else:
+                    if outcome is None:
+                        worker.is_ready = True
+                job = worker.job
+                if outcome is None or job is None:
                     continue
-                if outcome is None:
-                    worker.is_ready = True
-                    continue
-                job, worker.job = worker.job, None
-                if outcome.state == BUSY and job is not None:
-                    backlog.later(job)
+                worker.job = None
+                if outcome.state == BUSY:
+                    backlog.retry_later(job)
                 else:
                     yield outcome
     finally:
-        _end(list(pool.values()))
+        _end(pool.values())
 
 
-def _send(worker: _Worker, job: Job) -> None:
-    worker.job = job
-    # A worker that died in this moment is noticed when its answer is read.
-    with contextlib.suppress(OSError):
-        worker.connection.send(job)
+def _give_out(backlog: Backlog, pool: dict[int, _Worker], workers: int, measure: Measure) -> None:
+    """Give a job to each worker that has none, and start the workers that are missing."""
+    for index in range(workers):
+        worker = pool.get(index)
+        if worker is not None and worker.job is not None:
+            continue
+        job = backlog.take()
+        if job is None:
+            return
+        if worker is None:
+            worker = pool[index] = _start(index, workers, measure)
+        worker.job = job
+        # If the worker has just died, this is noticed when its answer is read.
+        with contextlib.suppress(OSError):
+            worker.connection.send(job)
 
 
-def _after_death(worker: _Worker, backlog: Backlog, deaths: Counter[str], failed_starts: int) -> Iterator[Outcome]:
+def _after_death(worker: _Worker, backlog: Backlog, deaths: Counter[str], failed_starts: int) -> Outcome | None:
+    """Put the job of a dead worker back; its outcome if its worker died too often."""
     worker.process.join()
     worker.connection.close()
-    how, job = _how(worker.process.exitcode), worker.job
-    if failed_starts >= _STARTS:
-        raise OSError(f"worker processes end as they start ({how}); try 'torchsphere track' on one recording")
-    if job is None:
-        return
-    result = job.item.result
+    cause = _cause_of_death(worker.process.exitcode)
+    if failed_starts >= _MAX_FAILED_STARTS:
+        raise OSError(f"worker processes end as they start ({cause}); try 'torchsphere track' on one recording")
+    if worker.job is None:
+        return None
+    result = worker.job.item.result
     deaths[result] += worker.is_ready
-    if deaths[result] < DEATHS:
-        backlog.again(job)
-        return
-    outcome = give_up(job, f"the worker process died ({how}), and so did a fresh one")
-    if outcome.state == BUSY:
-        backlog.later(job)
-    else:
-        yield outcome
+    if deaths[result] < MAX_DEATHS:
+        backlog.retry(worker.job)
+        return None
+    return give_up(worker.job, f"the worker process died ({cause}), and so did a fresh one")
 
 
-def _how(exit_code: int | None) -> str:
+def _cause_of_death(exit_code: int | None) -> str:
     if exit_code is not None and exit_code < 0:
         with contextlib.suppress(ValueError):
             return f"signal {-exit_code}, {signal.Signals(-exit_code).name}"
@@ -132,15 +134,15 @@ def _start(index: int, workers: int, measure: Measure) -> _Worker:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-    # Held by the worker alone, so that its death ends the connection.
+    # The worker alone keeps its end open, so that its death ends the connection.
     there.close()
     return _Worker(process, here)
 
 
-def _end(pool: Sequence[_Worker]) -> None:
-    for worker in pool:
+def _end(workers: Collection[_Worker]) -> None:
+    for worker in workers:
         worker.process.terminate()
-    for worker in pool:
+    for worker in workers:
         worker.process.join(_GRACE_S)
         if worker.process.is_alive():
             worker.process.kill()
@@ -150,9 +152,9 @@ def _end(pool: Sequence[_Worker]) -> None:
 
 
 def _serve(connection: Connection, measure: Measure, index: int, is_one_of_many: bool) -> None:
-    """The worker's process: settle jobs until the connection ends."""
+    """Run in the worker process: settle jobs until the connection ends."""
     signals.serve_parent()
-    signal.signal(signal.SIGTERM, _leave)
+    signal.signal(signal.SIGTERM, _exit)
     if is_one_of_many:
         torch.set_num_threads(1)
     with contextlib.suppress(EOFError, OSError):
@@ -162,6 +164,6 @@ def _serve(connection: Connection, measure: Measure, index: int, is_one_of_many:
             connection.send(settle(job, measure, index))
 
 
-def _leave(*_: Any) -> None:
-    # As an exception, so that the unfinished folder is removed.
+def _exit(*_: Any) -> None:
+    # An exception, so that the unfinished result folder is removed.
     sys.exit(0)

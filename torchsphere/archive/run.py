@@ -1,4 +1,4 @@
-"""A run over an archive: what is to do, an engine that has it done, the table of how it all stands."""
+"""A run over an archive: list the recordings to measure, have an engine measure them, write the table of all."""
 
 from __future__ import annotations
 
@@ -12,24 +12,31 @@ from pathlib import Path
 from typing import Any
 
 from torchsphere.archive import folder, records, summary
-from torchsphere.archive.key import Key, key_of
-from torchsphere.archive.manifest import Archive, Item
+from torchsphere.archive.claims import claims_of
+from torchsphere.archive.key import key_of
+from torchsphere.archive.manifest import Archive
 from torchsphere.archive.records import DONE, FAILED, PENDING
-from torchsphere.archive.work import STOP, Job, Outcome, is_settled
+from torchsphere.archive.work import STOP, Job, Outcome, is_valid
 from torchsphere.report import index
 
-#: What has jobs done: `processes.run` or `dask_engine.run` with all but the jobs given.
+#: Measures jobs: `processes.run` or `dask_engine.run` with all arguments but the jobs given.
 Engine = Callable[[Iterator[Job]], Iterator[Outcome]]
 
-#: Least time between two versions of the table during a run, s, and how much longer than its writing it is.
-EVERY_S, TIMES = 30.0, 50.0
+#: The table is written again during a run after this time, s, and after this many times the time that writing took.
+EVERY_S, WRITING_TIMES = 30.0, 50.0
 
 
 @dataclasses.dataclass(frozen=True)
 class Counts:
-    """How the recordings of a run's share stand; ``measured`` of them were measured in this run.
+    """Numbers of recordings, by state, in a run's share of the archive.
 
-    ``failures`` has the failed ones in the order of the archive, each with its reason; it is told at the end alone.
+    Attributes
+    ----------
+    done, failed, pending : int
+    measured : int
+        Recordings that were measured in this run, done or failed.
+    failures : tuple of (str, str)
+        Failed recordings in the order of the archive, each with its reason. Empty until the run ends.
     """
 
     done: int = 0
@@ -40,33 +47,46 @@ class Counts:
 
     @property
     def total(self) -> int:
-        """All of the share."""
+        """All recordings of the share."""
         return self.done + self.failed + self.pending
+
+    def after(self, outcome: Outcome) -> Counts:
+        """The counts after a pending recording is done or failed."""
+        done = outcome.state == DONE
+        return dataclasses.replace(
+            self,
+            done=self.done + done,
+            failed=self.failed + (not done),
+            pending=self.pending - 1,
+            measured=self.measured + outcome.measured,
+        )
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C, with how the recordings stood."""
+    """Ctrl-C, with the counts at that moment."""
 
     def __init__(self, counts: Counts) -> None:
         super().__init__()
         self.counts = counts
 
 
-class _Standing:
-    """How each recording stands: rows of the table, by the recording's number."""
+class _Table:
+    """The table of an archive: a row per recording, by its number, as the records tell it."""
 
-    def __init__(self, archive: Archive, out: Path, jobs: Sequence[Job]) -> None:
+    def __init__(self, out: Path, jobs: Sequence[Job]) -> None:
         self._out, self._jobs = out, jobs
-        self._rows: list[dict[str, Any]] = [{} for _ in archive.items]
-        for i in range(len(self._rows)):
+        self._rows: list[dict[str, Any]] = [{} for _ in jobs]
+        self._due = 0.0
+        for i in range(len(jobs)):
             self.read(i)
 
     def read(self, i: int) -> None:
+        """Read the record of a recording again."""
         job = self._jobs[i]
         record = records.read(self._out, job.item.result)
         row: dict[str, Any] = {"recording": job.item.recording, "state": PENDING, "reason": None}
-        # A result that was taken away is to be measured again; a failure stands until it is.
-        if record is not None and is_settled(record, dataclasses.replace(job, retry_failed=False)):
+        # A failure stands until it is measured again; a result that was removed is pending.
+        if record is not None and is_valid(record, dataclasses.replace(job, retry_failed=False)):
             row |= {"state": record.state, "reason": record.reason or None, **record.row}
         self._rows[i] = row
 
@@ -74,19 +94,26 @@ class _Standing:
         return str(self._rows[i]["state"])
 
     def failures(self, numbers: Sequence[int]) -> tuple[tuple[str, str], ...]:
-        """Recordings that failed, of those with these numbers, and why."""
+        """Failed recordings among these numbers, each with its reason."""
         failed = [self._rows[i] for i in numbers if self.state(i) == FAILED]
         return tuple((row["recording"], row["reason"] or "") for row in failed)
 
-    def write(self, *, everything: bool) -> None:
-        """Write the table, at the end also as a page; other runs are waited for: the last to end has seen all."""
-        with folder.claims_of(self._out).summary():
+    def write_if_due(self) -> None:
+        if time.monotonic() >= self._due:
+            self.write(is_last=False)
+
+    def write(self, *, is_last: bool) -> None:
+        """Write the table; the last time also as a page, with what other runs have measured."""
+        began = time.monotonic()
+        with claims_of(self._out).summary_lock():
             for i in range(len(self._rows)):
-                if everything or self.state(i) == PENDING:
+                if is_last or self.state(i) == PENDING:
                     self.read(i)
             summary.write(self._out, self._rows)
-            if everything:
+            if is_last:
                 index.write_index(self._out, self._rows)
+        ended = time.monotonic()
+        self._due = ended + max(EVERY_S, WRITING_TIMES * (ended - began))
 
 
 def run(
@@ -98,7 +125,7 @@ def run(
     retry_failed: bool = False,
     changed: Callable[[Counts], None] | None = None,
 ) -> Counts:
-    """Measure what is new or changed in an archive, and write its table.
+    """Measure the recordings of an archive that are new or changed, and write its table.
 
     Parameters
     ----------
@@ -108,7 +135,7 @@ def run(
     engine : callable
         Jobs -> outcomes.
     shard : tuple of int
-        (k, n): only the k-th of n parts, which do not depend on each other.
+        (k, n): measure only part k of n; the parts do not depend on each other.
     retry_failed : bool
         Measure again what failed in an earlier run.
     changed : callable, optional
@@ -117,66 +144,47 @@ def run(
     Returns
     -------
     Counts
-        Of this shard's recordings.
+        Of the recordings in this part.
 
     Raises
     ------
     OSError
-        Where ``out`` is no folder for this, or the engine cannot go on; what was measured is kept.
+        If ``out`` cannot be used, or the engine cannot go on. Results that are written stay.
     Interrupted
-        On Ctrl-C; what was measured is kept.
+        On Ctrl-C. Results that are written stay.
     """
     folder.prepare(out)
     name = uuid.uuid4().hex
-    jobs = [Job(item, _key(item), out, name, retry_failed) for item in archive.items]
-    standing = _Standing(archive, out, jobs)
-    mine = [i for i, item in enumerate(archive.items) if in_shard(item.result, shard)]
+    jobs = [Job(item, key_of(item.input, item.settings), out, name, retry_failed) for item in archive.items]
+    table = _Table(out, jobs)
     results = [item.result for item in archive.items]
     folder.sweep(out, results)
-    to_do = [i for i in mine if standing.state(i) == PENDING or (retry_failed and standing.state(i) == FAILED)]
-    states = Counter(PENDING if retry_failed and standing.state(i) == FAILED else standing.state(i) for i in mine)
-    counts = Counts(states[DONE], states[FAILED], states[PENDING])
-    number = {jobs[i].item.result: i for i in to_do}
+    share = [i for i, result in enumerate(results) if in_shard(result, shard)]
+    states = {i: PENDING if retry_failed and table.state(i) == FAILED else table.state(i) for i in share}
+    numbers = {results[i]: i for i, state in states.items() if state == PENDING}
+    tally = Counter(states.values())
+    counts = Counts(tally[DONE], tally[FAILED], tally[PENDING])
     try:
-        standing.write(everything=False)
-        due = time.monotonic() + EVERY_S
+        table.write(is_last=False)
         if changed is not None:
             changed(counts)
-        for outcome in engine(jobs[i] for i in to_do):
+        for outcome in engine(jobs[i] for i in numbers.values()):
             if outcome.state == STOP:
                 raise OSError(f"{outcome.reason}; the run stops here, what was measured is kept")
-            standing.read(number[outcome.result])
-            counts = _after(counts, outcome)
+            table.read(numbers[outcome.result])
+            counts = counts.after(outcome)
             if changed is not None:
                 changed(counts)
-            if time.monotonic() >= due:
-                began = time.monotonic()
-                standing.write(everything=False)
-                due = time.monotonic() + max(EVERY_S, TIMES * (time.monotonic() - began))
+            table.write_if_due()
     except KeyboardInterrupt:
         raise Interrupted(counts) from None
     finally:
         folder.sweep(out, results)
-        standing.write(everything=True)
-    return dataclasses.replace(counts, failures=standing.failures(mine))
+        table.write(is_last=True)
+    return dataclasses.replace(counts, failures=table.failures(share))
 
 
 def in_shard(result: str, shard: tuple[int, int]) -> bool:
-    """Whether a recording belongs to part k of n, by its name: others that come or go do not move it."""
+    """Whether a recording belongs to part k of n, by its name: other recordings do not change its part."""
     k, n = shard
     return int.from_bytes(hashlib.sha256(result.encode()).digest()[:8], "big") % n == k - 1
-
-
-def _key(item: Item) -> Key:
-    return key_of(item.input, item.settings)
-
-
-def _after(counts: Counts, outcome: Outcome) -> Counts:
-    done = outcome.state == DONE
-    return dataclasses.replace(
-        counts,
-        done=counts.done + done,
-        failed=counts.failed + (not done),
-        pending=counts.pending - 1,
-        measured=counts.measured + outcome.measured,
-    )

@@ -1,4 +1,4 @@
-"""The recordings in a folder, and the files that each is made of."""
+"""The recordings in a folder, and the files of each recording."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from torchsphere.recording.tiff import count_pages
 
 TIFF = (".tif", ".tiff")
 PHOTRON = (*HEADER_SUFFIXES, ".mraw")
-#: Files that are recordings by themselves; a test holds this against what `open_recording` opens.
+#: Suffixes of files that `open_recording` opens; a test compares both.
 SUFFIXES = (*TIFF, *PHOTRON, ".npy", ".npz", ".cine", ".avi", ".mp4", ".m4v", ".mov", ".mkv", ".webm")
-#: Folder in an archive's results with what is known of each recording.
+#: Hidden folder in the output folder, with the records and the locks of the recordings.
 STATE = ".batch"
 
 
 @dataclass(frozen=True)
 class Found:
-    """Recordings (paths of files, or of folders of images), and sentences on what was left out."""
+    """Recordings (files, or folders of images), and sentences on images that were left out."""
 
     recordings: tuple[Path, ...]
     notes: tuple[str, ...]
 
 
 def scan(root: Path, leave_out: Path | None = None) -> Found:
-    """All recordings in ``root`` and its folders, in the order of their names.
+    """Find all recordings in ``root`` and its folders, in the order of their names.
 
-    Hidden files and folders, result folders and ``leave_out`` are no part of it. Images of one page each are one
-    recording per folder; TIFF files of several pages are a recording each.
+    Hidden files and folders, result folders and the folder ``leave_out`` are skipped. The single images of a folder are
+    one recording; a TIFF file of several pages is a recording by itself.
     """
     recordings: list[Path] = []
     notes: list[str] = []
@@ -55,7 +55,7 @@ def _in_folder(folder: Path, names: Sequence[str], notes: list[str]) -> Iterator
     suffixes = {name: Path(name).suffix.lower() for name in names}
     files = [name for name in names if suffixes[name] in SUFFIXES]
     tiffs = [name for name in files if suffixes[name] in TIFF]
-    # Opening every TIFF of a large folder to count its pages would take longer than listing the folder.
+    # Three files decide: to open every TIFF file of a large folder would take too long.
     if tiffs and _single_pages([folder / tiffs[i] for i in sorted({0, len(tiffs) // 2, len(tiffs) - 1})]):
         files = [name for name in files if name not in set(tiffs)]
         images = tiffs
@@ -78,7 +78,7 @@ def _in_folder(folder: Path, names: Sequence[str], notes: list[str]) -> Iterator
 
 
 def _single_pages(paths: Sequence[Path]) -> bool:
-    """Whether the TIFF files that can be read hold one page each, and there is one."""
+    """Whether all TIFF files that can be read have one page; False if none can be read."""
     pages = []
     for path in paths:
         try:
@@ -89,7 +89,7 @@ def _single_pages(paths: Sequence[Path]) -> bool:
 
 
 def files_of(recording: Path) -> list[os.stat_result | None]:
-    """Size and time of every file of a recording, without opening any; None for one that is not there."""
+    """Size and time of change of each file of a recording, without opening it; None for a missing file."""
     suffix = recording.suffix.lower()
     try:
         if recording.is_dir():

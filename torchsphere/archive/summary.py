@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import csv
 import math
-import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-#: ``summary.json`` tells the spin of an impact in rev/s, the table all spin in rad/s.
+from torchsphere.archive.records import new_version
+
+#: Radians per revolution: ``summary.json`` has the spin of an impact in rev/s, the table all spin in rad/s.
 _PER_REV = 2 * math.pi
 
-#: Columns from the impact, its quantities in ``summary.json``, and the column's units per unit there; vectors are told
-#: by their lengths.
+#: Columns of the strongest impact -> the quantity in ``summary.json``, and the factor between both units. Of a vector,
+#: the column has the length.
 IMPACT = {
     "speed_before_m_s": ("speed_before", 1.0),
     "speed_after_m_s": ("speed_after", 1.0),
@@ -26,10 +27,10 @@ IMPACT = {
     "restitution": ("restitution_normal", 1.0),
 }
 
-#: Columns of every measured recording that have a standard deviation.
+#: Columns of the whole recording that have a standard deviation.
 MEANS = ("radius_px", "mean_speed_m_s", "mean_spin_rad_s")
 
-#: Columns and their types; what is not known is empty in the CSV and null in the Parquet file.
+#: Columns and their types. An unknown value is empty in the CSV file and null in the Parquet file.
 COLUMNS: dict[str, pa.DataType] = {
     **dict.fromkeys(("recording", "state", "reason"), pa.string()),
     **dict.fromkeys(("frames", "ok"), pa.int64()),
@@ -42,7 +43,7 @@ COLUMNS: dict[str, pa.DataType] = {
 
 
 def measured(table: Mapping[str, Any]) -> dict[str, Any]:
-    """The columns that come from a recording's ``summary.json``."""
+    """The columns that come from the ``summary.json`` of a recording."""
     counts = table.get("frames_per_status") or {}
     circle, mean, impact = (table.get(name) or {} for name in ("circle", "mean_motion", "impact"))
     speed = _length(mean.get("velocity_m_s"), mean.get("sd_velocity_m_s"))
@@ -69,7 +70,7 @@ def measured(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _length(value: Any, sd: Any = None) -> tuple[float | None, float | None]:
-    """Length of a vector, or a number with its sign, and the standard deviation; None where a part is not known."""
+    """Length of a vector, or a number with its sign, and its standard deviation; None if a component is unknown."""
     parts, sds = _list(value), _list(sd)
     if not parts or None in parts:
         return None, None
@@ -83,26 +84,15 @@ def _list(value: Any) -> list[Any]:
     return list(value) if isinstance(value, list) else [] if value is None else [value]
 
 
-def write(out: Path, rows: Iterable[Mapping[str, Any]]) -> None:
-    """Write ``summary.csv`` and ``summary.parquet``, each in one step."""
-    listed = list(rows)
-    parquet, table = _new(out / "summary.parquet"), _new(out / "summary.csv")
-    try:
-        columns = {name: pa.array([row.get(name) for row in listed], kind) for name, kind in COLUMNS.items()}
+def write(out: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write ``summary.csv`` and ``summary.parquet``, each whole or not at all."""
+    columns = {name: pa.array([row.get(name) for row in rows], kind) for name, kind in COLUMNS.items()}
+    with new_version(out / "summary.csv") as table, new_version(out / "summary.parquet") as parquet:
         pq.write_table(pa.table(columns), parquet, compression="zstd")
         with table.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
             writer.writerow(COLUMNS)
-            writer.writerows([_cell(row.get(name)) for name in COLUMNS] for row in listed)
-        parquet.replace(out / "summary.parquet")
-        table.replace(out / "summary.csv")
-    finally:
-        parquet.unlink(missing_ok=True)
-        table.unlink(missing_ok=True)
-
-
-def _new(path: Path) -> Path:
-    return path.with_name(f".{path.name}.{os.getpid()}")
+            writer.writerows([_cell(row.get(name)) for name in COLUMNS] for row in rows)
 
 
 def _cell(value: Any) -> Any:

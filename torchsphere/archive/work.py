@@ -1,4 +1,4 @@
-"""What a worker does with one recording: claim it, see whether it is still to do, measure, record how it ended."""
+"""What a worker does with a recording: lock it, check whether it is measured already, measure it, write its record."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from typing import Any
 import torch
 
 from torchsphere.archive import key, records, summary
-from torchsphere.archive.folder import claims_of
+from torchsphere.archive.claims import claims_of
 from torchsphere.archive.key import Key
 from torchsphere.archive.manifest import Item
 from torchsphere.archive.records import DONE, FAILED, Record
 from torchsphere.request import Request
 
-#: What measures a recording: `torchsphere.measure.measure`.
+#: Measures a recording; `torchsphere.measure.measure` is the one in use.
 Measure = Callable[[Request, None, Mapping[str, Path]], Any]
 
-#: What an outcome may be beside "done" and "failed": another process has the recording; nothing can be written any
-#: more, so that the other recordings would fail for the same reason.
+#: States of an outcome beside "done" and "failed". BUSY: another process has locked the recording. STOP: the output
+#: folder cannot be written to, so all further recordings would fail for the same reason.
 BUSY, STOP = "busy", "stop"
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
+_NOT_WRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
-#: Deaths of its worker after which a recording is given up: a process may be killed for reasons of its own once.
-DEATHS = 2
-#: File in a result folder that says which input and settings it is of.
+#: Deaths of the worker in a run after which a recording fails; one death may have another cause than the recording.
+MAX_DEATHS = 2
+#: File in a result folder with the hashes of its input and settings.
 KEY_FILE = "batch.json"
 
 
@@ -44,11 +44,11 @@ class Job:
     item : Item
     key : Key
     out : Path
-        The archive's output folder.
+        Output folder of the archive.
     run : str
-        Name of this run.
+        Name of the run.
     retry_failed : bool
-        Whether what failed in an earlier run is to be measured again.
+        Whether to measure again what failed in an earlier run.
     """
 
     item: Item
@@ -59,13 +59,13 @@ class Job:
 
     @property
     def folder(self) -> Path:
-        """The recording's result folder."""
+        """Result folder of the recording."""
         return self.out / self.item.result
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a job ended: ``state`` is "done", "failed", "busy" or "stop"; ``measured`` if it was measured just now."""
+    """How a job ended: ``state`` is "done", "failed", "busy" or "stop"; ``measured`` if this job measured it."""
 
     result: str
     state: str
@@ -74,38 +74,39 @@ class Outcome:
 
 
 def settle(job: Job, measure: Measure, worker: int = 0) -> Outcome:
-    """Measure the recording of ``job`` unless another process has it or it is not to be measured again.
+    """Measure the recording of ``job``, unless another process has locked it or its record is valid.
 
-    Nothing that is wrong with the recording is raised: it is recorded, and the outcome says so.
+    An error in the recording is not raised: its record and the outcome tell the reason.
     """
-    result = job.item.result
-    try:
-        with claims_of(job.out).claim(result) as mine:
-            if not mine:
-                return Outcome(result, BUSY)
-            known = _known(job)
-            if known is not None:
-                return Outcome(result, known.state, known.reason)
-            return _measured(job, measure, worker)
-    except OSError as error:
-        # The recording's own errors have been recorded; these are of the output folder.
-        return Outcome(result, STOP, sentence(error))
+    return _with_lock(job, lambda: _measured(job, measure, worker))
 
 
 def give_up(job: Job, reason: str) -> Outcome:
-    """Record that the recording failed for a reason that its worker could not record."""
-    with claims_of(job.out).claim(job.item.result) as mine:
-        if not mine:
-            return Outcome(job.item.result, BUSY)
-        known = _known(job)
-        if known is not None:
-            return Outcome(job.item.result, known.state, known.reason)
-        _mark(job).unlink(missing_ok=True)
+    """Record that the recording failed, for a reason that its worker could not record."""
+
+    def fail() -> Outcome:
+        _started_file(job).unlink(missing_ok=True)
         return _failed(job, reason, 0.0)
 
+    return _with_lock(job, fail)
 
-def is_settled(record: Record, job: Job) -> bool:
-    """Whether a record of this very input and these settings spares the measurement."""
+
+def _with_lock(job: Job, finish: Callable[[], Outcome]) -> Outcome:
+    """Call ``finish`` with the recording locked, unless another process has locked it or its record is valid."""
+    result = job.item.result
+    try:
+        with claims_of(job.out).claim(result) as is_mine:
+            if not is_mine:
+                return Outcome(result, BUSY)
+            record = _valid_record(job)
+            return finish() if record is None else Outcome(result, record.state, record.reason)
+    except OSError as error:
+        # The record tells errors of the recording; this error is of the output folder.
+        return Outcome(result, STOP, _sentence(error))
+
+
+def is_valid(record: Record, job: Job) -> bool:
+    """Whether a record of the same input and settings makes the measurement needless."""
     if not records.is_current(record, job.key):
         return False
     if record.state == DONE:
@@ -115,45 +116,45 @@ def is_settled(record: Record, job: Job) -> bool:
 
 def _has_summary(folder: Path) -> bool:
     try:
-        # After a power failure a file may be there and empty.
+        # A power failure may leave an empty file.
         return (folder / "summary.json").stat().st_size > 0
     except OSError:
         return False
 
 
-def _known(job: Job) -> Record | None:
-    """The record that spares the measurement, if there is one."""
+def _valid_record(job: Job) -> Record | None:
+    """The record that makes the measurement needless, written anew where the result or the contents show it."""
     record = records.read(job.out, job.item.result)
-    if record is not None and is_settled(record, job):
+    if record is not None and is_valid(record, job):
         return record
-    # Its process was killed between the result and the record.
-    told = records.read_table(job.folder / KEY_FILE)
-    if told is not None and (told.get("stat"), told.get("settings")) == (job.key.stat, job.key.settings):
+    # A process may have been killed after it wrote the result and before it wrote the record.
+    origin = records.read_table(job.folder / KEY_FILE)
+    if origin is not None and (origin.get("stat"), origin.get("settings")) == (job.key.stat, job.key.settings):
         table = records.read_table(job.folder / "summary.json")
         if table is not None and (record is None or record.state == DONE or not records.is_current(record, job.key)):
-            return _done(job, table, str(told.get("run")))
+            return _done(job, table, str(origin.get("run")))
     if record is None or record.content is None or record.settings != job.key.settings:
         return None
-    # Files that were copied or touched have another time; their contents decide.
+    # A copied file has another time of change; its contents decide.
     same = dataclasses.replace(record, stat=job.key.stat)
-    if record.stat != same.stat and is_settled(same, job) and key.content(job.item.input) == record.content:
+    if record.stat != same.stat and is_valid(same, job) and key.content(job.item.input) == record.content:
         records.write(job.out, job.item.result, same)
         return same
     return None
 
 
-def _mark(job: Job) -> Path:
+def _started_file(job: Job) -> Path:
+    """File that is there while the recording is measured; it stays if the process dies."""
     return records.file_of(job.out, job.item.result, ".started")
 
 
 def _measured(job: Job, measure: Measure, worker: int) -> Outcome:
-    mark = _mark(job)
+    mark = _started_file(job)
     started = records.read_table(mark) or {}
     deaths = int(started.get("count", 0)) if started.get("run") == job.run else 0
-    if deaths >= DEATHS:
+    if deaths >= MAX_DEATHS:
         mark.unlink(missing_ok=True)
         return _failed(job, f"the worker process died {deaths} times while it measured this recording", 0.0)
-    # A mark that is still there when the recording is taken up again tells of a process that died.
     records.write_table(mark, {**dataclasses.asdict(job.key), "run": job.run, "count": deaths + 1})
     began = time.perf_counter()
     try:
@@ -164,56 +165,46 @@ def _measured(job: Job, measure: Measure, worker: int) -> Outcome:
         _done(job, table, job.run)
         return Outcome(job.item.result, DONE, measured=True)
     except Exception as error:
-        if isinstance(error, OSError) and error.errno in _FULL:
+        if isinstance(error, OSError) and error.errno in _NOT_WRITABLE:
             raise
         trace = "" if isinstance(error, (ValueError, OSError)) else traceback.format_exc()
-        return _failed(job, sentence(error), time.perf_counter() - began, trace)
+        return _failed(job, _sentence(error), time.perf_counter() - began, trace)
     finally:
         mark.unlink(missing_ok=True)
 
 
 def _request(job: Job, worker: int) -> Request:
     settings = dict(job.item.settings)
-    count = torch.cuda.device_count() if settings.get("device") == "cuda" else 0
-    if count > 1:
-        settings["device"] = f"cuda:{worker % count}"
+    gpus = torch.cuda.device_count() if settings.get("device") == "cuda" else 0
+    if gpus > 1:
+        settings["device"] = f"cuda:{worker % gpus}"
     return Request(input=job.item.input, out=job.folder, overwrite=True, **settings)
 
 
 def _done(job: Job, table: Mapping[str, Any], run: str) -> Record:
-    content = table.get("input", {}).get("sha256")
+    """Write the record of a result with this ``summary.json``."""
     row = {**summary.measured(table), "result": job.item.result, "finished": _now()}
-    return _record(job, DONE, "", content, row, run)
+    return _write_record(job, state=DONE, content=table.get("input", {}).get("sha256"), run=run, row=row)
 
 
 def _failed(job: Job, reason: str, seconds: float, trace: str = "") -> Outcome:
+    """Write the record of a failure."""
     if (job.folder / "summary.json").is_file():
         reason += " (its folder still holds the result of an earlier input or of other settings)"
+    content = key.content(job.item.input)
     row = {"seconds": round(seconds, 3), "finished": _now()}
-    _record(job, FAILED, reason, key.content(job.item.input), row, job.run, trace)
+    _write_record(job, state=FAILED, reason=reason, content=content, run=job.run, row=row, trace=trace)
     return Outcome(job.item.result, FAILED, reason, measured=True)
 
 
-def _record(
-    job: Job, state: str, reason: str, content: str | None, row: Mapping[str, Any], run: str, trace: str = ""
-) -> Record:
-    record = Record(
-        recording=job.item.recording,
-        state=state,
-        reason=reason,
-        stat=job.key.stat,
-        settings=job.key.settings,
-        content=content,
-        run=run,
-        row=row,
-        trace=trace,
-    )
+def _write_record(job: Job, **fields: Any) -> Record:
+    record = Record(recording=job.item.recording, stat=job.key.stat, settings=job.key.settings, **fields)
     records.write(job.out, job.item.result, record)
     return record
 
 
-def sentence(error: Exception) -> str:
-    """An error in one line, with its kind where its words were not written for a user."""
+def _sentence(error: Exception) -> str:
+    """An error in one line; an unforeseen error with its type and place."""
     text = " ".join(str(error).split())
     if isinstance(error, OSError) and error.strerror is not None:
         return f"{error.filename or 'file'}: {error.strerror.lower()}"

@@ -47,7 +47,7 @@ def command(options: dict[str, Any], measurement: Measure = measure) -> int:
     claims = folder.prepare(out)
     if not options["quiet"]:
         notes = list(archive.notes)
-        if not claims.work():
+        if not claims.are_supported():
             notes.append(f"{out}: its file system has no locks, so two runs at once would repeat each other's work.")
         for note in notes:
             print(f"torchsphere: {note}", file=sys.stderr)
