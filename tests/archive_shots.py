@@ -23,6 +23,7 @@ from torchsphere.archive.work import Job, Outcome, settle
 from torchsphere.cli import batch
 from torchsphere.measure import Request
 from torchsphere.recording import open_recording
+from torchsphere.request import PER_RECORDING
 from torchsphere.results import writer
 from torchsphere.runtime.file_hash import hash_files
 from torchsphere.synthetic import ray_caster
@@ -157,9 +158,7 @@ def kill_holder(mark: Path) -> threading.Thread:
 
 def arguments(source: Path, out: Path, **more: Any) -> dict[str, Any]:
     """Options of the command for an archive of these recordings."""
-    from torchsphere.archive import settings
-
-    none = dict.fromkeys(settings.NAMES)
+    none = dict.fromkeys(PER_RECORDING)
     fixed = {"source": source, "out": out, "config": None, "scheduler": None, "workers": 2}
     return {**none, **COMMON, **fixed, "shard": None, "retry_failed": False, "quiet": True, **more}
 
@@ -187,4 +186,4 @@ def check_the_whole(out: Path, source: Path) -> None:
 if __name__ == "__main__":
     # A shell that starts the tests in the background has them ignore Ctrl-C, which processes inherit.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    sys.exit(batch.command(arguments(Path(sys.argv[1]), Path(sys.argv[2]), workers=int(sys.argv[3])), measured))
+    sys.exit(batch.run(arguments(Path(sys.argv[1]), Path(sys.argv[2]), workers=int(sys.argv[3])), measured))

@@ -1,6 +1,5 @@
 """Shots and command lines that plans are tested with."""
 
-import argparse
 import math
 from dataclasses import dataclass, replace
 from functools import cache
@@ -9,10 +8,10 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
-from torchsphere.cli import plan
-from torchsphere.cli.arguments import plan as of_plan
+from torchsphere.cli import main, plan
 from torchsphere.planning.example_image import Example, painted
 from torchsphere.planning.expected import Setup
+from torchsphere.settings.limits import SettingError
 from torchsphere.synthetic import ray_caster
 
 MARGIN, FRAMES, SPECKLE, GREY = 12, 40, 3.5, (30.0, 220.0)
@@ -66,8 +65,9 @@ def sides(radius: float) -> tuple[Example, ...]:
 
 
 def planned(*arguments: str) -> int:
-    parser = argparse.ArgumentParser()
-    of_plan.add(parser.add_subparsers())
-    options = vars(parser.parse_args(["plan", *arguments]))
-    assert options.pop("command") == "plan"
-    return plan.run(options)
+    options = vars(main._parser().parse_args(["plan", *arguments]))
+    assert options["run"] is plan.run
+    try:
+        return plan.run(options)
+    except SettingError as error:
+        raise ValueError(error.as_options()) from error

@@ -1,106 +1,172 @@
-"""What to measure of a recording, and how: the settings of ``torchsphere track``, by name, without what measures."""
+"""The settings of ``torchsphere track``: what to measure of a recording, and how.
+
+Options of ``track`` and ``batch``, TOML files and manifest columns follow from this one description.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
 
-from torchsphere.settings.choices import MAPS, METHODS, MODELS, ORDER, WINDOW
+from torchsphere.settings.choices import DEVICES, MAPS, METHODS, MODELS, ORDER, WINDOW
 from torchsphere.settings.limits import (
     FRAME_RATES,
     ROI,
     SettingError,
     require_finite,
+    require_one_of,
     require_positive,
     require_window,
-    require_within,
+    within,
+)
+from torchsphere.settings.setting import (
+    FRAMES,
+    NUMBER,
+    REGION,
+    SWITCH,
+    WHOLE,
+    Group,
+    Setting,
+    check_ranges,
+    choice,
+    from_table,
+    numbers,
+    read_toml,
+    settings_of,
 )
 
 if TYPE_CHECKING:
     from torchsphere.geometry.camera import Camera
 
+RECORDING = Group("recording and ball")
+METHOD = Group("measurement")
+CAMERA = Group("camera of the models pinhole and pinhole6")
+KINEMATICS = Group("velocity and force", "They need a frame rate and a scale: --diameter-mm or --mm-per-px.")
+POLYNOMIALS = Group("local polynomials of --method savitzky-golay")
+IMPACT = Group("impact")
+OUTPUT = Group("output")
+
+
+def _require_percent(name: str, value: float) -> None:
+    require_finite(name, value)
+    if not 0 <= value < 100:
+        raise SettingError(f"`{name}` = {value:g}: expected 0 to below 100")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What to measure, and how; the fields are the options of ``torchsphere track``.
+    """What to measure of one recording, and how.
 
-    Attributes
-    ----------
-    input, out : Path
-        Recording, and folder for the result.
-    circle : tuple of float, optional
-        Outline (x, y, radius) in the first frame that is tracked, px.
-    refine : bool
-        Fit the given circle to the image first.
-    frames : tuple of int, optional
-        First frame and the one after the last, of the recording.
-    fps : float, optional
-        Frame rate, 1/s; takes the place of the file's.
-    diameter_mm, mm_per_px : float, optional
-        Scale, by the ball or by a pixel; at most one of both.
-    mass_g : float, optional
-        Mass of the ball.
-    model, roi, device
-        As in `torchsphere.track`.
-    focal_px, principal_px, distortion, distance_mm
-        Camera of the pinhole models: as in `torchsphere.Camera`; or, instead of the focal length, the distance of the
-        ball's centre, which needs its diameter.
-    ignore : sequence of str
-        Mask images or polygons that are not to be used.
-    method, window, order
-        How to differentiate, as in `torchsphere.kinematics`.
-    scale_sd_percent : float
-        Relative standard deviation of the given diameter or size of a pixel, %.
-    shell_mm, inertia_kg_m2 : float, optional
-        Thickness of a hollow ball, or the ball's moment of inertia; otherwise it is solid.
-    normal_deg : float, optional
-        Direction of the target's normal, from the target to the ball, from x towards y of the results' frame.
-    in_place, lab_frame, overwrite : bool
-        As the command line's options of these names.
-    map : str
-        "auto", "on" or "off": `sphere_map` of `torchsphere.track`.
-    report : bool
-        Keep some images and residual maps in the result, and draw figures and report.
-    overlay, paraview : bool
-        Make ``overlay.mp4``, which needs the report's images and PyAV, and a series for ParaView, too.
+    ``input`` is the recording, ``out`` the folder for the result. Each other field is a setting that its `Setting`
+    describes.
+
+    Raises
+    ------
+    SettingError
+        Where a setting is out of its range, or two settings contradict each other.
     """
 
     input: Path
     out: Path
-    circle: tuple[float, float, float] | None = None
-    refine: bool = False
-    frames: tuple[int | None, int | None] = (None, None)
-    fps: float | None = None
-    diameter_mm: float | None = None
-    mm_per_px: float | None = None
-    mass_g: float | None = None
-    model: str = "rigid"
-    roi: float | None = None
-    ignore: Sequence[str] = ()
-    device: str = "cpu"
-    in_place: bool = False
-    lab_frame: bool = False
-    overwrite: bool = False
-    map: str = "auto"
-    focal_px: float | None = None
-    principal_px: tuple[float, float] | None = None
-    distortion: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    distance_mm: float | None = None
-    method: str = "smoother"
-    window: int = WINDOW
-    order: int = ORDER
-    scale_sd_percent: float = 0.0
-    shell_mm: float | None = None
-    inertia_kg_m2: float | None = None
-    normal_deg: float | None = None
-    report: bool = True
-    overlay: bool = False
-    paraview: bool = False
+    circle: Annotated[
+        tuple[float, float, float] | None,
+        Setting(numbers("X,Y,R"), RECORDING, "X,Y,R", "outline in the first frame, px (found)", require_finite),
+    ] = None
+    refine: Annotated[bool, Setting(SWITCH, RECORDING, "", "fit the given circle to the image first")] = False
+    frames: Annotated[
+        tuple[int | None, int | None], Setting(FRAMES, RECORDING, "A:B", "frames A to B - 1 only (all)")
+    ] = (None, None)
+    fps: Annotated[
+        float | None, Setting(NUMBER, RECORDING, "F", "frame rate, 1/s (the file's)", within(FRAME_RATES))
+    ] = None
+    ignore: Annotated[
+        Sequence[str],
+        Setting(
+            REGION,
+            RECORDING,
+            "FILE.png|POLYGON",
+            "region not to be used, as mask or 'x,y x,y x,y'; may be repeated",
+            repeats=True,
+        ),
+    ] = ()
+    in_place: Annotated[bool, Setting(SWITCH, RECORDING, "", "the ball turns without leaving its place")] = False
+    model: Annotated[str, Setting(choice(MODELS), METHOD, "", "motion model", require_one_of(MODELS))] = "rigid"
+    map: Annotated[
+        str,
+        Setting(
+            choice(tuple(MAPS)),
+            METHOD,
+            "",
+            "map of the ball's texture: no drift, twice the precision, up to 1 s a frame; auto makes it where needed",
+            require_one_of(tuple(MAPS)),
+        ),
+    ] = "auto"
+    roi: Annotated[
+        float | None,
+        Setting(
+            NUMBER,
+            METHOD,
+            "FRACTION",
+            "region of interest, share of the radius (0.95, less for a small ball unlike its background)",
+            within(ROI),
+        ),
+    ] = None
+    device: Annotated[str, Setting(choice(DEVICES), METHOD, "", "where to compute")] = "cpu"
+    focal_px: Annotated[
+        float | None, Setting(NUMBER, CAMERA, "F", "focal length over the size of a pixel", require_positive)
+    ] = None
+    distance_mm: Annotated[
+        float | None,
+        Setting(NUMBER, CAMERA, "Z", "or distance of the ball's centre, mm, with --diameter-mm", require_positive),
+    ] = None
+    principal_px: Annotated[
+        tuple[float, float] | None,
+        Setting(numbers("X,Y"), CAMERA, "X,Y", "where the optical axis meets the image, px (middle)", require_finite),
+    ] = None
+    distortion: Annotated[
+        tuple[float, float, float],
+        Setting(numbers("K1,K2,K3"), CAMERA, "K1,K2,K3", "radial, OpenCV's convention (none)", require_finite),
+    ] = (0.0, 0.0, 0.0)
+    diameter_mm: Annotated[
+        float | None, Setting(NUMBER, KINEMATICS, "D", "diameter of the ball, mm, for the scale", require_positive)
+    ] = None
+    mm_per_px: Annotated[float | None, Setting(NUMBER, KINEMATICS, "S", "or size of a pixel, mm", require_positive)] = (
+        None
+    )
+    scale_sd_percent: Annotated[
+        float, Setting(NUMBER, KINEMATICS, "P", "standard deviation of that diameter or size, %", _require_percent)
+    ] = 0.0
+    mass_g: Annotated[
+        float | None, Setting(NUMBER, KINEMATICS, "M", "mass of the ball, g, for the force", require_positive)
+    ] = None
+    method: Annotated[
+        str, Setting(choice(METHODS), KINEMATICS, "", "how to differentiate", require_one_of(METHODS))
+    ] = "smoother"
+    lab_frame: Annotated[bool, Setting(SWITCH, KINEMATICS, "", "kinematics with y up and z to the camera")] = False
+    window: Annotated[int, Setting(WHOLE, POLYNOMIALS, "N", "frames around each frame, odd")] = WINDOW
+    order: Annotated[int, Setting(WHOLE, POLYNOMIALS, "N", "order of the polynomials")] = ORDER
+    shell_mm: Annotated[
+        float | None, Setting(NUMBER, IMPACT, "T", "thickness of a hollow ball, mm (solid)", require_positive)
+    ] = None
+    inertia_kg_m2: Annotated[
+        float | None, Setting(NUMBER, IMPACT, "I", "or moment of inertia, kg m2", require_positive)
+    ] = None
+    normal_deg: Annotated[
+        float | None,
+        Setting(NUMBER, IMPACT, "A", "normal from target to ball, deg from x towards y (found)", require_finite),
+    ] = None
+    report: Annotated[
+        bool, Setting(SWITCH, OUTPUT, "", "no figures, no report, no images in the result", flag="--no-report")
+    ] = True
+    overlay: Annotated[bool, Setting(SWITCH, OUTPUT, "", "make overlay.mp4, too (extra 'video')")] = False
+    paraview: Annotated[bool, Setting(SWITCH, OUTPUT, "", "make a series for ParaView, too")] = False
+    overwrite: Annotated[bool, Setting(SWITCH, OUTPUT, "", "replace an earlier result", per_recording=False)] = False
 
     def __post_init__(self) -> None:
-        _require_ranges(self)
+        check_ranges(self, SETTINGS)
+        require_window(self.window, self.order)
         _require_shell(self)
         if self.diameter_mm is not None and self.mm_per_px is not None:
             raise SettingError(
@@ -125,7 +191,7 @@ class Request:
         """The camera that was given, if any."""
         if not self.model.startswith("pinhole"):
             return None
-        # With torch, which takes 1.2 s, and which --help and a wrong option have no need of.
+        # Imported here: with torch, which takes 1.2 s and which --help and a wrong option do not need.
         from torchsphere.geometry.camera import Camera
 
         radii = None
@@ -134,25 +200,36 @@ class Request:
         return Camera(self.focal_px, self.principal_px, self.distortion, radii)
 
 
-def _require_ranges(request: Request) -> None:
-    """Raise SettingError where a value is none that the setting may have, whether it comes to use or not."""
-    for name in ("fps", "diameter_mm", "mm_per_px", "mass_g", "focal_px", "distance_mm", "shell_mm", "inertia_kg_m2"):
-        require_positive(name, getattr(request, name))
-    for name in ("circle", "normal_deg", "principal_px", "distortion", "scale_sd_percent"):
-        require_finite(name, getattr(request, name))
-    require_within("fps", request.fps, FRAME_RATES)
-    require_within("roi", request.roi, ROI)
-    require_window(request.window, request.order)
-    if not 0 <= request.scale_sd_percent < 100:
-        raise SettingError(f"`scale_sd_percent` = {request.scale_sd_percent:g}: expected 0 to below 100")
-    for name, known in (("model", MODELS), ("method", METHODS), ("map", tuple(MAPS))):
-        value = getattr(request, name)
-        if value not in known:
-            raise SettingError(f"`{name}` = {value!r}: expected one of {', '.join(known)}")
+#: All settings by name, and those that a manifest may give for one recording.
+SETTINGS = settings_of(Request)
+PER_RECORDING = {name: setting for name, setting in SETTINGS.items() if setting.per_recording}
+
+
+def read_config(path: Path, settings: Mapping[str, Setting] = SETTINGS) -> dict[str, Any]:
+    """Settings from a TOML file.
+
+    Raises
+    ------
+    ValueError, OSError
+        If it is no TOML file, a key is no setting, or a value is of another kind.
+    """
+    return from_table(str(path), read_toml(path), settings)
+
+
+def joined(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    """The ``common`` settings with ``own`` ones in their place; an own scale replaces a common one of either kind."""
+    scales = ("diameter_mm", "mm_per_px")
+    dropped = scales if own.keys() & set(scales) else ()
+    return {name: value for name, value in common.items() if name not in dropped} | dict(own)
+
+
+def check(settings: Mapping[str, Any]) -> None:
+    """Raise ValueError where settings contradict each other."""
+    Request(input=Path(), out=Path(), **settings)
 
 
 def _require_shell(request: Request) -> None:
-    """Raise SettingError where shell and inertia do not go with each other, the mass or the diameter."""
+    """Raise SettingError where shell and inertia contradict each other, the mass or the diameter."""
     if request.shell_mm is None and request.inertia_kg_m2 is None:
         return
     if request.mass_g is None:

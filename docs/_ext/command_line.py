@@ -69,9 +69,7 @@ def _signature(action: argparse.Action) -> str:
 
 
 def _help(action: argparse.Action, program: str) -> str:
-    if not action.help:
-        return f"As of :option:`torchsphere track {action.option_strings[-1]}`."
-    text = _capital(_words(action.help % {**vars(action), "prog": program}))
+    text = _capital(_words((action.help or "") % {**vars(action), "prog": program}))
     return f"{text}. Needed." if action.required else f"{text}."
 
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import tifffile
 
-from torchsphere.archive import manifest, scan, settings
+from torchsphere.archive import manifest, scan
 from torchsphere.recording import opener
+from torchsphere.request import PER_RECORDING
 
 
 def write_tiff(path: Path, pages: int) -> None:
@@ -22,10 +23,6 @@ def found(folder: Path, out: Path | None = None) -> list[str]:
 
 def test_every_kind_that_can_be_opened_is_sought() -> None:
     assert set(scan.SUFFIXES) == set(opener._FORMATS)
-
-
-def test_every_setting_of_a_request_can_be_read() -> None:
-    assert set(settings.NAMES.values()) <= set(settings._KINDS)
 
 
 def test_recordings_are_found_in_all_folders_and_what_is_none_is_not(tmp_path: Path) -> None:
@@ -156,7 +153,7 @@ BAD = {
     "decimal comma among semicolons": ("recording;fps\na.npy;12,5\n", "row 2, column 'fps': fps = '12,5': expected a"),
     "decimal commas in a circle": (
         "recording;circle\na.npy;12,5 20,3 5,5\n",
-        "row 2, column 'circle': circle = '12,5 20,3 5,5': expected three numbers 'a b c'; the decimal sign is a point",
+        "row 2, column 'circle': circle = '12,5 20,3 5,5': expected three numbers X,Y,R; the decimal sign is a point",
     ),
     "decimal comma without quotes": ("recording,fps\na.npy,12,5\n", "columns; write decimals with a point, and"),
     "row twice": (
@@ -188,7 +185,7 @@ def test_a_csv_that_cannot_be_used_is_refused_by_row_and_column(case: str, tmp_p
 
 def test_a_comma_that_parts_numbers_is_not_taken_for_a_decimal_sign() -> None:
     with pytest.raises(ValueError, match="expected three numbers") as refusal:
-        settings.from_text("circle", "12,20")
+        PER_RECORDING["circle"].from_text("12,20")
     assert "decimal" not in str(refusal.value)
 
 

@@ -44,12 +44,12 @@ def test_a_killed_worker_a_poisonous_and_two_corrupt_recordings_cost_only_what_t
     source, out = tmp_path / "in", tmp_path / "out"
     write_archive(source, NAMES)
     killer = kill_holder(source / "a" / "held2.pid")
-    assert batch.command(arguments(source, out), measured) == batch.SOME_FAILED
+    assert batch.run(arguments(source, out), measured) == batch.SOME_FAILED
     killer.join()
     check_the_whole(out, source)
     assert rows(out)["b/poison6.tif"]["reason"].startswith("the worker process died (signal 9, SIGKILL), and so did")
     before = {path: path.stat().st_mtime_ns for path in out.rglob("summary.json")}
-    assert batch.command(arguments(source, out), measured) == batch.SOME_FAILED
+    assert batch.run(arguments(source, out), measured) == batch.SOME_FAILED
     assert {path: path.stat().st_mtime_ns for path in out.rglob("summary.json")} == before
     check_the_whole(out, source)
 
@@ -65,7 +65,7 @@ def test_after_the_parent_was_killed_its_workers_end_and_the_next_run_goes_on(tm
     wait_until(lambda: not is_alive(worker), "the worker ends after its parent")
     finished = calls(source)
     (out / ".r3.abcd_123").mkdir()
-    assert batch.command(arguments(source, out, workers=1), measured) == 0
+    assert batch.run(arguments(source, out, workers=1), measured) == 0
     assert calls(source) == sorted(names)
     assert set(finished) < set(names)
     assert sorted(path.name for path in out.iterdir() if path.is_dir()) == [".batch", *sorted(names)]
@@ -83,7 +83,7 @@ def test_ctrl_c_ends_the_workers_and_the_next_run_goes_on(tmp_path: Path) -> Non
         os.kill(worker, 0)
     assert [row["state"] for row in rows(out).values()] == ["pending", "pending"]
     assert sorted(path.name for path in out.iterdir()) == [".batch", "index.html", "summary.csv", "summary.parquet"]
-    assert batch.command(arguments(source, out, workers=1), measured) == 0
+    assert batch.run(arguments(source, out, workers=1), measured) == 0
 
 
 def test_two_runs_at_once_share_the_work_and_both_end_with_all_of_it(tmp_path: Path) -> None:
@@ -99,6 +99,6 @@ def test_two_runs_at_once_share_the_work_and_both_end_with_all_of_it(tmp_path: P
 def test_a_run_without_anything_to_do_starts_no_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source, out = tmp_path / "in", tmp_path / "out"
     write_archive(source, ["r0"])
-    assert batch.command(arguments(source, out, **COMMON), measured) == 0
+    assert batch.run(arguments(source, out, **COMMON), measured) == 0
     monkeypatch.setattr("torchsphere.archive.processes._start", None)
-    assert batch.command(arguments(source, out), measured) == 0
+    assert batch.run(arguments(source, out), measured) == 0

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from archive_shots import BAD, pretended, serial, write_array, write_recording
 
+from torchsphere.archive import processes
 from torchsphere.archive.run import Counts, Interrupted
 from torchsphere.archive.work import settle
 from torchsphere.cli import batch
@@ -30,7 +31,7 @@ def shots(tmp_path: Path) -> Path:
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Recordings are pretended to be measured in this process."""
-    monkeypatch.setattr(batch.processes, "run", lambda jobs, **_: serial(jobs))
+    monkeypatch.setattr(processes, "run", lambda jobs, **_: serial(jobs))
 
 
 def rows(out: Path) -> list[dict[str, str]]:
@@ -127,7 +128,7 @@ def test_every_setting_has_an_option_that_turns_it_from_its_default(
             seen.append(dict(job.item.settings))
             yield settle(job, pretended)
 
-    monkeypatch.setattr(batch.processes, "run", engine)
+    monkeypatch.setattr(processes, "run", engine)
     main(["batch", str(shots / ".."), "--out", str(tmp_path / "out"), "--quiet", "--lab-frame", "--no-report"])
     assert seen == [{"lab_frame": True, "report": False}] * 2
 
@@ -142,7 +143,7 @@ def test_a_region_to_ignore_may_be_given_several_times_as_of_track(
             seen.append(dict(job.item.settings))
             yield settle(job, pretended)
 
-    monkeypatch.setattr(batch.processes, "run", engine)
+    monkeypatch.setattr(processes, "run", engine)
     regions = ["0,0 9,0 9,9", "20,20 30,20 30,30"]
     ignored = [word for region in regions for word in ("--ignore", region)]
     main(["batch", str(shots), "--out", str(tmp_path / "out"), "--quiet", *ignored])
@@ -167,7 +168,7 @@ def test_ctrl_c_says_what_is_kept(
     def interrupted(*_: Any, **__: Any) -> None:
         raise Interrupted(Counts(done=1, failed=0, pending=1, measured=1))
 
-    monkeypatch.setattr(batch, "run", interrupted)
+    monkeypatch.setattr("torchsphere.archive.run.run", interrupted)
     assert main(["batch", str(shots), "--out", str(tmp_path / "out")]) == 130
     assert capsys.readouterr().out == (
         "interrupted; 1 of 2 recordings done, 0 failed, 1 pending (1 measured in this run); the same command goes on\n"
@@ -266,7 +267,7 @@ def test_every_core_that_may_be_used_is(shots: Path, tmp_path: Path, monkeypatch
         seen.append(workers)
         return serial(jobs)
 
-    monkeypatch.setattr(batch.processes, "run", engine)
+    monkeypatch.setattr(processes, "run", engine)
     main(["batch", str(shots), "--out", str(tmp_path / "out"), "--quiet"])
     monkeypatch.setattr("torch.cuda.device_count", lambda: 3)
     main(["batch", str(shots), "--out", str(tmp_path / "gpu"), "--quiet", "--device", "cuda"])

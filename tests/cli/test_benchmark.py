@@ -252,7 +252,7 @@ def test_scores_are_written_whole_or_not_at_all(
                 raise OSError(28, "No space left on device", "scores.csv")
 
     monkeypatch.setattr("torchsphere.benchmark.standing.csv.writer", Full)
-    monkeypatch.setattr("torchsphere.cli.benchmark.run", lambda *_, **__: [])
+    monkeypatch.setattr("torchsphere.benchmark.run.run", lambda *_, **__: [])
     assert main(arguments) == 1
     assert "no space left" in capsys.readouterr().err
     assert (tmp_path / "scores.csv").read_text() == before

@@ -13,6 +13,7 @@ from plan_setups import (
     planned,
     sides,
 )
+from refusals import refused
 
 
 def test_the_command_writes_figure_and_numbers_and_says_what_to_do(tmp_path: Path, capsys) -> None:
@@ -37,16 +38,14 @@ def test_the_command_writes_figure_and_numbers_and_says_what_to_do(tmp_path: Pat
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        (["--noise", "nan"], "noise = nan"),
-        (["--speed", "-3"], "speed = -3"),
-        (["--direction-deg", "nan"], "direction_deg = nan"),
+        (["--speed", "-3"], "--speed -3"),
         (["--shutter-us", "100"], "longer than the 27.78 us"),
         (["--image", "there-is-none.tif"], "each image needs its circle"),
         (["--image", "there-is-none.tif", "--circle", "3,3,3"], "does not exist"),
         (["--flight", "shot.tif"], "leave one of both out"),
         (["--field-mm", "100"], "add --modes"),
-        (["--restitution", "2"], "restitution = 2"),
-        (["--contact-us", "-1"], "contact_us = -1"),
+        (["--restitution", "2"], "--restitution 2"),
+        (["--contact-us", "-1"], "--contact-us -1"),
         (["--speckle-px", "30"], "smaller than the radius"),
         (["--grey", "200,100"], "dark one first"),
         (["--blurred"], "add --image"),
@@ -57,6 +56,13 @@ def test_what_cannot_be_planned_is_refused_in_words_and_writes_nothing(
 ) -> None:
     with pytest.raises((ValueError, OSError), match=said):
         planned(*GIVEN, *more, "--out", str(tmp_path / "plan"))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("option", ["--noise", "--direction-deg"])
+def test_a_number_that_is_not_finite_is_refused(tmp_path: Path, capsys, option: str) -> None:
+    sentence = refused(["plan", *GIVEN, option, "nan", "--out", str(tmp_path / "plan")], capsys)
+    assert f"argument {option}: 'nan': expected a finite number" in sentence
     assert list(tmp_path.iterdir()) == []
 
 

@@ -21,8 +21,8 @@ import render.cli
 import torchsphere
 import torchsphere.cli.main
 from torchsphere.archive.summary import COLUMNS
-from torchsphere.cli import track
 from torchsphere.correlation.result import STATUSES
+from torchsphere.request import read_config
 from torchsphere.results.writer import TRACK_COLUMNS
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -154,7 +154,7 @@ def test_the_options_of_the_file_that_is_shown_are_options(tmp_path: Path) -> No
     page = (DOCS / "command-line.rst").read_text(encoding="utf-8")
     (block,) = re.findall(r"code-block:: toml\n\n((?:   .*\n)+)", page)
     (tmp_path / "shown.toml").write_text("\n".join(line[3:] for line in block.splitlines()))
-    options = track._configured(tmp_path / "shown.toml")
+    options = read_config(tmp_path / "shown.toml")
     assert options["frames"] == (10, 90)
     assert options["circle"] == (80.4, 120.7, 50.0)
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from torchsphere.archive.scan import files_of
-from torchsphere.archive.settings import DEFAULTS
 from torchsphere.recording import open_recording
+from torchsphere.request import PER_RECORDING
 from torchsphere.runtime.file_hash import hash_files
 
 
@@ -37,7 +37,7 @@ def key_of(recording: Path, settings: Mapping[str, Any]) -> Key:
     """The key of a recording and its settings. Of all files, only mask images are opened."""
     stats = [None if stat is None else (stat.st_size, stat.st_mtime_ns) for stat in files_of(recording)]
     # Defaults are left out, so that a setting that a later version adds does not change the keys of earlier results.
-    changed = {name: value for name, value in settings.items() if _plain(value) != _plain(DEFAULTS[name])}
+    changed = {name: value for name, value in settings.items() if _plain(value) != _plain(PER_RECORDING[name].default)}
     masks = [_mask_hash(text) for text in settings.get("ignore", ())]
     return Key(_hash(stats), _hash([changed, masks]))
 

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from torchsphere.archive import scan, settings
+from torchsphere.archive import scan
+from torchsphere.request import PER_RECORDING, check, joined
+from torchsphere.settings.setting import find, from_table, read_toml
 
 #: What the column of the recordings may be called, and the one of the result folders.
 RECORDING, RESULT = ("recording", "input"), "result"
@@ -53,7 +55,7 @@ def read(source: Path, common: Mapping[str, Any], out: Path) -> Archive:
     ValueError, OSError
         Where there are no recordings, a row or a column is not understood, or two recordings would share a folder.
     """
-    settings.check(common)
+    check(common)
     notes: tuple[str, ...] = ()
     if source.is_dir():
         if out.resolve() == source.resolve():
@@ -119,7 +121,7 @@ def _require_columns(source: Path, names: list[str]) -> None:
     first: dict[str, str] = {}
     for name in names:
         try:
-            meaning = RECORDING[0] if name in RECORDING else name if name == RESULT else settings.name_of(name)
+            meaning = RECORDING[0] if name in RECORDING else name if name == RESULT else find(PER_RECORDING, name).name
         except ValueError as error:
             raise ValueError(f"{source}: column {error}, or 'recording', or 'result'") from error
         if meaning in first:
@@ -140,20 +142,20 @@ def _from_rows(
             if column in (*RECORDING, RESULT):
                 continue
             try:
-                name = settings.name_of(column)
-                own[name] = settings.from_text(name, text)
+                setting = find(PER_RECORDING, column)
+                own[setting.name] = setting.from_text(text)
             except ValueError as error:
                 raise ValueError(f"{where}, column {column!r}: {error}") from error
         yield where, _item(source, where, cells, own, common)
 
 
 def _from_toml(source: Path, common: Mapping[str, Any]) -> list[tuple[str, Item]]:
-    tables = settings.read_toml(source)
+    tables = read_toml(source)
     rows = tables.pop("recordings", None)
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise ValueError(f"{source}: has no [[recordings]]; expected such a table for each recording")
     # The file's own settings for all stand between those for all archives and those of a recording.
-    common = settings.joined(common, _rebased(source, settings.table(str(source), tables)))
+    common = joined(common, _rebased(source, from_table(str(source), tables, PER_RECORDING)))
     placed = []
     for number, row in enumerate(rows, start=1):
         where = f"{source}, recording {number}"
@@ -162,7 +164,7 @@ def _from_toml(source: Path, common: Mapping[str, Any]) -> list[tuple[str, Item]
             raise ValueError(f"{where}: has both {' and '.join(map(repr, RECORDING))}; leave one out")
         if not all(isinstance(value, str) for value in names.values()):
             raise ValueError(f"{where}: {', '.join(names)}: expected text")
-        placed.append((where, _item(source, where, names, settings.table(where, row), common)))
+        placed.append((where, _item(source, where, names, from_table(where, row, PER_RECORDING), common)))
     return placed
 
 
@@ -172,9 +174,9 @@ def _item(
     name = next((names[key] for key in RECORDING if names.get(key)), None)
     if name is None:
         raise ValueError(f"{where}, column 'recording': is empty; expected the path of a recording")
-    together = settings.joined(common, _rebased(source, own))
+    together = joined(common, _rebased(source, own))
     try:
-        settings.check(together)
+        check(together)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from error
     path = source.parent / name

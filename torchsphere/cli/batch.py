@@ -1,49 +1,89 @@
-"""The command ``torchsphere batch``: its engine, its progress bar and its closing sentence."""
+"""The command ``torchsphere batch``: its options, its engine, its progress bar and its closing sentence."""
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import functools
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import torch
-from tqdm import tqdm
+from torchsphere.cli.options import add_command, add_out, add_quiet, add_settings, given
+from torchsphere.request import PER_RECORDING, joined, read_config
 
-from torchsphere.archive import dask_engine, folder, manifest, processes, settings
-from torchsphere.archive.run import Counts, Engine, Interrupted, run
-from torchsphere.archive.work import Measure
-from torchsphere.measure import measure
+if TYPE_CHECKING:
+    from torchsphere.archive.manifest import Archive
+    from torchsphere.archive.run import Counts, Engine
+    from torchsphere.archive.work import Measure
 
 #: Exit code where recordings failed; their reasons are in summary.csv.
 SOME_FAILED = 3
 
 #: Failed recordings that are named at the end; all of them stand in summary.csv.
-FAILURES_TOLD = 5
+FAILURES_NAMED = 5
 
 
-def command(options: dict[str, Any], measurement: Measure = measure) -> int:
+def add(commands: Any) -> None:
+    """Add the command to those of ``torchsphere``."""
+    text = "Measure an archive: all recordings of a folder or a manifest, one result folder each; only what is new."
+    example = "torchsphere batch shots --out results --diameter-mm 30 --mass-g 110 --workers 8"
+    epilog = (
+        f"example:  {example}   A manifest: a CSV with the column 'recording', and one for each setting that differs; "
+        "or a TOML file with a table [[recordings]] each."
+    )
+    parser = add_command(commands, "batch", run, text, epilog)
+    parser.description += (
+        " The settings below hold for all recordings; they win over --config, and a recording's own win over both. "
+        "The exit code is 0 where all are done and 3 where some failed (summary.csv says why)."
+    )
+    parser.add_argument("source", type=Path, metavar="MANIFEST_OR_FOLDER", help="manifest .csv, .toml, or a folder")
+    add_out(parser, "folder for the results")
+    parser.add_argument("--workers", type=_count, metavar="N", help="processes (one per core, or per GPU)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="or the workers of a Dask scheduler, tcp://host:8786")
+    parser.add_argument("--shard", type=_shard, metavar="K/N", help="only part K of N, for job arrays")
+    parser.add_argument("--retry-failed", action="store_true", help="measure again what failed in an earlier run")
+    parser.add_argument("--config", type=Path, metavar="FILE.toml", help="settings for all recordings")
+    add_quiet(parser, "no progress bar, no notes, no closing sentence")
+    add_settings(parser, PER_RECORDING)
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number, 1 or more")
+    return int(text)
+
+
+def _shard(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d+)/(\d+)", text)
+    if match is None or not 1 <= int(match[1]) <= int(match[2]):
+        raise argparse.ArgumentTypeError(f"{text!r} is not K/N, such as 1/8 to 8/8")
+    return int(match[1]), int(match[2])
+
+
+def run(options: dict[str, Any], measure: Measure | None = None) -> int:
     """Run over the archive; 0 where all recordings of its share are done, 3 where some failed, 130 on Ctrl-C.
 
-    ``measurement`` is what measures one recording.
+    ``measure`` measures one recording: by default `torchsphere.measure.measure`.
 
     Raises
     ------
     ValueError, OSError
         With one sentence on what is wrong with the manifest, the output folder or the engine.
     """
+    from torchsphere.archive import folder, manifest
+
     # Workers on other machines have other working folders.
     source, out = options["source"].absolute(), options["out"].absolute()
-    common = {} if options["config"] is None else settings.read_config(options["config"])
-    given = {name: options[name] for name in settings.NAMES if options[name] is not None}
-    common = _absolute(settings.joined(common, given))
+    common = {} if options["config"] is None else read_config(options["config"], PER_RECORDING)
+    common = _absolute(joined(common, given(options, PER_RECORDING)))
     if options["scheduler"] is not None and options["workers"] is not None:
         raise ValueError("--workers and --scheduler were both given; a scheduler has workers of its own, leave one out")
     archive = manifest.read(source, common, out)
-    engine = _engine(options, any(item.settings.get("device") == "cuda" for item in archive.items), measurement)
+    engine = _engine(options, any(item.settings.get("device") == "cuda" for item in archive.items), measure)
     claims = folder.prepare(out)
     if not options["quiet"]:
         notes = list(archive.notes)
@@ -54,31 +94,35 @@ def command(options: dict[str, Any], measurement: Measure = measure) -> int:
     return _run(archive, out, engine, options)
 
 
-def _run(archive: manifest.Archive, out: Path, engine: Engine, options: Mapping[str, Any]) -> int:
+def _run(archive: Archive, out: Path, engine: Engine, options: Mapping[str, Any]) -> int:
+    from torchsphere.archive import run as archive_run
+    from torchsphere.archive.folder import SUMMARIES
+
     shard, retry, quiet = options["shard"] or (1, 1), options["retry_failed"], options["quiet"]
     try:
         with _progress(quiet) as changed:
-            counts = run(archive, out, engine, shard=shard, retry_failed=retry, changed=changed)
-    except Interrupted as stop:
-        _say(f"interrupted; {_told(stop.counts)}; the same command goes on", quiet)
+            counts = archive_run.run(archive, out, engine, shard=shard, retry_failed=retry, changed=changed)
+    except archive_run.Interrupted as stop:
+        _say(f"interrupted; {_counts_text(stop.counts)}; the same command goes on", quiet)
         return 130
-    _say(f"{_told(counts)}; see {out / folder.SUMMARIES[0]}", quiet)
-    for sentence in _failures(counts, out):
+    table = out / SUMMARIES[0]
+    _say(f"{_counts_text(counts)}; see {table}", quiet)
+    for sentence in _failures(counts, table):
         _say(sentence, quiet)
     return SOME_FAILED if counts.failed else 0
 
 
-def _told(counts: Counts) -> str:
+def _counts_text(counts: Counts) -> str:
     pending = f", {counts.pending} pending" if counts.pending else ""
     of = f"{counts.done} of {counts.total} recordings done, {counts.failed} failed{pending}"
     return f"{of} ({counts.measured} measured in this run)"
 
 
-def _failures(counts: Counts, out: Path) -> list[str]:
+def _failures(counts: Counts, table: Path) -> list[str]:
     """The first recordings that failed and why, and where the others stand."""
-    told = [f"failed  {name}: {reason.removeprefix(f'{name}: ')}" for name, reason in counts.failures[:FAILURES_TOLD]]
+    told = [f"failed  {name}: {reason.removeprefix(f'{name}: ')}" for name, reason in counts.failures[:FAILURES_NAMED]]
     more = len(counts.failures) - len(told)
-    return [*told, f"and {more} more; their reasons stand in {out / folder.SUMMARIES[0]}"] if more else told
+    return [*told, f"and {more} more; their reasons stand in {table}"] if more else told
 
 
 def _say(sentence: str, quiet: bool) -> None:
@@ -94,9 +138,17 @@ def _absolute(common: Mapping[str, Any]) -> dict[str, Any]:
     return {**common, "ignore": masks}
 
 
-def _engine(options: Mapping[str, Any], on_gpu: bool, measurement: Measure) -> Engine:
+def _engine(options: Mapping[str, Any], on_gpu: bool, measure: Measure | None) -> Engine:
+    import torch
+
+    from torchsphere.archive import dask_engine, processes
+
+    if measure is None:
+        from torchsphere.measure import measure as measure_one
+
+        measure = measure_one
     if options["scheduler"] is not None:
-        return functools.partial(dask_engine.run, address=options["scheduler"], measure=measurement)
+        return functools.partial(dask_engine.run, address=options["scheduler"], measure=measure)
     if on_gpu and not torch.cuda.device_count():
         # Each recording would fail for it, and stand as failed on a machine that has one.
         raise ValueError(
@@ -106,7 +158,7 @@ def _engine(options: Mapping[str, Any], on_gpu: bool, measurement: Measure) -> E
     if workers is None:
         # Processes that share a GPU would each hold its context and its memory.
         workers = max(1, torch.cuda.device_count()) if on_gpu else _cores()
-    return functools.partial(processes.run, workers=workers, measure=measurement)
+    return functools.partial(processes.run, workers=workers, measure=measure)
 
 
 def _cores() -> int:
@@ -120,13 +172,15 @@ def _progress(quiet: bool) -> Iterator[Callable[[Counts], None] | None]:
     if quiet:
         yield None
         return
+    from tqdm import tqdm
+
     bar: tqdm[Any] | None = None
 
     def show(counts: Counts) -> None:
         nonlocal bar
         ended = counts.done + counts.failed
         if bar is None:
-            # What needs no measurement is no part of the rate that the time left is told from.
+            # Recordings that need no measurement are no part of the rate that tells the time left.
             bar = tqdm(total=counts.total, initial=ended, unit="recording", file=sys.stderr, leave=False)
         bar.set_postfix_str(f"{counts.failed} failed", refresh=False)
         bar.update(ended - bar.n)

@@ -2,24 +2,92 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from tqdm import tqdm
+from torchsphere.cli.options import add_command, add_out, add_quiet
+from torchsphere.settings.choices import SIZES, TRACKERS
 
-from torchsphere.benchmark import folder, standing, table, trackers
-from torchsphere.benchmark.folder import Benchmark
-from torchsphere.benchmark.make import make
-from torchsphere.benchmark.run import Outcome, folder_of, run
-from torchsphere.benchmark.standing import Standing
-from torchsphere.results.writer import whole_file
+if TYPE_CHECKING:
+    from torchsphere.benchmark.folder import Benchmark
+    from torchsphere.benchmark.run import Outcome
+    from torchsphere.benchmark.standing import Standing
 
 #: Exit code where a tracker failed on a suite; its other results are written.
 SOME_FAILED = 3
 
 
+def add(commands: Any) -> None:
+    """Add the command to those of ``torchsphere``."""
+    text = "Measure a ball tracker, torchsphere or any other, against recordings with exact truth."
+    parser = add_command(commands, "benchmark", _make, text, "docs/benchmark.md says what the files and scores mean.")
+    actions = parser.add_subparsers(required=True, dest="action", metavar="ACTION", parser_class=type(parser))
+    _add_make(actions)
+    _add_run(actions)
+    _add_score(actions)
+    _add_table(actions)
+
+
+def _add_action(actions: Any, name: str, run: Callable[[dict[str, Any]], int], text: str, example: str) -> Any:
+    return add_command(actions, name, run, text, f"example:  torchsphere benchmark {name} {example}")
+
+
+def _add_make(actions: Any) -> None:
+    text = "Render the suites: images, truth, checksums (extra 'render')."
+    parser = _add_action(actions, "make", _make, text, "--out bench --size smoke")
+    add_out(parser, "folder for the benchmark")
+    parser.add_argument("--size", choices=SIZES, default="standard", help="how many frames (%(default)s)")
+    parser.add_argument("--suite", action="append", metavar="NAME", help="only this suite, or a suite's .toml (all)")
+    parser.add_argument("--seed", type=int, metavar="N", help="other patterns, noise and backdrops (the suites' own)")
+    parser.add_argument("--workers", type=int, metavar="N", help="processes that render at once (one per core)")
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier benchmark")
+    add_quiet(parser, "no progress, no closing sentence")
+
+
+def _add_run(actions: Any) -> None:
+    text = "Run trackers on the suites and score them; exit code 3 where a tracker failed on a suite."
+    parser = _add_action(actions, "run", _run, text, "bench --tracker torchsphere --tracker ecc --out mine")
+    _add_benchmark(parser)
+    parser.add_argument(
+        "--tracker",
+        action="append",
+        metavar="NAME",
+        help=f"{', '.join(TRACKERS)}, 'all' of these, or module:function; may be repeated (torchsphere)",
+    )
+    add_out(parser, "folder for predictions and scores.csv")
+    parser.add_argument("--keep", action="store_true", help="do not run again what was run before on these images")
+
+
+def _add_score(actions: Any) -> None:
+    text = "Score predictions that were made elsewhere: a folder with a SUITE.csv per suite, or one file with --suite."
+    parser = _add_action(actions, "score", _score, text, "bench predictions --name mine --out mine.csv")
+    _add_benchmark(parser)
+    parser.add_argument("predictions", type=Path, metavar="PREDICTIONS", help="folder, or the file of one suite")
+    parser.add_argument("--name", metavar="TEXT", help="what the tracker is called (the folder's or file's name)")
+    parser.add_argument("--out", type=Path, metavar="FILE.csv", help="write the scores, for 'table'")
+
+
+def _add_table(actions: Any) -> None:
+    text = "Join scores into a leaderboard in Markdown."
+    parser = _add_action(actions, "table", _table, text, "scores.csv mine.csv --out LEADERBOARD.md")
+    parser.add_argument("scores", type=Path, nargs="+", metavar="SCORES.csv", help="what 'run' or 'score' wrote")
+    parser.add_argument("--out", type=Path, metavar="FILE.md", help="write it there instead of printing it")
+
+
+def _add_benchmark(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("benchmark", type=Path, metavar="DIR", help="what 'make' made")
+    parser.add_argument("--suite", action="append", metavar="NAME", help="only this suite; may be repeated (all)")
+    add_quiet(parser, "no progress, no table, no notes")
+
+
 def _make(options: dict[str, Any]) -> int:
+    from tqdm import tqdm
+
+    from torchsphere.benchmark.make import make
+
     quiet = options["quiet"]
     with tqdm(unit="frame", file=sys.stderr, leave=False, desc="rendering", disable=quiet) as bar:
 
@@ -38,13 +106,18 @@ def _make(options: dict[str, Any]) -> int:
                 workers=options["workers"],
             )
         except ModuleNotFoundError as error:
-            # It says what to install; the command line would tell to install all of torchsphere again.
+            # The error says what to install; the command line would ask to install all of torchsphere again.
             raise ValueError(str(error)) from error
     _say(quiet, f"{len(made.suites)} suites of size {made.size}, {made.checksum}; in {options['out']}")
     return 0
 
 
 def _run(options: dict[str, Any]) -> int:
+    from tqdm import tqdm
+
+    from torchsphere.benchmark import folder, standing, trackers
+    from torchsphere.benchmark.run import folder_of, run
+
     made, out, quiet = folder.read_benchmark(options["benchmark"]), options["out"], options["quiet"]
     asked = dict.fromkeys(options["tracker"] or ["torchsphere"])
     names = trackers.names() if "all" in asked else tuple(asked)
@@ -65,7 +138,7 @@ def _run(options: dict[str, Any]) -> int:
             return 130
     rows = [row for name in names for row in standing.standings(made, out / folder_of(name), name, truth)]
     standing.write(out / "scores.csv", [*standing.earlier(out / "scores.csv", made, rows), *rows])
-    _tell(rows, quiet)
+    _print_scores(rows, quiet)
     kept, failed = sum(o.kept for o in outcomes), [o for o in outcomes if o.failed]
     _say(quiet, f"{len(outcomes) - kept} run, {kept} kept from before, {len(failed)} failed; see {out / 'scores.csv'}")
     return _failures(failed)
@@ -80,6 +153,8 @@ def _failures(failed: Sequence[Outcome]) -> int:
 
 
 def _score(options: dict[str, Any]) -> int:
+    from torchsphere.benchmark import folder, standing
+
     made, path, quiet = folder.read_benchmark(options["benchmark"]), options["predictions"], options["quiet"]
     if not path.exists():
         raise ValueError(f"{path}: does not exist; give a folder with SUITE.csv files, or one such file")
@@ -94,11 +169,14 @@ def _score(options: dict[str, Any]) -> int:
         rows = [standing.of_file(made.suite(asked[0]), path, name)]
     if options["out"] is not None:
         standing.write(options["out"], rows)
-    _tell(rows, quiet)
+    _print_scores(rows, quiet)
     return 0
 
 
 def _table(options: dict[str, Any]) -> int:
+    from torchsphere.benchmark import standing, table
+    from torchsphere.results.writer import whole_file
+
     rows = [row for path in options["scores"] for row in standing.read(path)]
     text = "# Leaderboard\n\n" + table.markdown(table.board(rows))
     if options["out"] is None:
@@ -110,12 +188,14 @@ def _table(options: dict[str, Any]) -> int:
 
 
 def _suites(made: Benchmark, asked: Sequence[str] | None) -> list[str]:
-    """Names of the suites that were asked for, each once; ValueError for one that is not there."""
+    """Names of the suites asked for, each once; ValueError for an unknown suite."""
     return [made.suite(name).name for name in dict.fromkeys(asked)] if asked else [suite.name for suite in made]
 
 
-def _tell(rows: Sequence[Standing], quiet: bool) -> None:
-    """Print the table over all suites, and the notes on what was missing to stderr."""
+def _print_scores(rows: Sequence[Standing], quiet: bool) -> None:
+    """Print the table over all suites, and notes on missing predictions to stderr."""
+    from torchsphere.benchmark import table
+
     if quiet:
         return
     for row in rows:
@@ -127,12 +207,3 @@ def _tell(rows: Sequence[Standing], quiet: bool) -> None:
 def _say(quiet: bool, sentence: str) -> None:
     if not quiet:
         print(sentence)
-
-
-#: What ``torchsphere benchmark ACTION`` runs.
-ACTIONS: dict[str, Callable[[dict[str, Any]], int]] = {
-    "make": _make,
-    "run": _run,
-    "score": _score,
-    "table": _table,
-}

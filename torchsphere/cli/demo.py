@@ -5,13 +5,26 @@ from __future__ import annotations
 import importlib.util
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from torchsphere.cli.track import measured
-from torchsphere.measure import Measurement
+from torchsphere.cli.options import add_command, add_quiet
+from torchsphere.cli.track import measure_with_progress, status_text
 from torchsphere.request import Request
-from torchsphere.results.writer import status_counts
-from torchsphere.synthetic import demo_shot
+
+if TYPE_CHECKING:
+    from torchsphere.measure import Measurement
+    from torchsphere.synthetic.demo_shot import Shot
+
+
+def add(commands: Any) -> None:
+    """Add the command to those of ``torchsphere``."""
+    text = "Track a synthetic shot and compare with its true motion."
+    parser = add_command(commands, "demo", run, text, "example:  torchsphere demo --out demo")
+    parser.add_argument(
+        "--out", type=Path, default=Path("torchsphere-demo"), metavar="DIR", help="folder for the result (%(default)s)"
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier result")
+    add_quiet(parser, "no progress bar")
 
 
 def run(options: dict[str, Any]) -> int:
@@ -22,6 +35,8 @@ def run(options: dict[str, Any]) -> int:
     ValueError, OSError
         With one sentence on what is wrong with the result folder.
     """
+    from torchsphere.synthetic import demo_shot
+
     shot = demo_shot.make_shot()
     with tempfile.TemporaryDirectory() as folder:
         images, truth = demo_shot.write_shot(Path(folder), shot)
@@ -35,15 +50,19 @@ def run(options: dict[str, Any]) -> int:
             overlay=importlib.util.find_spec("av") is not None,
             paraview=True,
         )
-        done = measured(request, options["quiet"], {"shot.tif": images, "truth.csv": truth}, demo_shot.NAME)
-    _print_demo(shot, done, options["out"])
+        files = {"shot.tif": images, "truth.csv": truth}
+        done = measure_with_progress(request, options["quiet"], files, demo_shot.NAME)
+    _print_comparison(shot, done)
+    print(f"result: {options['out']}")
     return 0
 
 
-def _print_demo(shot: demo_shot.Shot, done: Measurement, out: Path) -> None:
+def _print_comparison(shot: Shot, done: Measurement) -> None:
+    from torchsphere.synthetic import demo_shot
+
     tracked = done.track
     assert done.motion is not None  # the request has frame rate and scale
-    print(f"{len(tracked.status)} frames: {', '.join(f'{n} {name}' for name, n in status_counts(tracked).items())}")
+    print(status_text(tracked))
     print(f"\n{'per frame':<24} {'rms error':>10} {'stated sd':>10}  within 2 sd")
     for name, unit, rms, sd, within in demo_shot.frame_errors(shot, tracked):
         print(f"{f'{name} ({unit})':<24} {rms:>10.4f} {sd:>10.4f}  {100 * within:.0f} %")
@@ -54,4 +73,3 @@ def _print_demo(shot: demo_shot.Shot, done: Measurement, out: Path) -> None:
         print(f"{label:<32} {row.true:>10.3f} {row.measured:>10.3f} {row.sd:>8.3f}  {row.ratio:+.1f}")
     agree = sum(abs(row.ratio) <= 2 for row in rows)
     print(f"\n{agree} of {len(rows)} quantities agree with the truth within 2 standard deviations")
-    print(f"result: {out}")

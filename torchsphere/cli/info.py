@@ -3,9 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from torchsphere.recording import Recording, open_recording
+from torchsphere.cli.options import add_command
+
+if TYPE_CHECKING:
+    from torchsphere.recording import Recording
+
+
+def add(commands: Any) -> None:
+    """Add the command to those of ``torchsphere``."""
+    text = "Say what a recording is; with --preview, also where the ball is in it."
+    parser = add_command(commands, "info", run, text, "example:  torchsphere info shot.cine --preview p.png")
+    parser.add_argument("input", type=Path, metavar="INPUT", help="file or folder of images")
+    parser.add_argument("--preview", type=Path, metavar="FILE.png", help="find the ball, print its circle and draw it")
 
 
 def run(options: dict[str, Any]) -> int:
@@ -16,6 +27,8 @@ def run(options: dict[str, Any]) -> int:
     ValueError, OSError
         With one sentence on what is wrong with the file, or that no ball was found.
     """
+    from torchsphere.recording import open_recording
+
     with open_recording(options["input"]) as recording:
         for name, text in _facts(recording):
             print(f"{name:<11} {text}")
@@ -44,7 +57,6 @@ def _facts(recording: Recording) -> list[tuple[str, str]]:
 
 
 def _preview(recording: Recording, path: Path) -> None:
-    # All but the facts takes torch, which is 1.2 s of waiting.
     from torchsphere.correlation.options import Options
     from torchsphere.detection.detect import find
     from torchsphere.recording.frame_source import Source

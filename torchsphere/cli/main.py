@@ -1,14 +1,18 @@
-"""The command line: which commands there are; what each takes is in ``arguments``, what it does in its own module."""
+"""The command line ``torchsphere``: its commands, exit codes and refusals.
+
+Each command has a module of its own, which imports what the command needs only when it runs: ``--help`` and a wrong
+option wait for no library, and no command waits for another's.
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
-from typing import Any, NoReturn
+from collections.abc import Sequence
+from typing import NoReturn
 
 from torchsphere import __version__
-from torchsphere.cli.arguments import batch, benchmark, plan, report, track
+from torchsphere.cli import batch, benchmark, demo, info, plan, report, track
 from torchsphere.runtime import signals
 from torchsphere.settings.limits import SettingError
 
@@ -28,14 +32,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser()
     known, unknown = parser.parse_known_args(arguments)
     options = vars(known)
-    name = options.pop("command")
+    run, name = options.pop("run"), " ".join(filter(None, (options.pop("command"), options.pop("action", None))))
     if unknown:
         # argparse itself would send the user to the list of commands.
         parser.prog += f" {name}"
         parser.error(f"unrecognized arguments: {' '.join(unknown)}")
     try:
         with signals.in_order():
-            return _command(name)(options)
+            return int(run(options))
     except (ValueError, OSError) as error:
         print(f"torchsphere: {_sentence(error)}", file=sys.stderr)
     except ModuleNotFoundError as error:
@@ -47,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _sentence(error: Exception) -> str:
-    """The error in one line; the system's own errors lack the words for what to do, and settings are options here."""
+    """The error in one line: settings are named as options, and errors of the system get the words for what to do."""
     if isinstance(error, SettingError):
         return error.as_options()
     if isinstance(error, OSError) and error.strerror is not None:
@@ -58,29 +62,7 @@ def _sentence(error: Exception) -> str:
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="torchsphere", description="Motion of a speckled ball from high-speed footage.")
     parser.add_argument("--version", action="version", version=f"torchsphere {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
-    for of_commands in (track, batch, benchmark, plan, report):
-        of_commands.add(commands)
+    commands = parser.add_subparsers(required=True, dest="command", metavar="COMMAND", parser_class=_Parser)
+    for command in (demo, info, track, batch, benchmark, plan, report):
+        command.add(commands)
     return parser
-
-
-def _command(name: str) -> Callable[[dict[str, Any]], int]:
-    """What runs the command, imported only now: ``--help`` waits for no library, and no command for another's."""
-    match name.split():
-        case ["track"]:
-            from torchsphere.cli.track import run
-        case ["demo"]:
-            from torchsphere.cli.demo import run
-        case ["info"]:
-            from torchsphere.cli.info import run
-        case ["batch"]:
-            from torchsphere.cli.batch import command as run
-        case ["plan"]:
-            from torchsphere.cli.plan import run
-        case ["report"]:
-            from torchsphere.cli.report import run
-        case ["benchmark", action]:
-            from torchsphere.cli.benchmark import ACTIONS
-
-            return ACTIONS[action]
-    return run

@@ -6,15 +6,25 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
+from torchsphere.cli.options import add_command, add_quiet
 
-from torchsphere.report import index
-from torchsphere.report.draw import draw
-from torchsphere.results.reader import read
+
+def add(commands: Any) -> None:
+    """Add the command to those of ``torchsphere``."""
+    text = "Draw figures and report again from a result folder, or from a folder of results."
+    parser = add_command(commands, "report", run, text, "example:  torchsphere report result")
+    parser.add_argument("folder", type=Path, metavar="DIR", help="what 'track' or 'batch' wrote")
+    parser.add_argument("--overlay", action="store_true", help="make overlay.mp4, too (extra 'video')")
+    parser.add_argument("--paraview", action="store_true", help="make a series for ParaView, too")
+    add_quiet(parser, "no progress bar, no word where all is well")
 
 
 def run(options: dict[str, Any]) -> int:
     """Run the command; a result that cannot be drawn is named, and the others are drawn all the same."""
+    from tqdm import tqdm
+
+    from torchsphere.report import index
+
     folder, quiet = options["folder"], options["quiet"]
     if not (folder / "summary.csv").is_file():
         _draw(folder, options)
@@ -38,9 +48,12 @@ def run(options: dict[str, Any]) -> int:
 
 
 def _draw(folder: Path, options: dict[str, Any]) -> None:
+    from torchsphere.report.draw import draw
+    from torchsphere.results.reader import read
+
     draw(folder)
     if options["overlay"]:
-        # These two take torch, which is 1.5 s of waiting; the report itself does not.
+        # Overlay and series take torch, which loads in 1.5 s; the report does not.
         from torchsphere.report import overlay
 
         overlay.write_overlay(read(folder))

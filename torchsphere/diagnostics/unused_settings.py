@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterable
-
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics
-from torchsphere.request import Request
+from torchsphere.request import IMPACT, KINEMATICS, POLYNOMIALS, SETTINGS, Request
 from torchsphere.settings.limits import option
-
-#: Settings of what follows from the track: of the kinematics, of their local polynomials, and of the impact.
-OF_KINEMATICS = ("mm_per_px", "diameter_mm", "mass_g", "scale_sd_percent", "method", "lab_frame")
-OF_POLYNOMIALS = ("window", "order")
-OF_IMPACT = ("shell_mm", "inertia_kg_m2", "normal_deg")
+from torchsphere.settings.setting import Group
 
 
 def unused(request: Request, motion: Kinematics | None, found: Impact | None, *, has_rate: bool) -> tuple[str, ...]:
@@ -32,22 +25,27 @@ def unused(request: Request, motion: Kinematics | None, found: Impact | None, *,
         has_scale = request.diameter_mm is not None or request.mm_per_px is not None
         wanted = [(has_rate, "a frame rate (--fps)"), (has_scale, "a scale (--diameter-mm or --mm-per-px)")]
         lacking = " and ".join(name for there, name in wanted if not there) or "a measured motion"
-        names = (*OF_KINEMATICS, *OF_POLYNOMIALS, *OF_IMPACT)
         # The distance of a pinhole camera is taken in radii, so that the diameter is of use there.
-        given = [name for name in _given(request, names) if name != "diameter_mm" or request.distance_mm is None]
+        given = _given(request, KINEMATICS, POLYNOMIALS, IMPACT)
+        if request.distance_mm is not None:
+            given = [name for name in given if name != "diameter_mm"]
         return _told(given, f"without {lacking} there are no kinematics")
     method = motion.about["method"]
     said: list[str] = []
     if method != "savitzky-golay":
-        said += _told(_given(request, OF_POLYNOMIALS), f"the method {method} has neither; see --method savitzky-golay")
+        said += _told(_given(request, POLYNOMIALS), f"the method {method} has neither; see --method savitzky-golay")
     if found is None:
-        said += _told(_given(request, OF_IMPACT), "no impact is reported")
+        said += _told(_given(request, IMPACT), "no impact is reported")
     return tuple(said)
 
 
-def _given(request: Request, names: Iterable[str]) -> list[str]:
-    defaults = {field.name: field.default for field in dataclasses.fields(request)}
-    return [name for name in names if getattr(request, name) != defaults[name]]
+def _given(request: Request, *groups: Group) -> list[str]:
+    """Names of the settings of some groups that were given, other than their defaults."""
+    return [
+        name
+        for name, setting in SETTINGS.items()
+        if setting.group in groups and getattr(request, name) != setting.default
+    ]
 
 
 def _told(names: list[str], reason: str) -> tuple[str, ...]:

@@ -5,9 +5,10 @@ Whether a ball's diameter and mass may be meant as they were given: 0.03 for 30 
 
 from __future__ import annotations
 
+import functools
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from numbers import Integral, Real
 from typing import Any
 
@@ -38,25 +39,40 @@ def option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def require_positive(name: str, value: float | None) -> None:
-    """Raise SettingError unless the value is finite and positive, or not given."""
-    if value is not None and not (math.isfinite(value) and value > 0):
+def require_positive(name: str, value: float) -> None:
+    """Raise SettingError unless the value is finite and positive."""
+    if not (math.isfinite(value) and value > 0):
         raise SettingError(f"`{name}` = {value:g}: expected a finite, positive number")
 
 
-def require_finite(name: str, values: float | Sequence[float] | None) -> None:
-    """Raise SettingError unless all values are finite, or none are given."""
-    each = values if isinstance(values, Sequence) else () if values is None else (values,)
+def require_finite(name: str, values: float | Sequence[float]) -> None:
+    """Raise SettingError unless all values are finite."""
+    each = values if isinstance(values, Sequence) else (values,)
     if not all(map(math.isfinite, each)):
         shown = ",".join(f"{value:g}" for value in each)
         raise SettingError(f"`{name}` = {shown}: expected {'finite numbers' if len(each) > 1 else 'a finite number'}")
 
 
 def require_within(name: str, value: Any, limits: tuple[float, float]) -> None:
-    """Raise SettingError unless the value is a number within the limits, or not given."""
+    """Raise SettingError unless the value is a number within the limits."""
     low, high = limits
-    if value is not None and not (isinstance(value, Real) and low <= float(value) <= high):
+    if not (isinstance(value, Real) and low <= float(value) <= high):
         raise SettingError(f"`{name}` = {value!r}: expected a number from {low:g} to {high:g}")
+
+
+def within(limits: tuple[float, float]) -> Callable[[str, Any], None]:
+    """`require_within` with the limits given."""
+    return functools.partial(require_within, limits=limits)
+
+
+def require_one_of(names: Sequence[str]) -> Callable[[str, Any], None]:
+    """A check that raises SettingError unless the value is one of some names."""
+
+    def require(name: str, value: Any) -> None:
+        if value not in names:
+            raise SettingError(f"`{name}` = {value!r}: expected one of {', '.join(names)}")
+
+    return require
 
 
 def require_switch(name: str, value: Any, allowed: str = "True or False") -> None:

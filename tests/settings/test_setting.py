@@ -1,0 +1,75 @@
+"""One description of each setting: text, TOML and options are read by it, and refused by its name."""
+
+import argparse
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+
+from torchsphere.cli.options import add_settings, given
+from torchsphere.planning.plan_request import PLAN_SETTINGS, PlanRequest
+from torchsphere.request import PER_RECORDING, SETTINGS, Request, read_config
+from torchsphere.settings.setting import find
+
+#: A value of each kind as text, as TOML, and as the setting takes it.
+VALUES = {
+    "fps": ("36000", 36000, 36000.0),
+    "window": ("9", 9, 9),
+    "in_place": ("yes", True, True),
+    "circle": ("80.4 120.7 50", [80.4, 120.7, 50], (80.4, 120.7, 50.0)),
+    "frames": ("10:90", "10:90", (10, 90)),
+    "model": ("finite", "finite", "finite"),
+    "ignore": ("mask.png", ["mask.png"], ["mask.png"]),
+}
+
+
+def test_every_field_but_input_and_output_is_described() -> None:
+    fields = {field.name for field in dataclasses.fields(Request)}
+    assert set(SETTINGS) == fields - {"input", "out"}
+    assert set(PER_RECORDING) == set(SETTINGS) - {"overwrite"}
+    assert set(PLAN_SETTINGS) == {field.name for field in dataclasses.fields(PlanRequest)}
+    assert all(setting.help for setting in (SETTINGS | PLAN_SETTINGS).values())
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_text_toml_and_option_give_the_same_value(name: str, tmp_path: Path) -> None:
+    text, toml, expected = VALUES[name]
+    setting = SETTINGS[name]
+    assert setting.from_text(f" {text} ") == expected
+    assert setting.from_toml(toml) == expected
+    parser = argparse.ArgumentParser()
+    add_settings(parser, SETTINGS)
+    typed = [setting.option] if expected is True else [setting.option, text]
+    assert given(vars(parser.parse_args(typed)), SETTINGS) == {name: expected}
+    config = tmp_path / "shot.toml"
+    config.write_text(f"{name.replace('_', '-')} = {str(toml).lower() if toml is True else repr(toml)}\n")
+    assert read_config(config) == {name: expected}
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("fps", "36000", "fps = '36000': expected a finite number; write fps = a number, without quotation marks"),
+        ("fps", True, "fps = True: expected a finite number"),
+        ("fps", float("nan"), "fps = nan: expected a finite number"),
+        ("window", 7.5, "window = 7.5: expected a whole number"),
+        ("in_place", 1, "in_place = 1: expected true or false"),
+        ("circle", [1, 2], "circle = [1, 2]: expected three numbers X,Y,R; write circle = [X, Y, R]"),
+        ("circle", ["a", 2, 3], "circle = ['a', 2, 3]: expected three numbers"),
+        ("frames", "all", "frames = 'all': expected frames A:B; write frames = \"A:B\""),
+        ("model", "wobbly", "model = 'wobbly': expected one of translation, published,"),
+        ("ignore", [3], "ignore = [3]: expected a mask image or a polygon"),
+    ],
+)
+def test_a_toml_value_of_another_kind_is_refused_with_what_to_write(name: str, value: object, said: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(said)):
+        SETTINGS[name].from_toml(value)
+
+
+def test_a_key_that_is_no_setting_is_refused_with_those_that_are() -> None:
+    assert find(SETTINGS, "mm-per-px").name == "mm_per_px"
+    with pytest.raises(ValueError, match=r"'speed' is no setting; expected one of circle, .*window"):
+        find(SETTINGS, "speed")
+    with pytest.raises(ValueError, match="'no_report' is no setting; write report = false"):
+        find(SETTINGS, "no_report")

@@ -1,0 +1,228 @@
+"""One description of a setting; options, TOML files, manifest columns and refusals follow from it.
+
+A dataclass of settings annotates each field with a `Setting`: ``fps: Annotated[float | None, Setting(...)] = None``.
+Name, type and default are those of the field.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import math
+import re
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from torchsphere.settings.limits import SettingError
+
+_WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How values of a setting are read.
+
+    Attributes
+    ----------
+    read : callable
+        Text -> value; ValueError or KeyError for text of another kind.
+    expected : str
+        What the text must be, in words.
+    in_toml : str
+        How the value is written in a TOML file, in words.
+    toml_types : tuple of type
+        What TOML makes of it.
+    names : tuple of str
+        The values that there are, where the value is one of several names.
+    """
+
+    read: Callable[[str], Any]
+    expected: str
+    in_toml: str
+    toml_types: tuple[type, ...]
+    names: tuple[str, ...] = ()
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value
+
+
+def _frames(text: str) -> tuple[int | None, int | None]:
+    first, last = (int(part) if part.strip() else None for part in text.split(":"))
+    return first, last
+
+
+NUMBER = Kind(_number, "a finite number", "a number, without quotation marks", (int, float))
+WHOLE = Kind(int, "a whole number", "a whole number, without quotation marks", (int,))
+SWITCH = Kind(lambda text: _WORDS[text.lower()], "true or false", "true or false", (bool,))
+PATH = Kind(Path, "a path", '"...", in quotation marks', (str,))
+FRAMES = Kind(_frames, "frames A:B", '"A:B"', (str,))
+REGION = Kind(str, "a mask image or a polygon 'x,y x,y x,y'", '"...", in quotation marks, or a list of them', (str,))
+
+
+def numbers(names: str) -> Kind:
+    """Several numbers by their ``names``, such as "X,Y,R"."""
+    count = names.count(",") + 1
+
+    def read(text: str) -> tuple[float, ...]:
+        values = tuple(_number(part) for part in re.split(r"[,;\s]+", text.strip()))
+        if len(values) != count:
+            raise ValueError(text)
+        return values
+
+    words = {2: "two", 3: "three"}
+    listed = f"[{', '.join(names.split(','))}], in square brackets"
+    return Kind(read, f"{words[count]} numbers {names}", listed, (list,))
+
+
+def choice(names: Sequence[str]) -> Kind:
+    """One of some ``names``."""
+
+    def read(text: str) -> str:
+        if text not in names:
+            raise ValueError(text)
+        return text
+
+    return Kind(read, f"one of {', '.join(names)}", '"...", in quotation marks', (str,), tuple(names))
+
+
+@dataclass(frozen=True)
+class Group:
+    """Settings that ``--help`` lists together."""
+
+    title: str
+    description: str | None = None
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a setting is; ``name`` and ``default`` are filled in from its field by `settings_of`.
+
+    Attributes
+    ----------
+    kind : Kind
+    group : Group
+    metavar : str
+        What stands for the value in ``--help``; empty for a switch.
+    help : str
+        One line, with the unit, and in brackets what is taken by default where the field's default does not tell.
+    check : callable, optional
+        ``check(name, value)`` raises SettingError where the value is out of its range; it is not called with None.
+    flag : str
+        Option of a switch, where it is not ``--name``.
+    per_recording : bool
+        Whether a manifest may give it for one recording.
+    repeats : bool
+        Whether the option may be given several times; the value is then a list.
+    """
+
+    kind: Kind
+    group: Group
+    metavar: str
+    help: str
+    check: Callable[[str, Any], None] | None = None
+    flag: str = ""
+    per_recording: bool = True
+    repeats: bool = False
+    name: str = ""
+    default: Any = None
+
+    @property
+    def option(self) -> str:
+        """The option of the command line."""
+        return self.flag or f"--{self.name.replace('_', '-')}"
+
+    @property
+    def help_text(self) -> str:
+        """Help with the default."""
+        has_default = isinstance(self.default, (str, int, float)) and self.kind is not SWITCH
+        default = f"{self.default:g}" if isinstance(self.default, float) else self.default
+        return f"{self.help} ({default})" if has_default else self.help
+
+    def from_text(self, text: str) -> Any:
+        """The value from a cell or an option; SettingError where the text is of another kind."""
+        try:
+            value = self.kind.read(text.strip())
+            return [value] if self.repeats else value
+        except (ValueError, KeyError):
+            raise SettingError(f"`{self.name}` = {text.strip()!r}: expected {self._expected(text)}") from None
+
+    def _expected(self, text: str) -> str:
+        """What the text must be, and a word on decimal commas; between several numbers a comma may part them."""
+        several = self.kind.toml_types == (list,) and re.search(r"[;\s]", text.strip()) is not None
+        if "," in text and (several or self.kind is NUMBER):
+            return f"{self.kind.expected}; the decimal sign is a point"
+        return self.kind.expected
+
+    def from_toml(self, value: Any) -> Any:
+        """The value from a value of TOML; SettingError where it is of another kind."""
+        with contextlib.suppress(ValueError, KeyError):
+            if not self.repeats:
+                return self._read_toml(value)
+            return [self._read_toml(each) for each in (value if isinstance(value, list) else [value])]
+        raise SettingError(
+            f"`{self.name}` = {value!r}: expected {self.kind.expected}; write {self.name} = {self.kind.in_toml}"
+        )
+
+    def _read_toml(self, value: Any) -> Any:
+        if not isinstance(value, self.kind.toml_types) or isinstance(value, bool) != (self.kind is SWITCH):
+            raise ValueError(value)
+        return self.kind.read(" ".join(map(json.dumps, value)) if isinstance(value, list) else str(value))
+
+
+def settings_of(described: type) -> dict[str, Setting]:
+    """The settings of a dataclass by the names of its fields; fields without a `Setting` are left out."""
+    hints = get_type_hints(described, include_extras=True)
+    found = {}
+    for field in dataclasses.fields(described):
+        for note in getattr(hints[field.name], "__metadata__", ()):
+            if isinstance(note, Setting):
+                default = None if field.default is dataclasses.MISSING else field.default
+                found[field.name] = dataclasses.replace(note, name=field.name, default=default)
+    return found
+
+
+def check_ranges(values: object, settings: Mapping[str, Setting]) -> None:
+    """Raise SettingError where a field of ``values`` is out of its range, whether it comes to use or not."""
+    for name, setting in settings.items():
+        value = getattr(values, name)
+        if setting.check is not None and value is not None:
+            setting.check(name, value)
+
+
+def find(settings: Mapping[str, Setting], key: str) -> Setting:
+    """The setting of a column or key, which may have hyphens; ValueError where there is none."""
+    name = key.strip().replace("-", "_")
+    if name not in settings:
+        hint = f"; write {name[3:]} = false" if name.startswith("no_") and name[3:] in settings else ""
+        raise ValueError(f"{key!r} is no setting{hint}; expected one of {', '.join(sorted(settings))}")
+    return settings[name]
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file; ValueError where it is none."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: is no TOML file ({error}); see docs/archives.md for an example") from error
+
+
+def from_table(where: str, values: Mapping[str, Any], settings: Mapping[str, Setting]) -> dict[str, Any]:
+    """Settings from a TOML table; ValueError, which begins with ``where``, for an unknown key or a wrong value."""
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        try:
+            setting = find(settings, key)
+            if setting.name in found:
+                raise ValueError(f"{setting.name} stands there twice, with '-' and with '_'; leave one out")
+            found[setting.name] = setting.from_toml(value)
+        except ValueError as error:
+            raise ValueError(f"{where}: {error}") from error
+    return found
