@@ -80,7 +80,7 @@ def test_further_steps_reach_the_minimum_of_the_squares_and_then_stop(adjusted: 
 
 def test_positions_are_absolute_to_a_hundredth_of_a_px(adjusted: AdjustedShot) -> None:
     errors = adjusted.centre_errors
-    # Over a uniform background 0.005 px are stated for each; the worst of 32 numbers may have three of it.
+    # Over a uniform background 0.005 px are stated for each; the worst of 32 numbers may be three times that.
     assert np.abs(errors).max() < 0.016, errors
     assert np.abs(errors.mean(0)).max() < 0.006
 

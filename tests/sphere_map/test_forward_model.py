@@ -13,7 +13,7 @@ from torchsphere.synthetic import ray_caster
 
 def test_the_grey_level_of_a_pixel_at_the_outline_is_the_mean_over_its_area() -> None:
     """With too few rays there, neighbouring pixels have equal errors, which bias a step."""
-    at, seen = pose(), replace(ball(31), edge_blur=projection.MIN_BLUR_PX)
+    at, textured = pose(), replace(ball(31), edge_blur=projection.MIN_BLUR_PX)
     pixels = window(at)
     steps = (torch.arange(30, dtype=torch.float64) + 0.5) / 30 - 0.5
     offsets = torch.cartesian_prod(steps, steps)
@@ -24,7 +24,7 @@ def test_the_grey_level_of_a_pixel_at_the_outline_is_the_mean_over_its_area() ->
         ray_weights=torch.full((count * len(offsets),), 1 / len(offsets), dtype=torch.float64),
         ray_pixels=torch.arange(count).repeat_interleave(len(offsets)),
     )
-    error = forward_model.predict(pixels, at, seen) - forward_model.predict(dense, at, seen)
+    error = forward_model.predict(pixels, at, textured) - forward_model.predict(dense, at, textured)
     at_outline = ((pixels.pixels - at.centre).norm(dim=-1) - RADIUS).abs() < 0.8
     # The texture is white noise of 29 grey levels rms in cells of one px. The error is 0.54; 3 x 3 rays leave 1.36.
     assert float(error[at_outline].square().mean().sqrt()) < 0.8
@@ -32,7 +32,7 @@ def test_the_grey_level_of_a_pixel_at_the_outline_is_the_mean_over_its_area() ->
 
 @pytest.mark.parametrize("unknown", range(7), ids=["dx", "dy", "wx", "wy", "wz", "radius", "blur"])
 def test_the_jacobian_is_the_difference_quotient_of_the_grey_levels(unknown: int) -> None:
-    at, seen = pose(), ball()
+    at, textured = pose(), ball()
     pixels = window(at)
     step = 1e-4
 
@@ -40,14 +40,14 @@ def test_the_jacobian_is_the_difference_quotient_of_the_grey_levels(unknown: int
         if unknown < 5:
             change = torch.zeros(5, dtype=torch.float64)
             change[unknown] = amount
-            return forward_model.predict(pixels, forward_model.move_pose(at, change, RADIUS), seen)
+            return forward_model.predict(pixels, forward_model.move_pose(at, change, RADIUS), textured)
         changed = replace(
-            seen, radius=RADIUS + amount * (unknown == 5), edge_blur=seen.edge_blur + amount * (unknown == 6)
+            textured, radius=RADIUS + amount * (unknown == 5), edge_blur=textured.edge_blur + amount * (unknown == 6)
         )
         return forward_model.predict(pixels, at, changed)
 
     expected = (levels(step) - levels(-step)) / (2 * step)
-    measured = forward_model.linearise(pixels, at, seen).jacobian[:, unknown]
+    measured = forward_model.linearise(pixels, at, textured).jacobian[:, unknown]
     inner = (pixels.pixels - at.centre).norm(dim=-1) < 0.9 * RADIUS
     # Within the disc the derivative is exact, except where a ray crosses a seam of the random map.
     close = (measured - expected).abs() < 1e-3 * float(expected.abs().max())
@@ -78,8 +78,8 @@ def test_the_model_agrees_with_the_ray_caster_on_a_smooth_texture() -> None:
     design = torch.zeros(len(directions), count, dtype=torch.float64).scatter_add(1, index, weight)
     levels = 120 + directions @ torch.tensor([50.0, -30.0, 20.0], dtype=torch.float64)
     coefficients = torch.linalg.lstsq(design.T @ design + 1e-9 * torch.eye(count), design.T @ levels).solution
-    seen = replace(ball(cells), coefficients=coefficients, edge_blur=projection.MIN_BLUR_PX)
-    difference = forward_model.predict(pixels, at, seen) - pixels.levels
+    textured = replace(ball(cells), coefficients=coefficients, edge_blur=projection.MIN_BLUR_PX)
+    difference = forward_model.predict(pixels, at, textured) - pixels.levels
     # The texture spans 110 grey levels, and the steps at the outline reach 140.
     assert float(difference.abs().max()) < 3.0
     assert float(difference.square().mean().sqrt()) < 0.4

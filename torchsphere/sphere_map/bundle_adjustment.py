@@ -1,7 +1,7 @@
 """Bundle adjustment of one sphere: texture map, radius and edge blur of the ball, and its poses in many images.
 
-The map's coefficients are thousands, but they are linear in the grey levels and couple with their neighbours only.
-They are eliminated exactly (Schur complement). Five unknowns per image and two common ones remain; the inverse of
+The map has thousands of coefficients, but the grey levels are linear in them, and only neighbours are coupled. The map
+is eliminated exactly (Schur complement). Five unknowns per image and two common ones remain; the inverse of
 their normal matrix is the covariance of all poses, which includes the uncertainty of the map.
 
 The steps are those of `torchsphere.sphere_map.gauss_newton`.

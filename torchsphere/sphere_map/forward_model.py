@@ -14,27 +14,27 @@ from kornia.geometry.liegroup import So3
 from torch import Tensor
 
 from torchsphere.kernels import sphere_projection
-from torchsphere.sphere_map import projection as projections
+from torchsphere.sphere_map import projection
 from torchsphere.sphere_map.cube_map import Stencil
 from torchsphere.sphere_map.projection import Pose, Projection, TexturedBall, project
 from torchsphere.sphere_map.window import Window
 
-#: Depth of the surface, radii, below which a ray counts as one on the limb, which does not move over the texture.
+#: Depth of the surface, radii, below which a ray does not move over the texture: the ray follows the limb.
 MIN_DEPTH = 0.1
 
 #: Step of the difference quotient by the edge's blur, px.
 BLUR_STEP_PX = 0.01
 
 
-def grey_levels(window: Window, projection: Projection, pose: Pose, coefficients: Tensor) -> Tensor:
+def grey_levels(window: Window, projected: Projection, pose: Pose, coefficients: Tensor) -> Tensor:
     """Grey levels (p,) of the model with the map's ``coefficients`` (m,)."""
-    values = projection.stencil.value(coefficients.to(projection.light))
-    return _blend(window, projection, pose, window.sum_rays(projection.light * values))
+    values = projected.stencil.value(coefficients.to(projected.light))
+    return _blend(window, projected, pose, window.sum_rays(projected.light * values))
 
 
-def _blend(window: Window, projection: Projection, pose: Pose, ball_levels: Tensor) -> Tensor:
+def _blend(window: Window, projected: Projection, pose: Pose, ball_levels: Tensor) -> Tensor:
     """Grey levels (p,) of ball and background together, under the image's gain and offset."""
-    share = projection.coverage
+    share = projected.coverage
     return pose.gain * (share * ball_levels + (1 - share) * window.background) + pose.offset
 
 
@@ -73,18 +73,18 @@ class Linearisation:
 
 
 def linearise(
-    window: Window, pose: Pose, ball: TexturedBall, projection: Projection | None = None, *, by_ball: bool = True
+    window: Window, pose: Pose, ball: TexturedBall, projected: Projection | None = None, *, by_ball: bool = True
 ) -> Linearisation:
     """Linearise the model at a pose.
 
-    A known ``projection`` at this pose saves half of the time. Without ``by_ball`` the derivatives by radius and edge
-    blur are left out, which saves a tenth.
+    A known projection ``projected`` at this pose saves half of the time. Without ``by_ball`` the derivatives by radius
+    and edge blur are left out, which saves a tenth.
     """
-    projection = projection or project(window, pose, ball)
-    points, share, share_slope = projection.points, projection.coverage, projection.coverage_slope
-    values = projection.stencil.value_and_gradient(ball.coefficients.to(points))
+    projected = projected or project(window, pose, ball)
+    points, share, share_slope = projected.points, projected.coverage, projected.coverage_slope
+    values = projected.stencil.value_and_gradient(ball.coefficients.to(points))
     orientation = pose.orientation.to(points)
-    rays = sphere_projection.changes(points, *values, projection.light, orientation, MIN_DEPTH, ball.radius)
+    rays = sphere_projection.changes(points, *values, projected.light, orientation, MIN_DEPTH, ball.radius)
     sums = sphere_projection.pixel_sums(rays, window.ray_pixels, len(window.pixels))
     ball_levels = sums[:, 0]
     contrast = ball_levels - window.background
@@ -94,23 +94,23 @@ def linearise(
     jacobian[:, :2] += (share_slope * contrast)[:, None] * normals
     if by_ball:
         jacobian[:, 5] += share_slope * contrast
-        blurred, _ = projections.coverage(window, pose.centre, ball.radius, ball.edge_blur + BLUR_STEP_PX)
+        blurred, _ = projection.coverage(window, pose.centre, ball.radius, ball.edge_blur + BLUR_STEP_PX)
         jacobian = torch.cat((jacobian, ((blurred - share) / BLUR_STEP_PX * contrast)[:, None]), 1)
     else:
         jacobian = jacobian[:, :5]
     return Linearisation(
-        levels=_blend(window, projection, pose, ball_levels),
+        levels=_blend(window, projected, pose, ball_levels),
         jacobian=pose.gain * jacobian,
-        stencil=projection.stencil,
-        map_slopes=projection.map_slopes(window, pose),
+        stencil=projected.stencil,
+        map_slopes=projected.map_slopes(window, pose),
     )
 
 
 def shading_jacobian(window: Window, pose: Pose, ball: TexturedBall) -> Tensor:
     """Derivative (p, 4) of the grey levels by the shading."""
-    projected = project(window, pose, replace(ball, shading=projections.uniform_light()))
+    projected = project(window, pose, replace(ball, shading=projection.uniform_light()))
     values = projected.light * projected.stencil.value(ball.coefficients.to(projected.light))
-    by_terms = window.sum_rays((values * projections.shading_basis(projected.points)).T)
+    by_terms = window.sum_rays((values * projection.shading_basis(projected.points)).T)
     return (pose.gain * projected.coverage)[:, None] * by_terms
 
 

@@ -56,7 +56,7 @@ def iterate(
             if candidate_gradient.squares < gradient.squares:
                 break
         else:
-            # No share lowers the squares. Without an earlier step, this one tells whether the poses have settled.
+            # No share lowers the squares. Without an earlier step, this step tells whether the poses have settled.
             moves = moves or [move]
             break
         moves.append(move)

@@ -39,8 +39,8 @@ def fit_map(state: State, *, brightness_rounds: int = 0) -> State:
     state : State
         Images, poses and ball; the ball's map is replaced.
     brightness_rounds : int
-        How often gains and offsets are fitted, and then the map again. The normal matrix stays the one of the first
-        gains; the residuals are exact.
+        Number of fits of gains and offsets, each followed by another fit of the map. The normal matrix is not updated
+        for the new gains; the residuals are exact.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def _gradient(state: State, projections: list[Projection]) -> Array:
 def fit_shading(state: State) -> State:
     """Fit the light on the ball, if a light that differs from side to side explains enough of the residuals.
 
-    Map and light are solved for together: in turns, the map would keep the light that it holds already.
+    Map and light are solved for together: in turns, the map would keep the light that the map has already absorbed.
     """
     for _ in range(SHADING_ROUNDS):
         ball, equations = state.ball, _shading_equations(state)

@@ -36,7 +36,7 @@ MAX_MISFIT = 4.0
 #: Misfit of a frame, and its move by the registration in radii, from which the frame is not placed on the map.
 MAX_FRAME_MISFIT, MAX_MOVE = 2.0, 0.1
 
-#: Blur of the outline, px, from which the map is refused: something hides or shades it (docs/constants.md).
+#: Blur of the outline, px, from which the map is refused: a blur by an object in front (docs/constants.md).
 MAX_EDGE_BLUR_PX = 2.0
 
 #: Systematic error of the radius as a share of the radius, beyond the noise of the images (docs/constants.md).
@@ -246,10 +246,10 @@ def _assemble(
 def step_covariances(n: int, found: dict[int, Registration], keys: list[int], adjustment: Adjustment) -> Array:
     """Covariance (n - 1, 5, 5) of the steps between frames that are both on the map; px and rad, NaN elsewhere.
 
-    Between keyframes, the covariance is that of the adjustment. Elsewhere it is that of the noise of both images,
-    scaled by `Registration.misfit`: beside the noise, the residual of a frame that did not make the map holds the
-    map's error at the frame's pixels, and this error cancels little in a step. A keyframe has no such residual and
-    gets the median misfit of the other frames. The evidence is in docs/constants.md.
+    Between keyframes, the adjustment gives the covariance. Elsewhere the noise of both images gives the covariance,
+    scaled by `Registration.misfit`: the residual of a frame that did not make the map also holds the map's error at
+    the frame's pixels, and this error cancels little in a step. A keyframe has no such residual and gets the median
+    misfit of the other frames (docs/constants.md).
     """
     units = np.array([1.0, 1.0, *3 * [1 / adjustment.state.ball.radius]])
     scale = np.outer(units, units)

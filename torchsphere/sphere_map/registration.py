@@ -12,7 +12,7 @@ from torchsphere.sphere_map.pixel_weights import ResidualProfile
 from torchsphere.sphere_map.projection import Pose, TexturedBall
 from torchsphere.sphere_map.window import Window
 
-#: Largest number of steps, and length of the last one, px; each step is about a tenth of the step before.
+#: Largest number of steps, and length below which a step is the last, px; steps shrink about tenfold each.
 MAX_STEPS, TOLERANCE_PX = 12, 2e-3
 
 #: Number of steps, or length of a step, px, after which brightness and visibility are estimated a second time.
@@ -21,7 +21,7 @@ REWEIGHT_STEP, REWEIGHT_PX = 2, 0.01
 #: Length of a step, px, up to which the next step uses the same Jacobian (docs/constants.md).
 KEEP_JACOBIAN_PX = 0.01
 
-#: Scale of the gain's unknown, for a well-conditioned normal matrix.
+#: Scale of the gain's unknown: a grey level, roughly.
 GAIN_SCALE = 100
 
 
