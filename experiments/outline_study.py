@@ -91,7 +91,7 @@ def without_background(shot: Shot, position: Array) -> Tensor:
         y, x = torch.meshgrid(*(torch.arange(n) for n in image.shape), indexing="ij")
         inside = (x - centre[0]).square() + (y - centre[1]).square() < shot.radius**2
         share, column, row = inside.to(image), *window.pixels.long().unbind(-1)
-        share[row, column], _ = projection.coverage(window, centre, shot.radius, projection.LEAST_BLUR_PX)
+        share[row, column], _ = projection.coverage(window, centre, shot.radius, projection.MIN_BLUR_PX)
         image -= ((1 - share) * (behind - level)).float()
     return images
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from ball_models import indices_and_weights
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
@@ -61,14 +62,14 @@ def assert_close(found: torch.Tensor | Array, expected: Array, tolerance: float)
 
 @both
 def test_the_maps_value_its_slopes_and_what_is_added_to_it_are_those_of_all_its_splines(dtype: torch.dtype) -> None:
-    places, coefficients = directions(300, dtype), random(cube_map.size(CELLS), dtype=dtype)
+    places, coefficients = directions(300, dtype), random(cube_map.coefficient_count(CELLS), dtype=dtype)
     look = cube_map.stencil(places, CELLS)
     design = np.stack([looked_up(place) for place in places.double().numpy().T])
     assert_close(look.value(coefficients), design @ coefficients.double().numpy(), TOLERANCE[dtype])
     value, gradient = look.value_and_gradient(coefficients)
     assert_close(value, design @ coefficients.double().numpy(), TOLERANCE[dtype])
     amounts = random(300, dtype=dtype)
-    assert_close(look.add(amounts), amounts.double().numpy() @ design, TOLERANCE[dtype])
+    assert_close(look.adjoint(amounts), amounts.double().numpy() @ design, TOLERANCE[dtype])
     step = 1e-5
     for axis in range(3):
         nudge = step * np.eye(3)[axis]
@@ -83,21 +84,21 @@ def test_the_maps_value_its_slopes_and_what_is_added_to_it_are_those_of_all_its_
 def test_what_is_no_direction_makes_no_index() -> None:
     corner, *_ = cube_loop.place(torch.full((3, 5), torch.nan), CELLS)
     assert int(corner.min()) >= 0
-    assert int(corner.max()) + 4 * (CELLS + 3) < cube_map.size(CELLS)
+    assert int(corner.max()) + 4 * (CELLS + 3) < cube_map.coefficient_count(CELLS)
 
 
 @both
 def test_rays_meet_the_ball_where_they_would_by_hand(dtype: torch.dtype) -> None:
     pixels, centre = window(dtype), np.array([30.5, 29.3])
-    points, weight = projection.met(pixels, torch.from_numpy(centre), RADIUS)
+    points, weight = projection.surface_points(pixels, torch.from_numpy(centre), RADIUS)
     across = pixels.rays.numpy() - centre[:, None]
     distance = np.hypot(*across)
-    flat = across * projection.LIMB / np.maximum(distance, projection.LIMB * RADIUS)
+    flat = across * projection.MAX_RAY_DISTANCE / np.maximum(distance, projection.MAX_RAY_DISTANCE * RADIUS)
     assert_close(points, np.stack((*flat, -np.sqrt(1 - np.hypot(*flat) ** 2))), TOLERANCE[dtype])
-    met = pixels.part.double().numpy() * (ndtr((RADIUS - distance) / projection.TURN_PX) + 1e-9)
-    whole = np.bincount(pixels.owner.numpy(), met)
+    met = pixels.ray_weights.double().numpy() * (ndtr((RADIUS - distance) / projection.RAY_TRANSITION_PX) + 1e-9)
+    whole = np.bincount(pixels.ray_pixels.numpy(), met)
     # A ray's turn takes up ten times what its place is rounded by, and beyond the outline more.
-    assert_close(weight, met / whole[pixels.owner.numpy()], max(100 * TOLERANCE[dtype], 1e-9))
+    assert_close(weight, met / whole[pixels.ray_pixels.numpy()], max(100 * TOLERANCE[dtype], 1e-9))
 
 
 @both
@@ -134,10 +135,10 @@ def test_what_rays_see_changes_with_the_surface_that_moves_under_them(dtype: tor
 @both
 def test_sums_over_rays_and_values_for_rays_are_those_of_their_pixels(dtype: torch.dtype) -> None:
     pixels = window(dtype)
-    count, owner = len(pixels.pixels), pixels.owner.numpy()
+    count, owner = len(pixels.pixels), pixels.ray_pixels.numpy()
     values, light = random(7, len(owner), dtype=dtype), random(len(owner), dtype=dtype)
     expected = np.stack([np.bincount(owner, row) for row in values.double().numpy()], 1)
-    assert_close(sphere_projection.pixel_sums(values, pixels.owner, count), expected, TOLERANCE[dtype])
+    assert_close(sphere_projection.pixel_sums(values, pixels.ray_pixels, count), expected, TOLERANCE[dtype])
     each = random(count, dtype=dtype)
     assert_close(pixels.spread(each, light), (each.double().numpy()[owner] * light.double().numpy()), TOLERANCE[dtype])
     points, shading = directions(len(owner), dtype), random(4)
@@ -154,8 +155,9 @@ def test_the_equations_of_all_pixels_are_those_of_dense_matrices() -> None:
         owner, amount = torch.arange(150).repeat_interleave(9), random(150 * 9)
         look = cube_map.stencil(places, cells)
         design = map_equations.design(amount, owner, 150, cells, look.corner, look.offset)
-        dense = np.zeros((150, cube_map.size(cells)))
-        np.add.at(dense, (owner[:, None].numpy(), look.index.numpy()), (amount[:, None] * look.weight).numpy())
+        index, weight = indices_and_weights(look)
+        dense = np.zeros((150, cube_map.coefficient_count(cells)))
+        np.add.at(dense, (owner[:, None].numpy(), index.numpy()), (amount[:, None] * weight).numpy())
         assert_close(design.toarray(), dense, 1e-14)
         weights = random(150).abs().numpy()
         products.add(design, weights)

@@ -1,4 +1,4 @@
-"""Absolute poses on a map of the ball: drift, uncertainty, and when the map is refused."""
+"""Absolute poses on a map of the ball: drift, uncertainty, and refusal of the map."""
 
 from dataclasses import dataclass
 
@@ -9,8 +9,12 @@ from shots import angles_between, noisy, rotation_matrix, speckle
 
 from torchsphere import Circle, track
 from torchsphere.recording.frame_source import Source
-from torchsphere.sphere_map import bundle_adjustment, registration
-from torchsphere.sphere_map import poses as mapped
+from torchsphere.sphere_map import bundle_adjustment, poses, projection, registration
+from torchsphere.sphere_map.bundle_adjustment import Adjustment
+from torchsphere.sphere_map.pixel_weights import uniform_profile
+from torchsphere.sphere_map.projection import Pose, TexturedBall
+from torchsphere.sphere_map.registration import Registration
+from torchsphere.sphere_map.state import State
 from torchsphere.synthetic import ray_caster
 from torchsphere.tracking.track import Track
 
@@ -19,7 +23,7 @@ RADIUS, N = 20.0, 60
 
 @dataclass(frozen=True)
 class Turning:
-    """A ball that turns in place by 90 deg and back, and what was made of it."""
+    """A ball that turns in place by 90 deg and back, and its track."""
 
     images: torch.Tensor
     centres: np.ndarray
@@ -49,64 +53,64 @@ def turning() -> Turning:
     return Turning(images, centres, orientations.numpy(), found, calls)
 
 
-def test_a_ball_that_turns_far_gets_a_map_without_being_asked(turning: Turning) -> None:
-    about = turning.track.settings["sphere_map"]
-    assert about["used"] is True
-    assert about["keyframes"] == mapped.KEYFRAMES
-    assert about["frames"] == N
-    # Noise is all that is left, by the pairs' own account.
-    assert about["residual_over_noise"] < 1.3
+def test_a_ball_that_turns_far_gets_a_map_by_default(turning: Turning) -> None:
+    settings = turning.track.settings["sphere_map"]
+    assert settings["used"] is True
+    assert settings["keyframes"] == poses.MAX_KEYFRAMES
+    assert settings["frames"] == N
+    # The residual is noise alone, by the estimate from the pairs.
+    assert settings["residual_over_noise"] < 1.3
 
 
-def test_progress_goes_from_frame_to_frame_and_once_more_for_the_map(turning: Turning) -> None:
+def test_progress_counts_all_frames_and_counts_them_again_for_the_map(turning: Turning) -> None:
     done = np.array([call[0] for call in turning.progress])
     assert {call[1] for call in turning.progress} == {N}
-    again = np.flatnonzero(np.diff(done) < 0)
-    assert len(again) == 1
-    assert done[again[0]] == N
-    assert done[again[0] + 1] == 0
+    restarts = np.flatnonzero(np.diff(done) < 0)
+    assert len(restarts) == 1
+    assert done[restarts[0]] == N
+    assert done[restarts[0] + 1] == 0
     assert done[-1] == N
 
 
-def test_torch_has_a_single_thread_to_itself_in_all_of_a_track_and_its_own_number_afterwards(turning: Turning) -> None:
-    """Where other programs use the cores, too, its threads wait for each other."""
-    before, seen = torch.get_num_threads(), set()
+def test_torch_has_one_thread_during_a_track_and_its_former_number_afterwards(turning: Turning) -> None:
+    """If other programs use the cores, torch's own threads wait for each other."""
+    before, during = torch.get_num_threads(), set()
     torch.set_num_threads(2)
     try:
         track(
-            turning.images[:8], turning.circle, sphere_map=True, progress=lambda *_: seen.add(torch.get_num_threads())
+            turning.images[:8], turning.circle, sphere_map=True, progress=lambda *_: during.add(torch.get_num_threads())
         )
         assert torch.get_num_threads() == 2
     finally:
         torch.set_num_threads(before)
-    assert seen == {1}
+    assert during == {1}
 
 
-def test_neither_position_nor_orientation_drifts(turning: Turning) -> None:
+def test_position_and_orientation_do_not_drift(turning: Turning) -> None:
     measured = turning.track
     assert (measured.status == "ok").all()
-    off = np.abs(measured.position - turning.centres)
-    # Outline and texture place each frame anew: 0.01 px stated, worst of 120; the pairs' sum is off by 0.1 px and more.
-    assert off.max() < 0.035
-    turned = turning.orientations @ turning.orientations[0].T
-    assert angles_between(measured.orientation, turned).max() < 0.12
+    errors = np.abs(measured.position - turning.centres)
+    # 0.01 px are stated for each of 120 numbers. The sum of the increments is off by 0.1 px or more.
+    assert errors.max() < 0.035
+    truth = turning.orientations @ turning.orientations[0].T
+    assert angles_between(measured.orientation, truth).max() < 0.12
 
 
-def test_the_radius_given_is_corrected(turning: Turning) -> None:
-    assert abs(turning.track.circle.radius - RADIUS) < 3 * bundle_adjustment.SYSTEMATIC_RADIUS_PX
-    assert turning.track.circle.sd_radius >= bundle_adjustment.SYSTEMATIC_RADIUS_PX
+def test_a_wrong_radius_is_corrected(turning: Turning) -> None:
+    assert abs(turning.track.circle.radius - RADIUS) < 3 * bundle_adjustment.RADIUS_ERROR_PX
+    assert turning.track.circle.sd_radius >= bundle_adjustment.RADIUS_ERROR_PX
 
 
-def test_increments_are_the_differences_of_the_poses_and_their_errors_are_those_stated(turning: Turning) -> None:
+def test_increments_are_the_differences_of_the_poses_and_have_the_stated_errors(turning: Turning) -> None:
     measured = turning.track
     np.testing.assert_allclose(measured.increment[:, :2], np.diff(measured.position, axis=0), atol=1e-12)
     errors = measured.increment[:, :2] - np.diff(turning.centres, axis=0)
     sd = np.sqrt(np.einsum("nii->ni", measured.covariance)[:, :2])
-    # 118 numbers know their scatter to 7 %; frames that are no keyframes are stated a quarter too wide on purpose.
+    # 118 numbers give their scatter to 7 %; frames beside the keyframes are stated a quarter too wide on purpose.
     assert 0.6 < np.sqrt(np.mean((errors / sd) ** 2)) < 1.25
 
 
-def test_a_map_that_is_not_wanted_is_not_made(turning: Turning) -> None:
+def test_no_map_is_made_if_it_is_switched_off_or_too_few_frames_are_known(turning: Turning) -> None:
     measured = track(turning.images[:8], turning.circle, sphere_map=False)
     assert measured.settings["sphere_map"]["used"] is False
     few = track(turning.images[:4], turning.circle, sphere_map=True)
@@ -114,7 +118,7 @@ def test_a_map_that_is_not_wanted_is_not_made(turning: Turning) -> None:
     assert "4 frames" in few.settings["sphere_map"]["reason"]
 
 
-def test_a_map_that_cannot_be_solved_for_leaves_the_measured_steps(
+def test_singular_equations_of_the_map_leave_the_measured_increments(
     turning: Turning, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def unsolvable(*_: object) -> None:
@@ -127,44 +131,86 @@ def test_a_map_that_cannot_be_solved_for_leaves_the_measured_steps(
     np.testing.assert_array_equal(measured.increment, plain.increment)  # the same computation
 
 
-def test_a_model_that_is_not_rigid_gets_no_map_and_says_so(turning: Turning) -> None:
-    about = track(turning.images[:4], turning.circle, sphere_map=True, model="translation").settings["sphere_map"]
-    assert about["used"] is False
-    assert "translation" in about["reason"]
-    assert "not needed" not in about["reason"]
+def test_a_model_that_is_not_rigid_gets_no_map_and_the_reason_names_the_model(turning: Turning) -> None:
+    measured = track(turning.images[:4], turning.circle, sphere_map=True, model="translation")
+    settings = measured.settings["sphere_map"]
+    assert settings["used"] is False
+    assert "translation" in settings["reason"]
+    assert "not needed" not in settings["reason"]
 
 
-def test_images_that_no_map_explains_are_refused(turning: Turning) -> None:
+def test_images_that_do_not_fit_any_map_are_refused(turning: Turning) -> None:
     """Every other image shows a ball with another pattern."""
-    poses = torch.from_numpy(turning.centres[:10]).float(), torch.from_numpy(turning.orientations[:10]).float()
-    other = ray_caster.render(speckle(2, RADIUS), poses[0], RADIUS, poses[1], 90.0, shape=(80, 80))
+    truth = torch.from_numpy(turning.centres[:10]).float(), torch.from_numpy(turning.orientations[:10]).float()
+    other = ray_caster.render(speckle(2, RADIUS), truth[0], RADIUS, truth[1], 90.0, shape=(80, 80))
     images = turning.images[:10].clone()
     images[1::2] = noisy(other, 2.0, 11)[1::2]
     circle = Circle(*turning.circle)
-    found = mapped.poses_on_map(
+    found = poses.poses_on_map(
         Source.open(images), turning.centres[:10], turning.orientations[:10], 0.025, circle, None
     )
     assert isinstance(found, str)
     assert found
 
 
-def test_a_frame_that_is_not_on_the_map_keeps_its_step(turning: Turning, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One registration is made to fail; the frame follows from its neighbour by the correlation's own increment."""
+def test_a_frame_that_is_not_on_the_map_keeps_its_increment(turning: Turning, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One registration is made to fail; its frame follows from its neighbour by the correlation's increment."""
     true_register, calls = registration.register, []
 
-    def failing(*args: object) -> registration.Registration:
+    def failing(*args: object) -> Registration:
         calls.append(1)
         found = true_register(*args)  # type: ignore[arg-type]
-        return registration.Registration(found.pose, found.covariance, len(calls) != 2, found.misfit)
+        return Registration(found.pose, found.covariance, len(calls) != 2, found.misfit)
 
     monkeypatch.setattr(registration, "register", failing)
-    monkeypatch.setattr(mapped, "KEYFRAMES", 10)
+    monkeypatch.setattr(poses, "MAX_KEYFRAMES", 10)
     plain = track(turning.images[:16], turning.circle, sphere_map=False)
     measured = track(turning.images[:16], turning.circle, sphere_map=True)
-    about = measured.settings["sphere_map"]
-    assert about["used"] is True
-    assert about["frames"] == 15
+    settings = measured.settings["sphere_map"]
+    assert settings["used"] is True
+    assert settings["frames"] == 15
     assert (measured.status == "ok").all()
     assert np.isfinite(measured.increment).all()
     kept = np.isclose(measured.covariance, plain.covariance, rtol=1e-12).all((1, 2))
-    assert kept.sum() == 2  # the step to the frame, and the step from it
+    assert kept.sum() == 2  # the step to the frame, and the step from the frame
+
+
+KEYS = [0, 4, 5, 8]
+
+
+def step_variances(misfits: dict[int, float], keyframe_variance: float = 4.0) -> np.ndarray:
+    """Variance (8, 5) of the steps, px, rotations times the radius; the noise of each image has unit variance.
+
+    ``misfits`` are those of the frames beside the keyframes; the adjustment gives each keyframe ``keyframe_variance``.
+    """
+    pose, unit = Pose(torch.zeros(2).double(), torch.eye(3).double()), torch.eye(5, dtype=torch.float64)
+    found = {i: Registration(pose, unit, True, misfit) for i, misfit in misfits.items()}
+    found |= {i: Registration(pose, unit, True, 1.0) for i in KEYS}
+    ball = TexturedBall(RADIUS, 0.3, 8, torch.zeros(0), projection.uniform_light())
+    state = State([], [pose] * len(KEYS), ball, uniform_profile(RADIUS))
+    adjustment = Adjustment(state, keyframe_variance * np.eye(5 * len(KEYS) + 2), settled=True)
+    variance = np.einsum("nii->ni", poses.step_covariances(9, found, KEYS, adjustment))
+    return variance * np.array([1, 1, *3 * [RADIUS**2]])
+
+
+def test_a_step_beside_the_keyframes_has_the_noise_of_its_two_images_scaled_by_their_misfits() -> None:
+    found = step_variances({1: 1.1, 2: 1.3, 3: 1.1, 6: 1.2, 7: 1.2})
+    np.testing.assert_allclose(found[1], 1.1 + 1.3, rtol=1e-9)
+    np.testing.assert_allclose(found[6], 1.2 + 1.2, rtol=1e-9)
+
+
+def test_a_keyframe_has_the_median_misfit_of_the_other_frames() -> None:
+    """The map was fitted to the keyframe, so that its own residual is smaller than its noise."""
+    found = step_variances({1: 1.1, 2: 1.3, 3: 1.1, 6: 1.2, 7: 1.2})
+    np.testing.assert_allclose(found[0], 1.2 + 1.1, rtol=1e-9)
+    np.testing.assert_allclose(found[5], 1.2 + 1.2, rtol=1e-9)
+
+
+def test_a_step_between_keyframes_has_the_covariance_of_the_adjustment() -> None:
+    np.testing.assert_allclose(step_variances({1: 1.5, 2: 1.5})[4], 2 * 4.0, rtol=1e-9)
+
+
+def test_a_step_of_a_frame_that_is_not_on_the_map_has_no_covariance() -> None:
+    found = step_variances({1: 1.1, 3: 1.1})
+    assert np.isnan(found[[1, 2, 5, 6, 7]]).all()
+    assert np.isfinite(found[[0, 3, 4]]).all()

@@ -28,7 +28,7 @@ _CERTAIN = 8.5
 def met(
     rays: Tensor, centre: Tensor, part: Tensor, owner: Tensor, pixels: int, radius: float, limb: float, turn_px: float
 ) -> tuple[Tensor, Tensor]:
-    """Points (3, q) of the unit sphere, and the rays' weights (q,) in their pixels: see `projection.met`."""
+    """Points (3, q) of the unit sphere, and the rays' weights (q,) in their pixels: see `projection.surface_points`."""
     points, weight = part.new_empty(3, len(part)), torch.empty_like(part)
     numbers = part.new_tensor([limb, limb * radius]).numpy()
     given: Any = *rays.contiguous().numpy(), *centre.tolist(), *numbers, *points.numpy(), weight.numpy()

@@ -1,9 +1,9 @@
-"""Map of the ball's texture: cubic B-splines on the six faces of a cube around it, without pole or seam.
+"""Texture map of the ball: cubic B-splines on the six faces of a cube around the ball, without pole or seam.
 
-A direction from the ball's centre belongs to the face that it leaves the cube through. Two angles are its place on the
-face (the equiangular cube of C. Ronchi et al., J. Comput. Phys. 124 (1996) 93, doi:10.1006/jcph.1996.0047), so that all
-cells are about as large. Each face carries its own coefficients up to its border: what a seam shows is measured from
-both sides rather than imposed.
+A direction from the ball's centre belongs to the face through which the direction leaves the cube. Two angles give the
+coordinates on the face, so that all cells are about equally large: the equiangular cube of C. Ronchi et al.,
+J. Comput. Phys. 124 (1996) 93, doi:10.1006/jcph.1996.0047. Each face has its own coefficients up to its border, so
+that both faces at a seam are fitted to the images there.
 """
 
 from __future__ import annotations
@@ -11,51 +11,37 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
-from torchsphere.imaging.interpolation import spline_weights
 from torchsphere.kernels import cube_map
 
-#: Cells along a face at most: memory and time go with the fourth power of what they resolve. A ball of 64 px has them.
-MOST_CELLS = 100
+#: Largest number of cells along a face: memory and time grow with its fourth power (docs/constants.md).
+MAX_CELLS = 100
 
 
 @dataclass(frozen=True)
 class Stencil:
-    """Where directions meet the map, and how much each of the sixteen coefficients around has to say there.
+    """The sixteen coefficients around each of q directions, and the coordinates between them.
 
     Attributes
     ----------
     corner : Tensor
-        Number (q,) of the first of the sixteen, int32; they lie in four rows of four.
+        Number (q,) of the first coefficient, int32; the sixteen lie in four rows of four.
     offset : Tensor
-        Place (2, q) in the cell along the rows, and across them, 0 to 1.
+        Coordinates (2, q) within the cell, along the rows and across the rows, 0 to 1.
     axis : Tensor
-        Axis (q,) that the face is across: 0 to 2, int8.
-    parts : Tensor
-        Components (3, q) of the direction: along the face's axis, and along the two that follow it in turn.
+        Axis (q,) normal to the face: 0 to 2, int8.
+    components : Tensor
+        Components (3, q) of the direction: along the face's axis, and along the two axes that follow in cyclic order.
     cells : int
-        Cells along the side of a face.
+        Cells along a side of a face.
     """
 
     corner: Tensor
     offset: Tensor
     axis: Tensor
-    parts: Tensor
+    components: Tensor
     cells: int
-
-    @property
-    def index(self) -> Tensor:
-        """Numbers of the coefficients (q, 16)."""
-        width = self.cells + 3
-        return torch.stack([self.corner.long() + row * width + column for row in range(4) for column in range(4)], -1)
-
-    @property
-    def weight(self) -> Tensor:
-        """Their weights (q, 16); the value is ``(coefficients[index] * weight).sum(-1)``."""
-        x, y = (spline_weights(t) for t in self.offset)
-        return torch.stack([across * along for across in y for along in x], -1)
 
     def value(self, coefficients: Tensor) -> Tensor:
         """Values (q,) of the map with the ``coefficients`` (m,)."""
@@ -63,34 +49,27 @@ class Stencil:
 
     def value_and_gradient(self, coefficients: Tensor) -> tuple[Tensor, Tensor]:
         """`value`, and its derivative (3, q) by the direction."""
-        return cube_map.value_and_gradient(coefficients, self.cells, self.corner, self.offset, self.axis, self.parts)
+        place = self.corner, self.offset, self.axis, self.components
+        return cube_map.value_and_gradient(coefficients, self.cells, *place)
 
-    def add(self, values: Tensor) -> Tensor:
-        """Sums (m,) of the ``values`` (q,) over the coefficients that they come from: `value` backwards."""
+    def adjoint(self, values: Tensor) -> Tensor:
+        """Sums (m,) of the ``values`` (q,) over their coefficients: the adjoint of `value`."""
         return cube_map.add(values, self.cells, self.corner, self.offset)
 
 
-def cells_for(radius: float, spacing_px: float) -> int:
-    """Cells along the side of a face, so that a cell is ``spacing_px`` wide where the camera looks straight at it;
-    `MOST_CELLS` at most.
-    """
-    return min(max(4, round(math.pi / 2 * radius / spacing_px)), MOST_CELLS)
+def cells_per_face(radius: float, cell_px: float) -> int:
+    """Cells along a side of a face, `MAX_CELLS` at most, that are ``cell_px`` wide where they face the camera."""
+    return min(max(4, round(math.pi / 2 * radius / cell_px)), MAX_CELLS)
 
 
-def size(cells: int) -> int:
-    """Number of coefficients of a map with ``cells`` along the side of a face."""
+def coefficient_count(cells: int) -> int:
+    """Number of coefficients of a map with ``cells`` along a side of a face."""
     return 6 * (cells + 3) ** 2
 
 
 def stencil(directions: Tensor, cells: int) -> Stencil:
-    """Where the ``directions`` (3, q), of any length, meet the map.
+    """Stencil of the ``directions`` (3, q), of any length.
 
-    Faces 0 to 2 are those of the positive, 3 to 5 those of the negative half axes.
+    Faces 0 to 2 are normal to the positive half axes, faces 3 to 5 to the negative ones.
     """
     return Stencil(*cube_map.place(directions, cells), cells)
-
-
-def roughness(coefficients: Tensor, cells: int) -> Tensor:
-    """Second differences (m,) of the coefficients along both axes of every face."""
-    faces = coefficients.reshape(6, cells + 3, cells + 3)
-    return torch.cat([torch.diff(faces, n=2, dim=axis).flatten() for axis in (1, 2)])

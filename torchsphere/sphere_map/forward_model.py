@@ -1,8 +1,8 @@
-"""How a ball with a texture map looks: pose, map, light and still background -> grey levels, and their derivatives.
+"""The forward model: pose, texture map, light and still background -> grey levels, and their derivatives.
 
-The forward model of `bundle_adjustment` and `registration`. A pixel shows the ball over the share of its area
-that the disc covers, and the background over the rest; what it sees of the ball is the mean over the rays of
-`torchsphere.sphere_map.window`. That footprint on the curved surface is what a correlation of two images cannot know.
+A pixel shows the ball over the share of its area that the disc covers, and the background over the rest. The ball's
+part is the mean over the rays of `torchsphere.sphere_map.window`: the pixel's footprint on the curved surface, which a
+correlation of two images does not model.
 """
 
 from __future__ import annotations
@@ -14,104 +14,108 @@ from kornia.geometry.liegroup import So3
 from torch import Tensor
 
 from torchsphere.kernels import sphere_projection
-from torchsphere.sphere_map import cube_map
+from torchsphere.sphere_map import projection
 from torchsphere.sphere_map.cube_map import Stencil
-from torchsphere.sphere_map.projection import Ball, Pose, Sight, coverage, met, shading_basis, sight
+from torchsphere.sphere_map.projection import Pose, Projection, TexturedBall, project
 from torchsphere.sphere_map.window import Window
 
-#: Depth of the surface, in radii, below which the sensitivities take a ray for one on the limb.
-DEEPEST = 0.1
+#: Depth of the surface, radii, below which a ray does not move over the texture: the ray follows the limb.
+MIN_DEPTH = 0.1
+
+#: Step of the difference quotient by the edge's blur, px.
+BLUR_STEP_PX = 0.01
 
 
-def levels(window: Window, seen: Sight, pose: Pose, coefficients: Tensor) -> Tensor:
-    """Grey levels (p,) that the model gives the pixels with the map's ``coefficients`` (m,)."""
-    lit = window.gather(seen.light * seen.look.value(coefficients.to(seen.light)))
-    return pose.gain * (seen.share * lit + (1 - seen.share) * window.behind) + pose.offset
+def grey_levels(window: Window, projected: Projection, pose: Pose, coefficients: Tensor) -> Tensor:
+    """Grey levels (p,) of the model with the map's ``coefficients`` (m,)."""
+    values = projected.stencil.value(coefficients.to(projected.light))
+    return _blend(window, projected, pose, window.sum_rays(projected.light * values))
 
 
-def appearance(window: Window, pose: Pose, ball: Ball) -> Tensor:
-    """Grey levels (p,) that the model gives the pixels."""
-    return levels(window, sight(window, pose, ball), pose, ball.coefficients)
+def _blend(window: Window, projected: Projection, pose: Pose, ball_levels: Tensor) -> Tensor:
+    """Grey levels (p,) of ball and background together, under the image's gain and offset."""
+    share = projected.coverage
+    return pose.gain * (share * ball_levels + (1 - share) * window.background) + pose.offset
 
 
-def relit(levels: Tensor, before: Pose, after: Pose) -> Tensor:
-    """`appearance` (p,) with another gain and offset."""
-    return (levels - before.offset) * (after.gain / before.gain) + after.offset
+def predict(window: Window, pose: Pose, ball: TexturedBall) -> Tensor:
+    """Grey levels (p,) of the model."""
+    return grey_levels(window, project(window, pose, ball), pose, ball.coefficients)
 
 
 @dataclass(frozen=True)
-class Linearised:
-    """`appearance` with its derivatives.
+class Linearisation:
+    """The model's grey levels with their derivatives.
 
     Attributes
     ----------
     levels : Tensor
         Grey levels (p,).
-    slopes : Tensor
-        Derivatives (p, 7) by dx, dy (px), by the rotations times the radius (px), by radius and edge blur; (p, 5) where
-        the last two were not asked for.
-    look : Stencil
-        Where each ray meets the map.
-    light : Tensor
-        What a unit of the map there adds to the ray's pixel (q,).
+    jacobian : Tensor
+        Derivatives (p, 7) by dx, dy (px), the rotations times the radius (px), radius and edge blur (px); (p, 5)
+        without the last two.
+    stencil : Stencil
+        Position of each ray on the map.
+    map_slopes : Tensor
+        Derivative (q,) of the grey level of each ray's pixel by the map's value at the ray.
     """
 
     levels: Tensor
-    slopes: Tensor
-    look: Stencil
-    light: Tensor
+    jacobian: Tensor
+    stencil: Stencil
+    map_slopes: Tensor
 
-    def relit(self, before: Pose, after: Pose) -> Linearised:
-        """The same with another gain and offset."""
-        change, levels = after.gain / before.gain, relit(self.levels, before, after)
-        return replace(self, levels=levels, slopes=change * self.slopes, light=change * self.light)
+    def with_brightness(self, before: Pose, after: Pose) -> Linearisation:
+        """The linearisation with the gain and offset of ``after`` in place of those of ``before``."""
+        change = after.gain / before.gain
+        levels = (self.levels - before.offset) * change + after.offset
+        return replace(self, levels=levels, jacobian=change * self.jacobian, map_slopes=change * self.map_slopes)
 
 
-def linearised(
-    window: Window, pose: Pose, ball: Ball, seen: Sight | None = None, *, of_ball: bool = True
-) -> Linearised:
-    """The model at a pose, with its derivatives by all that an adjustment changes.
+def linearise(
+    window: Window, pose: Pose, ball: TexturedBall, projected: Projection | None = None, *, by_ball: bool = True
+) -> Linearisation:
+    """Linearise the model at a pose.
 
-    ``seen`` is the `sight` at this pose, where that is known already: it is half of the work. Without ``of_ball`` the
-    derivatives are those by the pose alone, which spares a tenth.
+    A known projection ``projected`` at this pose saves half of the time. Without ``by_ball`` the derivatives by radius
+    and edge blur are left out, which saves a tenth.
     """
-    seen = seen or sight(window, pose, ball)
-    points, share = seen.points, seen.share
-    looked_up = seen.look.value_and_gradient(ball.coefficients.to(points))
-    turn = pose.orientation.to(points)
-    of_rays = sphere_projection.changes(points, *looked_up, seen.light, turn, DEEPEST, ball.radius)
-    sums = sphere_projection.pixel_sums(of_rays, window.owner, len(window.pixels))
-    lit = sums[:, 0]
-    step = lit - window.behind
-    away = window.around(pose.centre)
-    outwards = away / away.norm(dim=-1, keepdim=True).clamp_min(1e-9)
-    slopes = share[:, None] * sums[:, 1:]
-    slopes[:, :2] += (seen.edge * step)[:, None] * outwards
-    if of_ball:
-        slopes[:, 5] += seen.edge * step
-        wider, _ = coverage(window, pose.centre, ball.radius, ball.edge_blur + 0.01)
-        slopes = torch.cat((slopes, ((wider - share) / 0.01 * step)[:, None]), 1)
+    projected = projected or project(window, pose, ball)
+    points, share, share_slope = projected.points, projected.coverage, projected.coverage_slope
+    values = projected.stencil.value_and_gradient(ball.coefficients.to(points))
+    orientation = pose.orientation.to(points)
+    rays = sphere_projection.changes(points, *values, projected.light, orientation, MIN_DEPTH, ball.radius)
+    sums = sphere_projection.pixel_sums(rays, window.ray_pixels, len(window.pixels))
+    ball_levels = sums[:, 0]
+    contrast = ball_levels - window.background
+    offsets = window.offsets_from(pose.centre)
+    normals = offsets / offsets.norm(dim=-1, keepdim=True).clamp_min(1e-9)
+    jacobian = share[:, None] * sums[:, 1:]
+    jacobian[:, :2] += (share_slope * contrast)[:, None] * normals
+    if by_ball:
+        jacobian[:, 5] += share_slope * contrast
+        blurred, _ = projection.coverage(window, pose.centre, ball.radius, ball.edge_blur + BLUR_STEP_PX)
+        jacobian = torch.cat((jacobian, ((blurred - share) / BLUR_STEP_PX * contrast)[:, None]), 1)
     else:
-        slopes = slopes[:, :5]
-    return Linearised(
-        levels=pose.gain * (share * lit + (1 - share) * window.behind) + pose.offset,
-        slopes=pose.gain * slopes,
-        look=seen.look,
-        light=seen.onto_pixels(window, pose),
+        jacobian = jacobian[:, :5]
+    return Linearisation(
+        levels=_blend(window, projected, pose, ball_levels),
+        jacobian=pose.gain * jacobian,
+        stencil=projected.stencil,
+        map_slopes=projected.map_slopes(window, pose),
     )
 
 
-def lights(window: Window, pose: Pose, ball: Ball) -> Tensor:
-    """Derivative (p, 4) of `appearance` by the shading."""
-    points, part = met(window, pose.centre, ball.radius)
-    look = cube_map.stencil(pose.orientation.T.to(points) @ points, ball.cells)
-    level = look.value(ball.coefficients.to(points))
-    share, _ = coverage(window, pose.centre, ball.radius, ball.edge_blur)
-    return (pose.gain * share)[:, None] * window.gather((part * level * shading_basis(points)).T)
+def shading_jacobian(window: Window, pose: Pose, ball: TexturedBall) -> Tensor:
+    """Derivative (p, 4) of the grey levels by the shading."""
+    projected = project(window, pose, replace(ball, shading=projection.uniform_light()))
+    values = projected.light * projected.stencil.value(ball.coefficients.to(projected.light))
+    by_terms = window.sum_rays((values * projection.shading_basis(projected.points)).T)
+    return (pose.gain * projected.coverage)[:, None] * by_terms
 
 
-def moved(pose: Pose, step: Tensor, radius: float) -> Pose:
-    """The pose after a step (5,) in px, rotations times the radius."""
+def move_pose(pose: Pose, step: Tensor, radius: float) -> Pose:
+    """The pose after a ``step`` (5,) of (dx, dy, wx, wy, wz), px, rotations times the ``radius``."""
     step = step.double()
-    turn = So3.exp(step[None, 2:5] / radius).matrix()[0]
-    return replace(pose, centre=pose.centre + step[:2], orientation=turn @ pose.orientation)
+    rotation = So3.exp(step[None, 2:5] / radius).matrix()[0]
+    return replace(pose, centre=pose.centre + step[:2], orientation=rotation @ pose.orientation)

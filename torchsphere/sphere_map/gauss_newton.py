@@ -1,6 +1,6 @@
-"""Map and poses brought nearer to what the images show: steps of Gauss-Newton between two eliminations of the map.
+"""Gauss-Newton steps of map and poses between two eliminations of the map.
 
-The elimination is costly and gets old, the residuals are exact at every step.
+An elimination is costly and serves several steps; the residuals are exact at every step.
 """
 
 from __future__ import annotations
@@ -13,169 +13,111 @@ from numpy.typing import NDArray
 
 from torchsphere.runtime import threads
 from torchsphere.sphere_map import cube_map, forward_model, map_fit, pixel_weights, projection, schur
-from torchsphere.sphere_map.forward_model import Linearised
-from torchsphere.sphere_map.pixel_weights import Profile
-from torchsphere.sphere_map.projection import Ball, Pose, Sight
+from torchsphere.sphere_map.forward_model import Linearisation
+from torchsphere.sphere_map.projection import Pose
+from torchsphere.sphere_map.schur import Elimination
+from torchsphere.sphere_map.state import LinearisedState, State
 from torchsphere.sphere_map.window import Window
 
 Array = NDArray[np.float64]
 
-#: Steps at most after each elimination; they end when one is no longer this share of the one before: the elimination
-#: is too old then.
-STEPS, SHRINKS = 4, 0.8
+#: Largest number of steps with one elimination, and length of a step, in lengths of the step before, at which they end.
+MAX_STEPS, MAX_STEP_RATIO = 4, 0.8
 
-#: Shares of a step that are tried until the residuals fall: near the limb no step is linear.
-SHARES: tuple[float, ...] = (1.0, 0.3, 0.1)
+#: Shares of a step, tried in turn until the squares fall: near the limb no step is linear.
+STEP_SHARES: tuple[float, ...] = (1.0, 0.3, 0.1)
 
-#: What is tried first after a step that was taken as it was meant. Radius, blur and place of the outline are hard to
-#: tell apart: where they are wrong together, each step was measured to leave 0.5 to 0.7 of it.
-FURTHER = 2.0
+#: Share that is tried first after a step whose first share was accepted (docs/constants.md).
+EXTENDED_SHARE = 2.0
 
-#: By how much a step must lower the weighted squares for another one: by less, all poses and the ball together are
-#: about one standard deviation from where the squares are least.
-WORTH_IT = 1.0
+#: Least decrease of the weighted squares for another step; 1 is about one standard deviation of all unknowns together.
+MIN_DECREASE = 1.0
 
 
-@dataclass(frozen=True)
-class State:
-    """Images and ball as an adjustment has them.
+def iterate(
+    linearised: LinearisedState, elimination: Elimination, tolerance_px: float
+) -> tuple[LinearisedState, float]:
+    """Take steps with one elimination while they shrink and are longer than ``tolerance_px``.
 
-    Attributes
-    ----------
-    windows : list of Window
-        The images (n) with the trust that their pixels deserve.
-    poses : list of Pose
-    ball : Ball
-    profile : Profile
-        Residual against the distance from the outline.
-    model : list of Linearised
-        What the model gives each image.
-    """
-
-    windows: list[Window]
-    poses: list[Pose]
-    ball: Ball
-    profile: Profile
-    model: list[Linearised]
-
-    @classmethod
-    def of(cls, windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> State:
-        """With the model of that ball."""
-        return cls(windows, poses, ball, profile, _model(windows, poses, ball, projection.sights(windows, poses, ball)))
-
-    def levelled(self) -> State:
-        """With the gains and offsets that fit best."""
-        each = zip(self.windows, self.poses, self.model, strict=True)
-        poses = [pixel_weights.levelled(window, pose, self.profile, now.levels) for window, pose, now in each]
-        changes = zip(self.model, self.poses, poses, strict=True)
-        return replace(self, poses=poses, model=[now.relit(before, after) for now, before, after in changes])
-
-    def profiled(self) -> State:
-        """With the profile of its residuals."""
-        levels = [now.levels for now in self.model]
-        return replace(self, profile=pixel_weights.profile(self.windows, self.poses, levels, self.ball.radius))
-
-    def doubted(self) -> State:
-        """With trust in what fits the model."""
-        each = zip(self.windows, self.poses, self.model, strict=True)
-        windows = [pixel_weights.doubt(window, pose, self.profile, now.levels) for window, pose, now in each]
-        return replace(self, windows=windows)
-
-
-def _model(windows: list[Window], poses: list[Pose], ball: Ball, sights: list[Sight]) -> list[Linearised]:
-    def of_one(window: Window, pose: Pose, seen: Sight) -> Linearised:
-        return forward_model.linearised(window, pose, ball, seen)
-
-    return list(threads.each(of_one, windows, poses, sights))
-
-
-def iterate(state: State, elimination: schur.Elimination, done_px: float) -> tuple[State, float]:
-    """Steps with one elimination while they shrink, and are longer than ``done_px``.
-
-    With the state comes how far the first step, taken whole, moves a pose, px.
+    Returns
+    -------
+    linearised : LinearisedState
+        The state after the last step.
+    first_move : float
+        Largest move of a ball's centre by the first whole step, px.
     """
     moves: list[float] = []
-    pull, shares = _pull(state), SHARES
-    for _ in range(STEPS):
+    gradient, shares = _gradient(linearised), STEP_SHARES
+    for _ in range(MAX_STEPS):
         for share in shares:
-            tried = _tried(state, pull, elimination, share)
-            after = _pull(tried)
-            length = _longest(state.poses, tried.poses) / share
-            if after.squares < pull.squares:
+            candidate = _take_step(linearised.state, gradient, elimination, share)
+            candidate_gradient = _gradient(candidate)
+            move = _largest_move(linearised.state.poses, candidate.state.poses) / share
+            if candidate_gradient.squares < gradient.squares:
                 break
         else:
-            # Nothing is to be gained any more: settled, if what was tried is as short as that.
-            moves = moves or [length]
+            # No share lowers the squares. Without an earlier step, this step tells whether the poses have settled.
+            moves = moves or [move]
             break
-        moves.append(length)
-        gained = pull.squares - after.squares
-        state, pull = tried, after
-        if moves[-1] < done_px or gained < WORTH_IT or (len(moves) > 1 and moves[-1] > SHRINKS * moves[-2]):
+        moves.append(move)
+        decrease = gradient.squares - candidate_gradient.squares
+        linearised, gradient = candidate, candidate_gradient
+        too_long = len(moves) > 1 and move > MAX_STEP_RATIO * moves[-2]
+        if move < tolerance_px or decrease < MIN_DECREASE or too_long:
             break
-        shares = (FURTHER, *SHARES) if share == shares[0] else SHARES
-    return state, moves[0]
+        shares = (EXTENDED_SHARE, *STEP_SHARES) if share == shares[0] else STEP_SHARES
+    return linearised, moves[0]
 
 
-def _longest(before: list[Pose], after: list[Pose]) -> float:
+def _largest_move(before: list[Pose], after: list[Pose]) -> float:
+    """Largest component of a move of a ball's centre, px."""
     return max(float((p.centre - q.centre).abs().max()) for p, q in zip(before, after, strict=True))
 
 
-def _tried(state: State, pull: _Pull, elimination: schur.Elimination, share: float) -> State:
-    """The state after a ``share`` of a step, its map brought up to date."""
-    windows, profile = state.windows, state.profile
-    poses, ball = _step(pull, state.poses, state.ball, elimination, share)
-    sights = projection.sights(windows, poses, ball)
-    ball = map_fit.brought_up_to_date(windows, sights, poses, ball, profile, elimination)
-    return State(windows, poses, ball, profile, _model(windows, poses, ball, sights))
-
-
 @dataclass(frozen=True)
-class _Pull:
-    """Where the residuals pull the map (m,) and the poses (5 n + 2,), and their weighted sum of squares."""
+class _Gradient:
+    """Descent directions of the map (m,) and the other unknowns (5 n + 2,), and the weighted sum of squares."""
 
-    of_map: Array
-    of_poses: Array
+    by_map: Array
+    by_poses: Array
     squares: float
 
 
-def _pull(state: State) -> _Pull:
-    n, ball, squares = len(state.windows), state.ball, 0.0
-    of_map, of_poses = np.zeros(cube_map.size(ball.cells)), np.zeros(5 * n + schur.SHARED)
+def _gradient(linearised: LinearisedState) -> _Gradient:
+    state, squares = linearised.state, 0.0
+    n, ball = len(state.windows), state.ball
+    by_map = np.zeros(cube_map.coefficient_count(ball.cells))
+    by_poses = np.zeros(5 * n + schur.SHARED_UNKNOWNS)
 
-    def of_one(window: Window, pose: Pose, now: Linearised) -> tuple[Array, Array, float]:
-        rest = window.levels - now.levels
-        weighted = pixel_weights.weights(window, pose, state.profile) * rest
-        own = now.look.add(window.spread(weighted, now.light))
-        return own.numpy(), (now.slopes.T @ weighted).numpy(), float(weighted.double() @ rest.double())
+    def image_gradient(window: Window, pose: Pose, model: Linearisation) -> tuple[Array, Array, float]:
+        residual = window.levels - model.levels
+        weighted = pixel_weights.weights(window, pose, state.profile) * residual
+        by_coefficients = model.stencil.adjoint(window.spread(weighted, model.map_slopes))
+        image_squares = float(weighted.double() @ residual.double())
+        return by_coefficients.numpy(), (model.jacobian.T @ weighted).numpy(), image_squares
 
-    each = threads.each(of_one, state.windows, state.poses, state.model)
-    for i, (own_map, own_pose, own_squares) in enumerate(each):
-        of_map += own_map
-        of_poses[schur.columns_of(i, n)] += own_pose
-        squares += own_squares
-    coefficients = ball.coefficients.numpy()
-    rough = schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ coefficients)
-    return _Pull(of_map - rough, of_poses, squares + float(coefficients @ rough))
+    images = threads.each(image_gradient, state.windows, state.poses, linearised.model)
+    for i, (image_by_map, image_by_pose, image_squares) in enumerate(images):
+        by_map += image_by_map
+        by_poses[schur.image_unknowns(i, n)] += image_by_pose
+        squares += image_squares
+    smoothness = schur.roughness_gradient(ball)
+    return _Gradient(by_map - smoothness, by_poses, squares + float(ball.coefficients.numpy() @ smoothness))
 
 
-def _step(
-    pull: _Pull, poses: list[Pose], ball: Ball, elimination: schur.Elimination, share: float
-) -> tuple[list[Pose], Ball]:
-    """A ``share`` of one step of Gauss-Newton, with an elimination that may be a few steps old."""
-    right = elimination.map.solve(pull.of_map[elimination.seen])
-    inverse, blur = elimination.reduced_inverse, 5 * len(poses) + 1
-    step = share * inverse @ (pull.of_poses - elimination.coupling.T @ right)
-    # An edge cannot be sharper than the pixels make it: the blur stops there, and the others take that into account.
-    least = projection.LEAST_BLUR_PX - ball.edge_blur
-    if step[blur] < least:
-        step = step + inverse[:, blur] / inverse[blur, blur] * (least - step[blur])
-    coefficients = ball.coefficients.numpy().copy()
-    coefficients[elimination.seen] += share * right - elimination.solved @ step
-    steps = torch.from_numpy(step)
-    poses = [forward_model.moved(pose, steps[5 * i : 5 * i + 5], ball.radius) for i, pose in enumerate(poses)]
-    return poses, replace(
-        ball,
-        radius=ball.radius + float(step[blur - 1]),
-        edge_blur=ball.edge_blur + float(step[blur]),
-        coefficients=torch.from_numpy(coefficients),
-    )
+def _take_step(state: State, gradient: _Gradient, elimination: Elimination, share: float) -> LinearisedState:
+    """The state after a ``share`` of a Gauss-Newton step, with the map corrected for the new poses."""
+    map_step = elimination.map_factor.solve(gradient.by_map[elimination.observed])
+    covariance, blur = elimination.covariance, 5 * len(state.poses) + 1
+    step = share * covariance @ (gradient.by_poses - elimination.coupling.T @ map_step)
+    # The blur is not lowered below its bound; the other unknowns follow by their correlation with the blur.
+    lowest = projection.MIN_BLUR_PX - state.ball.edge_blur
+    if step[blur] < lowest:
+        step = step + covariance[:, blur] / covariance[blur, blur] * (lowest - step[blur])
+    ball = state.ball.with_map_change(elimination.observed, share * map_step - elimination.map_response @ step)
+    radius, edge_blur = ball.radius + float(step[blur - 1]), ball.edge_blur + float(step[blur])
+    steps = torch.from_numpy(step[: blur - 1]).reshape(-1, 5)
+    poses = [forward_model.move_pose(p, s, ball.radius) for p, s in zip(state.poses, steps, strict=True)]
+    state = replace(state, poses=poses, ball=replace(ball, radius=radius, edge_blur=edge_blur))
+    projections = state.project()
+    return map_fit.update_map(state, projections, elimination).linearise(projections)

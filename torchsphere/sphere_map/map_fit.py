@@ -1,6 +1,6 @@
-"""The map of the ball, and the light on it, that fit the images best where the poses are what they are.
+"""Fit of the texture map, and of the light on the ball, with the poses held fixed.
 
-Both enter the grey levels linearly; the map's thousands of coefficients touch their neighbours only.
+Both are linear in the grey levels.
 """
 
 from __future__ import annotations
@@ -8,193 +8,158 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy  # which imports scipy.sparse on its first use: 0.1 s, and a track without a map has none
+import scipy  # imports scipy.sparse on first use: 0.1 s, which a track without a map does not need
 import torch
 from numpy.typing import NDArray
 
 from torchsphere.kernels.map_equations import Products
 from torchsphere.runtime import threads
-from torchsphere.sphere_map import cube_map, forward_model, pixel_weights, projection, schur
-from torchsphere.sphere_map.pixel_weights import Profile
-from torchsphere.sphere_map.projection import Ball, Pose, Sight
+from torchsphere.sphere_map import cube_map, forward_model, pixel_weights, schur
+from torchsphere.sphere_map.projection import SHADING_TERMS, Pose, Projection
+from torchsphere.sphere_map.state import State
 from torchsphere.sphere_map.window import Window
 
 Array = NDArray[np.float64]
 
-#: Steps of the conjugate gradients for a map.
-MAP_STEPS = 60
+#: Largest number of steps of the conjugate gradients for a map.
+MAX_MAP_STEPS = 60
 
-#: Share of the squared residuals that a change of the shading must explain to be believed, how often it is sought, and
-#: the standard deviation of its terms beforehand: slow light and a slow ball cannot be told apart.
-EXPLAINED, SHADING_ROUNDS, SHADING_SD = 0.01, 4, 0.3
+#: Share of the squared residuals that a change of the shading must explain, and largest number of such changes.
+MIN_EXPLAINED, SHADING_ROUNDS = 0.01, 4
+
+#: Prior standard deviation of the shading's terms: a ball that turns little does not separate light from texture.
+SHADING_SD = 0.3
 
 
-def first_map(
-    windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile, gain_rounds: int = 0
-) -> tuple[Ball, list[Pose]]:
-    """The map that fits the images best where the poses are what they are, and the poses.
+def fit_map(state: State, *, brightness_rounds: int = 0) -> State:
+    """Fit the map to the images.
 
-    With ``gain_rounds`` map and gains are fitted in turns. The equations stay those of the first gains then: they only
-    lead the way to where the exact residuals pull no more.
+    Parameters
+    ----------
+    state : State
+        Images, poses and ball; the ball's map is replaced.
+    brightness_rounds : int
+        Number of fits of gains and offsets, each followed by another fit of the map. The normal matrix is not updated
+        for the new gains; the residuals are exact.
+
+    Returns
+    -------
+    State
+        With the new map, and new gains and offsets of the poses.
     """
-    sights = projection.sights(windows, poses, ball)
-    ball = replace(ball, coefficients=torch.zeros(cube_map.size(ball.cells), dtype=torch.float64))
-    normal = _map_equations(windows, sights, poses, ball.cells, profile)
-    seen = np.flatnonzero(normal.diagonal() > 0)
-    matrix = schur.with_prior(normal, seen, ball.cells)
-    ball = _nearer(windows, sights, poses, ball, profile, matrix, seen)
-    for _ in range(gain_rounds):
-        poses = _levelled(windows, sights, poses, ball, profile)
-        ball = _nearer(windows, sights, poses, ball, profile, matrix, seen)
-    # What no image has shown is as grey as the rest.
-    coefficients = ball.coefficients.clone()
-    coefficients[normal.diagonal() == 0] = coefficients[seen].median()
-    return replace(ball, coefficients=coefficients), poses
+    cells, projections = state.ball.cells, state.project()
+    empty = torch.zeros(cube_map.coefficient_count(cells), dtype=torch.float64)
+    state = replace(state, ball=replace(state.ball, coefficients=empty))
+    normal = _normal_matrix(state, projections)
+    observed = np.flatnonzero(normal.diagonal() > 0)
+    matrix = schur.add_prior(normal, observed, cells)
+    state = _improve_map(state, projections, matrix, observed)
+    for _ in range(brightness_rounds):
+        state = state.fit_brightness(state.predict(projections))
+        state = _improve_map(state, projections, matrix, observed)
+    # Coefficients that no image shows get the median of the others.
+    coefficients = state.ball.coefficients.clone()
+    coefficients[normal.diagonal() == 0] = coefficients[observed].median()
+    return replace(state, ball=replace(state.ball, coefficients=coefficients))
 
 
-def _nearer(
-    windows: list[Window],
-    sights: list[Sight],
-    poses: list[Pose],
-    ball: Ball,
-    profile: Profile,
-    matrix: scipy.sparse.csr_matrix,
-    seen: NDArray[np.int64],
-) -> Ball:
-    """The ball with its map a step nearer to what fits best, by the normal ``matrix`` of its ``seen`` coefficients."""
-    coefficients = ball.coefficients.numpy().copy()
-    pull = _pull(windows, sights, poses, ball, profile) - schur.RIDGE * coefficients
-    step, _ = scipy.sparse.linalg.cg(matrix, pull[seen], maxiter=MAP_STEPS)
-    coefficients[seen] += step
-    return replace(ball, coefficients=torch.from_numpy(coefficients))
+def update_map(state: State, projections: list[Projection], elimination: schur.Elimination) -> State:
+    """Correct the map for poses that have moved: near the limb the map does not change linearly with them."""
+    observed = elimination.observed
+    change = elimination.map_factor.solve(_gradient(state, projections)[observed])
+    return replace(state, ball=state.ball.with_map_change(observed, change))
 
 
-def _map_equations(
-    windows: list[Window], sights: list[Sight], poses: list[Pose], cells: int, profile: Profile
-) -> scipy.sparse.csr_matrix:
-    """Normal equations (m, m) of the map alone."""
-    products = Products(cells)
+def _improve_map(
+    state: State, projections: list[Projection], matrix: scipy.sparse.csr_matrix, observed: NDArray[np.int64]
+) -> State:
+    """One step of the map, by the normal ``matrix`` (k, k) of its ``observed`` coefficients (k,)."""
+    gradient = _gradient(state, projections) - schur.RIDGE * state.ball.coefficients.numpy()
+    change, _ = scipy.sparse.linalg.cg(matrix, gradient[observed], maxiter=MAX_MAP_STEPS)
+    return replace(state, ball=state.ball.with_map_change(observed, change))
 
-    def of_one(window: Window, seen: Sight, pose: Pose) -> tuple[scipy.sparse.csr_matrix, Array]:
-        design = schur.design_matrix(window, seen.look, seen.onto_pixels(window, pose))
-        return design, pixel_weights.weights(window, pose, profile).double().numpy()
 
-    for design, weights in threads.each(of_one, windows, sights, poses):
+def _normal_matrix(state: State, projections: list[Projection]) -> scipy.sparse.csr_matrix:
+    """Normal matrix (m, m) of the map."""
+    products = Products(state.ball.cells)
+
+    def image_design(window: Window, pose: Pose, projected: Projection) -> tuple[scipy.sparse.csr_matrix, Array]:
+        design = schur.design_matrix(window, projected.stencil, projected.map_slopes(window, pose))
+        return design, pixel_weights.weights(window, pose, state.profile).double().numpy()
+
+    for design, weights in threads.each(image_design, state.windows, state.poses, projections):
         products.add(design, weights)
     return products.matrix()
 
 
-def _levelled(
-    windows: list[Window], sights: list[Sight], poses: list[Pose], ball: Ball, profile: Profile
-) -> list[Pose]:
-    """The poses with the gains and offsets that fit best."""
+def _gradient(state: State, projections: list[Projection]) -> Array:
+    """Descent direction (m,) of the map's coefficients by residuals and smoothness."""
 
-    def of_one(window: Window, seen: Sight, pose: Pose) -> Pose:
-        return pixel_weights.levelled(
-            window, pose, profile, forward_model.levels(window, seen, pose, ball.coefficients)
-        )
+    def image_gradient(window: Window, pose: Pose, projected: Projection) -> Array:
+        residual = window.levels - forward_model.grey_levels(window, projected, pose, state.ball.coefficients)
+        weighted = pixel_weights.weights(window, pose, state.profile) * residual
+        ray_values = window.spread(pose.gain * projected.coverage * weighted, projected.light)
+        return projected.stencil.adjoint(ray_values).double().numpy()
 
-    return list(threads.each(of_one, windows, sights, poses))
-
-
-def brought_up_to_date(
-    windows: list[Window],
-    sights: list[Sight],
-    poses: list[Pose],
-    ball: Ball,
-    profile: Profile,
-    elimination: schur.Elimination,
-) -> Ball:
-    """The ball with its map brought up to date with poses that have moved; near the limb that is no linear change."""
-    pull = _pull(windows, sights, poses, ball, profile)
-    coefficients = ball.coefficients.numpy().copy()
-    coefficients[elimination.seen] += elimination.map.solve(pull[elimination.seen])
-    return replace(ball, coefficients=torch.from_numpy(coefficients))
+    gradient = -schur.roughness_gradient(state.ball)
+    for part in threads.each(image_gradient, state.windows, state.poses, projections):
+        gradient += part
+    return gradient
 
 
-def _pull(windows: list[Window], sights: list[Sight], poses: list[Pose], ball: Ball, profile: Profile) -> Array:
-    """Where the residuals and the map's smoothness pull its coefficients (m,)."""
+def fit_shading(state: State) -> State:
+    """Fit the light on the ball, if a light that differs from side to side explains enough of the residuals.
 
-    def of_one(window: Window, seen: Sight, pose: Pose) -> Array:
-        rest = window.levels - forward_model.levels(window, seen, pose, ball.coefficients)
-        weighted = pixel_weights.weights(window, pose, profile) * rest
-        return seen.look.add(window.spread(pose.gain * seen.share * weighted, seen.light)).double().numpy()
-
-    pull = -schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ ball.coefficients.numpy())
-    for own in threads.each(of_one, windows, sights, poses):
-        pull += own
-    return pull
-
-
-def shaded(windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> Ball:
-    """The ball under the light that fits all images best, where the light is seen to differ from side to side.
-
-    Map and light are solved for together: fitted in turns, the map would keep what light it has taken in.
+    Map and light are solved for together: in turns, the map would keep the light that the map has already absorbed.
     """
     for _ in range(SHADING_ROUNDS):
-        equations = _Equations.of(windows, poses, ball, profile)
-        seen = np.flatnonzero(equations.normal.diagonal() > 0)
-        matrix, coupling = schur.with_prior(equations.normal, seen, ball.cells), equations.coupling[seen]
-        coefficients = ball.coefficients.numpy()
-        pull = (equations.of_map - schur.SMOOTHNESS * (schur.roughness_matrix(ball.cells) @ coefficients))[seen]
+        ball, equations = state.ball, _shading_equations(state)
+        observed = np.flatnonzero(equations.map_normal.diagonal() > 0)
+        matrix, coupling = schur.add_prior(equations.map_normal, observed, ball.cells), equations.coupling[observed]
+        map_right = (equations.map_right - schur.roughness_gradient(ball))[observed]
         cg = scipy.sparse.linalg.cg
-        solved = np.stack([cg(matrix, column, maxiter=MAP_STEPS)[0] for column in coupling.T], 1)
-        right, _ = cg(matrix, pull, maxiter=MAP_STEPS)
-        # The constant of the light only scales the map.
-        reduced, gradient = (equations.own - coupling.T @ solved)[1:, 1:], (equations.of_light - coupling.T @ right)[1:]
-        change = np.linalg.solve(reduced + np.eye(projection.SHADES - 1) / SHADING_SD**2, gradient)
-        if change @ gradient < EXPLAINED * equations.squares:
-            return ball
+        response = np.stack([cg(matrix, column, maxiter=MAX_MAP_STEPS)[0] for column in coupling.T], 1)
+        map_change, _ = cg(matrix, map_right, maxiter=MAX_MAP_STEPS)
+        # The constant of the light is left out: it scales as the map does.
+        reduced = (equations.light_normal - coupling.T @ response)[1:, 1:]
+        gradient = (equations.light_right - coupling.T @ map_change)[1:]
+        change = np.linalg.solve(reduced + np.eye(SHADING_TERMS - 1) / SHADING_SD**2, gradient)
+        if change @ gradient < MIN_EXPLAINED * equations.squares:
+            return state
         change = np.concatenate(([0.0], change))
-        coefficients = coefficients.copy()
-        coefficients[seen] += right - solved @ change
-        shading = ball.shading + torch.from_numpy(change)
-        ball = replace(ball, coefficients=torch.from_numpy(coefficients), shading=shading)
-    return ball
+        ball = ball.with_map_change(observed, map_change - response @ change)
+        state = replace(state, ball=replace(ball, shading=ball.shading + torch.from_numpy(change)))
+    return state
 
 
 @dataclass(frozen=True)
-class _Equations:
-    """Normal equations of the map's m coefficients and the light's 4, and the weighted sum of squared residuals.
+class _ShadingEquations:
+    """Normal equations of the map's m coefficients and the light's 4, and the weighted sum of squared residuals."""
 
-    Attributes
-    ----------
-    normal : csr_matrix
-        Of the map (m, m).
-    coupling : ndarray
-        Of map and light (m, 4).
-    own : ndarray
-        Of the light (4, 4).
-    of_map, of_light : ndarray
-        Right sides (m,) and (4,).
-    squares : float
-    """
-
-    normal: scipy.sparse.csr_matrix
-    coupling: Array
-    own: Array
-    of_map: Array
-    of_light: Array
+    map_normal: scipy.sparse.csr_matrix  # (m, m)
+    coupling: Array  # (m, 4)
+    light_normal: Array  # (4, 4)
+    map_right: Array  # (m,)
+    light_right: Array  # (4,)
     squares: float
 
-    @classmethod
-    def of(cls, windows: list[Window], poses: list[Pose], ball: Ball, profile: Profile) -> _Equations:
-        """Those of all images together."""
-        count = cube_map.size(ball.cells)
-        products, of_map = Products(ball.cells), np.zeros(count)
-        coupling, own = np.zeros((count, projection.SHADES)), np.zeros((projection.SHADES, projection.SHADES))
-        of_light, squares = np.zeros(projection.SHADES), 0.0
-        for window, pose in zip(windows, poses, strict=True):
-            now = forward_model.linearised(window, pose, ball)
-            design = schur.design_matrix(window, now.look, now.light)
-            lights = forward_model.lights(window, pose, ball).double().numpy()
-            weights = pixel_weights.weights(window, pose, profile).double().numpy()
-            rest = (window.levels - now.levels).double().numpy()
-            weighted = design.multiply(weights[:, None]).tocsr()
-            products.add(design, weights)
-            of_map += weighted.T @ rest
-            coupling += weighted.T @ lights
-            own += lights.T @ (weights[:, None] * lights)
-            of_light += lights.T @ (weights * rest)
-            squares += float(weights @ rest**2)
-        return cls(products.matrix(), coupling, own, of_map, of_light, squares)
+
+def _shading_equations(state: State) -> _ShadingEquations:
+    """Normal equations of map and light, of all images together."""
+    count, ball = cube_map.coefficient_count(state.ball.cells), state.ball
+    products, map_right, light_right = Products(ball.cells), np.zeros(count), np.zeros(SHADING_TERMS)
+    coupling, light_normal, squares = np.zeros((count, SHADING_TERMS)), np.zeros((SHADING_TERMS, SHADING_TERMS)), 0.0
+    for window, pose in zip(state.windows, state.poses, strict=True):
+        model = forward_model.linearise(window, pose, ball)
+        design = schur.design_matrix(window, model.stencil, model.map_slopes)
+        by_light = forward_model.shading_jacobian(window, pose, ball).double().numpy()
+        weights = pixel_weights.weights(window, pose, state.profile).double().numpy()
+        residual = (window.levels - model.levels).double().numpy()
+        weighted = design.multiply(weights[:, None]).tocsr()
+        products.add(design, weights)
+        map_right += weighted.T @ residual
+        coupling += weighted.T @ by_light
+        light_normal += by_light.T @ (weights[:, None] * by_light)
+        light_right += by_light.T @ (weights * residual)
+        squares += float(weights @ residual**2)
+    return _ShadingEquations(products.matrix(), coupling, light_normal, map_right, light_right, squares)

@@ -1,50 +1,50 @@
-"""What the pixels around the ball see of it: which share is the ball, where rays meet the surface, and in what light.
+"""Projection of the ball into one image: pixel coverage, surface points of the rays, and the light there.
 
-All that the forward model (`torchsphere.sphere_map.forward_model`) needs of a pose, whatever the map of the ball.
+These quantities depend on pose, radius and light, and on no value of the texture map.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.kernels import sphere_projection
-from torchsphere.runtime import threads
 from torchsphere.sphere_map import cube_map
 from torchsphere.sphere_map.cube_map import Stencil
 from torchsphere.sphere_map.window import Window
 
-#: Rays beyond this share of the radius are taken there: a pixel on the outline shows the limb.
-LIMB = 0.998
+#: Distance from the centre, radii, to which all rays further out are drawn: the outline's pixels show the limb.
+MAX_RAY_DISTANCE = 0.998
 
-#: Least blur of the optics that the edge is modelled with, px.
-LEAST_BLUR_PX = 0.05
+#: Least blur of the edge by the optics, px.
+MIN_BLUR_PX = 0.05
 
-#: Width of the change from a ray that meets the ball to one that passes it, px.
-TURN_PX = 0.1
+#: Standard deviation of the transition between rays that meet the ball and rays that miss it, px.
+RAY_TRANSITION_PX = 0.1
 
-#: Distance, in standard deviations, beyond which a Gaussian is nothing: 1e-15 of it is left. Most pixels are further
-#: from the edge than that and half their diagonal, px.
-REACH_OF_BLUR, HALF_DIAGONAL_PX = 8.0, 0.75
+#: Standard deviations beyond which a Gaussian is zero (its tail is 1e-15), and bound of a pixel's half diagonal, px.
+BLUR_CUTOFF_SD, HALF_DIAGONAL_PX = 8.0, 0.75
 
-#: Functions of the shading, see `shading_basis`.
-SHADES = 4
+#: Number of functions in `shading_basis`.
+SHADING_TERMS = 4
 
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the ball is in one image, and how bright.
+    """Pose and brightness of the ball in one image.
 
     Attributes
     ----------
     centre : Tensor
         (2,), px, float64.
     orientation : Tensor
-        (3, 3), from body to camera axes.
+        Rotation (3, 3) from body to camera axes.
     gain, offset : float
-        Brightness of this image against the others.
+        Brightness of this image relative to the others.
     """
 
     centre: Tensor
@@ -54,21 +54,21 @@ class Pose:
 
 
 @dataclass(frozen=True)
-class Ball:
-    """What all images share.
+class TexturedBall:
+    """Properties of the ball that all images share.
 
     Attributes
     ----------
     radius : float
-        Of the outline, px.
+        Radius of the outline, px.
     edge_blur : float
-        Standard deviation of the optics' blur at the outline, px; the pixel's own width comes on top.
+        Standard deviation of the optics' blur at the outline, px, without the width of a pixel.
     cells : int
         Cells along a face of the texture map.
     coefficients : Tensor
-        Of the texture map, (m,), float64.
+        Coefficients (m,) of the texture map, float64.
     shading : Tensor
-        (4,) of `shading_basis`: light that stays in place while the ball turns.
+        Coefficients (4,) of `shading_basis`: light that does not turn with the ball.
     """
 
     radius: float
@@ -77,72 +77,79 @@ class Ball:
     coefficients: Tensor
     shading: Tensor
 
+    def with_map_change(self, indices: NDArray[np.int64], change: NDArray[np.float64]) -> TexturedBall:
+        """The ball with ``change`` (k,) added to the coefficients at ``indices`` (k,)."""
+        coefficients = self.coefficients.numpy().copy()
+        coefficients[indices] += change
+        return replace(self, coefficients=torch.from_numpy(coefficients))
+
 
 def coverage(window: Window, centre: Tensor, radius: float, blur: float) -> tuple[Tensor, Tensor]:
-    """Share (p,) of each pixel that the disc covers, and its derivative by the distance to the outline, 1/px.
+    """Share (p,) of each pixel that the disc covers, and its derivative by a shift of the outline, 1/px.
 
-    Exact for a straight edge through a square pixel, blurred by a Gaussian: the twofold integral of that Gaussian,
-    taken at the four corners.
+    Exact for a straight edge through a square pixel with Gaussian ``blur``, px: the twofold integral of the Gaussian
+    at the four corners.
     """
-    reach = HALF_DIAGONAL_PX + REACH_OF_BLUR * blur
+    reach = HALF_DIAGONAL_PX + BLUR_CUTOFF_SD * blur
     return sphere_projection.coverage(window.pixels, centre, radius, blur, reach, window.levels)
 
 
-def met(window: Window, centre: Tensor, radius: float) -> tuple[Tensor, Tensor]:
-    """Points (3, q) of the unit sphere that the rays meet, camera axes, and the rays' weights (q,) in their pixels.
+def surface_points(window: Window, centre: Tensor, radius: float) -> tuple[Tensor, Tensor]:
+    """Points (3, q) of the rays on the unit sphere, camera axes, and the rays' weights (q,) in their pixels.
 
-    Rays that pass the ball have none. A ray's turn comes within `TURN_PX`, about its share of a pixel, so that nothing
-    jumps when the ball moves.
+    Rays that miss the ball have no weight. The weight changes over `RAY_TRANSITION_PX`, about a ray's share of a
+    pixel, so that the model is continuous in the pose.
     """
-    count = len(window.pixels)
-    return sphere_projection.met(window.rays, centre, window.part, window.owner, count, radius, LIMB, TURN_PX)
+    rays = window.rays, centre, window.ray_weights, window.ray_pixels, len(window.pixels)
+    return sphere_projection.met(*rays, radius, MAX_RAY_DISTANCE, RAY_TRANSITION_PX)
 
 
 def shading_basis(normals: Tensor) -> Tensor:
-    """One, and the normals' components: (3, q) -> (4, q).
+    """A constant and the components of the ``normals``: (3, q) -> (4, q).
 
-    A matt ball under light from one side and from all around. Terms of second order would hold attached shadows too (R.
-    Basri and D. Jacobs, IEEE Trans. Pattern Anal. Mach. Intell. 25 (2003) 218, doi:10.1109/TPAMI.2003.1177153), but
-    recordings that turn the ball by less than a radian do not tell them from its texture.
+    The basis holds a matt ball under light from one side and from all around. Terms of second order would hold
+    attached shadows, too (R. Basri and D. Jacobs, IEEE Trans. Pattern Anal. Mach. Intell. 25 (2003) 218,
+    doi:10.1109/TPAMI.2003.1177153). Recordings that turn the ball by less than a radian cannot separate these terms
+    from the texture.
     """
     return torch.cat((torch.ones_like(normals[:1]), normals))
 
 
+def uniform_light() -> Tensor:
+    """Shading (4,) of a light that is the same from all sides."""
+    return torch.eye(SHADING_TERMS, dtype=torch.float64)[0]
+
+
 @dataclass(frozen=True)
-class Sight:
-    """What the rays of a window meet, the ball being where it is: all of the model but map, gain and offset.
+class Projection:
+    """The forward model at one pose, without map values, gain and offset.
 
     Attributes
     ----------
     points : Tensor
-        Of the unit sphere (3, q), camera axes.
-    look : Stencil
-        Where each ray meets the map.
+        Points (3, q) of the rays on the unit sphere, camera axes.
+    stencil : Stencil
+        Position of the points on the map.
     light : Tensor
-        What a unit of the map there adds to what the ray's pixel sees of the ball (q,).
-    share, edge : Tensor
-        Share (p,) of each pixel that the disc covers, and its derivative by the distance to the outline, 1/px.
+        Light (q,) at each point times the ray's weight in its pixel.
+    coverage, coverage_slope : Tensor
+        Share (p,) of each pixel that the disc covers, and its derivative by a shift of the outline, 1/px.
     """
 
     points: Tensor
-    look: Stencil
+    stencil: Stencil
     light: Tensor
-    share: Tensor
-    edge: Tensor
+    coverage: Tensor
+    coverage_slope: Tensor
 
-    def onto_pixels(self, window: Window, pose: Pose) -> Tensor:
-        """What a unit of the map where a ray meets it adds to the grey level of its pixel (q,)."""
-        return window.spread(pose.gain * self.share, self.light)
-
-
-def sight(window: Window, pose: Pose, ball: Ball) -> Sight:
-    """What the rays of a window meet."""
-    points, part = met(window, pose.centre, ball.radius)
-    look = cube_map.stencil(pose.orientation.T.to(points) @ points, ball.cells)
-    light = sphere_projection.lit(points, part, ball.shading)
-    return Sight(points, look, light, *coverage(window, pose.centre, ball.radius, ball.edge_blur))
+    def map_slopes(self, window: Window, pose: Pose) -> Tensor:
+        """Derivative (q,) of the grey level of each ray's pixel by the map's value at the ray."""
+        return window.spread(pose.gain * self.coverage, self.light)
 
 
-def sights(windows: list[Window], poses: list[Pose], ball: Ball) -> list[Sight]:
-    """What the rays of each window meet."""
-    return list(threads.each(lambda window, pose: sight(window, pose, ball), windows, poses))
+def project(window: Window, pose: Pose, ball: TexturedBall) -> Projection:
+    """Project the ball at ``pose`` into the ``window``."""
+    points, weights = surface_points(window, pose.centre, ball.radius)
+    stencil = cube_map.stencil(pose.orientation.T.to(points) @ points, ball.cells)
+    light = sphere_projection.lit(points, weights, ball.shading)
+    return Projection(points, stencil, light, *coverage(window, pose.centre, ball.radius, ball.edge_blur))

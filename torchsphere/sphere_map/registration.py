@@ -1,4 +1,4 @@
-"""Pose of the ball in one image against a known texture map: Gauss-Newton on the forward model."""
+"""Registration of one image on a known texture map: Gauss-Newton on the forward model."""
 
 from __future__ import annotations
 
@@ -8,35 +8,35 @@ import torch
 from torch import Tensor
 
 from torchsphere.sphere_map import forward_model, pixel_weights
-from torchsphere.sphere_map.pixel_weights import Profile
-from torchsphere.sphere_map.projection import Ball, Pose
+from torchsphere.sphere_map.pixel_weights import ResidualProfile
+from torchsphere.sphere_map.projection import Pose, TexturedBall
 from torchsphere.sphere_map.window import Window
 
-#: Steps at most, and the length below which the last one ends the iteration, px. Steps shrink tenfold each.
+#: Largest number of steps, and length below which a step is the last, px; steps shrink about tenfold each.
 MAX_STEPS, TOLERANCE_PX = 12, 2e-3
 
-#: Steps after which it is looked once more at what hides the ball, or one step no longer than this, px: a pose within a
-#: hundredth of a px, as most are guessed, is right enough for that.
-SECOND_LOOK, LOOK_AGAIN_PX = 2, 0.01
+#: Number of steps, or length of a step, px, after which brightness and visibility are estimated a second time.
+REWEIGHT_STEP, REWEIGHT_PX = 2, 0.01
 
-#: After a step no longer than this, px, the derivatives are those of the step before: they cost twice what the grey
-#: levels do. In dim light a map is noisy, and with it they change within a fraction of a px: up to 0.05 and 0.2 px
-#: steps were 8 and 16 % less precise there.
-SLOPES_HOLD_PX = 0.01
+#: Length of a step, px, up to which the next step uses the same Jacobian (docs/constants.md).
+KEEP_JACOBIAN_PX = 0.01
+
+#: Scale of the gain's unknown: a grey level, roughly.
+GAIN_SCALE = 100
 
 
 @dataclass(frozen=True)
 class Registration:
-    """One image on the map.
+    """Pose of one image on the map.
 
     Attributes
     ----------
     pose : Pose
     covariance : Tensor
-        (5, 5) of (dx, dy, wx, wy, wz), px, rotations times the radius; of the image's own noise alone.
+        (5, 5) of (dx, dy, wx, wy, wz), px, rotations times the radius, by the image's own noise alone.
     converged : bool
     misfit : float
-        Mean square of the weighted residual; 1 where the image fits as well as those that made the map.
+        Mean square of the weighted residual; 1 if the image fits as well as the images that made the map.
     """
 
     pose: Pose
@@ -45,44 +45,47 @@ class Registration:
     misfit: float
 
 
-def register(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Registration:
-    """Fit pose, gain and offset of one image, from a pose that is right to within half a speckle."""
-    length, looks = torch.inf, 0
-    for turn in range(MAX_STEPS):
-        looked = looks == 0 or (looks == 1 and (turn == SECOND_LOOK or length <= LOOK_AGAIN_PX))
-        looks += looked
-        if length > SLOPES_HOLD_PX:
-            now = forward_model.linearised(window, pose, ball, of_ball=False)
+def register(window: Window, pose: Pose, ball: TexturedBall, profile: ResidualProfile) -> Registration:
+    """Fit pose, gain and offset of one image, from a pose with an error of up to half a speckle.
+
+    Gain and offset are unknowns beside the pose, so that they do not take up a part of its motion.
+    """
+    length, estimates = torch.inf, 0
+    for step_number in range(MAX_STEPS):
+        if length > KEEP_JACOBIAN_PX:
+            model = forward_model.linearise(window, pose, ball, by_ball=False)
         else:
-            now = replace(now, levels=forward_model.appearance(window, pose, ball))
-        if looked:
-            lit = pixel_weights.levelled(window, pose, profile, now.levels)
-            now, pose = now.relit(pose, lit), lit
-            window = pixel_weights.doubt(window, pose, profile, now.levels)
+            model = replace(model, levels=forward_model.predict(window, pose, ball))
+        settling = step_number == REWEIGHT_STEP or length <= REWEIGHT_PX
+        if estimates == 0 or (estimates == 1 and settling):
+            estimates += 1
+            brightened = pixel_weights.fit_brightness(window, pose, profile, model.levels)
+            model, pose = model.with_brightness(pose, brightened), brightened
+            window = pixel_weights.estimate_visibility(window, pose, profile, model.levels)
         weights = pixel_weights.weights(window, pose, profile)
-        rest = window.levels - now.levels
-        # Gain and offset move with the pose, so that they take nothing of its motion.
-        slopes = torch.cat((now.slopes, now.levels[:, None] / 100, torch.ones_like(rest)[:, None]), -1)
-        normal = (slopes.T @ (weights[:, None] * slopes)).double()
+        residual = window.levels - model.levels
+        by_brightness = model.levels[:, None] / GAIN_SCALE, torch.ones_like(residual)[:, None]
+        jacobian = torch.cat((model.jacobian, *by_brightness), -1)
+        normal = (jacobian.T @ (weights[:, None] * jacobian)).double()
         normal = normal + 1e-9 * normal.trace() * torch.eye(len(normal), dtype=normal.dtype)
         inverse = torch.linalg.inv(normal)
-        step = inverse @ (slopes.T @ (weights * rest)).double()
+        step = inverse @ (jacobian.T @ (weights * residual)).double()
         length = float(step[:5].abs().max())
         if not length < ball.radius:
             break
-        pose = forward_model.moved(pose, step[:5], ball.radius)
-        change = 1 + float(step[5]) / 100
+        pose = forward_model.move_pose(pose, step[:5], ball.radius)
+        change = 1 + float(step[5]) / GAIN_SCALE
         pose = replace(pose, gain=pose.gain * change, offset=pose.offset * change + float(step[6]))
-        if length < TOLERANCE_PX and looks == 2:
+        if length < TOLERANCE_PX and estimates == 2:
             break
-    used = (window.trust > 0.5).to(rest)
-    misfit = float((weights * used * rest.square()).sum() / used.sum().clamp_min(1))
+    visible = (window.visibility > 0.5).to(residual)
+    misfit = float((weights * visible * residual.square()).sum() / visible.sum().clamp_min(1))
     return Registration(pose, inverse[:5, :5], length < 5 * TOLERANCE_PX, misfit)
 
 
-def own_covariance(window: Window, pose: Pose, ball: Ball, profile: Profile) -> Tensor:
-    """`Registration.covariance` (5, 5) of an image whose pose is known already."""
-    now = forward_model.linearised(window, pose, ball, of_ball=False)
-    slopes = torch.cat((now.slopes, now.levels[:, None], torch.ones_like(now.levels)[:, None]), -1)
+def pose_covariance(window: Window, pose: Pose, ball: TexturedBall, profile: ResidualProfile) -> Tensor:
+    """`Registration.covariance` (5, 5) of an image whose pose is known."""
+    model = forward_model.linearise(window, pose, ball, by_ball=False)
+    jacobian = torch.cat((model.jacobian, model.levels[:, None], torch.ones_like(model.levels)[:, None]), -1)
     weights = pixel_weights.weights(window, pose, profile)
-    return torch.linalg.inv((slopes.T @ (weights[:, None] * slopes)).double())[:5, :5]
+    return torch.linalg.inv((jacobian.T @ (weights[:, None] * jacobian)).double())[:5, :5]

@@ -1,8 +1,8 @@
-"""The normal equations of map and poses together, and the map eliminated from them.
+"""Normal equations of map and poses, and the elimination of the map from them (Schur complement).
 
-The map's coefficients are thousands, but each pixel touches a few neighbours only: their equations are sparse and are
-factorised once. What the elimination leaves (the Schur complement) is small and dense, and its inverse is the
-covariance of the poses with the map's own uncertainty in it.
+The map has thousands of coefficients, but each pixel depends on a few neighbours only: the map's equations are sparse
+and are factorised once. The Schur complement is small and dense. Its inverse is the covariance of the poses, which
+includes the uncertainty of the map.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # which imports scipy.sparse on its first use: 0.1 s, and a track without a map has none
+import scipy  # imports scipy.sparse on first use: 0.1 s, which a track without a map does not need
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -20,104 +20,126 @@ from torchsphere.kernels.map_equations import Products
 from torchsphere.runtime import threads
 from torchsphere.sphere_map import cube_map, pixel_weights
 from torchsphere.sphere_map.cube_map import Stencil
-from torchsphere.sphere_map.forward_model import Linearised
-from torchsphere.sphere_map.pixel_weights import Profile
-from torchsphere.sphere_map.projection import Pose
+from torchsphere.sphere_map.forward_model import Linearisation
+from torchsphere.sphere_map.projection import Pose, TexturedBall
+from torchsphere.sphere_map.state import LinearisedState
 from torchsphere.sphere_map.window import Window
 
 Array = NDArray[np.float64]
 
-#: Weight of the second differences of the map's coefficients, and of the coefficients themselves, against a pixel's
-#: noise: cells that only limbs have shown would follow their noise otherwise.
+#: Prior weights of the map's second differences and of its coefficients, against one pixel (docs/constants.md).
 SMOOTHNESS, RIDGE = 1e-3, 2e-4
 
-#: Unknowns that all images share: radius and edge blur.
-SHARED = 2
+#: Number of unknowns that all images share: radius and edge blur.
+SHARED_UNKNOWNS = 2
 
 
 @dataclass(frozen=True)
 class Elimination:
-    """The factorised map and what couples it with the poses."""
+    """The factorised map equations and their coupling with the u = 5 n + 2 other unknowns.
 
-    map: scipy.sparse.linalg.SuperLU
-    seen: NDArray[np.int64]
+    Attributes
+    ----------
+    map_factor : SuperLU
+        Factorised normal matrix of the k observed coefficients.
+    observed : ndarray
+        Numbers (k,) of the coefficients that the images show.
+    coupling : ndarray
+        Normal matrix (k, u) between map and the other unknowns.
+    map_response : ndarray
+        ``coupling`` solved for the map (k, u): minus the change of the map by the other unknowns.
+    covariance : ndarray
+        Covariance (u, u) of the other unknowns: the inverse of the Schur complement.
+    """
+
+    map_factor: scipy.sparse.linalg.SuperLU
+    observed: NDArray[np.int64]
     coupling: Array
-    solved: Array
-    reduced_inverse: Array
+    map_response: Array
+    covariance: Array
 
 
-def design_matrix(window: Window, look: Stencil, light: Tensor) -> scipy.sparse.csr_matrix:
-    """Derivative (p, m) of the grey levels by the map's coefficients; ``light`` (q,) as in `Linearised`."""
-    return map_equations.design(light, window.owner, len(window.pixels), look.cells, look.corner, look.offset)
+def design_matrix(window: Window, stencil: Stencil, map_slopes: Tensor) -> scipy.sparse.csr_matrix:
+    """Derivative (p, m) of the grey levels by the map's coefficients; ``map_slopes`` (q,) as in `Linearisation`."""
+    rays = map_slopes, window.ray_pixels, len(window.pixels)
+    return map_equations.design(*rays, stencil.cells, stencil.corner, stencil.offset)
 
 
-def with_prior(normal: scipy.sparse.csr_matrix, seen: NDArray[np.int64], cells: int) -> scipy.sparse.csr_matrix:
-    """Normal equations of the map's ``seen`` coefficients with what is known of them beforehand."""
-    known = SMOOTHNESS * roughness_matrix(cells) + RIDGE * scipy.sparse.identity(normal.shape[0])
-    return (normal + known).tocsr()[seen][:, seen]
+def add_prior(normal: scipy.sparse.csr_matrix, observed: NDArray[np.int64], cells: int) -> scipy.sparse.csr_matrix:
+    """Normal matrix (k, k) of the map's ``observed`` coefficients with smoothness and ridge."""
+    prior = SMOOTHNESS * roughness_matrix(cells) + RIDGE * scipy.sparse.identity(normal.shape[0])
+    return (normal + prior).tocsr()[observed][:, observed]
 
 
-def _factor(matrix: scipy.sparse.csr_matrix) -> scipy.sparse.linalg.SuperLU:
-    """Sparse factorisation; LinAlgError where the matrix has none."""
+def _factorise(matrix: scipy.sparse.csr_matrix) -> scipy.sparse.linalg.SuperLU:
+    """Sparse factorisation; raises LinAlgError if the matrix is singular."""
     options = {"SymmetricMode": True}
     splu = scipy.sparse.linalg.splu
     try:
         return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-    except RuntimeError as error:  # SciPy's word for a singular matrix
+    except RuntimeError as error:  # SciPy's error for a singular matrix
         raise np.linalg.LinAlgError(str(error)) from error
 
 
 @functools.lru_cache(maxsize=4)
 def roughness_matrix(cells: int) -> scipy.sparse.csr_matrix:
-    """Matrix of the sum of squares of `cube_map.roughness`."""
+    """Matrix (m, m) of the sum of squared second differences of the coefficients along both axes of every face."""
     width = cells + 3
     second = scipy.sparse.diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(width - 2, width))
-    square, same = second.T @ second, scipy.sparse.identity(width)
-    face = scipy.sparse.kron(same, square) + scipy.sparse.kron(square, same)
+    square, identity = second.T @ second, scipy.sparse.identity(width)
+    face = scipy.sparse.kron(identity, square) + scipy.sparse.kron(square, identity)
     return scipy.sparse.kron(scipy.sparse.identity(6), face).tocsr()
 
 
-def eliminate(windows: list[Window], poses: list[Pose], model: list[Linearised], profile: Profile) -> Elimination:
-    """Normal equations of map and poses together, and the map eliminated from them; ``model`` is that at the poses."""
-    cells, n = model[0].look.cells, len(windows)
-    count = cube_map.size(cells)
-    total = 5 * n + SHARED
+def roughness_gradient(ball: TexturedBall) -> Array:
+    """Half the gradient (m,) of the smoothness term by the ball's coefficients."""
+    return SMOOTHNESS * (roughness_matrix(ball.cells) @ ball.coefficients.numpy())
+
+
+def eliminate(linearised: LinearisedState) -> Elimination:
+    """Set up the normal equations of map and poses, and eliminate the map."""
+    state, cells = linearised.state, linearised.state.ball.cells
+    n = len(state.windows)
+    unknowns = 5 * n + SHARED_UNKNOWNS
     products = Products(cells)
-    coupling, own = np.zeros((count, total)), np.zeros((total, total))
+    coupling, poses_normal = np.zeros((cube_map.coefficient_count(cells), unknowns)), np.zeros((unknowns, unknowns))
 
-    def of_one(window: Window, pose: Pose, now: Linearised) -> tuple[scipy.sparse.csr_matrix, Array, Array, Array]:
-        design = design_matrix(window, now.look, now.light)
-        weights = pixel_weights.weights(window, pose, profile).double().numpy()
-        slopes = now.slopes.double().numpy()
-        weighted = weights[:, None] * slopes
-        return design, weights, design.T @ weighted, slopes.T @ weighted
+    def image_equations(
+        window: Window, pose: Pose, model: Linearisation
+    ) -> tuple[scipy.sparse.csr_matrix, Array, Array, Array]:
+        design = design_matrix(window, model.stencil, model.map_slopes)
+        weights = pixel_weights.weights(window, pose, state.profile).double().numpy()
+        jacobian = model.jacobian.double().numpy()
+        weighted = weights[:, None] * jacobian
+        return design, weights, design.T @ weighted, jacobian.T @ weighted
 
-    for i, (design, weights, between, of_pose) in enumerate(threads.each(of_one, windows, poses, model)):
+    images = threads.each(image_equations, state.windows, state.poses, linearised.model)
+    for i, (design, weights, image_coupling, image_normal) in enumerate(images):
         products.add(design, weights)
-        columns = columns_of(i, n)
-        coupling[:, columns] += between
-        own[np.ix_(columns, columns)] += of_pose
-    normal = products.matrix()
-    seen = np.flatnonzero(normal.diagonal() > 0)
-    factor = _factor(with_prior(normal, seen, cells))
-    coupling = coupling[seen]
-    solved = factor.solve(coupling)
-    reduced = own - coupling.T @ solved
-    inverse = np.linalg.inv(reduced + _held_frame(poses, float(np.diag(own)[:5].max())))
-    return Elimination(factor, seen, coupling, solved, inverse)
+        columns = image_unknowns(i, n)
+        coupling[:, columns] += image_coupling
+        poses_normal[np.ix_(columns, columns)] += image_normal
+    map_normal = products.matrix()
+    observed = np.flatnonzero(map_normal.diagonal() > 0)
+    factor = _factorise(add_prior(map_normal, observed, cells))
+    coupling = coupling[observed]
+    response = factor.solve(coupling)
+    reduced = poses_normal - coupling.T @ response
+    constraint = _frame_constraint(state.poses, float(np.diag(poses_normal)[:5].max()))
+    return Elimination(factor, observed, coupling, response, np.linalg.inv(reduced + constraint))
 
 
-def _held_frame(poses: list[Pose], stiffness: float) -> Array:
-    """Constraint (5 n + 2, 5 n + 2) that the poses do not all turn together: the map would turn with them.
+def _frame_constraint(poses: list[Pose], stiffness: float) -> Array:
+    """Constraint (5 n + 2, 5 n + 2) against a common rotation of all poses, with which the map would rotate.
 
-    No one pose is held, since its image would then have to fit a map that is still turning.
+    The constraint holds no single pose: its image would have to fit a map that still rotates.
     """
-    together = np.zeros((3, 5 * len(poses) + SHARED))
+    common = np.zeros((3, 5 * len(poses) + SHARED_UNKNOWNS))
     for i, pose in enumerate(poses):
-        together[:, 5 * i + 2 : 5 * i + 5] = pose.orientation.T.numpy()
-    return stiffness / len(poses) * together.T @ together
+        common[:, 5 * i + 2 : 5 * i + 5] = pose.orientation.T.numpy()
+    return stiffness / len(poses) * common.T @ common
 
 
-def columns_of(i: int, n: int) -> list[int]:
-    """Unknowns that image ``i`` of ``n`` depends on."""
-    return [*range(5 * i, 5 * i + 5), *range(5 * n, 5 * n + SHARED)]
+def image_unknowns(i: int, n: int) -> list[int]:
+    """Numbers of the unknowns on which image ``i`` of ``n`` depends."""
+    return [*range(5 * i, 5 * i + 5), *range(5 * n, 5 * n + SHARED_UNKNOWNS)]

@@ -17,7 +17,7 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.imaging.interpolation import noise_gains
 from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map import poses
-from torchsphere.sphere_map.poses import Mapped
+from torchsphere.sphere_map.poses import MapPoses
 from torchsphere.tracking.follow import Progress
 from torchsphere.tracking.record import Record
 
@@ -116,7 +116,7 @@ def _reason_by_light(measured: Record, asked: bool | None) -> str:
     return ""
 
 
-def _merged(measured: Record, chained: Array, found: Mapped) -> AbsoluteMotion:
+def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion:
     """Poses of the map; a frame that is not on the map follows from its neighbour by the step between them."""
     position, turned = found.position.copy(), found.orientation.copy()
     on_map = np.isfinite(position[:, 0])
@@ -131,7 +131,7 @@ def _merged(measured: Record, chained: Array, found: Mapped) -> AbsoluteMotion:
     turns = So3.from_matrix(torch.from_numpy(relative)).log().numpy()
     increment = np.where(steps, np.concatenate((np.diff(position, axis=0), turns), 1), np.nan)
     both = on_map[:-1] & on_map[1:] & whole
-    covariance = np.where(both[:, None, None], found.between, measured.covariance)
+    covariance = np.where(both[:, None, None], found.step_covariance, measured.covariance)
     about = {
         "used": True,
         "keyframes": found.keyframes,
