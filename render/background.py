@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from render.check import one_of, vector, within
+from .check import one_of, vector, within
 
 
 @dataclass(frozen=True)

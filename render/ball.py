@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from render.check import within
+from .check import within
 
 
 @dataclass(frozen=True)

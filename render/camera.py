@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from render.check import one_of, vector, within
+from .check import one_of, vector, within
 
 
 @dataclass(frozen=True)

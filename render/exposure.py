@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from render.check import within
+from .check import within
 
 
 @dataclass(frozen=True)

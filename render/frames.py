@@ -26,13 +26,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from render import backend
-from render.camera import Camera
-from render.light import disc_points
-from render.pattern import Pattern, chart
-from render.pose import Motion, Poses
-from render.scene import Pass, Quality, Setup, passes, place_ball
-from render.view import look, window
+from . import backend
+from .camera import Camera
+from .light import disc_points
+from .pattern import Pattern, chart
+from .pose import Motion, Poses
+from .scene import Pass, Quality, Setup, passes, place_ball
+from .view import look, window
 
 _log = logging.getLogger(__name__)
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from render.check import one_of, vector, within
+from .check import one_of, vector, within
 
 
 @dataclass(frozen=True)

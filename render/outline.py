@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from render.background import StillObject
-from render.camera import Camera
+from .background import StillObject
+from .camera import Camera
 
 Array = NDArray[np.float64]
 

@@ -17,10 +17,10 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from render import preset
-from render.shot import Shot
-from render.trajectory import Table
-from render.truth import truth, write_truth
+from . import preset
+from .shot import Shot
+from .trajectory import Table
+from .truth import truth, write_truth
 
 Frames = Iterable[NDArray[Any]]
 #: Takes the folder, the frames, their shape (n, h, w), their type and the frame rate.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, optimize
 from scipy.special import ndtr, ndtri
 
-from render.check import one_of, vector, within
+from .check import one_of, vector, within
 
 #: Smoothing kernel (standard deviation) over the noise's cell: from 1.2 on, a cubic spline's grid cannot be told any
 #: more.

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from render.build import BadFieldError, build, plain, suggestion
-from render.scene import Setup
-from render.shot import Shot, seeded
-from render.trajectory import KINDS, Trajectory
+from .build import BadFieldError, build, plain, suggestion
+from .scene import Setup
+from .shot import Shot, seeded
+from .trajectory import KINDS, Trajectory
 
 #: Where the presets of the package are.
 FOLDER = Path(__file__).parent / "presets"

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from render.background import Background, still_shapes
-from render.ball import Ball
-from render.camera import Camera
-from render.check import one_of, within
-from render.exposure import Shutter
-from render.light import Lighting, lamp, uniform_emitter
-from render.pattern import Chart, Pattern
-from render.sensor import Sensor
+from .background import Background, still_shapes
+from .ball import Ball
+from .camera import Camera
+from .check import one_of, within
+from .exposure import Shutter
+from .light import Lighting, lamp, uniform_emitter
+from .pattern import Chart, Pattern
+from .sensor import Sensor
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from render.check import within
+from .check import within
 
 
 @dataclass(frozen=True)

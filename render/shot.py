@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from render.check import within
-from render.scene import Setup
-from render.trajectory import Table, Trajectory
+from .check import within
+from .scene import Setup
+from .trajectory import Table, Trajectory
 
 Array = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from render import rotation
-from render.outline import circle, outline, visible
-from render.scene import Setup
-from render.shot import Shot
+from . import rotation
+from .outline import circle, outline, visible
+from .scene import Setup
+from .shot import Shot
 
 #: Columns that a tracker's table has as well, in its order.
 TRACKED = (

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from render.camera import Camera
-from render.scene import Pass
+from .camera import Camera
+from .scene import Pass
 
 #: Light paths followed at once; more would only need memory.
 _AT_ONCE = 1 << 24

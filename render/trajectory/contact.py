@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from render.trajectory.pulse import Pulse
-from render.trajectory.state import State
-from render.trajectory.turning import Turning
+from .pulse import Pulse
+from .state import State
+from .turning import Turning
 
 Array = NDArray[np.float64]
 

@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from render.check import vector, within
-from render.pose import Poses
-from render.trajectory.contact import Contact, Kick
-from render.trajectory.fields import Vector, array
-from render.trajectory.pulse import Pulse
-from render.trajectory.state import State
+from ..check import vector, within
+from ..pose import Poses
+from .contact import Contact, Kick
+from .fields import Vector, array
+from .pulse import Pulse
+from .state import State
 
 Array = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from render import rotation
-from render.check import vector, within
-from render.pose import Poses
-from render.trajectory.fields import Vector, array
-from render.trajectory.state import State
+from .. import rotation
+from ..check import vector, within
+from ..pose import Poses
+from .fields import Vector, array
+from .state import State
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from render.pose import Poses
+from ..pose import Poses
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from render.check import within
-from render.pose import Poses
-from render.trajectory.state import State
+from ..check import within
+from ..pose import Poses
+from .state import State
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from render import rotation
+from .. import rotation
 
 Array = NDArray[np.float64]
 
