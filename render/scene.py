@@ -29,15 +29,14 @@ class Quality:
     Attributes
     ----------
     samples : int
-        Light paths per pixel and frame, shared among the sub-frames of the shutter; `render.frames` says what noise
-        they leave.
+        Light paths per pixel and frame, shared among the sub-frames of the shutter; `render.frames` has their noise.
     bounces : int
-        How often light may be reflected on its way from a lamp to the camera; 1 leaves out the light that still
-        objects throw on the ball and the ball on them.
+        Largest number of reflections between a lamp and the camera; 1 leaves out the light that still objects and the
+        ball reflect onto each other.
     variant : str or None
         One of `render.backend.VARIANTS`; None is the fastest that works.
     seed : int
-        Of the light paths.
+        Seed of the light paths.
     """
 
     samples: int = 64
@@ -46,7 +45,7 @@ class Quality:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be rendered."""
+        """Check the values."""
         within("samples", self.samples, 1, 1 << 16)
         within("bounces", self.bounces, 1, 32)
         within("seed", self.seed, 0)
@@ -61,7 +60,7 @@ class Setup:
     Attributes
     ----------
     ball, pattern, camera, lighting, background, shutter, sensor, quality
-        The parts; each class says what it holds.
+        The parts, described by their classes.
     """
 
     ball: Ball = field(default_factory=Ball)

@@ -1,4 +1,4 @@
-"""Trajectories: motions of the ball whose poses and derivatives are known exactly at any time."""
+"""Trajectories: motions of the ball with exact poses and derivatives at any time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .spin import SpinInPlace
 from .state import State, Trajectory
 from .table import Table
 
-#: The trajectories by the name that a preset gives them.
+#: The trajectories by their name in a preset.
 KINDS: dict[str, type[Trajectory]] = {
     "free-flight": FreeFlight,
     "frontal-impact": FrontalImpact,

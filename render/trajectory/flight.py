@@ -29,7 +29,7 @@ class FreeFlight:
     spin_rev_s : tuple of float
         Spin about the camera's axes, revolutions per second.
     gravity_m_s2 : tuple of float
-        Acceleration, for example (0, 9.81, 0) where the camera stands upright.
+        Acceleration, for example (0, 9.81, 0) for an upright camera.
     mass_g : float
         Mass of the ball.
     """
