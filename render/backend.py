@@ -1,7 +1,7 @@
-"""Which of Mitsuba's variants renders: the GPU's, the compiled one (LLVM), or the slow one that runs anywhere.
+"""The choice of Mitsuba's variant: on the GPU, compiled for the CPU (LLVM), or the slow one that runs anywhere.
 
-Mitsuba compiles its kernels with LLVM. Some LLVM builds crash the whole process in code generation, so the one that
-the extra `render` installs is preferred, and any other is first tried in a process of its own.
+Mitsuba compiles its kernels with LLVM. Some LLVM builds crash the whole process in code generation. The LLVM that the
+extra `render` installs is therefore preferred, and any other is first tried in a separate process.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ from pathlib import Path
 #: Fastest first.
 VARIANTS = ("cuda_ad_mono", "llvm_ad_mono", "scalar_rgb")
 _LIBRARY = "DRJIT_LIBLLVM_PATH"
-#: Renders a small frame, in the way that every frame is rendered.
+#: Renders a small frame with the code that renders all frames.
 _TRIAL = """
-import sys
-sys.path.insert(0, sys.argv[2])
+import importlib, sys
+variant, folder, package = sys.argv[1:]
+sys.path.insert(0, folder)
 import mitsuba as mi
-mi.set_variant(sys.argv[1])
-from render.frames import trial
-sys.exit(0 if trial() else 1)
+mi.set_variant(variant)
+sys.exit(0 if importlib.import_module(package + ".frames").trial() else 1)
 """
 
 
 @dataclass(frozen=True)
 class Backend:
-    """What renders.
+    """A variant of Mitsuba, and why it was chosen.
 
     Attributes
     ----------
     variant : str
-        Mitsuba's name for it.
+        Mitsuba's name of the variant.
     reason : str
-        A sentence that says which it is and why.
+        A sentence that names the variant and says why it was chosen.
     """
 
     variant: str
@@ -50,7 +50,7 @@ def packaged_llvm() -> Path | None:
     Returns
     -------
     Path or None
-        The library; None where the package is not installed.
+        The library; None if the package is not installed.
     """
     try:
         files = importlib.metadata.distribution("karellen-llvm-core").files or []
@@ -66,7 +66,7 @@ def choose(variant: str | None = None) -> Backend:
     Parameters
     ----------
     variant : str, optional
-        One of `VARIANTS`; None is the fastest that works here.
+        One of `VARIANTS`; None is the fastest that works on this machine.
 
     Returns
     -------
@@ -76,9 +76,9 @@ def choose(variant: str | None = None) -> Backend:
     Raises
     ------
     ImportError
-        Where mitsuba is not installed.
+        If mitsuba is not installed.
     ValueError
-        Where the variant asked for does not work here.
+        If the variant asked for does not work on this machine.
     """
     if importlib.util.find_spec("mitsuba") is None:
         raise ImportError("rendering needs mitsuba, which is not installed: pip install 'torchsphere[render]'")
@@ -138,7 +138,7 @@ def has_gpu() -> bool:
     Returns
     -------
     bool
-        True where there is a CUDA device and a trial frame came out right on it.
+        True if there is a CUDA device that rendered a trial frame correctly.
     """
     import drjit as dr
 
@@ -146,19 +146,19 @@ def has_gpu() -> bool:
 
 
 def _set_llvm() -> None:
-    """Tell drjit where the packaged LLVM is; it asks once, when imported, and the user's own choice comes first."""
+    """Tell drjit where the packaged LLVM is, unless the user names another; drjit reads this once, at import."""
     packaged = packaged_llvm()
     if packaged is not None and _LIBRARY not in os.environ and "drjit" not in sys.modules:
         os.environ[_LIBRARY] = str(packaged)
 
 
 def llvm() -> tuple[str, str]:
-    """Say which LLVM Mitsuba uses, and try it out unless it is the packaged one.
+    """Name the LLVM that Mitsuba uses, and try it unless it is the packaged one.
 
     Returns
     -------
     origin, obstacle : str
-        Where the library comes from, and why it cannot be used; the latter is empty where it can.
+        Where the library comes from, and why it cannot be used; empty if it can be used.
     """
     packaged = packaged_llvm()
     given = os.environ.get(_LIBRARY)
@@ -176,20 +176,20 @@ def llvm() -> tuple[str, str]:
 
 
 def works(variant: str) -> bool:
-    """Whether a variant renders, tried in a process of its own, for a bad library takes the process down.
+    """Whether a variant renders; tried in a separate process, because a bad library crashes its process.
 
     Parameters
     ----------
     variant : str
-        Mitsuba's name for it.
+        Mitsuba's name of the variant.
 
     Returns
     -------
     bool
-        True where a trial frame came out right.
+        True if a trial frame was rendered correctly.
     """
-    home = str(Path(__file__).resolve().parents[1])
-    trial = [sys.executable, "-c", _TRIAL, variant, home]
+    package = Path(__file__).resolve().parent
+    trial = [sys.executable, "-c", _TRIAL, variant, str(package.parent), package.name]
     try:
         return subprocess.run(trial, capture_output=True, check=False, timeout=120).returncode == 0
     except subprocess.TimeoutExpired:

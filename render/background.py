@@ -1,4 +1,4 @@
-"""What does not move: the backdrop and still objects before, beside or behind the ball."""
+"""The backdrop, and still objects before, beside or behind the ball."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from render.check import one_of, vector, within
+from .check import one_of, vector, within
 
 
 @dataclass(frozen=True)
@@ -19,15 +19,15 @@ class StillObject:
     Attributes
     ----------
     kind : str
-        `box`, or `bar`: a round bar whose axis is z before it is turned.
+        `box`, or `bar`: a round bar, along z before the rotation.
     centre_m : (3,) tuple
-        Its centre, m, in the camera frame.
+        Centre, m, in the camera frame.
     size_m : (3,) tuple
-        Edges along x, y, z before it is turned, m; for a bar its diameter twice, then its length.
+        Edges along x, y, z before the rotation, m; for a bar its diameter twice, then its length.
     turn_deg : (3,) tuple
-        Rotation vector by which it is turned, degrees.
+        Rotation vector, degrees.
     albedo : float
-        Share of the light that it gives back.
+        Share of the light that the surface reflects.
     """
 
     kind: str = "box"
@@ -37,7 +37,7 @@ class StillObject:
     albedo: float = 0.4
 
     def __post_init__(self) -> None:
-        """Refuse what is no object."""
+        """Check the values."""
         one_of("kind", self.kind, ("box", "bar"))
         vector("centre_m", self.centre_m, 3)
         vector("size_m", self.size_m, 3)
@@ -50,13 +50,13 @@ class StillObject:
 
     @property
     def reach_m(self) -> float:
-        """Radius of the sphere around its centre that holds it, m."""
+        """Radius of the sphere around the centre that holds the object, m."""
         return float(np.linalg.norm(self.size_m)) / 2
 
 
 @dataclass(frozen=True)
 class Background:
-    """The backdrop, far behind everything and lit on its own, and the still objects.
+    """The backdrop, far behind everything and lit separately, and the still objects.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Background:
     grain_px : float
         Size of the texture's grains, px: full width at half maximum of its autocorrelation.
     seed : int
-        Of the texture.
+        Seed of the texture.
     objects : tuple of StillObject
         Target, occluder and the like; lit by the lights of the scene.
     """
@@ -82,7 +82,7 @@ class Background:
     objects: tuple[StillObject, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse what is no background."""
+        """Check the values."""
         one_of("kind", self.kind, ("uniform", "texture", "dark"))
         within("level", self.level, 0.0)
         within("contrast", self.contrast, 0.0)
@@ -106,8 +106,7 @@ class Background:
         flat = np.full((height, width), level)
         if self.kind != "texture":
             return flat
-        # The autocorrelation of filtered white noise is as wide as two kernels: its width is 2 sqrt(2 ln 2) sqrt(2)
-        # sigma.
+        # Full width of the autocorrelation of white noise filtered by a Gaussian: 2 sqrt(2 ln 2) sqrt(2) sigma.
         sigma = self.grain_px / (4 * np.sqrt(np.log(2)))
         margin = int(np.ceil(4 * sigma)) + 1
         white = np.random.default_rng([self.seed, 0xBAC]).standard_normal((height + 2 * margin, width + 2 * margin))

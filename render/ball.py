@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from render.check import within
+from .check import within
 
 
 @dataclass(frozen=True)
@@ -16,10 +16,10 @@ class Ball:
     diameter_mm : float
         Diameter, mm.
     gloss : float
-        Strength of the paint's reflection: 0 is matt, 1 a lacquer of refractive index 1.5. Light that a lacquer
-        reflects does not reach the pigment, so that the pattern under it is darker than its albedo says.
+        Strength of the paint's reflection: 0 is matt, 1 a lacquer of refractive index 1.5. Light that the lacquer
+        reflects does not reach the pigment, so the pattern appears darker than its albedo.
     roughness : float
-        Of the gloss (the GGX distribution's alpha): 0.05 gives a small sharp highlight, 0.4 a wide dim one.
+        Alpha of the GGX distribution of the gloss: 0.05 gives a small sharp highlight, 0.4 a wide dim one.
     """
 
     diameter_mm: float = 30.0
@@ -27,7 +27,7 @@ class Ball:
     roughness: float = 0.15
 
     def __post_init__(self) -> None:
-        """Refuse what is no ball."""
+        """Check the values."""
         within("diameter_mm", self.diameter_mm, 0.0, above=True)
         within("gloss", self.gloss, 0.0, 1.0)
         within("roughness", self.roughness, 0.0, 1.0, above=True)

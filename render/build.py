@@ -1,4 +1,4 @@
-"""Frozen dataclasses from plain tables (TOML, JSON), by their fields and type hints; and back."""
+"""Frozen dataclasses from plain tables (TOML, JSON), by their fields and type hints, and back."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _WORDS: dict[Any, str] = {float: "a number", int: "a whole number", str: "a text
 
 
 class BadFieldError(ValueError):
-    """What is wrong with a field, in a sentence that begins with the field's path."""
+    """A field is invalid; the message is a sentence that begins with the field's path."""
 
 
 def build(cls: type[T], table: Any, path: str = "") -> T:
@@ -23,17 +23,17 @@ def build(cls: type[T], table: Any, path: str = "") -> T:
     Parameters
     ----------
     cls : type
-        A dataclass whose fields are float, int, str, bool, tuples of them, other such dataclasses, tuples of these, and
-        ``X | None`` of any of them.
+        A dataclass with fields of the types float, int, str, bool, such a dataclass, a tuple of any of these types, or
+        ``X | None``.
     table : mapping
         Values by field name; lists for tuples, tables for dataclasses.
     path : str
-        Where the table stands, for the messages.
+        Path of the table, for the messages.
 
     Raises
     ------
     BadFieldError
-        With one sentence that begins with the field's path.
+        If a field is not known, missing, or invalid.
     """
     if not isinstance(table, Mapping):
         raise BadFieldError(f"{path} = {table!r}: expected a table [{path}]")
@@ -54,13 +54,13 @@ def build(cls: type[T], table: Any, path: str = "") -> T:
 
 
 def suggestion(name: str, known: Sequence[str] | Mapping[str, Any]) -> str:
-    """The names nearest to one that is not known, in words."""
+    """A sentence with the names nearest to an unknown name."""
     near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
     return f"did you mean {' or '.join(near)}?" if near else f"expected one of {', '.join(known)}"
 
 
 def plain(value: Any) -> Any:
-    """The table that `build` makes the value from; fields that are None are left out."""
+    """The table from which `build` makes the value; fields that are None are left out."""
     if dataclasses.is_dataclass(value):
         named = {f.name: getattr(value, f.name) for f in dataclasses.fields(value) if f.init}
         return {name: plain(part) for name, part in named.items() if part is not None}
@@ -77,7 +77,7 @@ def _value(hint: Any, value: Any, path: str) -> Any:
         return _tuple(hint, value, path)
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
-    # A bool is an int to Python, but not to a person.
+    # A bool is an instance of int.
     if type(value) is not hint:
         raise BadFieldError(f"{path} = {value!r}: expected {_words(hint)}")
     return value

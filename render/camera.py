@@ -1,4 +1,4 @@
-"""Cameras: where a point of space is seen in the image, and along which line a place in the image looks.
+"""Cameras: the place of a point in the image, and the line of sight of a pixel.
 
 Pixels: x right, y down; the centre of the top-left pixel is (0, 0) and a pixel covers half a pixel to every side.
 """
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from render.check import one_of, vector, within
+from .check import one_of, vector, within
 
 
 @dataclass(frozen=True)
@@ -24,14 +24,14 @@ class Camera:
     width, height : int
         Size of the image, px.
     scale_px_per_mm : float
-        Of the orthographic camera.
+        Scale of the orthographic camera.
     focal_px : float
         Focal length of the pinhole, px.
     principal_px : (2,) tuple or None
         Where the optical axis meets the image, px (x, y); None is the middle of the image.
     distortion : (3,) tuple
         k1, k2, k3 of the pinhole's radial distortion, in OpenCV's convention: a point at (x, y) on the plane z = 1,
-        with r^2 = x^2 + y^2, is seen where (x, y) (1 + k1 r^2 + k2 r^4 + k3 r^6) would be without.
+        with r^2 = x^2 + y^2, is imaged at (x, y) (1 + k1 r^2 + k2 r^4 + k3 r^6).
     """
 
     model: str = "orthographic"
@@ -43,7 +43,7 @@ class Camera:
     distortion: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        """Refuse what is no camera."""
+        """Check the values."""
         one_of("model", self.model, ("orthographic", "pinhole"))
         within("width", self.width, 1)
         within("height", self.height, 1)
@@ -71,7 +71,7 @@ class Camera:
         Parameters
         ----------
         depth_m : float
-            z, m; of no importance to the orthographic camera.
+            z, m; the orthographic camera ignores it.
 
         Returns
         -------
@@ -81,7 +81,7 @@ class Camera:
         return 1000.0 * self.scale_px_per_mm if self.model == "orthographic" else self.focal_px / depth_m
 
     def project(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where points are seen.
+        """Project points into the image.
 
         Parameters
         ----------
@@ -91,8 +91,8 @@ class Camera:
         Returns
         -------
         (n, 2) ndarray
-            x and y, px; NaN for what the pinhole camera has at its side or behind it, and for what lies beyond the
-            angle at which the distortion folds the image over.
+            x and y, px; NaN for points beside or behind the pinhole camera, and for points beyond the angle at which
+            the distortion folds the image over.
         """
         points_m = np.asarray(points_m, dtype=np.float64)
         centre = np.asarray(self.centre_px)
@@ -110,19 +110,19 @@ class Camera:
         Parameters
         ----------
         radius : (...) ndarray
-            Distances from the principal point over the focal length, as seen.
+            Distorted distances from the principal point, divided by the focal length.
 
         Returns
         -------
         (...) ndarray
-            The same without distortion: on the plane z = 1. NaN where the lens shows nothing.
+            Distances without distortion, on the plane z = 1; NaN if no point is imaged there.
         """
         seen = np.asarray(radius, dtype=np.float64)
         if not any(self.distortion):
             return seen
         low, high = np.zeros_like(seen), np.full_like(seen, min(self._fold(), 1e3))
         outside = high * self._stretch(high) < seen
-        for _ in range(80):  # bisection: as far as double precision goes, and never astray
+        for _ in range(80):  # bisection, to double precision
             middle = (low + high) / 2
             short = middle * self._stretch(middle) < seen
             low, high = np.where(short, middle, low), np.where(short, high, middle)
@@ -134,7 +134,7 @@ class Camera:
         return 1 + square * (k1 + square * (k2 + square * k3))
 
     def _fold(self) -> float:
-        """Radius on the plane z = 1 beyond which the distorted radius shrinks; infinite where it never does."""
+        """Radius on the plane z = 1 beyond which the distorted radius decreases; infinite if there is none."""
         k1, k2, k3 = self.distortion
         roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])  # of d/dr (r + k1 r^3 + k2 r^5 + k3 r^7), in r^2
         real = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]

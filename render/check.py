@@ -1,4 +1,4 @@
-"""Checks of what a user gives; every message starts with the field's name."""
+"""Checks of a user's values; every message starts with the field's name."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 
 def within(name: str, value: float, low: float, high: float = math.inf, *, above: bool = False) -> None:
-    """Refuse a number outside of [low, high], or of (low, high] where it has to be `above` low.
+    """Refuse a number outside of [low, high]; with `above`, outside of (low, high].
 
     Raises
     ------
     ValueError
-        Where it is outside, or not finite.
+        If the number is outside, or not finite.
     """
     enough = value > low if above else value >= low
     if math.isfinite(value) and enough and value <= high:
@@ -23,24 +23,24 @@ def within(name: str, value: float, low: float, high: float = math.inf, *, above
 
 
 def one_of(name: str, value: str, choices: Sequence[str]) -> None:
-    """Refuse a word that is none of the choices.
+    """Refuse a word that is not one of the choices.
 
     Raises
     ------
     ValueError
-        Where it is none of them.
+        If the word is not one of the choices.
     """
     if value not in choices:
         raise ValueError(f"{name} = {value!r}: expected one of {', '.join(choices)}")
 
 
 def vector(name: str, value: Sequence[float], length: int, *, nonzero: bool = False) -> None:
-    """Refuse what is not `length` finite numbers, or has no direction where one is needed.
+    """Refuse a vector that does not have `length` finite numbers; with `nonzero`, also the zero vector.
 
     Raises
     ------
     ValueError
-        Where it is not.
+        If the vector is invalid.
     """
     if len(value) != length or not all(math.isfinite(part) for part in value):
         raise ValueError(f"{name} = {value!r}: expected {length} finite numbers")

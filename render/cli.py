@@ -1,4 +1,4 @@
-"""The command line: ``python -m render SHOT --out DIR``."""
+"""The command line: ``torchsphere-render SHOT --out DIR``, in a checkout also ``python -m render``."""
 
 from __future__ import annotations
 
@@ -12,23 +12,25 @@ from typing import Any, NoReturn, TextIO
 
 from tqdm import tqdm
 
-from render import preset
-from render.output import WRITERS, check_folder, write_recording
-from render.shot import Shot
+from . import preset
+from .output import WRITERS, check_folder, write_recording
+from .shot import Shot
 
-_PROGRAM = "python -m render"
+#: The package is called `render` in a checkout and `torchsphere_render` in an installation.
+_NAME = __name__.partition(".")[0].replace("_", "-")
+_PROGRAM = "python -m render" if _NAME == "render" else _NAME
 _MISSING = "rendering needs mitsuba, which is not installed: pip install 'torchsphere[render]'"
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser that reports bad options as every other bad input: one sentence, exit code 2."""
+    """A parser that reports bad options like all other bad input: one sentence, exit code 2."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"render: {message}; see '{_PROGRAM} --help'\n")
+        self.exit(2, f"{_NAME}: {message}; see '{self.prog} --help'\n")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Render a shot; the exit code is 0 only where the recording was written, 2 where it was refused."""
+    """Render a shot; the exit code is 0 only if the recording was written, 2 if the request was refused."""
     parser = _parser()
     options = parser.parse_args(arguments)
     try:
@@ -40,32 +42,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _render(options)
         return 0
     except (ValueError, OSError, ImportError) as error:
-        _say(f"render: {_sentence(error)}", sys.stderr)
+        _say(f"{_NAME}: {_sentence(error)}", sys.stderr)
         return 2
     except KeyboardInterrupt:
-        _say("render: interrupted; nothing was written", sys.stderr)
+        _say(f"{_NAME}: interrupted; nothing was written", sys.stderr)
         return 130
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(program: str = _PROGRAM) -> argparse.ArgumentParser:
     parser = _Parser(
-        prog=_PROGRAM,
+        prog=program,
         description="Render a recording of a speckled ball whose motion is known exactly.",
-        epilog=f"example:  {_PROGRAM} frontal-impact --out shot --frames 20 --set camera.width=256",
+        epilog=f"example:  {program} frontal-impact --out shot --frames 20 --set camera.width=256",
         allow_abbrev=False,
     )
     parser.add_argument("shot", nargs="?", metavar="SHOT", help="name of a preset, a .toml file, or a scene.json")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the recording")
     parser.add_argument("--list", action="store_true", help="list the presets")
     parser.add_argument("--frames", type=int, metavar="N", help="number of frames")
-    parser.add_argument("--seed", type=int, metavar="N", help="in place of all seeds: pattern, backdrop, noise")
+    parser.add_argument("--seed", type=int, metavar="N", help="replaces all seeds: pattern, backdrop, noise")
     parser.add_argument("--samples", type=int, metavar="N", help="light paths per pixel")
     parser.add_argument(
         "--set",
         action="append",
         default=[],
         metavar="FIELD=VALUE",
-        help="a field of the preset by its path, as sensor.bit_depth=12 or trajectory.spin_rev_s=[0,20,0]; repeatable",
+        help="a field of the preset by its path: sensor.bit_depth=12, trajectory.spin_rev_s=[0,20,0]; repeatable",
     )
     parser.add_argument("--format", choices=tuple(WRITERS), default="tiff", help="kind of the frames (%(default)s)")
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier recording")
@@ -87,9 +89,9 @@ def _render(options: argparse.Namespace) -> None:
     check_folder(options.out, options.overwrite)
     if importlib.util.find_spec("mitsuba") is None:
         raise ModuleNotFoundError(_MISSING)
-    # Only now, so that presets are checked and listed without it.
-    from render import backend
-    from render.frames import render_frames
+    # Imported here: presets are checked and listed without Mitsuba.
+    from . import backend
+    from .frames import render_frames
 
     chosen = backend.choose(shot.setup.quality.variant)
     if not options.quiet:
@@ -119,7 +121,7 @@ def _report(shot: Shot, folder: Path, frames: Path) -> None:
 
 
 def _sentence(error: Exception) -> str:
-    """The error in one line; the system's own errors lack the words for what to do."""
+    """The error in one line; those of the system get a word of advice."""
     if isinstance(error, OSError) and error.strerror is not None:
         return f"{error.filename or 'file'}: {error.strerror.lower()}; check the name and the permissions"
     return " ".join(str(error).split())

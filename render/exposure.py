@@ -1,4 +1,4 @@
-"""The shutter: a frame is the mean of the light over the time that it is open."""
+"""The shutter: a frame is the mean of the light while the shutter is open."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from render.check import within
+from .check import within
 
 
 @dataclass(frozen=True)
@@ -17,17 +17,17 @@ class Shutter:
     Attributes
     ----------
     exposure_s : float
-        How long the shutter is open, s; 0 freezes the motion.
+        Time for which the shutter is open, s; 0 freezes the motion.
     subframes : int
-        At how many true poses within the exposure the ball is rendered; the frame is their mean. Between two of them
-        the ball should move by less than about 0.3 px.
+        Number of true poses within the exposure at which the ball is rendered; the frame is the mean of these
+        pictures. Between two poses the ball should move by less than about 0.3 px.
     """
 
     exposure_s: float = 0.0
     subframes: int = 1
 
     def __post_init__(self) -> None:
-        """Refuse what is no shutter."""
+        """Check the values."""
         within("exposure_s", self.exposure_s, 0.0)
         within("subframes", self.subframes, 1)
 
@@ -42,7 +42,7 @@ class Shutter:
         Returns
         -------
         (subframes,) ndarray
-            Times, s; a single one where nothing can move during the exposure.
+            Times, s; a single time if the exposure is 0.
         """
         count = self.subframes if self.exposure_s > 0 else 1
         return middle_s + self.exposure_s * ((np.arange(count) + 0.5) / count - 0.5)

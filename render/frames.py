@@ -1,20 +1,21 @@
 """Frames: scene, shutter and sensor joined.
 
-Noise of the light paths. Places within a pixel are jittered on a grid and stratified along rows and columns besides,
-and each frame has its own. *Measured* for a ball of radius 50 px with the default pattern (speckles of 4 px, 20 to
-217 grey levels of 255) as the standard deviation between frames that differ in nothing else, rms in grey levels:
+Noise of the light paths. The sample positions in a pixel are jittered on a grid and stratified along rows and columns;
+each frame has its own positions. The table gives the standard deviation between frames that differ in these positions
+alone, rms in grey levels, for a ball of radius 50 px with the default pattern (speckles of 4 px, grey levels 20 to 217
+of 255):
 
 ========================  ============  ==================  ================
-light                     within 0.9 R  between it and rim  pixels at the rim
+light                     within 0.9 R  from there to rim   pixels at the rim
 ========================  ============  ==================  ================
 flat, 64 samples          0.33          0.69                1.38
 flat, 256 samples         0.11          0.24                0.46
 area light, 64 samples    0.23          0.37                0.64
 ========================  ============  ==================  ================
 
-Rounding to whole grey levels adds 0.29, so that 64 samples are as quiet as the best 8-bit camera; sensor noise of 2
-grey levels hides it altogether. The edge that one row of pixels shows has a standard deviation of 0.015 px at 64
-samples and of 0.002 px at 1024, without bias. For errors of a tracker below 0.001 px use 256 samples or more.
+Rounding to whole grey levels adds 0.29 grey levels, so 64 samples give about the noise of a perfect 8-bit camera;
+sensor noise of 2 grey levels is far larger. The edge position in one row of pixels has a standard deviation of 0.015 px
+at 64 samples and of 0.002 px at 1024, without bias. For tracker errors below 0.001 px, use 256 samples or more.
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from render import backend
-from render.camera import Camera
-from render.light import disc_points
-from render.pattern import Pattern, chart
-from render.pose import Motion, Poses
-from render.scene import Pass, Quality, Setup, passes, place_ball
-from render.view import look, window
+from . import backend
+from .camera import Camera
+from .light import disc_points
+from .pattern import Pattern, chart
+from .pose import Motion, Poses
+from .scene import Pass, Quality, Setup, passes, place_ball
+from .view import look, window
 
 _log = logging.getLogger(__name__)
 
@@ -40,19 +41,19 @@ _log = logging.getLogger(__name__)
 def render_frames(
     setup: Setup, motion: Motion, times_s: NDArray[np.float64], *, numbers: Sequence[int] | None = None
 ) -> Iterator[NDArray[np.uint8] | NDArray[np.uint16]]:
-    """Render a recording, one frame at a time, when it is asked for.
+    """Render a recording lazily, one frame at a time.
 
     Parameters
     ----------
     setup : Setup
-        What to render.
+        The scene, shutter and sensor.
     motion : callable
         times_s (n,) -> Poses.
     times_s : (n,) ndarray
         Middle of each frame's exposure, s.
     numbers : sequence of int, optional
-        Numbers of the frames, which fix their noise; from 0 on unless given. A frame with the same number, time and
-        setup is the same, whatever else is rendered.
+        Numbers of the frames, which fix their noise; 0, 1, ... by default. A frame depends on its number, time and
+        setup alone, not on the other frames.
 
     Yields
     ------
@@ -82,9 +83,9 @@ def render_radiance(
     Raises
     ------
     ImportError
-        Where mitsuba is not installed.
+        If mitsuba is not installed.
     ValueError
-        Where the variant cannot render the setup, or there are not as many numbers as times.
+        If the variant cannot render the setup, or the count of numbers differs from that of the times.
     """
     names = list(range(len(times_s)) if numbers is None else numbers)
     if len(names) != len(times_s):
@@ -95,13 +96,13 @@ def render_radiance(
     parts = passes(setup, chart(setup.pattern, setup.ball.diameter_mm / 2, _radius_px(setup, motion)))
     backdrop = setup.background.image(setup.camera.height, setup.camera.width)
     for number, time_s in zip(names, times_s, strict=True):
-        backend.choose(setup.quality.variant)  # another recording may have been rendered since the last frame
+        backend.choose(setup.quality.variant)  # another recording may have changed Mitsuba's variant in between
         poses = motion(setup.shutter.times_s(float(time_s)))
         yield setup.sensor.grey(_exposure(setup, parts, backdrop, poses, number))
 
 
 def _radius_px(setup: Setup, motion: Motion) -> float:
-    """Radius of the ball's image, px, at the time 0: a frame must not depend on which others are rendered with it."""
+    """Radius of the ball's image, px, at time 0: a frame must not depend on the other frames rendered with it."""
     centre_m = motion(np.zeros(1)).position_m[0]
     _refuse_too_near(setup, centre_m)
     return setup.ball.radius_m * setup.camera.px_per_m(float(centre_m[2]))
@@ -130,7 +131,7 @@ def _exposure(
 
 @dataclass(frozen=True)
 class Moment:
-    """A pose within an exposure, with the light paths per pixel spent on it and a seed for each part of the light."""
+    """A pose within an exposure, its light paths per pixel, and a seed for each part of the light."""
 
     centre_m: NDArray[np.float64]
     orientation: NDArray[np.float64]
@@ -139,7 +140,7 @@ class Moment:
 
 
 def _moment(setup: Setup, parts: list[Pass], backdrop: NDArray[np.float64], moment: Moment) -> NDArray[np.float64]:
-    """Light of all pixels, (h, w), while nothing moves."""
+    """Light of all pixels, (h, w), at one pose."""
     _refuse_too_near(setup, moment.centre_m)
     unit_m = setup.ball.radius_m
     things = setup.background.objects
@@ -161,19 +162,19 @@ def _moment(setup: Setup, parts: list[Pass], backdrop: NDArray[np.float64], mome
 
 
 def refuse_lamps_in_sight(setup: Setup, start_m: float) -> None:
-    """Refuse an area light that the camera would see: it would hide what is behind it without being seen itself.
+    """Refuse an area light in the camera's sight: an invisible lamp that would hide the objects behind it.
 
     Parameters
     ----------
     setup : Setup
-        What to render.
+        The scene.
     start_m : float
-        z at which the orthographic camera's lines of sight begin, m: what is before that is not in their way.
+        z at which the orthographic camera's lines of sight begin, m; objects before it do not block them.
 
     Raises
     ------
     ValueError
-        Where a part of a lamp lies within the image.
+        If a part of a lamp lies within the image.
     """
     camera = setup.camera
     for light in setup.lighting.lights:
@@ -196,7 +197,7 @@ def trial() -> bool:
     Returns
     -------
     bool
-        True where it shows the ball over the backdrop.
+        True if the frame shows the ball over the backdrop.
     """
     setup = Setup(pattern=Pattern(kind="plain"), camera=Camera(width=128, height=128), quality=Quality(samples=4))
     parts = passes(setup, chart(setup.pattern, setup.ball.diameter_mm / 2, 50.0))

@@ -1,7 +1,7 @@
-"""Lights: a uniform one from everywhere, area lights and spot lights; all fixed in space while the ball turns.
+"""Lights: uniform light from everywhere, area lights and spot lights; all fixed in space while the ball turns.
 
-Levels are what a white matt surface (albedo 1) shows: 1 is full scale on a sensor with gain 1. The uniform light
-alone with a matt ball is "flat": the image is the pattern's albedo.
+A light's level is the level of a white matt surface (albedo 1) in it: 1 is full scale on a sensor with gain 1. Uniform
+light alone on a matt ball is "flat" light: the image is the pattern's albedo.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from render.check import one_of, vector, within
+from .check import one_of, vector, within
 
 
 @dataclass(frozen=True)
@@ -25,11 +25,12 @@ class Light:
     kind : str
         `area`, a round lamp that shines to its front, or `spot`, a point that shines into a cone.
     position_m, towards_m : (3,) tuple
-        Where it is and what it points at, m, in the camera frame; an area light within the camera's sight is refused.
+        Position of the lamp and the point it is aimed at, m, in the camera frame; an area light in the camera's sight
+        is refused.
     level : float
-        What a white matt surface at `towards_m` that faces the lamp shows.
+        Level of a white matt surface at `towards_m` that faces the lamp.
     diameter_m : float
-        Of an area light, m.
+        Diameter of an area light, m.
     cone_deg : float
         Half the opening angle of a spot's cone; it fades from three quarters of it outwards.
     """
@@ -42,7 +43,7 @@ class Light:
     cone_deg: float = 20.0
 
     def __post_init__(self) -> None:
-        """Refuse what is no lamp."""
+        """Check the values."""
         one_of("kind", self.kind, ("area", "spot"))
         vector("position_m", self.position_m, 3)
         vector("towards_m", self.towards_m, 3)
@@ -55,13 +56,12 @@ class Light:
 
 @dataclass(frozen=True)
 class Lighting:
-    """All the light there is.
+    """All lights of the scene.
 
     Attributes
     ----------
     uniform : float
-        Level of the light that comes from everywhere alike: a white matt ball shows this level wherever nothing
-        shades it.
+        Level of the light that comes equally from all directions: that of a white matt ball without shading objects.
     lights : tuple of Light
         Lamps.
     """
@@ -70,7 +70,7 @@ class Lighting:
     lights: tuple[Light, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse a level below zero."""
+        """Check the values."""
         within("uniform", self.uniform, 0.0)
 
 

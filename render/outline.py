@@ -1,4 +1,4 @@
-"""Where the ball's outline is in the image, and how much of what it encloses is seen."""
+"""The ball's outline in the image, and the visible share of the area that it encloses."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from render.background import StillObject
-from render.camera import Camera
+from .background import StillObject
+from .camera import Camera
 
 Array = NDArray[np.float64]
 
-#: Points of an outline, and cells across it: a share of its area is then right to 0.001.
+#: Points of an outline, and cells across its diameter: they give a share of the area to 0.001.
 _POINTS, _CELLS = 360, 160
 
-#: Gauss-Newton steps that fit a circle: an outline is so nearly one that the error falls a hundredfold with each.
+#: Gauss-Newton steps that fit a circle: an outline is nearly circular, so each step reduces the error a hundredfold.
 _ROUNDS = 10
 
 
 def outline(camera: Camera, centre_m: Array, radius_m: float) -> Array:
     """Points of a ball's outline.
 
-    The lines of sight that touch a ball of radius R at the distance D touch it along a circle of the radius
-    ``R sqrt(1 - (R/D)^2)`` about the point at the share ``1 - (R/D)^2`` of the way to its centre.
+    The lines of sight that touch a ball of radius R at the distance D touch it along a circle. This circle has the
+    radius ``R sqrt(1 - (R/D)^2)``; its centre lies at the share ``1 - (R/D)^2`` of the way to the ball's centre.
 
     Parameters
     ----------
@@ -31,12 +31,12 @@ def outline(camera: Camera, centre_m: Array, radius_m: float) -> Array:
     centre_m : (3,) ndarray
         The ball's centre, m.
     radius_m : float
-        Its radius, m.
+        The ball's radius, m.
 
     Returns
     -------
     (n, 2) ndarray
-        x and y, px, evenly around; NaN where the camera does not see so far aside.
+        x and y, px, at equal angles; NaN for points that the camera cannot image.
     """
     angle = np.linspace(0.0, 2 * np.pi, _POINTS, endpoint=False)[:, None]
     axis, share = np.array([0.0, 0.0, 1.0]), 1.0
@@ -51,7 +51,7 @@ def outline(camera: Camera, centre_m: Array, radius_m: float) -> Array:
 
 
 def circle(points: Array) -> Array:
-    """The circle that fits a closed line best.
+    """Fit a circle to a closed line.
 
     Parameters
     ----------
@@ -61,8 +61,8 @@ def circle(points: Array) -> Array:
     Returns
     -------
     (3,) ndarray
-        x, y and radius, px, with the least squares of the distances, every px of the line's length counted alike; NaN
-        where the points are.
+        x, y and radius, px, by least squares of the distances, with equal weight for equal lengths of the line; NaN if
+        a point is NaN.
     """
     middle = points.mean(axis=0)
     found = np.array([*middle, np.hypot(*(points - middle).T).mean()])
@@ -79,7 +79,7 @@ def circle(points: Array) -> Array:
 
 
 def visible(camera: Camera, centre_m: Array, radius_m: float, objects: tuple[StillObject, ...]) -> float:
-    """Share of the area within a ball's outline that is in the image and that no still object hides.
+    """Share of the area within a ball's outline that is in the image and not hidden by a still object.
 
     Parameters
     ----------
@@ -88,15 +88,14 @@ def visible(camera: Camera, centre_m: Array, radius_m: float, objects: tuple[Sti
     centre_m : (3,) ndarray
         The ball's centre, m.
     radius_m : float
-        Its radius, m.
+        The ball's radius, m.
     objects : tuple of StillObject
-        What may be before it.
+        Objects that may hide the ball.
 
     Returns
     -------
     float
-        Exactly 1 for all of it and 0 for none, between them to 0.001; 0 as well where the camera does not see so far
-        aside.
+        Exactly 1 for the whole area and 0 for none, else to 0.001; also 0 if the camera cannot image the whole outline.
     """
     edge = outline(camera, centre_m, radius_m)
     if not np.isfinite(edge).all():
@@ -115,7 +114,7 @@ def visible(camera: Camera, centre_m: Array, radius_m: float, objects: tuple[Sti
     seen = ball & ((pixels > -0.5) & (pixels < size - 0.5)).all(axis=1)
     for thing in objects:
         first = _still(thing, origin[seen], direction[seen])
-        # What a pinhole camera has in its back hides nothing.
+        # Objects behind a pinhole camera hide nothing.
         first[(first <= 0) & (camera.model == "pinhole")] = np.inf
         seen[seen] = first >= reach[seen]
     return float(seen.sum() / ball.sum())
@@ -134,12 +133,12 @@ def _lines(camera: Camera, pixels: Array) -> tuple[Array, Array]:
 
 
 def _ball(origin: Array, direction: Array, radius_m: float) -> Array:
-    """Where lines (n, 3) enter a ball at the origin, NaN where they pass it."""
+    """Distances at which lines (n, 3) enter a ball at the origin; NaN for lines that miss it."""
     return _roots((direction**2).sum(1), (origin * direction).sum(1), (origin**2).sum(1) - radius_m**2)[0]
 
 
 def _roots(a: Array, half_b: Array, c: Array) -> tuple[Array, Array]:
-    """The lower and the upper root of ``a t^2 + 2 half_b t + c``, NaN where there is none."""
+    """The lower and the upper root of ``a t^2 + 2 half_b t + c``; NaN if there is none."""
     square = half_b**2 - a * c
     root = np.sqrt(np.where(square >= 0, square, np.nan))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -147,7 +146,7 @@ def _roots(a: Array, half_b: Array, c: Array) -> tuple[Array, Array]:
 
 
 def _still(thing: StillObject, origin: Array, direction: Array) -> Array:
-    """Where lines (n, 3) enter a still object, infinite where they pass it."""
+    """Distances at which lines (n, 3) enter a still object; infinite for lines that miss it."""
     turned = Rotation.from_rotvec(np.radians(thing.turn_deg)).as_matrix()
     start, along = (origin - np.asarray(thing.centre_m)) @ turned, direction @ turned
     half = np.asarray(thing.size_m) / 2
@@ -160,7 +159,7 @@ def _still(thing: StillObject, origin: Array, direction: Array) -> Array:
     if thing.kind == "bar":
         start, along = start[:, :2], along[:, :2]
         first, last = _roots((along**2).sum(1), (start * along).sum(1), (start**2).sum(1) - half[0] ** 2)
-        # A line along the bar is within it everywhere or nowhere.
+        # A line parallel to the bar is inside over its whole length, or outside.
         parallel, within = ~along.any(axis=1), (start**2).sum(1) < half[0] ** 2
         first = np.where(parallel & within, -np.inf, first)
         last = np.where(parallel & within, np.inf, last)

@@ -1,4 +1,4 @@
-"""Write a recording's folder: frames, truth, scene. It appears whole or not at all."""
+"""Write a recording's folder: frames, truth, scene. The folder appears whole or not at all."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from render import preset
-from render.shot import Shot
-from render.trajectory import Table
-from render.truth import truth, write_truth
+from . import preset
+from .shot import Shot
+from .trajectory import Table
+from .truth import truth, write_truth
 
 Frames = Iterable[NDArray[Any]]
-#: Takes the folder, the frames, their shape (n, h, w), their type and the frame rate.
+#: Called with the folder, the frames, their shape (n, h, w), their type and the frame rate.
 Writer = Callable[[Path, Frames, tuple[int, int, int], np.dtype[Any], float], Path]
 
 _PACKAGES = ("mitsuba", "drjit", "karellen-llvm-core", "numpy", "scipy", "tifffile")
 
-#: The file that tells a recording's folder from any other, and the version of its layout.
+#: The file that marks a recording's folder, and the version of its layout.
 SCENE, LAYOUT = "scene.json", 1
 
 
@@ -40,11 +40,11 @@ def write_recording(
     Parameters
     ----------
     folder : Path
-        Name of the folder; it appears when all has been written.
+        Name of the folder; it appears when all files have been written.
     shot : Shot
-        What is rendered.
+        The shot that is rendered.
     frames : iterable of ndarray
-        Images (h, w), taken one at a time.
+        Images (h, w), read one at a time.
     kind : str
         One of `WRITERS`.
     overwrite : bool
@@ -60,7 +60,7 @@ def write_recording(
     Raises
     ------
     OSError
-        Where the folder cannot be written, or is there already.
+        If the folder cannot be written, or exists already.
     """
     sensor, camera = shot.setup.sensor, shot.setup.camera
     dtype = np.dtype(np.uint8 if sensor.bit_depth <= 8 else np.uint16)
@@ -73,12 +73,12 @@ def write_recording(
 
 
 def check_folder(folder: Path, overwrite: bool) -> None:
-    """Refuse to write where something else is.
+    """Refuse a folder with other files.
 
     Raises
     ------
     OSError
-        Unless the folder is new or empty, or an earlier recording that may be replaced.
+        Unless the folder is new or empty, or holds an earlier recording that may be replaced.
     """
     if not folder.exists():
         return
@@ -107,14 +107,14 @@ def whole_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
         try:
             new.replace(folder)
         except OSError:
-            # Neither may be lost.
+            # The earlier recording must not be lost.
             if old.exists():
                 old.replace(folder)
             raise
 
 
 def _checked(frames: Frames, shape: tuple[int, int, int], dtype: np.dtype[Any]) -> Iterator[NDArray[Any]]:
-    """The frames as they come, refused where one is not what the folder says."""
+    """The frames; refused if one has another shape or type, or if their number is wrong."""
     count = 0
     for frame in frames:
         if frame.shape != shape[1:] or frame.dtype != dtype:
@@ -129,10 +129,10 @@ def _write_tiff(
     folder: Path, frames: Frames, shape: tuple[int, int, int], dtype: np.dtype[Any], frame_rate_hz: float
 ) -> Path:
     path = folder / "frames.tif"
-    # ImageJ's words for it, for it is what readers of stacks know: seconds from frame to frame, and frames per second.
+    # Readers of stacks know ImageJ's names: seconds from frame to frame, and frames per second.
     timing = {"axes": "TYX", "finterval": 1.0 / frame_rate_hz, "tunit": "s", "fps": frame_rate_hz}
     with warnings.catch_warnings(), tifffile.TiffWriter(path, imagej=True) as writer:
-        # Beyond 4 GB ImageJ's own way is a single page with all frames behind it, which its readers know.
+        # Beyond 4 GB ImageJ writes a single page followed by all frames; its readers know this layout.
         warnings.filterwarnings("ignore", message=".*truncating ImageJ file")
         writer.write(iter(frames), shape=shape, dtype=dtype, photometric="minisblack", metadata=timing)
     return path
@@ -163,14 +163,14 @@ def _write_png(
     return path
 
 
-#: Kinds of frames by the name that the command line gives them.
+#: Writers by their name on the command line.
 WRITERS: dict[str, Writer] = {"tiff": _write_tiff, "npy": _write_npy, "png": _write_png}
 
 
 def _write_scene(folder: Path, shot: Shot, frames: str, variant: Sequence[str]) -> None:
     table = preset.table(shot)
     if isinstance(shot.trajectory, Table):
-        # The folder holds all that it takes to make it again.
+        # The folder holds everything that is needed to render the recording again.
         shutil.copyfile(shot.trajectory.file, folder / "motion.csv")
         table["trajectory"]["file"] = "motion.csv"
     scene = {

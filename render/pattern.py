@@ -1,9 +1,8 @@
-"""The pattern painted on the ball: speckle cut from noise that fills space, so that it has no seam, no pole and no
-stretch.
+"""The pattern painted on the ball: speckle cut from noise in space, without seam, pole or stretch.
 
 White noise in a cube around the ball, smoothed by a Gaussian, is a stationary isotropic Gaussian field `z` of
-variance 1. The paint at the body point `p` of the unit sphere is light by the share `Phi(s (z(p) - z0))`, where `s`
-is the sharpness and `z0` makes the mean share of dark the coverage: `E Phi(s (z - z0)) = Phi(-s z0 / sqrt(1 + s^2))`.
+variance 1. The share of light paint at the body point `p` of the unit sphere is `Phi(s (z(p) - z0))`. Here `s` is the
+sharpness, and `z0` makes the mean share of dark the coverage: `E Phi(s (z - z0)) = Phi(-s z0 / sqrt(1 + s^2))`.
 """
 
 from __future__ import annotations
@@ -17,28 +16,28 @@ from numpy.typing import NDArray
 from scipy import ndimage, optimize
 from scipy.special import ndtr, ndtri
 
-from render.check import one_of, vector, within
+from .check import one_of, vector, within
 
-#: Smoothing kernel (standard deviation) over the noise's cell: from 1.2 on, a cubic spline's grid cannot be told any
-#: more.
+#: Standard deviation of the smoothing kernel, in cells of the noise; from 1.2 on, the grid of the cubic spline is not
+#: visible.
 _CELLS_PER_SIGMA = 1.5
-#: The largest noise cube, cells along an edge; it needs 4 bytes a cell, and four times that while it is made.
+#: Edge of the largest noise cube, cells: 4 bytes per cell, and four times as much while the cube is computed.
 _LARGEST_CUBE = 400
 
 
 @dataclass(frozen=True)
 class Mark:
     """A round soft dot painted over the pattern: `exp(-d^2 / (2 (diameter / 4)^2))` at the straight distance d from
-    its middle.
+    the dot's centre.
 
     Attributes
     ----------
     direction : (3,) tuple
-        From the ball's centre to the mark, body-fixed; of any length.
+        Direction from the ball's centre to the mark, body-fixed, of any length.
     diameter_mm : float
         Four standard deviations, mm.
     albedo : float
-        At its middle.
+        Albedo at the dot's centre.
     """
 
     direction: tuple[float, float, float] = (0.0, 0.0, -1.0)
@@ -46,7 +45,7 @@ class Mark:
     albedo: float = 0.05
 
     def __post_init__(self) -> None:
-        """Refuse what is no mark."""
+        """Check the values."""
         vector("direction", self.direction, 3, nonzero=True)
         within("diameter_mm", self.diameter_mm, 0.0, above=True)
         within("albedo", self.albedo, 0.0, 1.0)
@@ -54,26 +53,26 @@ class Mark:
 
 @dataclass(frozen=True)
 class Pattern:
-    """What is painted on the ball.
+    """The paint on the ball.
 
     Attributes
     ----------
     kind : str
-        `speckle`, or `plain`: the brightest albedo all over.
+        `speckle`, or `plain`: the brightest albedo everywhere.
     speckle_mm : float
         Size of the speckles, mm: full width at half maximum of the pattern's autocorrelation.
     sharpness : float
-        Of the speckles' edges: 0.5 is soft clouds, 3 spray paint, 20 hard edges.
+        Sharpness of the speckles' edges: 0.5 is soft clouds, 3 spray paint, 20 hard edges.
     coverage : float
         Share of dark, between 0 and 1.
     darkest, brightest : float
         Albedo of dark and of bright paint at full contrast.
     contrast : float
-        1 uses the whole span between both, less draws both towards its middle.
+        1 uses the whole range between both; less moves both towards the middle of the range.
     seed : int
-        Of the noise.
+        Seed of the noise.
     marks : tuple of Mark
-        Dots painted over it.
+        Dots painted over the pattern.
     """
 
     kind: str = "speckle"
@@ -87,7 +86,7 @@ class Pattern:
     marks: tuple[Mark, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse what is no pattern."""
+        """Check the values."""
         one_of("kind", self.kind, ("speckle", "plain"))
         within("speckle_mm", self.speckle_mm, 0.0, above=True)
         within("sharpness", self.sharpness, 0.0, 1e3, above=True)
@@ -106,7 +105,7 @@ def albedo(pattern: Pattern, points: NDArray[np.float64], radius_mm: float) -> N
     Parameters
     ----------
     pattern : Pattern
-        What is painted.
+        The paint.
     points : (n, 3) ndarray
         Unit vectors, body-fixed.
     radius_mm : float
@@ -137,7 +136,7 @@ def albedo(pattern: Pattern, points: NDArray[np.float64], radius_mm: float) -> N
 
 @functools.lru_cache(maxsize=2)
 def _noise(speckle: float, sharpness: float, coverage: float, seed: int) -> tuple[float, NDArray[np.float32]]:
-    """Give the noise's kernel (over the ball's radius) and its spline coefficients over a cube that holds the ball.
+    """Give the noise's kernel, in ball radii, and its spline coefficients in a cube that holds the ball.
 
     White noise smoothed by the kernel sigma has the autocorrelation exp(-d^2 / (4 sigma^2)).
     """
@@ -150,7 +149,7 @@ def _noise(speckle: float, sharpness: float, coverage: float, seed: int) -> tupl
             f"{speckle * edge / _LARGEST_CUBE:.2g} of it, for finer noise would not fit the memory"
         )
     white = np.random.default_rng([seed, 0x5BEC]).standard_normal((edge, edge, edge), np.float32)
-    # The spline's own smoothing (variance 1/3 of a cell squared) counts towards the kernel.
+    # The spline itself smooths, with a variance of 1/3 of a cell squared; the filter adds the rest of the kernel.
     cube = ndimage.gaussian_filter(white, math.sqrt(_CELLS_PER_SIGMA**2 - 1 / 3), mode="wrap", truncate=5.0)
     return sigma, cube * np.float32((2 * math.sqrt(math.pi) * _CELLS_PER_SIGMA) ** 1.5)
 
@@ -159,15 +158,15 @@ def _noise(speckle: float, sharpness: float, coverage: float, seed: int) -> tupl
 def half_correlation(sharpness: float, coverage: float) -> float:
     """Correlation of the noise at which that of the thresholded pattern is one half.
 
-    The share of light is the chance that a second noise of its own is below `s (z - z0)`: both noises together,
-    scaled to variance 1, cut hard at the quantile q of the coverage. Two such sums correlate by `rho s^2 / (1 +
-    s^2)`, and values cut hard have the covariance `int_0^rho exp(-q^2 / (1 + r)) / (2 pi sqrt(1 - r^2)) dr`; at q = 0
-    that is `arcsin(rho) / (2 pi)`.
+    The share of light is the probability that a second, independent noise lies below `s (z - z0)`. This is the sum of
+    both noises, scaled to variance 1 and cut at the quantile q of the coverage. Two such sums have the correlation
+    `rho s^2 / (1 + s^2)`. Cut at q, two variables of the correlation rho have the covariance
+    `int_0^rho exp(-q^2 / (1 + r)) / (2 pi sqrt(1 - r^2)) dr`; at q = 0 it is `arcsin(rho) / (2 pi)`.
 
     Parameters
     ----------
     sharpness, coverage : float
-        Of the pattern.
+        Sharpness and coverage of the pattern.
 
     Returns
     -------
@@ -179,7 +178,7 @@ def half_correlation(sharpness: float, coverage: float) -> float:
     nodes, weights = np.polynomial.legendre.leggauss(60)
 
     def covariance(rho: float) -> float:
-        angle = math.asin(rho * limit) * (nodes + 1) / 2  # r = sin(angle) takes the root away
+        angle = math.asin(rho * limit) * (nodes + 1) / 2  # r = sin(angle) removes the root
         return float(math.asin(rho * limit) / 2 * (weights @ np.exp(-square / (1 + np.sin(angle)))))
 
     whole = covariance(1.0)
@@ -193,19 +192,19 @@ class Chart:
     Attributes
     ----------
     albedo : (rows, columns) ndarray
-        float32; columns go around once, rows from beyond one pole to beyond the other.
+        float32; the columns go around the sphere once, the rows from beyond one pole to beyond the other.
     pad : int
-        Rows beyond either pole; they repeat what lies on its other side, so that sampling knows no edge.
+        Rows beyond either pole; they repeat the rows of the other side, so sampling has no edge.
     """
 
     albedo: NDArray[np.float32]
     pad: int
 
 
-#: Linear interpolation between texels then leaves 0.05 grey levels rms (of 255) at a speckle of 10 px; fixed to the
+#: Texels per pixel: linear interpolation then leaves 0.05 grey levels rms (of 255) at a speckle of 10 px, fixed to the
 #: body.
 _TEXELS_PER_PX = 5.0
-#: Texels from pole to pole, at least and at most.
+#: Smallest and largest number of texels from pole to pole.
 _ROWS = (64, 2400)
 
 
@@ -213,13 +212,13 @@ _ROWS = (64, 2400)
 def chart(pattern: Pattern, radius_mm: float, radius_px: float) -> Chart:
     """Sample the pattern finely enough for an image of the ball.
 
-    A texel is a fifth of a pixel, or an eighth of a speckle or less (the sharper its edges, the less), whichever is
-    smaller, until memory bounds it; between texels the renderer interpolates linearly.
+    A texel is a fifth of a pixel, or at most an eighth of a speckle (less for sharper edges), whichever is smaller,
+    within the limits of memory. Between texels the renderer interpolates linearly.
 
     Parameters
     ----------
     pattern : Pattern
-        What is painted.
+        The paint.
     radius_mm, radius_px : float
         The ball's radius, mm, and its radius in the image, px.
 
@@ -244,5 +243,5 @@ def chart(pattern: Pattern, radius_mm: float, radius_px: float) -> Chart:
     for row, angle in enumerate(polar):
         points = around * [math.sin(angle), math.sin(angle), math.cos(angle)]
         texels[row] = albedo(pattern, points, radius_mm)
-    texels.flags.writeable = False  # it is shared with whoever asks for the same
+    texels.flags.writeable = False  # the cache shares the array
     return Chart(texels, pad)

@@ -1,4 +1,4 @@
-"""Where the ball is and how it is turned: what a trajectory gives and the renderer asks for."""
+"""Position and orientation of the ball, from a trajectory for the renderer."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-#: How far a matrix may be from orthonormal before it is taken for a mistake rather than for rounding.
+#: Largest deviation of a matrix from orthonormal that counts as rounding.
 _ORTHONORMAL = 1e-6
 
 
@@ -28,7 +28,7 @@ class Poses:
     orientation: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        """Refuse what is no list of poses."""
+        """Check the shapes and the values."""
         n = len(self.position_m)
         if self.position_m.shape != (n, 3):
             raise ValueError(f"position_m has the shape {self.position_m.shape}: expected (n, 3)")
@@ -41,5 +41,5 @@ class Poses:
             raise ValueError("orientation holds a matrix that is no rotation: expected orthonormal, determinant +1")
 
 
-#: times_s (n,) -> poses; exact at any time, so that the shutter can be integrated.
+#: times_s (n,) -> poses; exact at any time, as the integration over the exposure needs.
 Motion = Callable[[NDArray[np.float64]], Poses]

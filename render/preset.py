@@ -1,4 +1,4 @@
-"""Presets: shots from TOML files, those that come with the package by name and any other by path."""
+"""Presets: shots from TOML files, those of the package by name, others by path."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from render.build import BadFieldError, build, plain, suggestion
-from render.scene import Setup
-from render.shot import Shot, seeded
-from render.trajectory import KINDS, Trajectory
+from .build import BadFieldError, build, plain, suggestion
+from .scene import Setup
+from .shot import Shot, seeded
+from .trajectory import KINDS, Trajectory
 
-#: Where the presets of the package are.
+#: Folder of the package's presets.
 FOLDER = Path(__file__).parent / "presets"
 
 _SETUP = tuple(f.name for f in dataclasses.fields(Setup))
@@ -23,7 +23,7 @@ _TOP = ("description", "frame_rate_hz", "frames")
 
 
 def names() -> list[str]:
-    """Names of the presets that come with the package."""
+    """Names of the package's presets."""
     return sorted(path.stem for path in FOLDER.glob("*.toml"))
 
 
@@ -37,14 +37,14 @@ def load(shot: str, changes: Sequence[str] = (), seed: int | None = None) -> Sho
     changes : sequence of str
         ``field.path=value`` each, the value as in TOML; quotes around a text may be left out.
     seed : int, optional
-        In place of all seeds.
+        Replaces all seeds.
 
     Raises
     ------
     ValueError
-        With one sentence that names the preset and the field.
+        If the preset or a change is invalid; one sentence names the preset and the field.
     OSError
-        Where the file cannot be read.
+        If the file cannot be read.
     """
     path = find(shot)
     try:
@@ -65,7 +65,7 @@ def find(shot: str) -> Path:
     Raises
     ------
     ValueError
-        Where there is none.
+        If there is no such file or preset.
     """
     path = Path(shot)
     if path.suffix in (".toml", ".json"):
@@ -78,7 +78,7 @@ def find(shot: str) -> Path:
 
 
 def table(shot: Shot) -> dict[str, Any]:
-    """The table that makes the shot, as its TOML file would have it, with every default written out."""
+    """The table of the shot, as in a TOML file, with every default written out."""
     kind = next(name for name, cls in KINDS.items() if type(shot.trajectory) is cls)
     head = {name: getattr(shot, name) for name in _TOP}
     return head | {"trajectory": {"kind": kind} | plain(shot.trajectory)} | plain(shot.setup)
@@ -128,7 +128,7 @@ def _trajectory(path: Path, content: dict[str, Any], setup: Setup) -> Trajectory
     cls = KINDS[kind]
     if "diameter_mm" in {f.name for f in dataclasses.fields(cls)}:  # type: ignore[arg-type]  # all are dataclasses
         fields.setdefault("diameter_mm", setup.ball.diameter_mm)
-    # A table of motion is looked for beside the preset that names it.
+    # The path of a motion table is relative to the preset that names it.
     if isinstance(fields.get("file"), str):
         fields["file"] = str(path.parent / fields["file"])
     return build(cls, fields, "trajectory")

@@ -7,17 +7,18 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Below this angle in rad, ``(1 - cos a) / a^2`` and ``sin a / a`` are their series to full double precision.
+#: Angle, rad, below which the first terms of the series of ``(1 - cos a) / a^2`` and ``sin a / a`` are exact to double
+#: precision.
 _SMALL = 1e-4
 
 
 def exp(vector: Array) -> Array:
-    """Rotation matrices (n, 3, 3) of rotation vectors (n, 3) in rad, by the formula of Rodrigues."""
+    """Rotation matrices (n, 3, 3) of rotation vectors (n, 3), rad, by the formula of Rodrigues."""
     angle = np.linalg.norm(vector, axis=-1)
     small = angle < _SMALL
     safe = np.where(small, 1.0, angle)
     first = np.where(small, 1.0 - angle**2 / 6.0, np.sin(safe) / safe)
-    # 2 sin^2(a/2) is 1 - cos(a) without its cancellation.
+    # 2 sin^2(a/2) is 1 - cos(a) without cancellation.
     second = np.where(small, 0.5 - angle**2 / 24.0, 2.0 * np.sin(0.5 * safe) ** 2 / safe**2)
     k = cross_matrix(vector)
     return np.asarray(np.eye(3) + first[..., None, None] * k + second[..., None, None] * (k @ k))
@@ -46,12 +47,12 @@ def log(matrix: Array) -> Array:
 def quaternion(matrix: Array) -> Array:
     """Unit quaternions (n, 4) as (w, x, y, z) with w >= 0, of rotation matrices (n, 3, 3).
 
-    Each is taken from the best conditioned of four formulas (Shepperd 1978), so that half turns are exact as well.
+    The best conditioned of four formulas is used for each matrix (Shepperd 1978), so half turns are exact, too.
     """
     m = np.asarray(matrix, dtype=np.float64)
     trace = np.trace(m, axis1=-2, axis2=-1)
     diagonal = np.diagonal(m, axis1=-2, axis2=-1)
-    # Products of 4 q_i q_j: row i, divided by its length, is the quaternion, up to its sign.
+    # Products 4 q_i q_j: row i, divided by its length, is the quaternion, up to its sign.
     products = np.empty((*m.shape[:-2], 4, 4))
     products[..., 0, 0] = 1.0 + trace
     for i in range(3):

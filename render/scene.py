@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from render.background import Background, still_shapes
-from render.ball import Ball
-from render.camera import Camera
-from render.check import one_of, within
-from render.exposure import Shutter
-from render.light import Lighting, lamp, uniform_emitter
-from render.pattern import Chart, Pattern
-from render.sensor import Sensor
+from .background import Background, still_shapes
+from .ball import Ball
+from .camera import Camera
+from .check import one_of, within
+from .exposure import Shutter
+from .light import Lighting, lamp, uniform_emitter
+from .pattern import Chart, Pattern
+from .sensor import Sensor
 
 
 @dataclass(frozen=True)
@@ -29,15 +29,14 @@ class Quality:
     Attributes
     ----------
     samples : int
-        Light paths per pixel and frame, shared among the sub-frames of the shutter; `render.frames` says what noise
-        they leave.
+        Light paths per pixel and frame, shared among the sub-frames of the shutter; `render.frames` has their noise.
     bounces : int
-        How often light may be reflected on its way from a lamp to the camera; 1 leaves out the light that still
-        objects throw on the ball and the ball on them.
+        Largest number of reflections between a lamp and the camera; 1 leaves out the light that still objects and the
+        ball reflect onto each other.
     variant : str or None
         One of `render.backend.VARIANTS`; None is the fastest that works.
     seed : int
-        Of the light paths.
+        Seed of the light paths.
     """
 
     samples: int = 64
@@ -46,7 +45,7 @@ class Quality:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be rendered."""
+        """Check the values."""
         within("samples", self.samples, 1, 1 << 16)
         within("bounces", self.bounces, 1, 32)
         within("seed", self.seed, 0)
@@ -61,7 +60,7 @@ class Setup:
     Attributes
     ----------
     ball, pattern, camera, lighting, background, shutter, sensor, quality
-        The parts; each class says what it holds.
+        The parts, described by their classes.
     """
 
     ball: Ball = field(default_factory=Ball)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from render.check import within
+from .check import within
 
 
 @dataclass(frozen=True)
@@ -19,22 +19,22 @@ class Sensor:
     Attributes
     ----------
     bit_depth : int
-        Of the grey levels, 8 to 16.
+        Bits of the grey levels, 8 to 16.
     gain : float
-        Grey level of the light level 1 over full scale (2^bit_depth - 1): with 1, flat light maps albedos of 0 to 1
-        to the whole range; more lets the bright parts saturate.
+        Grey level of the light level 1, divided by full scale (2^bit_depth - 1). With 1, flat light maps albedos of 0
+        to 1 to the whole range; with more, the bright parts saturate.
     offset_grey : float
         Grey level of darkness.
     blur_px : float
         Standard deviation of the optics' Gaussian point spread, px, on top of the pixel's own area.
     full_well_e : float
-        Electrons in a pixel at full scale; their Poisson noise is the shot noise. 0 leaves it out.
+        Electrons in a pixel at full scale; their Poisson noise is the shot noise. 0 leaves the shot noise out.
     read_noise_grey : float
         Standard deviation of the read noise, grey levels.
     saturation_grey : float or None
-        Grey level above which nothing more is recorded; None is full scale.
+        Highest grey level that is recorded; None is full scale.
     seed : int
-        Of the noise.
+        Seed of the noise.
     """
 
     bit_depth: int = 8
@@ -47,7 +47,7 @@ class Sensor:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse what is no sensor."""
+        """Check the values."""
         within("bit_depth", self.bit_depth, 8, 16)
         within("gain", self.gain, 0.0, above=True)
         within("offset_grey", self.offset_grey, 0.0)
@@ -69,7 +69,7 @@ class Sensor:
         Parameters
         ----------
         level : (h, w) ndarray
-            Light; 1 is what a white matt surface shows under flat light of level 1.
+            Light; 1 is a white matt surface under flat light of level 1.
 
         Returns
         -------
@@ -88,7 +88,7 @@ class Sensor:
         grey : (h, w) ndarray
             Grey levels without noise.
         frame : int
-            Number of the frame; with the seed it fixes the noise, so that a frame made alone is the same.
+            Number of the frame; number and seed fix the noise, so a frame rendered alone is the same.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""A shot: what is rendered, how the ball moves, and when the frames are taken."""
+"""A shot: the setup, the motion of the ball, and the times of the frames."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from render.check import within
-from render.scene import Setup
-from render.trajectory import Table, Trajectory
+from .check import within
+from .scene import Setup
+from .trajectory import Table, Trajectory
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Shot:
-    """All that a recording is made from.
+    """Everything that defines a recording.
 
     Attributes
     ----------
     name, description : str
-        Name, and what it is in one line.
+        Name, and a description in one line.
     frame_rate_hz : float
         Frames per second; frame ``i`` has the middle of its exposure at ``i / frame_rate_hz``.
     frames : int
         Number of frames.
     trajectory : Trajectory
-        How the ball moves.
+        Motion of the ball.
     setup : Setup
         Everything else.
     """
@@ -41,7 +41,7 @@ class Shot:
     description: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse what does not go together."""
+        """Check the values, alone and together."""
         within("frame_rate_hz", self.frame_rate_hz, 0.0, above=True)
         within("frames", self.frames, 1)
         exposure, interval = self.setup.shutter.exposure_s, 1.0 / self.frame_rate_hz
@@ -84,7 +84,7 @@ class Shot:
 
 
 def seeded(setup: Setup, seed: int) -> Setup:
-    """The setup with the seed in each of its parts that has one."""
+    """The setup with the seed in each part that has a seed."""
     parts = {f.name: getattr(setup, f.name) for f in dataclasses.fields(setup)}
     new = {name: dataclasses.replace(part, seed=seed) for name, part in parts.items() if hasattr(part, "seed")}
     return dataclasses.replace(setup, **new)

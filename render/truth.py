@@ -1,4 +1,4 @@
-"""The truth of a recording as a table: what a tracker should find, and what made it so."""
+"""The truth of a recording as a table: the values that a tracker should find, and the motion behind them."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from render import rotation
-from render.outline import circle, outline, visible
-from render.scene import Setup
-from render.shot import Shot
+from . import rotation
+from .outline import circle, outline, visible
+from .scene import Setup
+from .shot import Shot
 
-#: Columns that a tracker's table has as well, in its order.
+#: Columns that a tracker's table has, too, in its order.
 TRACKED = (
     *("frame", "time_s", "x_px", "y_px", "radius_px"),
     *("dx_px", "dy_px", "wx_rad", "wy_rad", "wz_rad"),
     *("qw", "qx", "qy", "qz"),
 )
 
-#: What only the truth knows: the motion at the frame's time, in the camera frame.
+#: Columns of the truth alone: the motion at the frame's time, in the camera frame.
 MOTION = (
     *("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", "ax_m_s2", "ay_m_s2", "az_m_s2"),
     *("fx_N", "fy_N", "fz_N", "wx_rad_s", "wy_rad_s", "wz_rad_s"),
 )
 
-#: What is seen of the ball: the circle that fits its outline best, and the share of its area that can be seen.
+#: Columns of the ball's image: the circle fitted to the outline, and the visible share of the ball's area.
 SEEN = ("outline_x_px", "outline_y_px", "outline_radius_px", "visible")
 
 
@@ -42,12 +42,12 @@ def truth(shot: Shot) -> dict[str, NDArray[Any]]:
     Returns
     -------
     dict of ndarray
-        Columns (n,) by name. `x_px, y_px` is where the camera sees the ball's centre, `radius_px` the ball's radius
-        times the scale at the centre's depth (on the optical axis, without distortion). `d*_px` and `w*_rad` are the
-        increments from the frame before, NaN in the first: ``A_i = exp([w]x) A_(i-1)``. `q*` is the orientation since
-        the first frame, ``A_i A_0^T``, without jumps of sign. Force is mass times acceleration. `outline_*` is the
-        circle that fits the outline best, NaN where the camera does not see so far aside; `visible` the share of the
-        area within the outline that is in the image and that no still object hides, at the frame's time.
+        Columns (n,) by name. `x_px, y_px` is the image of the ball's centre, `radius_px` the ball's radius times the
+        scale at the centre's depth (on the optical axis, without distortion). `d*_px` and `w*_rad` are the increments
+        from the frame before, NaN in the first: ``A_i = exp([w]x) A_(i-1)``. `q*` is the orientation since the first
+        frame, ``A_i A_0^T``, without jumps of sign. Force is mass times acceleration. `outline_*` is the circle fitted
+        to the outline, NaN if the camera cannot image the whole outline. `visible` is the share of the area within the
+        outline that is in the image and not hidden by a still object, at the frame's time.
     """
     times, setup = shot.times_s, shot.setup
     state = shot.trajectory.state(times)
@@ -75,9 +75,9 @@ def _seen(setup: Setup, centres_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def write_truth(path: Path, columns: dict[str, NDArray[Any]]) -> None:
-    """Write the table as CSV, every number to its last bit."""
+    """Write the table as CSV, every number with all its digits."""
     with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(columns)
-        # Python writes the shortest text that reads back as the very same number.
+        # repr gives the shortest text that reads back as the same number.
         writer.writerows(zip(*(map(repr, column.tolist()) for column in columns.values()), strict=True))

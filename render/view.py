@@ -1,7 +1,7 @@
-"""From the scene to the light that reaches each pixel: the camera's lines of sight, in Mitsuba.
+"""The light that reaches each pixel: the camera's lines of sight through Mitsuba's scene.
 
-Lines of sight are made here rather than by Mitsuba's own cameras, which know neither radial distortion nor a window
-of the image at no cost. A pixel is the mean over its area. The variant without arrays (`scalar_rgb`) has to use
+This module computes the lines of sight, because Mitsuba's cameras have no radial distortion, and a change of their
+image window costs time. A pixel is the mean over its area. The variant without arrays (`scalar_rgb`) must use
 Mitsuba's cameras.
 """
 
@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from render.camera import Camera
-from render.scene import Pass
+from .camera import Camera
+from .scene import Pass
 
-#: Light paths followed at once; more would only need memory.
+#: Light paths computed together; more need more memory and save no time.
 _AT_ONCE = 1 << 24
 
 
@@ -32,24 +32,24 @@ class Window:
 
 
 def window(camera: Camera, spheres: list[tuple[NDArray[np.float64], float]]) -> Window:
-    """Give the part of the image outside of which nothing but the backdrop is seen.
+    """Give the part of the image that holds everything but the backdrop.
 
     Parameters
     ----------
     camera : Camera
         The camera.
     spheres : list of ((3,) ndarray, float)
-        Centres and radii, m, of spheres that hold everything there is.
+        Centres and radii, m, of spheres that hold the ball and all objects.
 
     Returns
     -------
     Window
-        At least one pixel; the whole image where a sphere comes too near to the camera's plane.
+        At least one pixel; the whole image if a sphere comes too near to the camera's plane.
     """
     places = []
     for centre, radius in spheres:
-        # The corners of the cube around a sphere are seen around all of it: the cube holds it, and straight edges of
-        # the cube stay straight but for the distortion, for which points between the corners are added.
+        # The image of the cube around a sphere holds the image of the sphere. Distortion bends the cube's edges, so
+        # points between the corners are projected, too.
         side = np.linspace(-1.0, 1.0, 9)
         grid = np.stack(np.meshgrid(side, side, side), axis=-1).reshape(-1, 3)
         shell = grid[np.abs(grid).max(axis=1) == 1.0]
@@ -67,7 +67,7 @@ def window(camera: Camera, spheres: list[tuple[NDArray[np.float64], float]]) -> 
 def look(
     part: Pass, camera: Camera, region: Window, *, unit_m: float, start: float, samples: int, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Light and cover of the pixels of a window.
+    """Light and cover of a window's pixels.
 
     Parameters
     ----------
@@ -76,20 +76,20 @@ def look(
     camera : Camera
         The camera.
     region : Window
-        Which pixels.
+        The pixels.
     unit_m : float
         Length of the scene's unit, m.
     start : float
-        z at which the orthographic camera's lines of sight begin, in units of the scene.
+        z at which the orthographic camera's lines of sight begin, in scene units.
     samples : int
-        Light paths per pixel, or a few more where they cannot be laid out evenly.
+        Light paths per pixel; rounded up to a full grid.
     seed : int
-        Of the light paths.
+        Seed of the light paths.
 
     Returns
     -------
     light, cover : (height, width) ndarray
-        Mean light from the ball and the still objects, and the share of the pixel that they cover.
+        Mean light from the ball and the still objects, and the share of the pixel covered by them.
     """
     import mitsuba as mi
 
@@ -111,7 +111,7 @@ def look(
 
 
 def laid_out(samples: int) -> int:
-    """Round a number of samples up to what fills a grid within the pixel, near to a square.
+    """Round a number of samples up to a full, nearly square grid in the pixel.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def _mean(part: Pass, sampler: Any, ray: Any, count: int) -> tuple[NDArray[np.fl
 
 
 def _lines(camera: Camera, region: Window, sampler: Any, unit_m: float, start: float, count: int) -> tuple[Any, Any]:
-    """Origins and directions of the lines of sight; the samples of a pixel lie next to each other."""
+    """Origins and directions of the lines of sight; the samples of a pixel are adjacent."""
     import drjit as dr
     import mitsuba as mi
 
@@ -160,12 +160,12 @@ def _lines(camera: Camera, region: Window, sampler: Any, unit_m: float, start: f
 
 
 def _undistorted(distortion: tuple[float, float, float], square: Any) -> Any:
-    """Give the factor that undoes the distortion, at squared distances as seen, by Newton's method."""
+    """Give the factor that removes the distortion, at squared distorted distances, by Newton's method."""
     import drjit as dr
     import mitsuba as mi
 
     k1, k2, k3 = (dr.opaque(mi.Float, k) for k in distortion)
-    # With r the distance seen and q the factor sought, q (1 + k1 (q r)^2 + k2 (q r)^4 + k3 (q r)^6) = 1.
+    # With the distorted distance r and the factor q: q (1 + k1 (q r)^2 + k2 (q r)^4 + k3 (q r)^6) = 1.
     q = mi.Float(1.0)
     for _ in range(8):
         p = q * q * square
@@ -206,7 +206,7 @@ def _look_scalar(
 
 
 def _own_camera(camera: Camera, unit_m: float, start: float) -> dict[str, Any]:
-    """Mitsuba's own camera: x to the left and y up, so that it is turned by half a turn about z."""
+    """Mitsuba's camera, turned by half a turn about z: its x points to the left and its y up."""
     import mitsuba as mi
 
     turned = mi.ScalarTransform4f().scale([-1, -1, 1])

@@ -1,5 +1,4 @@
-"""What the tests of the renderer share: motions, and the outline of a ball by the formula of the cone that touches
-it."""
+"""Shared by the tests of the renderer: motions, and the outline of a ball by the formula of its tangent cone."""
 
 from __future__ import annotations
 
@@ -15,7 +14,7 @@ from render.frames import render_radiance
 from render.pose import Motion, Poses
 from render.scene import Setup
 
-# Asked without importing it: mitsuba must not be imported before the renderer has said which LLVM it is to use.
+# Not by an import: the renderer must name the LLVM library before mitsuba is imported.
 needs_mitsuba = pytest.mark.skipif(
     importlib.util.find_spec("mitsuba") is None,
     reason="rendering needs mitsuba: pip install 'torchsphere[render]'",
@@ -43,8 +42,8 @@ def picture(setup: Setup, motion: Motion) -> NDArray[np.float64]:
 def outline(camera: Camera, centre_m: NDArray[np.float64], radius_m: float, count: int = 20000) -> NDArray[np.float64]:
     """Points (count, 2) of the ball's outline in the image, px.
 
-    The lines of sight that touch a ball at the distance D touch it along a circle: about the point at the fraction
-    1 - (R/D)^2 of the way to its centre, of the radius R sqrt(1 - (R/D)^2), across the way.
+    The lines of sight that touch a ball at the distance D touch it along a circle. This circle has the radius
+    R sqrt(1 - (R/D)^2); its centre lies at the fraction 1 - (R/D)^2 of the way to the ball's centre.
     """
     angle = np.linspace(0, 2 * np.pi, count, endpoint=False)[:, None]
     axis, middle, radius = np.array([0.0, 0.0, 1.0]), centre_m, radius_m

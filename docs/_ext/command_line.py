@@ -1,6 +1,6 @@
 """The directive ``commands``: a section per command, from its parser, so that no command and no option goes stale.
 
-``.. commands:: torchsphere`` or ``.. commands:: render``, which is ``python -m render``.
+``.. commands:: torchsphere`` or ``.. commands:: torchsphere-render``.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ def parsers(parser: argparse.ArgumentParser) -> list[argparse.ArgumentParser]:
 
 def programs() -> dict[str, list[argparse.ArgumentParser]]:
     """The parsers of all commands, by the name that the directive takes."""
-    return {"torchsphere": parsers(main._parser()), "render": parsers(render_cli._parser())}
+    renderer = "torchsphere-render"
+    return {"torchsphere": parsers(main._parser()), renderer: parsers(render_cli._parser(renderer))}
 
 
 class Commands(SphinxDirective):
@@ -87,7 +88,7 @@ def _examples(epilog: str) -> list[str]:
     """The commands of the epilog as a block, and what it says beside them as a paragraph."""
     commands, rest = [], []
     for part in re.split(r"\s{2,}", epilog.strip()):
-        if part.startswith(("torchsphere ", "python ")):
+        if part.startswith(("torchsphere ", "torchsphere-render ")):
             commands.append(f"   {part}")
         elif part.rstrip(":") not in ("", "example", "examples", "or"):
             rest.append(_words(part))

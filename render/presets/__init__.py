@@ -1,1 +1,1 @@
-"""The presets that come with the package, one TOML file each."""
+"""The package's presets, one TOML file each."""

@@ -1,16 +1,16 @@
-"""Trajectories: motions of the ball whose poses and derivatives are known exactly at any time."""
+"""Trajectories: motions of the ball with exact poses and derivatives at any time."""
 
 from __future__ import annotations
 
-from render.trajectory.drop import DropWeight
-from render.trajectory.flight import FreeFlight
-from render.trajectory.frontal import FrontalImpact
-from render.trajectory.oblique import ObliqueImpact
-from render.trajectory.spin import SpinInPlace
-from render.trajectory.state import State, Trajectory
-from render.trajectory.table import Table
+from .drop import DropWeight
+from .flight import FreeFlight
+from .frontal import FrontalImpact
+from .oblique import ObliqueImpact
+from .spin import SpinInPlace
+from .state import State, Trajectory
+from .table import Table
 
-#: The trajectories by the name that a preset gives them.
+#: The trajectories by their name in a preset.
 KINDS: dict[str, type[Trajectory]] = {
     "free-flight": FreeFlight,
     "frontal-impact": FrontalImpact,

@@ -1,4 +1,4 @@
-"""Flight that is changed by pulses of force and torque: what all impacts have in common."""
+"""Flight with pulses of force and torque, the base of all impacts."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from render.trajectory.pulse import Pulse
-from render.trajectory.state import State
-from render.trajectory.turning import Turning
+from .pulse import Pulse
+from .state import State
+from .turning import Turning
 
 Array = NDArray[np.float64]
 
-#: Steps of the orientation's integration: this many at least over a contact, none of more than this angle in rad.
+#: Steps of the orientation's integration: smallest number over a contact, and largest angle of a step, rad.
 STEPS, STEP_RAD = 256, 0.02
 
 
 @dataclass(frozen=True)
 class Kick:
-    """A pulse and the changes of velocity (3,) in m/s and of spin (3,) in rad/s that its whole area makes."""
+    """A pulse, and the changes of velocity (3,), m/s, and of spin (3,), rad/s, by its whole area."""
 
     pulse: Pulse
     velocity_m_s: Array
@@ -29,14 +29,14 @@ class Kick:
 
 @dataclass(frozen=True)
 class Contact:
-    """A flight with constant velocity, acceleration and spin, and the kicks that change it.
+    """A flight with constant acceleration and spin, and the kicks that change it.
 
     Attributes
     ----------
     time_s : float
-        Time of first touch; position, velocity and spin are those of this time.
+        Time of first touch; position, velocity and spin refer to this time.
     position_m, velocity_m_s, acceleration_m_s2, spin_rad_s : ndarray
-        (3,), of the flight alone, as if there were no kick.
+        (3,), of the flight without the kicks.
     kicks : tuple of Kick
         None begins before `time_s`.
     mass_kg : float
@@ -78,7 +78,7 @@ class Contact:
         edges = np.unique([t for kick in self.kicks for t in (kick.pulse.start_s, kick.pulse.stop_s)] + [self.time_s])
         fastest = np.linalg.norm(self.spin_rad_s) + sum(np.linalg.norm(kick.spin_rad_s) for kick in self.kicks)
         count = max(STEPS, int(np.ceil(fastest * (edges[-1] - edges[0]) / STEP_RAD)))
-        # A jump of the torque, where a pulse begins or is cut, must not lie within a step.
+        # A jump of the torque, at the start or the cut of a pulse, must not lie within a step.
         nodes = np.unique(np.concatenate((edges, np.linspace(edges[0], edges[-1], count + 1))))
         return Turning(self._spin, self._angle, nodes)
 

@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from render.check import vector, within
-from render.pose import Poses
-from render.trajectory.contact import Contact, Kick
-from render.trajectory.fields import Vector, array
-from render.trajectory.pulse import Pulse
-from render.trajectory.state import State
+from ..check import vector, within
+from ..pose import Poses
+from .contact import Contact, Kick
+from .fields import Vector, array
+from .pulse import Pulse
+from .state import State
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ class DropWeight:
     gravity_m_s2 : float
         Along +y.
     spin_rev_s : tuple of float
-        Spin about the camera's axes, revolutions per second; it does not change.
+        Spin about the camera's axes, revolutions per second; constant.
     mass_g : float
         Falling mass.
     """
@@ -63,7 +63,7 @@ class DropWeight:
     @cached_property
     def _contact(self) -> Contact:
         down, length = np.array([0.0, 1.0, 0.0]), 1e-6 * self.contact_us
-        # The pulse also carries what gravity adds while it lasts, so that the restitution is that of the whole contact.
+        # The pulse also cancels gravity's impulse during the contact, so the restitution is that of the whole contact.
         change = -((1.0 + self.restitution) * self.speed_m_s + self.gravity_m_s2 * length) * down
         pulse = Pulse.whole(1e-6 * self.touch_us, length)
         return Contact(

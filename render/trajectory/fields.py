@@ -10,7 +10,7 @@ Vector = tuple[float, float, float]
 
 
 def array(value: Vector, factor: float = 1.0) -> NDArray[np.float64]:
-    """The tuple times a factor of units as an array (3,)."""
+    """The tuple, times a factor of units, as an array (3,)."""
     return factor * np.array(value, dtype=np.float64)
 
 

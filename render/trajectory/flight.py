@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from render import rotation
-from render.check import vector, within
-from render.pose import Poses
-from render.trajectory.fields import Vector, array
-from render.trajectory.state import State
+from .. import rotation
+from ..check import vector, within
+from ..pose import Poses
+from .fields import Vector, array
+from .state import State
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ class FreeFlight:
     spin_rev_s : tuple of float
         Spin about the camera's axes, revolutions per second.
     gravity_m_s2 : tuple of float
-        Acceleration, for example (0, 9.81, 0) where the camera stands upright.
+        Acceleration, for example (0, 9.81, 0) for an upright camera.
     mass_g : float
         Mass of the ball.
     """

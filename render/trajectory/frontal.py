@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from render.check import vector, within
-from render.pose import Poses
-from render.trajectory.contact import Contact, Kick
-from render.trajectory.fields import Vector, array, unit_vector
-from render.trajectory.pulse import Pulse
-from render.trajectory.state import State
+from ..check import vector, within
+from ..pose import Poses
+from .contact import Contact, Kick
+from .fields import Vector, array, unit_vector
+from .pulse import Pulse
+from .state import State
 
 Array = NDArray[np.float64]
 
@@ -23,9 +23,9 @@ Array = NDArray[np.float64]
 class FrontalImpact:
     """Flight, a contact that reverses the velocity along the target's normal and changes the spin, flight.
 
-    The force along the normal is one half sine over the contact, or several of equal length one after the other (as a
-    vibrating target makes them). The spin changes in the same proportion as the velocity, so that its integral is
-    exact; the orientation is integrated (`render.trajectory.turning`).
+    The force along the normal is a half sine over the contact, or a sequence of half sines of equal length (as from a
+    vibrating target). The spin changes in proportion to the velocity, so its integral is exact; the orientation is
+    integrated (`render.trajectory.turning`).
 
     Attributes
     ----------
@@ -36,13 +36,13 @@ class FrontalImpact:
     contact_us : float
         Duration of the contact.
     peaks : tuple of float
-        Share of the impulse in each half sine; they add up to 1.
+        Share of the impulse in each half sine; the shares add up to 1.
     velocity_m_s : tuple of float
-        Velocity before.
+        Velocity before the contact.
     normal : tuple of float
         Direction in which the target pushes the ball, of any length.
     restitution : float
-        Speed along the normal after the contact over that before.
+        Speed along the normal after the contact, divided by the speed before.
     spin_before_rev_s, spin_after_rev_s : tuple of float
         Spin about the camera's axes, revolutions per second.
     mass_g : float

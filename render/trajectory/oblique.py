@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from render.check import vector, within
-from render.pose import Poses
-from render.trajectory.contact import Contact, Kick
-from render.trajectory.fields import Vector, array, unit_vector
-from render.trajectory.pulse import Pulse
-from render.trajectory.state import State
+from ..check import vector, within
+from ..pose import Poses
+from .contact import Contact, Kick
+from .fields import Vector, array, unit_vector
+from .pulse import Pulse
+from .state import State
 
 Array = NDArray[np.float64]
 
@@ -28,8 +28,8 @@ class ObliqueImpact:
     """Flight, a curved path while the ball slides or rolls on a plane, flight.
 
     The normal force is a half sine. Coulomb friction ``mu N`` acts on the contact point against its slip
-    ``v_t + w x r`` until the slip is gone; from then on the ball rolls without friction. Velocity and spin change
-    together: the torque is ``r x F``, with ``r`` from the centre to the plane; the inertia is that of a solid sphere.
+    ``v_t + w x r`` until the slip ends; then the ball rolls without friction. Velocity and spin change together: the
+    torque is ``r x F``, with ``r`` from the centre to the plane; the inertia is that of a solid sphere.
 
     Attributes
     ----------
@@ -42,11 +42,11 @@ class ObliqueImpact:
     normal : tuple of float
         Normal of the plane, towards the ball, of any length.
     restitution : float
-        Speed along the normal after the contact over that before.
+        Speed along the normal after the contact, divided by the speed before.
     friction : float
         Coefficient of friction.
     diameter_mm, mass_g : float
-        Diameter and mass of the ball; a preset takes the diameter from its ball.
+        Diameter and mass of the ball; the default diameter in a preset is that of its table `ball`.
     """
 
     touch_m: Vector
@@ -103,7 +103,7 @@ class ObliqueImpact:
         )
 
     def _rub(self, push: Kick) -> Kick:
-        """The kick of the friction, cut off where the slip is gone."""
+        """The kick of the friction, cut off at the end of the slip."""
         slip = self._slip_m_s
         speed = float(np.linalg.norm(slip))
         whole = self.friction * float(np.linalg.norm(push.velocity_m_s))

@@ -12,14 +12,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Pulse:
-    """The pulse ``p(t) = pi / (2 T) sin(pi (t - start) / T)`` of unit area, which may be cut off early.
+    """The pulse ``p(t) = pi / (2 T) sin(pi (t - start) / T)`` of unit area, possibly cut off early.
 
     Attributes
     ----------
     start_s, duration_s : float
         Begin, and length ``T`` of the half sine.
     stop_s : float
-        Time after which the pulse is zero; ``start_s + duration_s`` where it is not cut.
+        Time after which the pulse is zero; ``start_s + duration_s`` without a cut.
     """
 
     start_s: float

@@ -7,27 +7,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from render import rotation
-from render.check import vector, within
-from render.pose import Poses
-from render.trajectory.fields import Vector, array
-from render.trajectory.state import State
+from .. import rotation
+from ..check import vector, within
+from ..pose import Poses
+from .fields import Vector, array
+from .state import State
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpinInPlace:
-    """A ball that turns about a fixed axis and stays where it is.
+    """A ball that turns about a fixed axis at a fixed place.
 
     Attributes
     ----------
     centre_m : tuple of float
         The ball's centre, in the camera frame (y down).
     spin_rev_s : tuple of float
-        Spin about the camera's axes, revolutions per second; the highest one where the ball turns there and back.
+        Spin about the camera's axes, revolutions per second; the maximum if the ball turns there and back.
     there_and_back_s : float, optional
-        Period ``P`` of turning there and back, ``spin sin(2 pi t / P)``: after ``P`` the ball is as it was at time 0.
+        Period ``P`` of turning there and back, ``spin sin(2 pi t / P)``: after ``P`` the ball has its first pose again.
         None for a constant rate.
     mass_g : float
         Mass of the ball.

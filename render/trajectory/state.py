@@ -1,4 +1,4 @@
-"""What a trajectory knows at any time, and what every trajectory can do."""
+"""The state of a ball on its trajectory, and the interface of all trajectories."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from render.pose import Poses
+from ..pose import Poses
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ class State:
     velocity_m_s, acceleration_m_s2 : ndarray
         (n, 3), the first and second derivative of the position.
     force_N : ndarray
-        (n, 3), mass times acceleration: the sum of all forces, weight included where there is gravity.
+        (n, 3), mass times acceleration: the sum of all forces, the weight included.
     spin_rad_s : ndarray
         Angular velocity (n, 3) in camera axes: ``dA/dt = [spin]x A``.
     """

@@ -1,4 +1,4 @@
-"""A motion given as a table: CSV in, smooth motion out."""
+"""A smooth motion through the rows of a table (CSV)."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from render.check import within
-from render.pose import Poses
-from render.trajectory.state import State
+from ..check import within
+from ..pose import Poses
+from .state import State
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ PLACE = ("time_s", "x_m", "y_m", "z_m")
 QUATERNION = ("qw", "qx", "qy", "qz")
 ROTATION_VECTOR = ("rx_rad", "ry_rad", "rz_rad")
 
-#: A row's rotation against that before must stay below half a turn, or the way round is not known.
+#: Largest rotation between two rows, rad: from half a turn on, its direction is ambiguous.
 LARGEST_STEP_RAD = 0.9 * math.pi
 
 
@@ -32,17 +32,17 @@ LARGEST_STEP_RAD = 0.9 * math.pi
 class Table:
     """A motion through the rows of a CSV file.
 
-    Between the rows the position is a cubic spline and the orientation a smooth curve through the given ones
-    (`scipy.spatial.transform.RotationSpline`), both with continuous acceleration.
+    Between the rows the position is a cubic spline, and the orientation a rotation spline
+    (`scipy.spatial.transform.RotationSpline`); both have continuous acceleration.
 
     Attributes
     ----------
     file : str
         CSV file with the columns ``time_s,x_m,y_m,z_m`` and the orientation from body-fixed to camera axes, either as a
-        quaternion ``qw,qx,qy,qz`` or as a rotation vector ``rx_rad,ry_rad,rz_rad``. Others are not read, so that a
-        ``truth.csv`` serves.
+        quaternion ``qw,qx,qy,qz`` or as a rotation vector ``rx_rad,ry_rad,rz_rad``. Other columns are ignored, so any
+        ``truth.csv`` can be used.
     start_s : float
-        The table's time at time 0, the middle of the first frame's exposure.
+        Time in the table that becomes time 0, the middle of the first frame's exposure.
     mass_g : float
         Mass of the ball.
     """
@@ -71,11 +71,11 @@ class Table:
         Raises
         ------
         ValueError
-            Where the table does not hold one of the times.
+            If a time is outside of the table.
         """
         known, place, turned = self._curves
         times = np.asarray(times_s, dtype=np.float64) + self.start_s
-        # Adding start_s may round by more than nothing.
+        # The sum with start_s is rounded.
         slack = 1e-9 * (known[-1] - known[0])
         if len(times) and (times.min() < known[0] - slack or times.max() > known[-1] + slack):
             raise ValueError(
@@ -100,15 +100,15 @@ def read_table(path: Path) -> tuple[Array, Array, Rotation]:
     Raises
     ------
     ValueError
-        With one sentence that names row and column.
+        If the table is invalid; one sentence names row and column.
     OSError
-        Where the file cannot be read.
+        If the file cannot be read.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError("is no text file in UTF-8; expected a table with commas (CSV)") from error
-    # Lines are counted as an editor does, comments and blanks included.
+    # Line numbers are those of an editor: comments and blank lines count.
     lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
     rows = [(i, [cell.strip() for cell in row]) for (i, line) in lines for row in csv.reader([line])]
     if not rows:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from render import rotation
+from .. import rotation
 
 Array = NDArray[np.float64]
 
@@ -18,16 +18,16 @@ Array = NDArray[np.float64]
 class Turning:
     """The solution of ``dA/dt = [spin]x A`` by the Magnus expansion to fourth order.
 
-    Each step takes the integral of the spin in closed form and the first commutator from two Gauss points, so that it
-    is exact wherever the axis stands still. Between two nodes a step from the earlier one leads to the very time asked
-    for: the orientation is consistent at all times, and where the axis changes its error is far below 1e-6 rad.
+    Each step uses the integral of the spin in closed form and the first commutator from two Gauss points; with a fixed
+    axis the step is exact. A time between two nodes is reached by one step from the earlier node, so the orientation is
+    consistent at all times. With a changing axis the error is far below 1e-6 rad.
 
     Attributes
     ----------
     spin, angle : callable
         Times (n,) to the spin (n, 3) in rad/s and to its integral (n, 3) from any fixed time, rad.
     nodes_s : ndarray
-        Increasing times (m,) of the steps; outside of them the spin is constant. The orientation at the first is I.
+        Increasing times (m,) of the steps; outside of them the spin is constant. At the first, the orientation is I.
     """
 
     spin: Callable[[Array], Array]

@@ -51,8 +51,8 @@ def run(command: str) -> None:
     program, *arguments = shlex.split(command)
     if program == "torchsphere":
         assert torchsphere.cli.main.main([*arguments, "--quiet"] if arguments[0] == "report" else arguments) == 0
-    elif arguments[:2] == ["-m", "render"]:
-        assert render.cli.main([*arguments[2:], "--quiet"]) == 0
+    elif program == "torchsphere-render":
+        assert render.cli.main([*arguments, "--quiet"]) == 0
     else:
         assert program == "python"
         runpy.run_path(arguments[0])
@@ -130,8 +130,8 @@ def test_every_command_that_is_shown_is_one_that_the_program_understands(page: P
                 # What is not understood ends the program.
                 words = shlex.split(line, comments=True)[1:]
                 assert torchsphere.cli.main._parser().parse_args(words).command == words[0]
-            elif line.startswith("python -m render "):
-                render.cli._parser().parse_args(shlex.split(line, comments=True)[3:])
+            elif line.startswith("torchsphere-render "):
+                render.cli._parser().parse_args(shlex.split(line, comments=True)[1:])
 
 
 def test_the_page_of_the_command_line_has_every_command_and_every_option(directive) -> None:

@@ -1,4 +1,4 @@
-"""Which variant renders, and what is said about it."""
+"""The choice of the variant, and the reason given for it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture
 def forgetful(monkeypatch):
-    """Nothing known from earlier calls, and nothing kept for later ones."""
+    """Forget the variants of earlier calls; keep none for later calls."""
     monkeypatch.setattr(backend, "_known", {})
 
 

@@ -1,4 +1,4 @@
-"""The renderer's command line: what it writes, and one clear sentence for whatever it cannot use."""
+"""The renderer's command line: its files, and one clear sentence for bad input."""
 
 import json
 import subprocess
@@ -22,7 +22,7 @@ TINY = ["--set", "camera.width=32", "--set", "camera.height=32", "--set", "traje
 
 @pytest.fixture
 def no_renderer(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Put grey frames in the renderer's place; gives the numbers of the frames that were asked for."""
+    """Replace rendered frames by grey ones; gives the numbers of the frames that were asked for."""
     asked: list[int] = []
 
     def grey(setup, motion, times_s) -> Iterator[np.ndarray]:
@@ -37,7 +37,7 @@ def no_renderer(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 def refused(capsys: pytest.CaptureFixture[str], arguments: list[str]) -> str:
-    """Run it; it has to refuse with one sentence, exit code 2 and no traceback."""
+    """Run the command line; it must refuse with one sentence, exit code 2 and no traceback."""
     try:
         code = main(arguments)
     except SystemExit as stop:
@@ -59,11 +59,11 @@ def test_a_tiny_shot_renders_end_to_end(tmp_path: Path, capsys: pytest.CaptureFi
     assert f"torchsphere track {tmp_path / 'one' / 'frames.tif'} --out {tmp_path / 'one'}-track --fps 36000" in said.out
     images = tifffile.imread(tmp_path / "one" / "frames.tif")
     assert images.shape == (3, 32, 32)
-    # The ball covers the image: dark and bright paint are there.
+    # The ball covers the image: it shows dark and bright paint.
     assert images.min() < 60 < 180 < images.max()
     scene = json.loads((tmp_path / "one" / "scene.json").read_text())
     assert scene["variant"] in scene["variant_reason"]
-    # Mitsuba imported too early, by this test or one before it, finds no LLVM: all later tests would be slow or fail.
+    # If this or an earlier test imports Mitsuba too early, Mitsuba finds no LLVM, and later tests are slow or fail.
     assert (scene["variant"] == "scalar_rgb") == (packaged_llvm() is None)
     assert scene["shot"]["quality"]["samples"] == 4
 

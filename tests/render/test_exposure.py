@@ -36,7 +36,7 @@ def test_blur_is_the_mean_of_frames_rendered_apart():
     blurred = picture(replace(SETUP, shutter=Shutter(0.002, 8)), MOTION)
     apart = replace(SETUP, quality=Quality(samples=128))
     sharp = np.mean(list(render_radiance(apart, MOTION, Shutter(0.002, 8).times_s(0.0))), axis=0)
-    # Two noises of 1024 paths a pixel: 0.1 grey levels rms, mostly at the edge. The blur itself changes 20 rms.
+    # The noise of two pictures of 1024 paths a pixel: 0.1 grey levels rms, mostly at the edge. The blur: 20 rms.
     assert np.sqrt(((blurred - sharp) ** 2).mean()) < 0.2
     assert abs(blurred - sharp).max() < 3
     assert np.sqrt(((blurred - picture(SETUP, MOTION)) ** 2).mean()) > 5

@@ -1,4 +1,4 @@
-"""The renderer against geometry: outlines, marks and texture where formulas put them."""
+"""Outlines, marks and texture of rendered images against formulas."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from render.scene import Quality, Setup
 
 pytestmark = needs_mitsuba
 
-# 1024 paths per pixel leave a standard deviation of 0.002 px in the edge that one row of pixels shows.
+# With 1024 paths per pixel the edge in one row of pixels has a standard deviation of 0.002 px.
 CAREFUL = Quality(samples=1024)
 WHITE = Pattern(kind="plain", brightest=1.0)
 ORTHOGRAPHIC = Camera(width=160, height=140)
@@ -26,7 +26,7 @@ ORTHOGRAPHIC = Camera(width=160, height=140)
 def pinhole(distance: float, *, distorted: bool = False) -> Camera:
     """A camera that shows a ball at `distance` radii with a radius of about 50 px."""
     focal = 50.0 * distance
-    # Distortion that matters in the picture at any focal length: it moves the edge by several px.
+    # A distortion that moves the edge by several px at any focal length.
     square = (focal / 150.0) ** 2
     return Camera(
         model="pinhole",
@@ -52,9 +52,9 @@ views = pytest.mark.parametrize(("camera", "centre"), VIEWS.values(), ids=VIEWS.
 
 
 def edges(image, points):
-    """Where rows of pixels show the right and the left edge, less where the outline has them; and both for columns.
+    """Errors of the right and the left edge in rows of pixels, and of both edges in columns, px.
 
-    A pixel is the mean over its area, so that a row's sum from a pixel inside outwards is the mean distance of the
+    A pixel is the mean over its area, so the sum of a row from an inner pixel outwards is the mean distance of the
     edge.
     """
     found = []
@@ -106,7 +106,7 @@ def test_marks_are_where_the_projection_puts_them(camera, centre):
     turn = Rotation.from_rotvec([0.5, -0.9, 1.3])
     for seen in ((0.0, 0.0, -1.0), (0.5, -0.3, -0.9), (-0.4, 0.45, -0.8)):
         mark = Mark(direction=tuple(turn.inv().apply(seen).tolist()), diameter_mm=2.4, albedo=0.0)
-        # Before a white backdrop a white ball does not show: all that is dark is the mark.
+        # A white ball before a white backdrop is invisible: the mark alone is dark.
         setup = Setup(
             pattern=replace(WHITE, marks=(mark,)),
             camera=camera,
@@ -138,7 +138,7 @@ def test_texture_at_body_points_is_right_under_rotations(turn):
         Setup(pattern=pattern, camera=ORTHOGRAPHIC, quality=Quality(samples=256)),
         steady(start=Rotation.from_rotvec(turn)),
     )
-    # The mean over 8 x 8 places within each pixel, whose body points are known: P = A^T (x, y, -s).
+    # The mean over 8 x 8 points within each pixel, with the known body points P = A^T (x, y, -s).
     fine = (np.arange(8) + 0.5) / 8 - 0.5
     y, x = np.mgrid[:140, :160]
     x = (x[..., None, None] + fine[None, :] - 79.5 + 0 * fine[:, None]) / 50
@@ -168,7 +168,7 @@ def test_the_front_moves_as_the_signs_say(spin, moves):
         dark = 255 - picture(setup, steady(start=turn))
         y, x = np.mgrid[:140, :160]
         found.append(np.array([(dark * x).sum(), (dark * y).sum()]) / dark.sum())
-    # R sin(0.1) = 4.99 px, less what the dot's own width takes away.
+    # R sin(0.1) = 4.99 px, less the effect of the dot's width.
     np.testing.assert_allclose(found[1] - found[0], moves, atol=0.1)
 
 
@@ -177,7 +177,7 @@ def test_plus_wz_turns_the_image_clockwise():
     setup = Setup(pattern=replace(WHITE, marks=(mark,)), camera=ORTHOGRAPHIC, background=Background(level=1.0))
     dark = 255 - picture(setup, steady(start=Rotation.from_rotvec([0, 0, np.pi / 2])))
     y, x = np.mgrid[:140, :160]
-    # From three o'clock to six o'clock, which is down.
+    # From three o'clock to six o'clock, that is down.
     assert (dark * y).sum() / dark.sum() == pytest.approx(69.5 + 50 * 0.5 / np.sqrt(1.25), abs=0.3)
     assert (dark * x).sum() / dark.sum() == pytest.approx(79.5, abs=0.02)
 
@@ -188,7 +188,7 @@ def test_the_variant_without_compiled_kernels_shows_the_same(name):
     setup = Setup(pattern=Pattern(speckle_mm=3.0, sharpness=2.0), camera=camera, quality=Quality(samples=256))
     slow = replace(setup, quality=replace(setup.quality, variant="scalar_rgb"))
     difference = picture(setup, steady(centre)) - picture(slow, steady(centre))
-    # The difference of two noises: 0.1 grey levels rms inside and 0.6 on the edge. A shift by 0.02 px would be 1 rms.
+    # The noise of the difference: 0.1 grey levels rms inside and 0.6 on the edge. A shift by 0.02 px would give 1 rms.
     assert np.sqrt((difference**2).mean()) < 0.2
     assert abs(difference.mean()) < 0.005
 

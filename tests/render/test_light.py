@@ -1,4 +1,4 @@
-"""Lights, paint, backdrop and still objects against what optics says they show."""
+"""Lights, paint, backdrop and still objects against formulas of optics."""
 
 from __future__ import annotations
 
@@ -27,8 +27,7 @@ SETUP = Setup(
 Y, X = np.mgrid[:140, :160]
 X, Y = (X - 79.5) / 50, (Y - 69.5) / 50
 INSIDE = np.hypot(X, Y) < 0.95
-# Points of the ball, of radius 15 mm about the origin, that the pixels' centres show; outward normals where divided
-# by 15 mm.
+# Points of the ball (radius 15 mm, at the origin) at the pixels' centres; divided by 15 mm they are outward normals.
 NORMALS = np.stack([X, Y, -np.sqrt(np.maximum(1 - X**2 - Y**2, 0))], axis=-1)
 
 
@@ -51,7 +50,7 @@ def test_a_spot_light_follows_lambert_and_the_square_of_the_distance():
     distance = np.linalg.norm(way, axis=-1)
     cosine = np.maximum((way * NORMALS).sum(axis=-1) / distance, 0)
     truth = 255 * 0.6 * 0.8 * cosine * (np.linalg.norm(place) / distance) ** 2
-    # A pixel's mean is not its centre's value where the limb bends away, nor at the shadow's edge.
+    # At the limb and at the shadow's edge, a pixel's mean differs from the value at its centre.
     smooth = (np.hypot(X, Y) < 0.9) & (cosine > 0.1)
     np.testing.assert_allclose(image[smooth], truth[smooth], rtol=0, atol=0.5)
     assert abs(image[INSIDE & (cosine == 0)]).max() < 3
@@ -60,7 +59,7 @@ def test_a_spot_light_follows_lambert_and_the_square_of_the_distance():
 @needs_mitsuba
 def test_an_area_light_gives_its_level_at_what_it_points_at():
     lamp = Light(position_m=(0.0, 0.0, -0.2), towards_m=(0.0, 0.0, -0.015), diameter_m=0.1, level=0.7)
-    # Behind the orthographic camera's lines of sight it is not in its own way.
+    # A lamp behind the start of the orthographic camera's lines of sight blocks none of them.
     image = picture(lit(lamp), steady())
     assert image[60:80, 70:90].max() == pytest.approx(255 * 0.6 * 0.7, rel=0.01)
 
@@ -86,10 +85,10 @@ def test_light_between_bodies_is_added_on_request():
     direct = picture(lit(uniform=1.0, background=scene), steady())
     bounced = picture(lit(uniform=1.0, background=scene, quality=Quality(256, bounces=3)), steady())
     facing = INSIDE & (X > 0.7)
-    # The ball's side that faces the plate sees it dark with one bounce, and nearly white with three.
+    # On the ball's side towards the plate, the plate is dark with one bounce, and nearly white with three.
     assert direct[facing].mean() < 0.7 * 255 * 0.6
     assert 1.2 * direct[facing].mean() < bounced[facing].mean() < 255 * 0.6
-    away = (abs(X + 0.85) < 0.05) & (abs(Y) < 0.2)  # the plate is below its horizon
+    away = (abs(X + 0.85) < 0.05) & (abs(Y) < 0.2)  # the plate is below the horizon here
     np.testing.assert_allclose(direct[away], 255 * 0.6, rtol=0, atol=0.5)
 
 
@@ -106,7 +105,7 @@ def test_the_highlight_of_gloss_lies_where_the_mirror_puts_it_and_stays_while_th
     place = np.array([-0.6, -0.45, -0.8])
     setup = lit(Light(kind="spot", position_m=tuple(place.tolist())), ball=Ball(gloss=1.0, roughness=0.1))
     images = [picture(setup, steady(start=Rotation.from_rotvec(turn))) for turn in ([0, 0, 0], [1.0, -2.0, 0.5])]
-    # The bisector of the ways to the lamp and to the camera, which is at -z.
+    # The bisector of the directions to the lamp and to the camera (at -z).
     bisector = place / np.linalg.norm(place) + [0, 0, -1]
     bisector /= np.linalg.norm(bisector)
     matt = picture(replace(setup, ball=Ball()), steady())
@@ -132,8 +131,7 @@ def test_an_occluder_hides_the_ball_and_a_target_stands_beside_it():
     target = StillObject(kind="bar", centre_m=(0.02, 0.0, 0.009), size_m=(0.006, 0.006, 0.1), albedo=0.5)
     scene = Background(level=0.4, objects=(occluder, target))
     image = picture(lit(uniform=1.0, background=scene), steady())
-    # The occluder from -13 to -7 mm, with nothing before it: its albedo. The bar's end, from 17 to 23 mm and as near to
-    # the camera, too.
+    # The occluder, from -13 to -7 mm, shows its albedo. So does the end of the bar, from 17 to 23 mm.
     column = image[69]
     assert column[46] == pytest.approx(255 * 0.2, abs=0.3)
     assert column[10] == pytest.approx(255 * 0.4, abs=1e-6)

@@ -1,4 +1,4 @@
-"""A recording's folder: what is in it, and that it appears whole or not at all."""
+"""A recording's folder: its files; it appears whole or not at all."""
 
 import json
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ def tiny(*changes: str) -> Shot:
 
 
 def frames(shot: Shot, stop: int | None = None) -> Iterator[np.ndarray]:
-    """Random frames; an error in the place of frame `stop`."""
+    """Random frames; raises an error in place of frame `stop`."""
     sensor, camera = shot.setup.sensor, shot.setup.camera
     rng = np.random.default_rng(1)
     for number in range(shot.frames):
@@ -140,7 +140,7 @@ def test_what_is_there_already_is_kept_unless_it_is_a_recording_to_be_replaced(t
 
 
 def test_frames_are_written_as_they_come(tmp_path: Path) -> None:
-    """Memory stays flat: a frame is on its way to the file before the next is asked for."""
+    """Memory stays constant: a frame is written before the next is asked for."""
     shot, alive = tiny("frames=40"), []
 
     def counted() -> Iterator[np.ndarray]:

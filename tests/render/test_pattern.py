@@ -1,4 +1,4 @@
-"""The painted pattern: size, coverage, contrast, and no sign of how it was made."""
+"""The painted pattern: size, coverage, contrast, and no trace of its construction."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_the_seed_alone_decides():
 def test_marks_are_painted_over_plain_paint():
     pattern = Pattern(
         kind="plain", brightest=0.8, marks=(Mark(direction=(0.0, 3.0, 0.0), diameter_mm=2.0, albedo=0.2),)
-    )  # At the middle, one standard deviation (a quarter of the diameter) off, and far off.
+    )  # At the centre, one standard deviation (a quarter of the diameter) away, and far away.
     angle = 2 * np.arcsin(0.5 / RADIUS / 2)
     points = np.array([[0.0, 1.0, 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, -1.0, 0.0]])
     np.testing.assert_allclose(albedo(pattern, points, RADIUS), [0.2, 0.8 - 0.6 * np.exp(-0.5), 0.8], atol=1e-12)
@@ -114,8 +114,8 @@ def test_the_chart_gives_the_albedo_also_across_its_seam_and_its_poles():
 
 
 def test_the_correlation_at_the_half_follows_the_arcsine_law():
-    # A hard cut through the middle: arcsin(rho) is half of arcsin(1) at rho = sin(pi / 4). Soft clouds keep the
-    # noise's own.
+    # A hard cut through the middle: arcsin(rho) is half of arcsin(1) at rho = sin(pi / 4). Soft clouds have the
+    # correlation of the noise.
     assert half_correlation(1e3, 0.5) == pytest.approx(np.sin(np.pi / 4), abs=2e-3)
     assert half_correlation(0.02, 0.5) == pytest.approx(0.5, abs=1e-3)
 

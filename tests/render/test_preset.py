@@ -1,4 +1,4 @@
-"""Presets: those of the package load and mean what they say; bad ones are refused by name and field."""
+"""Presets: those of the package load and do what they describe; bad ones are refused by name and field."""
 
 import json
 import math

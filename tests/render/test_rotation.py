@@ -1,4 +1,4 @@
-"""Rotations: exact against independent formulas, and the signs that a person can see."""
+"""Rotations: exact against independent formulas, with the signs that are visible in an image."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from render import rotation
 RNG = np.random.default_rng(1)
 DIRECTIONS = RNG.normal(size=(200, 3))
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
-#: From nothing at all to just below half a turn.
+#: Angles from zero to just below half a turn, rad.
 VECTORS = DIRECTIONS * np.concatenate(([0.0], np.geomspace(1e-12, 3.1415, 199)))[:, None]
 
 

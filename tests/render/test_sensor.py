@@ -1,4 +1,4 @@
-"""The sensor: grey levels, noise, depth, saturation; and that a frame is the same whenever it is made."""
+"""The sensor: grey levels, noise, depth, saturation, and frames that can be repeated."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_shot_noise_grows_with_the_light_and_read_noise_does_not():
     sensor = Sensor(bit_depth=12, full_well_e=20000.0, read_noise_grey=3.0, offset_grey=100.0)
     for grey in (100.0, 600.0, 3000.0):
         found = sensor.record(np.full((400, 500), grey), 7).astype(float)
-        # Poisson: n electrons have the variance n; a grey level is 20000 / 4095 of them. Rounding adds 1/12.
+        # Poisson: n electrons have the variance n; a grey level is 20000 / 4095 electrons. Rounding adds 1/12.
         variance = (grey - 100) * 4095 / 20000 + 9 + 1 / 12
         assert found.mean() == pytest.approx(grey, abs=5 * np.sqrt(variance / found.size))
         assert found.var() == pytest.approx(variance, rel=0.02)

@@ -95,7 +95,7 @@ def spin_at(motion: Trajectory, time: float) -> np.ndarray:
 def test_velocity_is_the_derivative_of_position(motion: Trajectory) -> None:
     h = 1e-8
     slope = (motion(TIMES + h).position_m - motion(TIMES - h).position_m) / (2 * h)
-    # The difference's own error, h^2 / 6 times the third derivative of the shortest peak, is 4e-7 m/s.
+    # The error of the difference, h^2 / 6 times the third derivative of the shortest peak, is 4e-7 m/s.
     assert np.abs(slope - motion.state(TIMES).velocity_m_s).max() < 1e-6
 
 
@@ -122,7 +122,7 @@ def test_orientation_agrees_with_an_independent_integration(motion: Trajectory) 
 
     times = np.linspace(0.0, 1.1e-3, 12)
     done = solve_ivp(rate, (0.0, 1.1e-3), np.eye(3).ravel(), "DOP853", times, rtol=1e-10, atol=1e-11, max_step=2e-5)
-    # The limit of the class is 1e-6 rad; the reference itself is good to about 1e-9.
+    # The limit of the class is 1e-6 rad; the error of the reference is about 1e-9.
     assert np.abs(done.y.T.reshape(-1, 3, 3) - motion(times).orientation).max() < 1e-8
 
 
@@ -196,7 +196,7 @@ def test_an_oblique_impact_loses_the_energy_that_restitution_and_friction_take(m
     mass, normal = 1e-3 * motion.mass_g, np.array(motion.normal) / np.linalg.norm(motion.normal)
     approach = float(np.array(motion.velocity_m_s) @ normal)
     first, last = np.linalg.norm(slip(motion, BEFORE)), np.linalg.norm(slip(motion, AFTER))
-    # The contact point of a solid sphere weighs 2/7 of its mass along the plane.
+    # The effective mass of a solid sphere's contact point along the plane is 2/7 of its mass.
     lost = 0.5 * mass * approach**2 * (1 - motion.restitution**2) + 0.5 * mass * 2 / 7 * (first**2 - last**2)
     assert energy(motion, BEFORE) - energy(motion, AFTER) == pytest.approx(lost, rel=1e-10)
 
@@ -306,7 +306,7 @@ def write(path: Path, motion: Trajectory, times: np.ndarray, *, quaternions: boo
 
 @pytest.mark.parametrize("quaternions", [True, False])
 def test_a_table_of_a_free_flight_gives_it_back_exactly_between_its_rows(tmp_path: Path, quaternions: bool) -> None:
-    # A cubic holds a parabola, and the curve on the rotations a constant spin.
+    # A cubic spline represents a parabola exactly, and a rotation spline a constant spin.
     table = Table(file=str(write(tmp_path / "t.csv", FLIGHT, np.linspace(0, 0.02, 21), quaternions=quaternions)))
     times = np.linspace(0, 0.02, 77)
     got, true = table.state(times), FLIGHT.state(times)

@@ -21,7 +21,7 @@ from render.scene import Quality, Setup
 from render.trajectory import Table
 from render.truth import MOTION, SEEN, TRACKED, truth, write_truth
 
-#: The columns that a tracker's result has as well, in its order, and those that it cannot have: status, sd_*, zncc.
+#: The columns of a tracker's result, in its order, and the columns that a truth lacks.
 TRACK_CSV = (
     *("frame", "time_s", "status", "x_px", "y_px", "radius_px", "dx_px", "dy_px", "wx_rad", "wy_rad", "wz_rad"),
     *("sd_dx_px", "sd_dy_px", "sd_wx_rad", "sd_wy_rad", "sd_wz_rad", "zncc", "iterations", "qw", "qx", "qy", "qz"),
@@ -106,7 +106,7 @@ def test_a_single_frame_has_no_increment() -> None:
 
 
 def resampled(points: np.ndarray, count: int) -> np.ndarray:
-    """Points of a closed line at even distances along it."""
+    """Points at equal distances along a closed line."""
     closed = np.vstack([points, points[:1]])
     along = np.concatenate(([0.0], np.hypot(*np.diff(closed, axis=0).T).cumsum()))
     at = np.linspace(0.0, along[-1], count, endpoint=False)
@@ -130,7 +130,7 @@ def test_the_outlines_circle_is_the_least_squares_fit_to_a_dense_outline(
     points = resampled(touched(camera, centre, 0.015, count=20000), 5000)
     start = (*points.mean(axis=0), 50.0)
     fitted = least_squares(lambda c: np.hypot(*(points - c[:2]).T) - c[2], start, xtol=1e-14, ftol=1e-14, gtol=1e-14)
-    # The dense line's own corners cut 1e-6 px.
+    # The corners of the dense line cut off 1e-6 px.
     assert np.allclose(circle(outline(camera, centre, 0.015)), fitted.x, rtol=0, atol=2e-4)
 
 
@@ -169,16 +169,16 @@ POST = (0.006, 0.006, 0.03)
 def test_the_visible_share_is_that_of_the_renderers_image(
     camera: Camera, centre_m: tuple[float, float, float], thing: StillObject
 ) -> None:
-    # A white ball and a black object before darkness, so that light comes from what is seen of the ball alone.
+    # A white ball and a black object before darkness: all light comes from the visible part of the ball.
     ball = Pattern(kind="plain", brightest=1.0)
     black = Background(kind="dark", objects=(dataclasses.replace(thing, albedo=0.0),))
     image = picture(Setup(pattern=ball, camera=camera, background=black, quality=Quality(16)), steady(centre_m))
-    # The object shades the ball, but smoothly: a pixel is the ball's where it has half of its surroundings' light.
+    # The object shades the ball smoothly: a pixel with half of its surroundings' light counts as the ball's.
     seen = image > 0.5 * np.maximum(ndimage.maximum_filter(image, 7), 1.0)
     edge = touched(camera, np.array(centre_m), 0.015)
     x, y = edge.T
     area = 0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
     found = visible(camera, np.array(centre_m), 0.015, (thing,))
     assert (found == 1.0) == (thing.centre_m[2] == 0.05)
-    # Edges of 200 px and more in length, right to a few hundredths of a pixel, over areas of 30 000.
+    # The edges are longer than 200 px, with an error of a few hundredths of a pixel; the areas have 30 000 px.
     assert found == pytest.approx(seen.sum() / area, abs=0.003)

@@ -26,6 +26,10 @@ Progress = Callable[[int, int], None]
 #: Decimals of the outline in frame 0, px: far below what matters, far above what processors differ in.
 _DECIMALS = 6
 
+#: Folder of the packages, and the renderer's package there: its name differs between an installation and a checkout.
+_PACKAGES = Path(__file__).resolve().parents[2]
+_RENDERER = "torchsphere_render" if (_PACKAGES / "torchsphere_render").is_dir() else "render"
+
 #: Seconds between two looks at the processes that render.
 _PAUSE_S = 0.05
 
@@ -138,8 +142,12 @@ def _processors() -> int:
 
 
 def _check_renderer() -> None:
-    for package in ("render", "mitsuba"):
-        if importlib.util.find_spec(package) is None:
+    installed = {
+        _RENDERER: (_PACKAGES / _RENDERER).is_dir(),
+        "mitsuba": importlib.util.find_spec("mitsuba") is not None,
+    }
+    for package, found in installed.items():
+        if not found:
             raise ModuleNotFoundError(
                 f"making a benchmark needs {package}, which is not installed: pip install 'torchsphere[render]'",
                 name=package,
@@ -180,12 +188,11 @@ def _started(recipe: Recipe, folder: Path) -> subprocess.Popen[bytes]:
     """The process that renders a suite."""
     preset = _preset(folder, recipe)
     preset.write_text(json.dumps({"shot": recipe.shot}), encoding="utf-8")
-    command = [sys.executable, "-m", "render", str(preset), "--out", str(folder / recipe.name)]
+    command = [sys.executable, "-m", _RENDERER, str(preset), "--out", str(folder / recipe.name)]
     command += ["--seed", str(recipe.seed), "--quiet"]
-    # Started beside the package, where the renderer is, so that no file of that name where the user happens to be is
-    # taken for it.
+    # The renderer starts in the folder that holds it: a file of its name in the user's folder must not be run instead.
     with _log(folder, recipe).open("wb") as log:
-        return subprocess.Popen(command, cwd=Path(__file__).resolve().parents[2], stdout=log, stderr=log)
+        return subprocess.Popen(command, cwd=_PACKAGES, stdout=log, stderr=log)
 
 
 def _preset(folder: Path, recipe: Recipe) -> Path:
@@ -200,7 +207,7 @@ def _reason(folder: Path, recipe: Recipe, code: int) -> str:
     """Why the renderer failed: its own last words, without the temporary file's name."""
     lines = _log(folder, recipe).read_text(encoding="utf-8", errors="replace").strip().splitlines()
     last = lines[-1] if lines else f"the renderer ended with the exit code {code} and without a word"
-    return last.removeprefix("render: ").replace(str(_preset(folder, recipe)), recipe.name)
+    return last.removeprefix(f"{_RENDERER.replace('_', '-')}: ").replace(str(_preset(folder, recipe)), recipe.name)
 
 
 def _described(recipe: Recipe, folder: Path) -> tuple[dict[str, Any], dict[str, str]]:
