@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from torchsphere.dynamics.impact_estimate import Estimate, Impact
 from torchsphere.dynamics.kinematics import Kinematics
-from torchsphere.dynamics.peak_force import SHORT, frames_of
+from torchsphere.dynamics.peak_force import MIN_RESOLVED_FRAMES, contact_frames
 
 #: Frames of flight before or after a contact below which a contact that the recording cuts off may pass for a shorter
 #: one: of a half-sine of force whose first half was missing, up to 5 frames were taken for flight.
@@ -122,8 +122,8 @@ def _longest_run(chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 def _short(motion: Kinematics, found: Impact) -> list[str]:
     """Whether there are too few frames within the contact to tell its course."""
-    frames = frames_of(found, motion.time_s)
-    if frames >= SHORT:
+    frames = contact_frames(found, motion.time_s)
+    if frames >= MIN_RESOLVED_FRAMES:
         return []
     return [
         f"The contact lasts {frames:.1f} frames, too few to see its course: its edges are known to about half a frame, "

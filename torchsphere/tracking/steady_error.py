@@ -68,7 +68,7 @@ ROTATION_PER_STEP = 1.2
 #: What steps with light that changes unevenly over the ball are off by besides: px, and px over the radius for a turn
 #: about z. Measured on eight rendered frontal and oblique impacts of 40 and 50 px, other ones than those that test the
 #: bands: from one half of a flight to the other the steps change by 0.0003 to 0.0016 px more than by noise and other
-#: causes; `shared_errors.CHANGE` makes 0.0015 px of this. The mean over a flight is off by a third of it; about z
+#: causes; `shared_errors` makes 0.0015 px of this. The mean over a flight is off by a third of it; about z
 #: by 0.0006 deg after the frontal impacts, where 0.0003 deg have other causes.
 LIT_PX, LIT_Z_PX = 0.0021, 0.0003
 
