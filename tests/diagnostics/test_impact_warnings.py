@@ -7,7 +7,7 @@ import pytest
 from pulses import M_PER_PX, MASS_KG, NOISES_M, RATE, pulse
 
 import torchsphere as ts
-from torchsphere.diagnostics.impact_warnings import doubts
+from torchsphere.diagnostics.impact_warnings import impact_warnings
 from torchsphere.dynamics.impact import impact
 from torchsphere.dynamics.impact_estimate import Estimate, Impact
 from torchsphere.dynamics.kinematics import Kinematics
@@ -32,7 +32,7 @@ def of(value: float) -> Estimate:
 
 
 def test_an_impact_between_two_long_flights_is_not_doubted(motion: Kinematics, sound: Impact) -> None:
-    assert doubts(motion, sound) == ()
+    assert impact_warnings(motion, sound) == ()
 
 
 @pytest.mark.parametrize(("side", "word"), [("before", "starts"), ("after", "ends")])
@@ -42,7 +42,7 @@ def test_few_frames_of_flight_may_be_frames_of_contact(motion: Kinematics, sound
         velocity[: int(contact[0] * RATE) - 3] = np.nan
     else:
         velocity[int(contact[1] * RATE) + 5 :] = np.nan
-    (sentence,) = doubts(dataclasses.replace(motion, velocity_m_s=velocity), sound)
+    (sentence,) = impact_warnings(dataclasses.replace(motion, velocity_m_s=velocity), sound)
     assert sentence.startswith(f"Frames measured {side} the contact: 4,")
     assert word in sentence
 
@@ -51,7 +51,7 @@ def test_few_frames_of_flight_may_be_frames_of_contact(motion: Kinematics, sound
 def test_a_restitution_that_no_target_at_rest_gives_is_doubted(
     motion: Kinematics, sound: Impact, value: float, word: str
 ) -> None:
-    (sentence,) = doubts(motion, dataclasses.replace(sound, restitution_normal=of(value)))
+    (sentence,) = impact_warnings(motion, dataclasses.replace(sound, restitution_normal=of(value)))
     assert f"{value:g}" in sentence
     assert word in sentence
     assert "--frames" in sentence
@@ -59,7 +59,7 @@ def test_a_restitution_that_no_target_at_rest_gives_is_doubted(
 
 @pytest.mark.parametrize("value", [-0.02, 1.02])
 def test_a_restitution_beyond_its_range_by_noise_is_none(motion: Kinematics, sound: Impact, value: float) -> None:
-    assert doubts(motion, dataclasses.replace(sound, restitution_normal=of(value))) == ()
+    assert impact_warnings(motion, dataclasses.replace(sound, restitution_normal=of(value))) == ()
 
 
 def pushed(motion: Kinematics, frames: slice, newton: float) -> Kinematics:
@@ -71,7 +71,7 @@ def pushed(motion: Kinematics, frames: slice, newton: float) -> Kinematics:
 
 def test_a_pause_of_the_force_makes_two_impacts_of_a_contact(motion: Kinematics, sound: Impact) -> None:
     # The contact lasts from frame 33 or 34 on for 14 frames.
-    (sentence,) = doubts(pushed(motion, slice(39, 42), 0.0), sound)
+    (sentence,) = impact_warnings(pushed(motion, slice(39, 42), 0.0), sound)
     assert sentence.startswith("Within the contact, from frame 39 to 41, there is next to no force")
     assert "up to 40 and from 40" in sentence
 
@@ -80,7 +80,7 @@ def test_a_pause_of_the_force_makes_two_impacts_of_a_contact(motion: Kinematics,
 def test_a_short_or_shallow_dip_of_the_force_makes_no_two_impacts(
     motion: Kinematics, sound: Impact, frames: slice, newton: float
 ) -> None:
-    assert doubts(pushed(motion, frames, newton), sound) == ()
+    assert impact_warnings(pushed(motion, frames, newton), sound) == ()
 
 
 def test_two_impacts_that_are_found_as_one_are_doubted() -> None:
@@ -107,25 +107,25 @@ def test_two_impacts_that_are_found_as_one_are_doubted() -> None:
     motion = ts.kinematics(track, frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
     found, _ = impact(motion, normal_deg=180.0)
     assert found is not None
-    assert any("two impacts are stated as one" in sentence for sentence in doubts(motion, found))
+    assert any("two impacts are stated as one" in sentence for sentence in impact_warnings(motion, found))
 
 
 def test_a_push_outside_the_contact_is_another_impact(motion: Kinematics, sound: Impact) -> None:
-    (sentence,) = doubts(pushed(motion, slice(70, 71), 2.9e3), sound)
+    (sentence,) = impact_warnings(pushed(motion, slice(70, 71), 2.9e3), sound)
     assert sentence.startswith("In frame 70, outside the contact, the ball is pushed by 10 %")
 
 
 def test_a_push_next_to_the_contact_is_its_own_rest(motion: Kinematics, sound: Impact) -> None:
     # As in a recording that ends within the contact.
-    assert doubts(pushed(motion, slice(48, 60), 6e3), sound) == ()
+    assert impact_warnings(pushed(motion, slice(48, 60), 6e3), sound) == ()
 
 
 def test_gravity_is_no_other_impact(motion: Kinematics, sound: Impact) -> None:
     gravity = np.array([0.0, 3e3 / MASS_KG])
     falling = dataclasses.replace(motion, acceleration_m_s2=motion.acceleration_m_s2 + gravity)
-    assert doubts(falling, sound) == ()
+    assert impact_warnings(falling, sound) == ()
 
 
 def test_a_contact_within_two_frames_does_not_tell_its_force(motion: Kinematics, sound: Impact) -> None:
-    (sentence,) = doubts(motion, dataclasses.replace(sound, duration=of(1.3 / RATE)))
+    (sentence,) = impact_warnings(motion, dataclasses.replace(sound, duration=of(1.3 / RATE)))
     assert sentence.startswith("The contact lasts 1.3 frames")

@@ -8,7 +8,7 @@ import torch
 from tracks import made_track
 
 import torchsphere as ts
-from torchsphere.diagnostics.track_warnings import flattened, too_short
+from torchsphere.diagnostics.track_warnings import bandwidth_warnings, window_warnings
 from torchsphere.estimation import savitzky_golay
 
 N = 9
@@ -228,7 +228,7 @@ def test_what_is_no_track_is_refused_as_that(falling: ts.Track) -> None:
 
 
 def said_of(track: ts.Track, method: str, window: int) -> tuple[str, ...]:
-    return too_short(track, ts.kinematics(track, frame_rate=1e3, m_per_px=5e-4, method=method, window=window))
+    return window_warnings(track, ts.kinematics(track, frame_rate=1e3, m_per_px=5e-4, method=method, window=window))
 
 
 def test_polynomials_longer_than_what_was_measured_say_what_is_empty_and_what_to_give(falling: ts.Track) -> None:
@@ -274,10 +274,10 @@ def test_polynomials_through_an_impact_say_that_they_flatten_it(method: str) -> 
     steps = np.stack((velocity, *np.zeros((4, 40))), 1)
     sd, circle = np.array([0.01, 0.01, 1e-4, 1e-4, 1e-4]), ts.Circle(50.0, 40.0, 20.0, 0.0, 0.0, 0.0)
     known = {"frame_rate": 1000.0, "m_per_px": 5e-4, "method": method}
-    said = flattened(ts.kinematics(made_track(steps, sd, circle), **known))
+    said = bandwidth_warnings(ts.kinematics(made_track(steps, sd, circle), **known))
     assert len(said) == (method != "smoother")
     assert all(f"the method {method} do not hold what its polynomials" in sentence for sentence in said)
     steady = np.tile(steps[:1], (40, 1)) + sd * np.random.default_rng(1).normal(size=(40, 5))
-    assert flattened(ts.kinematics(made_track(steady, sd, circle), **known)) == ()
+    assert bandwidth_warnings(ts.kinematics(made_track(steady, sd, circle), **known)) == ()
     nothing = np.full_like(steps, np.nan)
-    assert flattened(ts.kinematics(made_track(nothing, sd, circle), **known)) == ()
+    assert bandwidth_warnings(ts.kinematics(made_track(nothing, sd, circle), **known)) == ()
