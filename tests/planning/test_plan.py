@@ -13,10 +13,10 @@ from scipy.integrate import solve_ivp
 import torchsphere as ts
 from torchsphere.planning import camera_modes
 from torchsphere.planning.advice import remarks
-from torchsphere.planning.example_image import Example, blurred, painted, rescaled, white_noise
+from torchsphere.planning.example_image import Example, blurred, rendered_examples, rescaled, white_noise
 from torchsphere.planning.expected import Setup, differences, increment_covariance
 from torchsphere.planning.plan import Plan
-from torchsphere.planning.rehearsal import Target, hertz, rehearse
+from torchsphere.planning.rehearsal import Target, hertz_contact_s, rehearse
 
 
 @pytest.mark.parametrize("setup", [SMALL, BLURRED], ids=["small and noisy", "blurred and turning"])
@@ -87,8 +87,8 @@ def test_noise_in_the_example_image_does_not_pass_for_texture() -> None:
 
 
 def test_an_example_brought_to_another_scale_is_worth_what_one_made_at_that_scale_is() -> None:
-    there = painted(24.0, 4.0, *GREY, seed=3)
-    larger = painted(36.0, 6.0, *GREY, seed=3)
+    there = rendered_examples(24.0, 4.0, *GREY, seed=3)
+    larger = rendered_examples(36.0, 6.0, *GREY, seed=3)
     setup = replace(SMALL, px_per_mm=1.6)
     sd = [np.sqrt(np.diagonal(increment_covariance(e, setup))) for e in (there, larger)]
     assert rescaled(larger[0], 24.0).circle[2] == 24.0
@@ -115,7 +115,7 @@ def test_the_duration_of_an_elastic_impact_is_that_of_the_integrated_contact() -
     )  # fmt: skip
     setup = replace(SMALL, speed_m_s=speed)
     # 2.87 is the rounded 2.868 of the book.
-    assert hertz(setup, modulus) == pytest.approx(path.t_events[0][0], rel=2e-3)
+    assert hertz_contact_s(setup, modulus) == pytest.approx(path.t_events[0][0], rel=2e-3)
 
 
 def test_the_rehearsed_force_is_right_within_what_it_states() -> None:
@@ -136,8 +136,8 @@ def test_the_rehearsed_force_is_right_within_what_it_states() -> None:
 def test_a_mode_that_cannot_show_the_ball_or_the_contact_is_left_out_with_its_reason() -> None:
     setup, target = replace(SMALL, noise=2.0), Target(3e-4, 0.3, "given")
 
-    def verdict(width: int, height: int, rate: float) -> camera_modes.Verdict:
-        return camera_modes.judge(camera_modes.Mode(width, height, rate), sides, setup, target)
+    def verdict(width: int, height: int, rate: float) -> camera_modes.Assessment:
+        return camera_modes.assess(camera_modes.Mode(width, height, rate), sides, setup, target)
 
     low, tiny, slow, good = (verdict(*m) for m in ((256, 24, 4e4), (37, 64, 4e4), (256, 64, 9e3), (256, 64, 4e4)))
     assert "does not fit" in low.reason

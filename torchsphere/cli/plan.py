@@ -100,18 +100,20 @@ def _from_images(options: dict[str, Any], quiet: bool) -> Plan:
 
 def _look(
     options: dict[str, Any], setup: Setup, images: Sequence[Path], circles: Sequence[tuple[float, float, float]]
-) -> camera_modes.Look:
+) -> camera_modes.ExampleSource:
     """Examples of the ball: the images, or a pattern whose spots grow with the ball."""
     if images:
         noise = setup.noise or 0.0
-        filmed = [example_image.filmed(path, circle, noise) for path, circle in zip(images, circles, strict=True)]
+        filmed = [
+            example_image.filmed_example(path, circle, noise) for path, circle in zip(images, circles, strict=True)
+        ]
         return lambda radius_px: filmed
     speckle = 4.0 if options["speckle_px"] is None else options["speckle_px"]
     low, high = options["grey"] or (30.0, 220.0)
 
     @functools.lru_cache(maxsize=4)
     def look(radius_px: float) -> tuple[Example, ...]:
-        return example_image.painted(radius_px, speckle * radius_px / setup.radius_px, low, high)
+        return example_image.rendered_examples(radius_px, speckle * radius_px / setup.radius_px, low, high)
 
     return look
 
@@ -120,7 +122,7 @@ def _target(options: dict[str, Any], setup: Setup) -> rehearsal.Target:
     if options["contact_us"] is not None:
         return rehearsal.Target(1e-6 * options["contact_us"], options["restitution"], "given")
     origin = "estimated: elastic, steel on aluminium; what yields or bends takes longer, see --contact-us"
-    return rehearsal.Target(rehearsal.hertz(setup, STEEL_ON_ALUMINIUM_PA), options["restitution"], origin)
+    return rehearsal.Target(rehearsal.hertz_contact_s(setup, STEEL_ON_ALUMINIUM_PA), options["restitution"], origin)
 
 
 def _width(options: dict[str, Any]) -> int | None:
@@ -163,7 +165,7 @@ def _tracked(
         known["frame_rate"] = known["frame_rate"] or recording.frame_rate
         exposure = shutter_s or recording.exposure_s
         # Before the work of tracking.
-        free_flight.require(f"recording {path.name}", known["frame_rate"], known["diameter_mm"], mass_g)
+        free_flight.require_calibration(f"recording {path.name}", known["frame_rate"], known["diameter_mm"], mass_g)
         with _progress(quiet) as progress:
             # Increments from frame to frame, as in the paper's table; a map would hide what they scatter.
             tracked = track(recording, circle, sphere_map=False, progress=progress)

@@ -29,7 +29,7 @@ from torchsphere.dynamics.rebound import (
     rebound,
     slip,
     surface_angle,
-    tangent,
+    tangential,
 )
 from torchsphere.settings.limits import number
 
@@ -62,15 +62,10 @@ _NO_NORMAL = (
 _NO_BALL = "The ball's mass and diameter were not given, so there are no forces and energies."
 _NO_SPIN = "The spin was not measured, so neither its energy nor the energy given to the target is known."
 
-
-def _duration(r: Rebound) -> Array:
-    return np.asarray(r.contact_s[..., 1] - r.contact_s[..., 0])
-
-
 _QUANTITIES: dict[str, tuple[Quantity, str]] = {
     "contact_start": (lambda r: r.contact_s[..., 0], "s"),
     "contact_end": (lambda r: r.contact_s[..., 1], "s"),
-    "duration": (_duration, "s"),
+    "duration": (lambda r: r.duration_s, "s"),
     "velocity_before": (lambda r: r.velocity_before, "m/s"),
     "velocity_after": (lambda r: r.velocity_after, "m/s"),
     "speed_before": (lambda r: norm(r.velocity_before), "m/s"),
@@ -78,11 +73,18 @@ _QUANTITIES: dict[str, tuple[Quantity, str]] = {
     "angle_of_impact": (lambda r: surface_angle(-r.velocity_before, r.normal), "deg"),
     "angle_of_exit": (lambda r: surface_angle(r.velocity_after, r.normal), "deg"),
     "restitution_normal": (lambda r: -dot(r.velocity_after, r.normal) / dot(r.velocity_before, r.normal), "1"),
+    "tangential_velocity_ratio": (
+        lambda r: tangential(r.velocity_after, r.normal) / tangential(r.velocity_before, r.normal),
+        "1",
+    ),
     "spin_before": (lambda r: r.spin_before / (2 * np.pi), "rev/s"),
     "spin_after": (lambda r: r.spin_after / (2 * np.pi), "rev/s"),
     "spin_rate_before": (lambda r: norm(r.spin_before) / (2 * np.pi), "rev/s"),
     "spin_rate_after": (lambda r: norm(r.spin_after) / (2 * np.pi), "rev/s"),
 }
+
+#: Quantities that need the target's normal.
+_NEED_NORMAL = ("restitution_tangential", "tangential_velocity_ratio")
 
 #: Angles that begin again at 360 deg.
 _DIRECTIONS: dict[str, Quantity] = {
@@ -145,21 +147,9 @@ def impact(
 
 def _estimates(smoothed: Rebound, drawn: Rebound, ball: Ball | None, *, has_normal: bool) -> dict[str, Any]:
     """Quantities that follow from the motion before and after, by their names in `Impact`."""
-    quantities = _QUANTITIES | ({} if ball is None else _mass_quantities(ball))
-    if has_normal:
-        quantities["tangential_velocity_ratio"] = (
-            lambda r: dot(r.velocity_after, tangent(r.normal)) / dot(r.velocity_before, tangent(r.normal)),
-            "1",
-        )
-    if has_normal and ball is not None:
-        radius = ball.radius_m
-        quantities["restitution_tangential"] = (
-            lambda r: (
-                -slip(r.velocity_after, r.spin_after, r.normal, radius)
-                / slip(r.velocity_before, r.spin_before, r.normal, radius)
-            ),
-            "1",
-        )
+    quantities = _QUANTITIES | ({} if ball is None else _ball_quantities(ball))
+    if not has_normal:
+        quantities = {name: quantity for name, quantity in quantities.items() if name not in _NEED_NORMAL}
 
     def estimate(quantity: Quantity, unit: str, *, is_direction: bool = False) -> Estimate:
         value = np.asarray(quantity(smoothed))
@@ -173,9 +163,9 @@ def _estimates(smoothed: Rebound, drawn: Rebound, ball: Ball | None, *, has_norm
     return estimates | {name: estimate(quantity, "deg", is_direction=True) for name, quantity in _DIRECTIONS.items()}
 
 
-def _mass_quantities(ball: Ball) -> dict[str, tuple[Quantity, str]]:
-    """Quantities that need the mass."""
-    mass, inertia = ball.mass_kg, ball.inertia_kg_m2
+def _ball_quantities(ball: Ball) -> dict[str, tuple[Quantity, str]]:
+    """Quantities that need the ball's mass or radius."""
+    mass, radius, inertia = ball.mass_kg, ball.radius_m, ball.inertia_kg_m2
 
     def energy(velocity: Array) -> Array:
         return np.asarray(0.5 * mass * (velocity**2).sum(-1))
@@ -186,6 +176,10 @@ def _mass_quantities(ball: Ball) -> dict[str, tuple[Quantity, str]]:
     def impulse(r: Rebound) -> Array:
         return mass * norm(r.velocity_after - r.velocity_before)
 
+    def tangential_restitution(r: Rebound) -> Array:
+        before = slip(r.velocity_before, r.spin_before, r.normal, radius)
+        return -slip(r.velocity_after, r.spin_after, r.normal, radius) / before
+
     def energy_given(r: Rebound) -> Array:
         before = energy(r.velocity_before) + spin_energy(r.spin_before)
         return before - energy(r.velocity_after) - spin_energy(r.spin_after)
@@ -193,12 +187,13 @@ def _mass_quantities(ball: Ball) -> dict[str, tuple[Quantity, str]]:
     return {
         "impulse": (lambda r: mass * (r.velocity_after - r.velocity_before), "N s"),
         "impulse_size": (impulse, "N s"),
-        "mean_force": (lambda r: impulse(r) / _duration(r), "N"),
+        "mean_force": (lambda r: impulse(r) / r.duration_s, "N"),
         "energy_before": (lambda r: energy(r.velocity_before), "J"),
         "energy_after": (lambda r: energy(r.velocity_after), "J"),
         "spin_energy_before": (lambda r: spin_energy(r.spin_before), "J"),
         "spin_energy_after": (lambda r: spin_energy(r.spin_after), "J"),
         "energy_given": (energy_given, "J"),
+        "restitution_tangential": (tangential_restitution, "1"),
     }
 
 

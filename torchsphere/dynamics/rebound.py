@@ -32,6 +32,11 @@ class Rebound:
     contact_s: Array  # (..., 2), start and end
     normal: Array  # (..., 2), unit vectors from target to ball
 
+    @property
+    def duration_s(self) -> Array:
+        """Duration of the contact (...)."""
+        return np.asarray(self.contact_s[..., 1] - self.contact_s[..., 0])
+
 
 def flight_frames(motion: Kinematics, contact_s: Array, sd_contact_s: Array, span: slice) -> list[int] | str:
     """The last frame before the contact and the first one after it, or a sentence on the flight that is missing.
@@ -76,12 +81,12 @@ def rebound(velocity: Array, spin: Array, contact_s: Array, normal_deg: float | 
 
 def slip(velocity: Array, spin: Array, normal: Array, radius: float) -> Array:
     """Tangential velocity (...) of the point of contact, which lies at ``-radius`` times the normal."""
-    return dot(velocity, tangent(normal)) - radius * spin[..., 2]
+    return tangential(velocity, normal) - radius * spin[..., 2]
 
 
-def tangent(normal: Array) -> Array:
-    """Unit vector along the surface: z x n, in either right-handed frame."""
-    return np.stack((-normal[..., 1], normal[..., 0]), -1)
+def tangential(velocity: Array, normal: Array) -> Array:
+    """Velocity (...) along the surface, in the direction z x n in either right-handed frame."""
+    return dot(velocity, np.stack((-normal[..., 1], normal[..., 0]), -1))
 
 
 def surface_angle(velocity: Array, normal: Array) -> Array:
