@@ -1,4 +1,4 @@
-"""Missing images are told by a step that is a whole number of those around it, and by nothing else."""
+"""Missing images show in a step that is a whole multiple of the steps next to it, and in no other way."""
 
 import dataclasses
 
@@ -17,7 +17,7 @@ def track() -> ts.Track:
 
 
 def without(track: ts.Track, first: int, count: int) -> ts.Track:
-    """The track of the recording without ``count`` frames from ``first`` on, its rotations small enough to be added."""
+    """The track of the recording without ``count`` frames from ``first`` on; small rotations are added."""
     increment = np.delete(track.increment, slice(first, first + count), axis=0)
     increment[first - 1] = track.increment[first - 1 : first + count].sum(0)
     return dataclasses.replace(
