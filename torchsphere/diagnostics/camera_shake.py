@@ -1,8 +1,8 @@
-"""Shake of the camera, told by the still background: a hit that moves the camera seems to move the ball as well.
+"""Shake of the camera, measured on the still background: a hit that moves the camera seems to move the ball as well.
 
 Square subsets of the images outside the ball are compared with those of the first image, each by one Gauss-Newton step
-with gain and offset free. The median of their displacements tells the shake: a target or a hand in a part of the image
-does not change it.
+with gain and offset free. The median of their displacements is the shake: a target or a hand in a part of the image
+does not change the median.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from torchsphere.tracking.track import Track
 
 # Evidence of all constants: docs/constants.md.
 
-#: Side of a subset, px; the most subsets that are compared, and the fewest that tell a shake.
+#: Side of a subset, px; the most subsets that are compared, and the fewest that show a shake.
 SUBSET_PX, MAX_SUBSETS, MIN_SUBSETS = 32, 32, 6
 
 #: Most images that are compared with the first one.

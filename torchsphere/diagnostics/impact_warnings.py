@@ -9,7 +9,7 @@ from torchsphere.dynamics.impact_estimate import Estimate, Impact
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.dynamics.peak_force import MIN_RESOLVED_FRAMES, contact_frames
 
-#: Fewest frames of flight before and after a contact that tell flight from contact (docs/constants.md).
+#: Fewest frames of flight on either side that separate flight from contact (docs/constants.md).
 MIN_FLIGHT_FRAMES = 6
 
 #: Standard deviations beyond which a restitution is out of its range, and a force is measured (docs/constants.md).
@@ -24,7 +24,7 @@ MIN_PAUSE_FRAMES = 3
 #: Share of the contact's largest force that is another impact, outside the contact (docs/constants.md).
 OTHER_IMPACT = 0.05
 
-#: Distance from the contact from which a force is none of its own, frames (docs/constants.md).
+#: Distance beyond which a force is no part of the contact, frames (docs/constants.md).
 CLEARANCE_FRAMES = 2
 
 Array = NDArray[np.float64]
@@ -89,7 +89,7 @@ def _force_warnings(motion: Kinematics, impact: Impact) -> list[str]:
     largest = np.nanmax(size[inside], initial=0.0)
     is_force_free = size + 2 * sd < NO_FORCE * largest
     pause = _longest_run(inside & is_force_free & _between(inside & (size > NO_FORCE * largest)))
-    # A contact that the recording cuts off goes on beside the one that was found: a flight has to part two impacts.
+    # The force of a contact that the recording cuts off goes on outside: two impacts need a flight between them.
     flight = outside & is_force_free
     is_parted = np.logical_or.accumulate(flight & (motion.time_s > end))
     is_parted |= np.logical_or.accumulate((flight & (motion.time_s < start))[::-1])[::-1]

@@ -23,7 +23,7 @@ def missing_frames(track: Track) -> tuple[tuple[int, int], ...]:
         before, step, after = steps[i - 1 : i + 2]
         expected = 0.5 * (before + after)
         length = float(np.linalg.norm(expected))
-        # Comparisons with NaN are false: a step that was not measured tells nothing.
+        # Steps that were not measured are NaN, and comparisons with NaN are false.
         is_measurable = length > MIN_LENGTH_SD * np.linalg.norm(sd[i])
         if not (is_measurable and np.linalg.norm(after - before) < MAX_DIFFERENCE * length):
             continue

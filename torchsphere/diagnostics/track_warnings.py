@@ -36,7 +36,7 @@ def track_warnings(
 ) -> tuple[str, ...]:
     """Warnings on a track; ``start`` is the number of its first frame in the recording."""
     return (
-        # A frame rate that the file lacks is no matter once it was given.
+        # A given frame rate makes up for a file without a frame rate.
         *(note for note in recording.notes if request.fps is None or "no frame rate" not in note),
         *_frame_warnings(request, track, start),
         *_calibration_warnings(request, recording, frame_rate),
@@ -88,7 +88,7 @@ def bandwidth_warnings(motion: Kinematics | None) -> tuple[str, ...]:
 def _frame_warnings(request: Request, track: Track, start: int) -> list[str]:
     """Frames that were not measured, that repeat others, or that are missing."""
     sentences, n = [], len(track.status)
-    # The translation model has a sentence of its own on the rotation that it does not measure.
+    # `_model_warnings` reports that the translation model measures no rotation.
     good = ("ok", "weak_texture") if request.model == "translation" else ("ok",)
     bad = n - int(np.isin(track.status, good).sum())
     if bad:

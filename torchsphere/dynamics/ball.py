@@ -24,7 +24,7 @@ def ball(
     shell_m: float | None = None,
     inertia_kg_m2: float | None = None,
 ) -> Ball:
-    """A solid ball, a hollow one with a shell of thickness ``shell_m``, or one of given inertia.
+    """A solid ball, a hollow ball with a shell of thickness ``shell_m``, or a ball of given inertia.
 
     Raises
     ------

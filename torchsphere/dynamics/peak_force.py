@@ -51,7 +51,7 @@ def peak_force(motion: Kinematics, draws: Draws, mass: float) -> tuple[Estimate,
 
 
 def _vertex(time: Array, value: Array) -> tuple[Array, Array]:
-    """Time and value of the vertex of parabolas through three points (..., 3); the highest point if it lies outside."""
+    """Time and value of the vertex of parabolas through three points (..., 3), or of the highest point if outside."""
     slopes = np.diff(value) / np.diff(time)
     curvature = (slopes[..., 1] - slopes[..., 0]) / (time[..., 2] - time[..., 0])
     highest = value.argmax(-1)[..., None]

@@ -18,7 +18,7 @@ ROTATION_PER_RADIUS = 2.1
 #: (docs/constants.md).
 ROTATION_Z_PER_CENTRE = -0.85
 
-#: Change of the steady error from the start of a flight to its end, as a share of it (docs/constants.md).
+#: Change of the steady error from the start of a flight to its end, as a share of that error (docs/constants.md).
 STEADY_CHANGE = 1.4
 
 Array = NDArray[np.float64]
@@ -90,7 +90,7 @@ class SharedErrors:
 
     def _sd_by_radius(self, values: Array) -> Array:
         """Standard deviations (n, 5) of rates or accelerations by the radius alone."""
-        # The error of a step goes with the rotation: along x with that about y, along y with that about x.
+        # The error of a step along x is proportional to the rotation about y, along y to the rotation about x.
         size = np.abs(np.nan_to_num(values))
         return np.concatenate((self.step * size[:, [3, 2]], self.rotation * size[:, 2:]), 1)
 
@@ -117,7 +117,7 @@ class SharedErrors:
         """
         generator = np.random.default_rng(0)
         steady = self.steady * generator.normal(size=(2, len(rate), 1, 5))
-        # The steady error goes with the rotation, so that it changes in the contact.
+        # The steady error depends on the rotation, so that it changes in the contact.
         length = np.maximum(contact[:, 1:] - contact[:, :1], 1e-9)
         passed = np.nan_to_num(np.clip((frames - contact[:, :1]) / length, 0, 1))[..., None]
         scale, step, rotation = generator.normal(size=(3, len(rate), 1, 1))

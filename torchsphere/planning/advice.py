@@ -17,7 +17,7 @@ EQUAL_SHARE = 0.15
 
 
 def cautions(plan: Plan) -> tuple[str, ...]:
-    """Sentences on values that may not mean what the plan takes them for."""
+    """Sentences on values that may be in another unit, or measured on a motion that is no free flight."""
     setup = plan.setup
     units = implausible(setup.diameter_mm, setup.mass_g, f"--diameter-mm {setup.diameter_mm:g}")
     return (*units, *(plan.flight.warnings if plan.flight else ()))

@@ -145,8 +145,8 @@ def rescaled(example: Example, radius_px: float) -> Example:
         return example
     height, width = example.image.shape
     shape = (max(round(height * factor), 1), max(round(width * factor), 1))
-    both = torch.stack((example.image, example.noise))[None]
-    image, noise = F.interpolate(both, shape, mode="bicubic", antialias=True, align_corners=False)[0]
+    layers = torch.stack((example.image, example.noise))[None]
+    image, noise = F.interpolate(layers, shape, mode="bicubic", antialias=True, align_corners=False)[0]
     x, y, _ = example.circle
     # Pixel centres are whole numbers, their edges halves; the rounded shape stretches x and y slightly.
     centre = ((x + 0.5) * shape[1] / width - 0.5, (y + 0.5) * shape[0] / height - 0.5)
@@ -167,11 +167,11 @@ def blurred(example: Example, motion_px: tuple[float, float]) -> Example:
     height, width = example.image.shape
     rows, columns = torch.meshgrid(torch.arange(float(height)), torch.arange(float(width)), indexing="ij")
     grid = torch.stack((columns, rows), -1).reshape(-1, 2)
-    both = interpolation.coefficients(torch.stack((example.image, example.noise)), 0.0)
-    total = torch.zeros_like(both)
+    layers = interpolation.coefficients(torch.stack((example.image, example.noise)), 0.0)
+    total = torch.zeros_like(layers)
     limit = torch.tensor([width - 2.0, height - 2.0])
     for share in shares:
         points = torch.minimum((grid + share * torch.tensor(motion_px)).clamp_min(1.0), limit)
-        total += interpolation.sample(both, points.expand(2, -1, -1)).reshape(2, height, width)
+        total += interpolation.sample(layers, points.expand(2, -1, -1)).reshape(2, height, width)
     image, noise = total / count
     return dataclasses.replace(example, image=image, noise=noise)
