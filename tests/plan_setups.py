@@ -9,7 +9,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from torchsphere.cli import main, plan
-from torchsphere.planning.example_image import Example, painted
+from torchsphere.planning.example_image import Example, rendered_examples
 from torchsphere.planning.expected import Setup
 from torchsphere.settings.limits import SettingError
 from torchsphere.synthetic import ray_caster
@@ -61,7 +61,7 @@ def recorded(setup: Setup, seed: int, frames: int = FRAMES) -> Shot:
 
 @cache
 def sides(radius: float) -> tuple[Example, ...]:
-    return painted(radius, SPECKLE, *GREY, seed=77)
+    return rendered_examples(radius, SPECKLE, *GREY, seed=77)
 
 
 def planned(*arguments: str) -> int:

@@ -1,4 +1,4 @@
-"""Tracks with increments of one's choice."""
+"""Tracks with given increments."""
 
 import numpy as np
 
@@ -24,3 +24,11 @@ def made_track(increment: np.ndarray, sd: np.ndarray, circle: ts.Circle) -> ts.T
         circle=circle,
         settings={"sphere_map": {"used": True}},
     )
+
+
+def falling_track() -> ts.Track:
+    """Nine frames: 2 px per frame to the right, each frame 0.1 px per frame faster downwards, turning clockwise."""
+    k = np.arange(8)
+    zero = np.zeros(8)
+    increment = np.stack((zero + 2.0, 0.1 * k, zero, zero, zero + 0.01), 1)
+    return made_track(increment, np.array([0.01, 0.01, 1e-4, 1e-4, 1e-4]), ts.Circle(50.0, 40.0, 20.0, 0.0, 0.0, 0.0))

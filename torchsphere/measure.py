@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from torchsphere.diagnostics.impact_warnings import doubts
-from torchsphere.diagnostics.track_warnings import cautions, flattened, too_short
+from torchsphere.diagnostics.impact_warnings import impact_warnings
+from torchsphere.diagnostics.track_warnings import bandwidth_warnings, track_warnings, window_warnings
 from torchsphere.diagnostics.unused_settings import unused
 from torchsphere.dynamics.ball import ball
 from torchsphere.dynamics.impact import impact
@@ -89,9 +89,9 @@ def measure(
             motion = _kinematics(request, tracked, frame_rate, start)
             found, missing = _impact(request, tracked, motion)
             warnings = (
-                *cautions(request, recording, tracked, frame_rate, start),
-                *too_short(tracked, motion),
-                *flattened(motion),
+                *track_warnings(request, recording, tracked, frame_rate, start),
+                *window_warnings(tracked, motion),
+                *bandwidth_warnings(motion),
                 *missing,
                 *unused(request, motion, found, has_rate=frame_rate is not None),
                 *without_effect(request.ignore, recording.shape[1:]),
@@ -160,7 +160,7 @@ def _impact(request: Request, tracked: Track, motion: Kinematics | None) -> tupl
     found, reason = impact(motion, thing, normal_deg=request.normal_deg)
     if found is None:
         return None, (f"{NO_IMPACT}{reason}",)
-    return found, (*doubts(motion, found), *found.missing)
+    return found, (*impact_warnings(motion, found), *found.missing)
 
 
 def _write(

@@ -1,4 +1,4 @@
-"""A background that moves with a shaken camera, and one that stands still but for noise, lamps and a moving target."""
+"""A background that moves with a shaken camera, and one that stands still beside noise, lamps and a moving target."""
 
 import dataclasses
 from pathlib import Path
@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 import torchsphere as ts
-from torchsphere.diagnostics.camera_shake import shaken
+from torchsphere.diagnostics.camera_shake import camera_shake
 from torchsphere.recording import Recording
 
 FRAMES, SHAPE, RADIUS = 20, (160, 256), 20.0
@@ -35,7 +35,7 @@ def filmed(images: list[Array], folder: Path, noise: float = 1.5) -> Recording:
 
 @pytest.fixture(scope="module")
 def tracked() -> ts.Track:
-    """A ball that flies from left to right; how it turns is of no interest."""
+    """A ball that flies from left to right."""
     images = np.random.default_rng(2).integers(0, 255, (2, 64, 64), dtype=np.uint8)
     track = ts.track(images, (32.0, 32.0, RADIUS))
     position = np.stack((np.linspace(50, 200, FRAMES), np.full(FRAMES, 80.0)), 1)
@@ -43,41 +43,39 @@ def tracked() -> ts.Track:
 
 
 @pytest.mark.parametrize("x", [0.3, -0.6])
-def test_a_camera_that_is_shaken_from_a_frame_on_is_told_with_the_distance(
-    tracked: ts.Track, tmp_path: Path, x: float
-) -> None:
+def test_a_shaken_camera_is_reported_with_its_displacement(tracked: ts.Track, tmp_path: Path, x: float) -> None:
     still = background()
     images = [still if i < 12 else moved(still, x, 0.2) for i in range(FRAMES)]
-    found = shaken(filmed(images, tmp_path), tracked, 0)
+    found = camera_shake(filmed(images, tmp_path), tracked, 0)
     assert found is not None
     assert found.px == pytest.approx(np.hypot(x, 0.2), rel=0.15)
     assert found.frame >= 12
 
 
-def test_the_frames_are_those_that_were_tracked(tracked: ts.Track, tmp_path: Path) -> None:
+def test_only_the_tracked_frames_are_compared(tracked: ts.Track, tmp_path: Path) -> None:
     still = background()
     images = [moved(still, 0.5, 0.0)] * 3 + [still] * FRAMES
-    assert shaken(filmed(images, tmp_path), tracked, 3) is None
-    assert shaken(filmed(images, tmp_path), tracked, 0) is not None
+    assert camera_shake(filmed(images, tmp_path), tracked, 3) is None
+    assert camera_shake(filmed(images, tmp_path), tracked, 0) is not None
 
 
-def test_a_still_background_is_not_told_whatever_its_noise_and_its_lamps_do(tracked: ts.Track, tmp_path: Path) -> None:
+def test_noise_and_flickering_lamps_are_no_shake(tracked: ts.Track, tmp_path: Path) -> None:
     still = background()
     lamps = [(1 + 0.2 * np.sin(i)) * still + 10 * np.cos(i) for i in range(FRAMES)]
     for noise in (0.5, 6.0):
-        assert shaken(filmed(lamps, tmp_path, noise), tracked, 0) is None
+        assert camera_shake(filmed(lamps, tmp_path, noise), tracked, 0) is None
 
 
-def test_a_target_that_moves_in_a_part_of_the_image_is_no_shaken_camera(tracked: ts.Track, tmp_path: Path) -> None:
+def test_a_target_that_moves_in_a_part_of_the_image_is_no_shake(tracked: ts.Track, tmp_path: Path) -> None:
     still = background()
     images = []
     for i in range(FRAMES):
         image = still.copy()
         image[:, 200:] = moved(still, 0.1 * i, 0.0)[:, 200:]
         images.append(image)
-    assert shaken(filmed(images, tmp_path), tracked, 0) is None
+    assert camera_shake(filmed(images, tmp_path), tracked, 0) is None
 
 
 @pytest.mark.parametrize("noise", [0.5, 4.0])
-def test_a_plain_background_tells_nothing(tracked: ts.Track, tmp_path: Path, noise: float) -> None:
-    assert shaken(filmed([np.full(SHAPE, 90.0)] * FRAMES, tmp_path, noise), tracked, 0) is None
+def test_a_background_without_texture_shows_no_shake(tracked: ts.Track, tmp_path: Path, noise: float) -> None:
+    assert camera_shake(filmed([np.full(SHAPE, 90.0)] * FRAMES, tmp_path, noise), tracked, 0) is None

@@ -1,4 +1,4 @@
-"""Missing images are told by a step that is a whole number of those around it, and by nothing else."""
+"""Missing images show in a step that is a whole multiple of the steps next to it, and in no other way."""
 
 import dataclasses
 
@@ -7,7 +7,7 @@ import pytest
 from pulses import NOISES_M, pulse
 
 import torchsphere as ts
-from torchsphere.diagnostics.missing_frames import skipped
+from torchsphere.diagnostics.missing_frames import missing_frames
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +17,7 @@ def track() -> ts.Track:
 
 
 def without(track: ts.Track, first: int, count: int) -> ts.Track:
-    """The track of the recording without ``count`` frames from ``first`` on, its rotations small enough to be added."""
+    """The track of the recording without ``count`` frames from ``first`` on; small rotations are added."""
     increment = np.delete(track.increment, slice(first, first + count), axis=0)
     increment[first - 1] = track.increment[first - 1 : first + count].sum(0)
     return dataclasses.replace(
@@ -26,21 +26,21 @@ def without(track: ts.Track, first: int, count: int) -> ts.Track:
 
 
 def test_a_whole_recording_has_no_gap(track: ts.Track) -> None:
-    assert skipped(track) == ()
+    assert missing_frames(track) == ()
 
 
 @pytest.mark.parametrize(("first", "count"), [(12, 1), (12, 7), (60, 3)])
 def test_missing_images_are_counted_where_they_are_missing(track: ts.Track, first: int, count: int) -> None:
-    assert skipped(without(track, first, count)) == ((first, count),)
+    assert missing_frames(without(track, first, count)) == ((first, count),)
 
 
 def test_a_step_that_was_not_measured_is_no_gap(track: ts.Track) -> None:
     increment = without(track, 12, 1).increment.copy()
     increment[12] = np.nan
-    assert skipped(dataclasses.replace(without(track, 12, 1), increment=increment)) == ()
+    assert missing_frames(dataclasses.replace(without(track, 12, 1), increment=increment)) == ()
 
 
 def test_a_ball_at_rest_has_no_gap(track: ts.Track) -> None:
     noise = np.random.default_rng(0).normal(0, 1, track.increment.shape)
     sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))
-    assert skipped(dataclasses.replace(track, increment=noise * sd)) == ()
+    assert missing_frames(dataclasses.replace(track, increment=noise * sd)) == ()

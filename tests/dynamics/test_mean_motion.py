@@ -1,4 +1,4 @@
-"""Means of a recording: their standard deviations are those of their errors."""
+"""Mean motion of a recording: its standard deviations are those of its errors."""
 
 import dataclasses
 
@@ -16,7 +16,7 @@ STEP = np.array([2.0, -1.0, 0.0, 0.01, 0.002])
 
 
 def drawn(seed: int, n: int = 12, lost: tuple[int, ...] = ()) -> ts.Track:
-    """Steady motion with independent errors of the poses, and steps that are not known."""
+    """Steady motion with independent errors of the poses; the steps ``lost`` are not known."""
     error = np.random.default_rng(seed).normal(size=(n, 5)) * POSE_SD
     increment = STEP + np.diff(error, axis=0)
     increment[list(lost)] = np.nan
@@ -25,14 +25,14 @@ def drawn(seed: int, n: int = 12, lost: tuple[int, ...] = ()) -> ts.Track:
 
 
 @pytest.mark.parametrize("lost", [(), (4,), (0, 5, 6)])
-def test_the_errors_of_the_poses_between_cancel_and_the_standard_deviation_knows_it(lost: tuple[int, ...]) -> None:
+def test_the_standard_deviation_of_a_mean_is_that_of_its_end_poses(lost: tuple[int, ...]) -> None:
     means = [mean_motion(drawn(seed, lost=lost), None) for seed in range(1500)]
     scatter = np.std([m["increment_px_rad"] - STEP for m in means], axis=0)
-    # A standard deviation of 1500 values is right to 1.8 %; four of that is the tolerance.
+    # The standard deviation of 1500 values is right to 1.8 %; the tolerance is four times that.
     np.testing.assert_allclose(scatter, means[0]["sd_increment_px_rad"], rtol=0.075)
 
 
-def test_velocity_and_spin_are_those_of_the_mean_step_with_the_scale_s_uncertainty() -> None:
+def test_mean_velocity_and_spin_are_the_mean_step_with_the_uncertainty_of_the_scale() -> None:
     track = drawn(0)
     motion = ts.kinematics(track, frame_rate=1000.0, m_per_px=5e-4, relative_sd_scale=0.03, lab_frame=True)
     found = mean_motion(track, motion)
@@ -43,7 +43,7 @@ def test_velocity_and_spin_are_those_of_the_mean_step_with_the_scale_s_uncertain
     np.testing.assert_allclose(found["sd_spin_rad_s"], 1000 * sd[2:])
 
 
-def test_what_was_not_measured_has_no_mean() -> None:
+def test_a_motion_that_was_not_measured_has_no_mean() -> None:
     track = drawn(0)
     blind = track.increment.copy()
     blind[:, 2:] = np.nan
@@ -53,7 +53,7 @@ def test_what_was_not_measured_has_no_mean() -> None:
         assert np.isnan(values[2:]).all()
 
 
-def test_a_model_without_rotations_has_no_mean_of_them() -> None:
+def test_a_model_without_rotations_has_no_mean_rotation() -> None:
     shot = demo_shot.make_shot()
     track = ts.track(shot.images[:8], model="translation")
     found = mean_motion(
@@ -65,7 +65,7 @@ def test_a_model_without_rotations_has_no_mean_of_them() -> None:
     assert np.isnan([found["spin_rad_s"], found["sd_spin_rad_s"]]).all()
 
 
-def test_the_truth_of_the_demo_lies_within_what_is_stated() -> None:
+def test_the_true_means_of_the_demo_lie_within_the_stated_uncertainty() -> None:
     ratios = []
     for seed in (1, 2, 3):
         shot = demo_shot.make_shot(seed)
@@ -78,7 +78,7 @@ def test_the_truth_of_the_demo_lies_within_what_is_stated() -> None:
         ratios.append((found["velocity_m_s"] - to_m_s * true[:2]) / found["sd_velocity_m_s"])
         ratios.append((found["spin_rad_s"] - demo_shot.FRAME_RATE * true[2:]) / found["sd_spin_rad_s"])
     values = np.abs(np.concatenate(ratios))
-    # Of ten such flights and ten impacts the root mean square was 0.4 to 1.0 by component.
+    # Ten such flights and ten impacts had a root mean square of 0.4 to 1.0 in each component.
     assert np.sqrt((values**2).mean()) < 1.3
     assert np.sqrt((values**2).mean()) > 0.3
     assert values.max() < 3

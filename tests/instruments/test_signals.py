@@ -35,22 +35,22 @@ def test_a_light_gate_without_noise_gives_the_velocity_to_a_thousandth_of_a_samp
 
 
 @pytest.mark.parametrize("noise", [0.01, 0.05])
-def test_the_light_gates_standard_deviation_is_that_of_many_repetitions(noise: float) -> None:
+def test_the_standard_deviation_of_a_light_gate_is_that_of_many_repetitions(noise: float) -> None:
     delay = 628.63e-6
     found = [light_gate(*gate(delay, noise, seed), spacing_m=0.04) for seed in range(100)]
-    off = np.array([f.delay_s - delay for f in found]) / np.array([f.sd_delay_s for f in found])
-    # Of 100 values the root mean square is right to 7 %, the mean to 0.1: three of that.
-    assert np.sqrt((off**2).mean()) == pytest.approx(1.0, abs=0.21)
-    assert abs(off.mean()) < 0.3
+    ratio = np.array([f.delay_s - delay for f in found]) / np.array([f.sd_delay_s for f in found])
+    # 100 values give the root mean square to 7 %, and the mean to 0.1: three times that.
+    assert np.sqrt((ratio**2).mean()) == pytest.approx(1.0, abs=0.21)
+    assert abs(ratio.mean()) < 0.3
 
 
-def test_the_spacings_uncertainty_is_part_of_the_velocitys() -> None:
+def test_the_uncertainty_of_the_spacing_is_part_of_that_of_the_velocity() -> None:
     found = light_gate(*gate(628.63e-6, 0.0, 0), spacing_m=0.04, sd_spacing_m=0.0004)
     assert found.sd_velocity_m_s == pytest.approx(0.01 * found.velocity_m_s, rel=1e-3)
 
 
 def darkened(time_s: np.ndarray, at_s: float) -> np.ndarray:
-    """A barrier that stays dark, as one whose ball is still there at the end of the record."""
+    """A barrier that stays dark because the ball is still in it at the end of the record."""
     return 1 / (1 + np.exp(-(time_s - at_s) / 15e-6))
 
 
@@ -58,16 +58,16 @@ def darkened(time_s: np.ndarray, at_s: float) -> np.ndarray:
 @pytest.mark.parametrize("shape", [darkened, barrier])
 def test_barriers_that_stay_dark_or_are_cut_by_the_end_have_the_delay_of_their_edges(shape, first_s: float) -> None:
     # With the first at 1200 us the second is dark from 1829 us on, and the record ends at 2000.
-    delay, time_s, off = 628.63e-6, INTERVAL_S * np.arange(COUNT), []
+    delay, time_s, ratios = 628.63e-6, INTERVAL_S * np.arange(COUNT), []
     for seed in range(20):
         rng = np.random.default_rng(seed)
         first = 2.0 - shape(time_s, first_s) + 0.01 * rng.normal(size=COUNT)
         second = 1.0 - 0.8 * shape(time_s, first_s + delay) + 0.01 * rng.normal(size=COUNT)
         found = light_gate(time_s, first, second, spacing_m=0.04)
         assert found.correlation > 0.999
-        off.append((found.delay_s - delay) / found.sd_delay_s)
-    # Of 20 values the root mean square is right to 16 %: three of that.
-    assert np.sqrt((np.array(off) ** 2).mean()) == pytest.approx(1.0, abs=0.48)
+        ratios.append((found.delay_s - delay) / found.sd_delay_s)
+    # 20 values give the root mean square to 16 %: three times that.
+    assert np.sqrt((np.array(ratios) ** 2).mean()) == pytest.approx(1.0, abs=0.48)
 
 
 @pytest.mark.parametrize("case", ["noise", "turned over"])
@@ -97,9 +97,7 @@ def motion(truth: Pulse) -> Kinematics:
     return ts.kinematics(truth.track, frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
 
 
-def test_an_accelerometer_is_aligned_to_a_tenth_of_a_frame_with_the_tracks_peak(
-    truth: Pulse, motion: Kinematics
-) -> None:
+def test_an_accelerometer_is_aligned_with_the_track_to_a_tenth_of_a_frame(truth: Pulse, motion: Kinematics) -> None:
     clock, rng = 0.0123, np.random.default_rng(5)
     time_s = 0.011 + 1e-6 * np.arange(5000)
     share = np.clip((time_s - clock - truth.edges_s[0]) * RATE / LENGTH, 0, 1)
@@ -118,7 +116,7 @@ def test_an_accelerometer_is_aligned_to_a_tenth_of_a_frame_with_the_tracks_peak(
 
 
 @pytest.mark.parametrize("case", ["nothing but noise", "turned over", "cut in the middle"])
-def test_a_sensor_that_does_not_show_the_tracks_event_is_refused(case: str, truth: Pulse, motion: Kinematics) -> None:
+def test_a_sensor_without_the_event_of_the_track_is_refused(case: str, truth: Pulse, motion: Kinematics) -> None:
     time_s, rng, top = 1e-6 * np.arange(3000), np.random.default_rng(5), PEAK_N / MASS_KG
     if case == "cut in the middle":
         time_s = time_s + truth.edges_s.mean()
@@ -129,7 +127,7 @@ def test_a_sensor_that_does_not_show_the_tracks_event_is_refused(case: str, trut
         align(motion, time_s, sensor, direction=np.array([1.0, 0.0]))
 
 
-def test_signals_are_read_with_their_names_and_unit_of_time(tmp_path: Path) -> None:
+def test_signals_are_read_with_their_names_and_their_unit_of_time(tmp_path: Path) -> None:
     path = tmp_path / "gate.csv"
     lines = [f"{t / 1000},{t % 3},{-t}" for t in range(20)]
     path.write_text("# scope\nt_ms, a, b\n" + "\n".join(lines))
@@ -171,14 +169,14 @@ def test_a_file_without_signals_is_refused_in_a_sentence(tmp_path: Path, text: s
         ({"first": np.ones(3)}, "numbers"),
     ],
 )
-def test_a_gate_without_sense_is_refused(change: dict, word: str) -> None:
+def test_an_invalid_gate_is_refused(change: dict, word: str) -> None:
     time_s, first, second = gate(628e-6, 0.0, 0)
     arguments = {"first": first, "second": second, "spacing_m": 0.04} | change
     with pytest.raises(ValueError, match=word):
         light_gate(time_s, **arguments)
 
 
-def test_barriers_in_the_wrong_order_are_said_to_be() -> None:
+def test_barriers_in_the_wrong_order_are_refused() -> None:
     time_s, first, second = gate(628e-6, 0.0, 0)
     with pytest.raises(ValueError, match="swap"):
         light_gate(time_s, second, first, spacing_m=0.04)

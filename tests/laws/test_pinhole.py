@@ -19,7 +19,7 @@ from render.pattern import Pattern
 from render.pose import Poses
 from render.scene import Quality, Setup
 from render.sensor import Sensor
-from torchsphere.dynamics.depth_plane import in_plane
+from torchsphere.dynamics.depth_plane import in_depth_plane
 
 Array = NDArray[np.float64]
 
@@ -131,7 +131,7 @@ def test_motion_along_the_optical_axis_is_measured_and_does_not_pass_for_anythin
     growth = np.diff(track.radius) / track.radius[:-1]
     assert np.abs((growth - 0.004) / track.sd_growth).max() < 4.5
     # In the plane of the first depth the ball moves at an even pace.
-    level = in_plane(track)
+    level = in_depth_plane(track)
     straight = np.diff((truth.centres - 119.5 * np.array([1, 0])) / truth.radii[:, None] * RADIUS, axis=0)
     np.testing.assert_allclose(level.increment[:, 0], straight[:, 0], atol=0.05)
 
@@ -152,7 +152,7 @@ def test_a_ball_that_comes_closer_at_an_even_sideways_speed_has_that_velocity() 
 def test_the_uncertain_depth_enters_the_position_beside_the_axis() -> None:
     truth = seen(nearer=1.004, n=6)
     track = ts.track(truth.images, truth.circle, model="pinhole6", camera=truth.camera)
-    level = in_plane(track)
+    level = in_depth_plane(track)
     beside = truth.centres[1:, 0] - 119.5
     # What the ball's distance from the optical axis adds; the rest is the step's own, at a scale of nearly 1.
     added = (beside * track.sd_growth) ** 2
@@ -162,13 +162,13 @@ def test_the_uncertain_depth_enters_the_position_beside_the_axis() -> None:
 def test_without_a_camera_nothing_is_brought_into_a_plane() -> None:
     images = np.random.default_rng(0).integers(0, 255, (2, 60, 60)).astype(np.float32)
     track = ts.track(images, (30.0, 30.0, 20.0))
-    assert in_plane(track) is track
+    assert in_depth_plane(track) is track
 
 
 def test_a_track_through_a_lens_without_distortion_is_in_its_plane_already() -> None:
     images = np.random.default_rng(0).integers(0, 255, (2, 60, 60)).astype(np.float32)
     track = ts.track(np.stack((images[0], images[0])), (30.0, 30.0, 20.0), model="pinhole", camera=ts.Camera(500.0))
-    level = in_plane(track)
+    level = in_depth_plane(track)
     assert dataclasses.replace(level, position=track.position).status is track.status
     np.testing.assert_allclose(level.position, track.position, atol=1e-9)
     np.testing.assert_allclose(level.increment, track.increment, atol=1e-6)

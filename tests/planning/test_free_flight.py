@@ -1,4 +1,4 @@
-"""A plan from a free flight: the paper's table 3 for the set-up at hand, and what is no free flight."""
+"""A plan from a free flight: the paper's table 3 for any set-up, and recordings that are no free flight."""
 
 import json
 import math
@@ -30,7 +30,7 @@ def example_track(increment: np.ndarray) -> ts.Track:
 
 
 def flown(change: float = 0.0) -> np.ndarray:
-    """Steps (40, 5) of 5 px that become longer by ``change`` px half way."""
+    """Steps (40, 5) of 5 px, from the middle on longer by ``change`` px."""
     generator = np.random.default_rng(0)
     increment = [5.0, 0, 0, 0.01, 0] + np.array([0.01, 0.01, 1e-4, 1e-4, 1e-4]) * generator.normal(size=(40, 5))
     increment[20:, 0] += change
@@ -63,9 +63,7 @@ def test_a_free_flight_gives_the_table_of_the_paper_from_film_and_from_result_al
 
 
 @pytest.mark.parametrize("scale", [("--diameter-mm", "30"), ("--mm-per-px", str(1 / 1.2))])
-def test_a_scale_that_was_given_without_a_frame_rate_is_not_asked_for_again(
-    tmp_path: Path, scale: tuple[str, str]
-) -> None:
+def test_a_scale_given_without_a_frame_rate_is_taken_from_the_result(tmp_path: Path, scale: tuple[str, str]) -> None:
     shot = recorded(SMALL, 1, frames=16)
     film, result = tmp_path / "flight.tif", tmp_path / "result"
     tifffile.imwrite(film, shot.images.to(torch.uint8).numpy(), photometric="minisblack")
@@ -78,7 +76,7 @@ def test_a_scale_that_was_given_without_a_frame_rate_is_not_asked_for_again(
     assert found.setup.speed_m_s == pytest.approx(30.0, rel=0.02)
 
 
-def test_a_flight_tracked_without_rotation_is_not_told_to_have_no_texture(tmp_path: Path) -> None:
+def test_a_flight_tracked_without_rotation_is_refused_for_its_model(tmp_path: Path) -> None:
     shot = recorded(SMALL, 1, frames=16)
     film, result = tmp_path / "flight.tif", tmp_path / "result"
     tifffile.imwrite(film, shot.images.to(torch.uint8).numpy(), photometric="minisblack")
@@ -88,7 +86,7 @@ def test_a_flight_tracked_without_rotation_is_not_told_to_have_no_texture(tmp_pa
         free_flight.from_result(result)
 
 
-def test_a_flight_whose_velocity_changes_is_no_free_flight_and_says_so() -> None:
+def test_a_flight_whose_velocity_changes_gives_a_warning() -> None:
     generator = np.random.default_rng(0)
     steady = np.concatenate((np.full((40, 1), 5.0), np.zeros((40, 4))), 1) + 0.01 * generator.normal(size=(40, 5))
     slowed = steady.copy()
@@ -98,7 +96,7 @@ def test_a_flight_whose_velocity_changes_is_no_free_flight_and_says_so() -> None
     assert "along x" in free_flight.Flight(slowed, np.ones(5), setup, "slowed").warnings[0]
 
 
-def test_an_impact_is_refused_as_a_flight_and_says_so() -> None:
+def test_an_impact_is_refused_as_a_free_flight_with_its_change_of_velocity() -> None:
     with pytest.raises(ValueError, match=r"shot\.tif: this is no free flight: .* along x changes by -210 m/s"):
         free_flight.from_track(example_track(flown(-7.0)), "shot.tif", **KNOWN)
 
@@ -136,7 +134,7 @@ def test_a_ball_without_texture_is_refused_for_that_and_not_for_too_few_frames()
     assert "longer recording" not in str(refusal.value)
 
 
-def test_what_makes_a_flight_s_numbers_doubtful_is_said_before_them() -> None:
+def test_a_doubtful_flight_gives_a_caution_before_the_numbers() -> None:
     target = Target(2e-4, 0.3, "given")
     slowed = from_flight(free_flight.from_track(example_track(flown(-0.2)), "slowed", **KNOWN), target)
     first, *others = plan_text.text(slowed).splitlines()
@@ -147,7 +145,7 @@ def test_what_makes_a_flight_s_numbers_doubtful_is_said_before_them() -> None:
     assert plan_text.text(steady).startswith("test ")
 
 
-def test_a_mass_in_kg_is_doubted_before_the_numbers() -> None:
+def test_a_mass_in_kg_gives_a_caution_before_the_numbers() -> None:
     made = from_flight(free_flight.from_track(example_track(flown()), "kg", **KNOWN), Target(2e-4, 0.3, "given"))
     light = replace(made, setup=replace(made.setup, mass_g=1e-3 * made.setup.mass_g))
     assert plan_text.text(light).startswith("caution The ball's diameter is ")

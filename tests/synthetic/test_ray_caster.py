@@ -1,4 +1,4 @@
-"""The ray caster that makes the synthetic shots."""
+"""The ray caster of the synthetic shots: outline, pattern, background and derivative."""
 
 import math
 
@@ -67,7 +67,7 @@ def test_a_ball_half_in_the_frame_is_cut_by_it() -> None:
     torch.testing.assert_close(cut, whole[:, 25:], atol=1e-9, rtol=0)
 
 
-def test_a_number_for_the_background_needs_a_shape() -> None:
+def test_a_background_given_as_a_number_needs_a_shape() -> None:
     with pytest.raises(ValueError, match="shape"):
         ray_caster.render(plain(9.0), centre(0, 20), 10.0, EYE[None], 3.0)
 
@@ -89,7 +89,7 @@ def test_an_image_can_be_differentiated_by_the_position() -> None:
             assert float(slope[0, axis]) == pytest.approx(float(expected), abs=0.01, rel=1e-3)
 
 
-def test_speckle_has_its_range_its_size_and_its_seed() -> None:
+def test_speckle_has_the_given_range_size_and_seed() -> None:
     pattern = ray_caster.speckle(4, radius_px=40.0, speckle_px=4.0, low=30.0, high=220.0)
     volume = pattern.volume
     assert 30 <= float(volume.min()) < 40

@@ -10,7 +10,7 @@ from shots import Shot, noisy, shot
 import torchsphere as ts
 from torchsphere import track
 from torchsphere.correlation.options import Options
-from torchsphere.diagnostics.track_warnings import cautions
+from torchsphere.diagnostics.track_warnings import track_warnings
 from torchsphere.recording import Recording, open_recording
 from torchsphere.request import Request
 from torchsphere.tracking import edge_leakage, steady_error
@@ -59,7 +59,7 @@ def test_a_region_that_lets_it_in_is_told_with_a_better_one(
     measured = track(recording, bright.circle, **({} if roi is None else {"roi": roi}))
     found = [
         s
-        for s in cautions(Request(input=path, out="out", roi=roi), recording, measured, 1e3, 0)
+        for s in track_warnings(Request(input=path, out="out", roi=roi), recording, measured, 1e3, 0)
         if "outline of so" in s
     ]
     assert len(found) == told

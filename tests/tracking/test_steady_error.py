@@ -215,6 +215,6 @@ def test_a_circle_off_the_centre_turns_a_tilting_ball_about_z(off: tuple[float, 
             for share in (0, 1)
         )
         added.append(float(wrong - right))
-    expected = shared_errors.ABOUT_Z_PER_CENTRE * float(np.radians(tilt) @ off) / radius
+    expected = shared_errors.ROTATION_Z_PER_CENTRE * float(np.radians(tilt) @ off) / radius
     # Four patterns scatter by a tenth of it.
     assert np.mean(added) == pytest.approx(expected, rel=0.1)

@@ -67,7 +67,7 @@ def _print_comparison(shot: Shot, done: Measurement) -> None:
     for name, unit, rms, sd, within in demo_shot.frame_errors(shot, tracked):
         print(f"{f'{name} ({unit})':<24} {rms:>10.4f} {sd:>10.4f}  {100 * within:.0f} %")
     print(f"\n{'quantity':<32} {'true':>10} {'recovered':>10} {'sd':>8}  error / sd")
-    rows = demo_shot.compare(shot, tracked, done.motion)
+    rows = demo_shot.compare(shot, done.motion)
     for row in rows:
         label = f"{row.name} ({row.unit})"
         print(f"{label:<32} {row.true:>10.3f} {row.measured:>10.3f} {row.sd:>8.3f}  {row.ratio:+.1f}")

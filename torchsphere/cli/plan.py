@@ -13,7 +13,7 @@ from torchsphere.cli.options import add_command, add_out, add_quiet, add_setting
 from torchsphere.planning.plan_request import PLAN_SETTINGS, PlanRequest, Vector
 
 if TYPE_CHECKING:
-    from torchsphere.planning.camera_modes import Look
+    from torchsphere.planning.camera_modes import ExampleSource
     from torchsphere.planning.example_image import Example
     from torchsphere.planning.expected import Setup
     from torchsphere.planning.free_flight import Flight
@@ -111,13 +111,13 @@ def _setup(request: PlanRequest) -> Setup:
     )
 
 
-def _look(request: PlanRequest, setup: Setup) -> Look:
+def _look(request: PlanRequest, setup: Setup) -> ExampleSource:
     """Examples of the ball: the images, or a pattern whose spots grow with the ball."""
     from torchsphere.planning import example_image
 
     if request.image:
         filmed = [
-            example_image.filmed(path, circle, setup.noise or 0.0)
+            example_image.filmed_example(path, circle, setup.noise or 0.0)
             for path, circle in zip(request.image, request.circle, strict=True)
         ]
         return lambda radius_px: filmed
@@ -126,7 +126,7 @@ def _look(request: PlanRequest, setup: Setup) -> Look:
 
     @functools.lru_cache(maxsize=4)
     def look(radius_px: float) -> tuple[Example, ...]:
-        return example_image.painted(radius_px, speckle * radius_px / setup.radius_px, low, high)
+        return example_image.rendered_examples(radius_px, speckle * radius_px / setup.radius_px, low, high)
 
     return look
 
@@ -137,7 +137,7 @@ def _target(request: PlanRequest, setup: Setup) -> Target:
     if request.contact_us is not None:
         return rehearsal.Target(1e-6 * request.contact_us, request.restitution, "given")
     origin = "estimated: elastic, steel on aluminium; what yields or bends takes longer, see --contact-us"
-    return rehearsal.Target(rehearsal.hertz(setup, STEEL_ON_ALUMINIUM_PA), request.restitution, origin)
+    return rehearsal.Target(rehearsal.hertz_contact_s(setup, STEEL_ON_ALUMINIUM_PA), request.restitution, origin)
 
 
 def _from_flight(request: PlanRequest, path: Path, quiet: bool) -> Plan:
@@ -176,7 +176,7 @@ def _tracked(request: PlanRequest, path: Path, circle: Vector | None, quiet: boo
         rate, exposure = request.fps or recording.frame_rate, _shutter_s(request) or recording.exposure_s
         origin = f"recording {path.name}"
         # Before the work of tracking.
-        free_flight.require(origin, rate, request.diameter_mm, request.mass_g)
+        free_flight.require_calibration(origin, rate, request.diameter_mm, request.mass_g)
         with _progress(quiet) as progress:
             # Increments from frame to frame, as in the paper's table; a map would hide their scatter.
             tracked = track(recording, circle, sphere_map=False, progress=progress)

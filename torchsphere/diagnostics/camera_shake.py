@@ -1,8 +1,8 @@
-"""Whether what is behind the ball stands still: where a hit shakes the camera, the ball seems to move as well.
+"""Shake of the camera, measured on the still background: a hit that moves the camera seems to move the ball as well.
 
-Squares of the images outside the ball are compared with those of the first image; their displacements, each by one step
-of Gauss-Newton with gain and offset free, are told by their median, which a target or a hand in a part of the image
-does not change.
+Square subsets of the images outside the ball are compared with those of the first image, each by one Gauss-Newton step
+with gain and offset free. The median of their displacements is the shake: a target or a hand in a part of the image
+does not change the median.
 """
 
 from __future__ import annotations
@@ -17,102 +17,112 @@ from torchsphere.imaging import interpolation
 from torchsphere.recording import Recording
 from torchsphere.tracking.track import Track
 
-#: Side of the squares, px, how many of them at most, and how few tell nothing.
-SIDE, MOST, FEWEST = 32, 32, 6
+# Evidence of all constants: docs/constants.md.
 
-#: Images that are compared with the first, and the distance of the squares from the ball's outline, px.
-IMAGES, CLEARANCE_PX = 12, 6.0
+#: Side of a subset, px; the most subsets that are compared, and the fewest that show a shake.
+SUBSET_PX, MAX_SUBSETS, MIN_SUBSETS = 32, 32, 6
 
-#: Blur of the squares, px, and what it takes from them at each border.
-BLUR_PX, BORDER = 1.0, 4
+#: Most images that are compared with the first one.
+IMAGES = 12
 
-#: Standard deviation of a square's displacement from which its texture is too weak to tell one, px.
-WEAK_PX = 0.05
+#: Least distance of a subset from the ball's outline, px.
+CLEARANCE_PX = 6.0
 
-#: Displacement that is told, px; times the spread of the squares' median, and over the squares' own spread.
-LEAST_PX, SIGNIFICANT, TOGETHER = 0.1, 6.0, 2.0
+#: Blur of the subsets, px, and the border that the blur falsifies, px.
+BLUR_PX, BLUR_BORDER = 1.0, 4
+
+#: Standard deviation of a displacement from which the subset's texture is too weak, px.
+MAX_SD_PX = 0.05
+
+#: Least shake that is reported, px.
+MIN_SHAKE_PX = 0.1
+
+#: Least ratio of the median to its standard deviation, and to the spread of the subsets.
+MIN_OVER_MEDIAN_SD, MIN_OVER_SPREAD = 6.0, 2.0
 
 Array = NDArray[np.float64]
 
 
-class Shaken(NamedTuple):
-    """How far the background has moved, px, and in which of the tracked frames."""
+class CameraShake(NamedTuple):
+    """Displacement of the background, px, and the tracked frame that shows it."""
 
     px: float
     frame: int
 
 
-def shaken(recording: Recording, tracked: Track, start: int) -> Shaken | None:
-    """The largest displacement of the still background against the first tracked image, where there is one.
+def camera_shake(recording: Recording, track: Track, start: int) -> CameraShake | None:
+    """The largest displacement of the background since the first tracked image; None if it stands still.
 
     ``start`` is the number of the first tracked frame in the recording.
     """
-    known = np.flatnonzero(np.isfinite(tracked.position[:, 0]))
+    known = np.flatnonzero(np.isfinite(track.position[:, 0]))
     if len(known) < 2:
         return None
-    first, others = int(known[0]), known[1:]
-    chosen = others[np.unique(np.linspace(0, len(others) - 1, min(IMAGES, len(others))).round().astype(int))]
+    first, compared = int(known[0]), _evenly_spread(known[1:], IMAGES)
 
-    def image(i: int) -> Array:
-        return torch.as_tensor(recording.images(start + i, start + i + 1)[0]).double().numpy()
+    def image(frame: int) -> Array:
+        return torch.as_tensor(recording.images(start + frame, start + frame + 1)[0]).double().numpy()
 
     reference = image(first)
-    corners = _corners(reference.shape, tracked, np.append(first, chosen))
-    if len(corners) < FEWEST:
+    corners = _corners(reference.shape, track, np.append(first, compared))
+    if len(corners) < MIN_SUBSETS:
         return None
-    squares = _Squares(_cut(reference, corners))
-    found = [Shaken(_together(squares.displacements(_cut(image(int(i)), corners))), int(i)) for i in chosen]
-    most = max(found)
-    return most if most.px >= LEAST_PX else None
+    subsets = _cut(reference, corners)
+    shakes = [
+        CameraShake(_common_displacement(_displacements(subsets, _cut(image(int(frame)), corners))), int(frame))
+        for frame in compared
+    ]
+    largest = max(shakes)
+    return largest if largest.px >= MIN_SHAKE_PX else None
 
 
-def _corners(shape: tuple[int, ...], tracked: Track, frames: NDArray[np.int64]) -> NDArray[np.int64]:
-    """First row and column (s, 2) of squares that the ball is in none of the ``frames`` near to, evenly spread."""
-    rows, columns = (np.arange(0, size - SIDE + 1, SIDE) for size in shape)
+def _evenly_spread(items: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """At most ``count`` of the items (n, ...), evenly spread."""
+    return items[np.unique(np.linspace(0, len(items) - 1, min(count, len(items))).round().astype(int))]
+
+
+def _corners(shape: tuple[int, ...], track: Track, frames: NDArray[np.int64]) -> NDArray[np.int64]:
+    """First row and column (s, 2) of subsets that are clear of the ball in all ``frames``, evenly spread."""
+    rows, columns = (np.arange(0, size - SUBSET_PX + 1, SUBSET_PX) for size in shape)
     corners = np.stack(np.meshgrid(rows, columns, indexing="ij"), -1).reshape(-1, 2)
-    # The place of each square nearest to the ball's centre, as (x, y).
-    centres = tracked.position[frames][:, None]
+    # The point of each subset nearest to the ball's centre, as (x, y).
+    centres = track.position[frames][:, None]
     low = corners[None, :, ::-1]
-    away = np.clip(centres, low, low + SIDE - 1) - centres
-    clear = (np.hypot(away[..., 0], away[..., 1]) > tracked.circle.radius + CLEARANCE_PX).all(0)
-    corners = corners[clear]
-    return corners[np.unique(np.linspace(0, len(corners) - 1, min(MOST, len(corners))).round().astype(int))]
+    distance = np.clip(centres, low, low + SUBSET_PX - 1) - centres
+    is_clear = (np.hypot(distance[..., 0], distance[..., 1]) > track.circle.radius + CLEARANCE_PX).all(0)
+    return _evenly_spread(corners[is_clear], MAX_SUBSETS)
 
 
 def _cut(image: Array, corners: NDArray[np.int64]) -> Array:
-    """Blurred squares (s, m, m) of an image, without their borders."""
-    steps = np.arange(SIDE)
-    cut = image[corners[:, :1, None] + steps[:, None], corners[:, 1:, None] + steps]
-    return interpolation.blur(torch.from_numpy(cut), BLUR_PX).numpy()[:, BORDER:-BORDER, BORDER:-BORDER]
+    """Blurred subsets (s, m, m) of an image, without their borders."""
+    offsets = np.arange(SUBSET_PX)
+    cut = image[corners[:, :1, None] + offsets[:, None], corners[:, 1:, None] + offsets]
+    inner = slice(BLUR_BORDER, -BLUR_BORDER)
+    return interpolation.blur(torch.from_numpy(cut), BLUR_PX).numpy()[:, inner, inner]
 
 
-class _Squares:
-    """Squares (s, m, m) of the reference image."""
-
-    def __init__(self, squares: Array) -> None:
-        down, right = np.gradient(squares, axis=(1, 2))
-        parts = np.stack((right, down, squares, np.ones_like(squares)), -1).reshape(len(squares), -1, 4)
-        self._levels, self._slopes = squares.reshape(len(squares), -1), parts
-        normal = parts.swapaxes(1, 2) @ parts
-        size = np.sqrt(np.diagonal(normal, axis1=1, axis2=2)).clip(1e-9)
-        even = normal / size[:, :, None] / size[:, None] + 1e-9 * np.eye(4)
-        self._inverse = np.linalg.inv(even) / size[:, :, None] / size[:, None]
-
-    def displacements(self, squares: Array) -> Array:
-        """Of the squares (s, m, m) of another image against these: (k, 2) as (x, y), px, of those that tell it."""
-        change = squares.reshape(self._levels.shape) - self._levels
-        fitted = self._inverse @ (self._slopes.swapaxes(1, 2) @ change[..., None])
-        rest = change - (self._slopes @ fitted)[..., 0]
-        sd = np.sqrt(np.diagonal(self._inverse, axis1=1, axis2=2)[:, :2] * rest.var(1)[:, None])
-        return np.asarray(-fitted[(sd < WEAK_PX).all(1), :2, 0])
+def _displacements(reference: Array, subsets: Array) -> Array:
+    """Displacements (k, 2) as (x, y), px, of subsets (s, m, m) from the reference's; weak textures are left out."""
+    down, right = np.gradient(reference, axis=(1, 2))
+    parameters = (right, down, reference, np.ones_like(reference))
+    jacobian = np.stack(parameters, -1).reshape(len(reference), -1, 4)
+    normal = jacobian.swapaxes(1, 2) @ jacobian
+    size = np.sqrt(np.diagonal(normal, axis1=1, axis2=2)).clip(1e-9)
+    scaled = normal / size[:, :, None] / size[:, None] + 1e-9 * np.eye(4)
+    inverse = np.linalg.inv(scaled) / size[:, :, None] / size[:, None]
+    change = (subsets - reference).reshape(len(reference), -1)
+    solution = inverse @ (jacobian.swapaxes(1, 2) @ change[..., None])
+    residual = change - (jacobian @ solution)[..., 0]
+    sd = np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)[:, :2] * residual.var(1)[:, None])
+    return np.asarray(-solution[(sd < MAX_SD_PX).all(1), :2, 0])
 
 
-def _together(displacements: Array) -> float:
-    """How far squares (k, 2) have moved together, px; 0 where they have not, or are too few to tell."""
-    if len(displacements) < FEWEST:
+def _common_displacement(displacements: Array) -> float:
+    """Length of the subsets' common displacement, px; 0 if they (k, 2) do not move together or are too few."""
+    if len(displacements) < MIN_SUBSETS:
         return 0.0
-    middle = np.median(displacements, axis=0)
-    spread = 1.4826 * float(np.median(np.hypot(*(displacements - middle).T)))
-    size = float(np.hypot(*middle))
-    significant = size > SIGNIFICANT * spread / np.sqrt(len(displacements))
-    return size if significant and size > TOGETHER * spread else 0.0
+    median = np.median(displacements, axis=0)
+    spread = 1.4826 * float(np.median(np.hypot(*(displacements - median).T)))
+    size = float(np.hypot(*median))
+    is_significant = size > MIN_OVER_MEDIAN_SD * spread / np.sqrt(len(displacements))
+    return size if is_significant and size > MIN_OVER_SPREAD * spread else 0.0

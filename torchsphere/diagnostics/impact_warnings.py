@@ -1,4 +1,4 @@
-"""What speaks against the numbers of an impact although it was found, in sentences that say what to do."""
+"""Warnings on the numbers of an impact that was found, in sentences that say what to do."""
 
 from __future__ import annotations
 
@@ -7,123 +7,136 @@ from numpy.typing import NDArray
 
 from torchsphere.dynamics.impact_estimate import Estimate, Impact
 from torchsphere.dynamics.kinematics import Kinematics
-from torchsphere.dynamics.peak_force import SHORT, frames_of
+from torchsphere.dynamics.peak_force import MIN_RESOLVED_FRAMES, contact_frames
 
-#: Frames of flight before or after a contact below which a contact that the recording cuts off may pass for a shorter
-#: one: of a half-sine of force whose first half was missing, up to 5 frames were taken for flight.
-FEW = 6
+#: Fewest frames of flight on either side that separate flight from contact (docs/constants.md).
+MIN_FLIGHT_FRAMES = 6
 
-#: Standard deviations beyond which a restitution is out of its range, and a force is one.
-BEYOND = 3.0
+#: Standard deviations beyond which a restitution is out of its range, and a force is measured (docs/constants.md).
+SIGNIFICANT_SD = 3.0
 
-#: Share of the contact's largest force that counts as none, and so many frames of it in a row part two impacts.
-NO_FORCE, APART = 0.1, 3
+#: Share of the contact's largest force below which there is no force (docs/constants.md).
+NO_FORCE = 0.1
 
-#: Share of the contact's largest force that a flight does not have, further from the contact than so many frames. Of
-#: nine courses of force of 14 and 40 frames, from a plateau to an exponential decay, none was doubted at noise of 1.5
-#: and 7.5 um (6 shots each); a tail of 5 % came to 4 %.
-OF_FLIGHT, NEAR = 0.05, 2
+#: Frames in a row without a force that part two impacts (docs/constants.md).
+MIN_PAUSE_FRAMES = 3
+
+#: Share of the contact's largest force that is another impact, outside the contact (docs/constants.md).
+OTHER_IMPACT = 0.05
+
+#: Distance beyond which a force is no part of the contact, frames (docs/constants.md).
+CLEARANCE_FRAMES = 2
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
-def doubts(motion: Kinematics, found: Impact) -> tuple[str, ...]:
-    """Sentences on what may be wrong with an impact that was found."""
+def impact_warnings(motion: Kinematics, impact: Impact) -> tuple[str, ...]:
+    """Sentences on an impact whose numbers may be wrong."""
     return (
-        *_little_flight(motion, found),
-        *_out_of_range(found.restitution_normal),
-        *_two_impacts(motion, found),
-        *_short(motion, found),
+        *_flight_warnings(motion, impact),
+        *_restitution_warnings(impact.restitution_normal),
+        *_force_warnings(motion, impact),
+        *_duration_warnings(motion, impact),
     )
 
 
-def _little_flight(motion: Kinematics, found: Impact) -> list[str]:
+def _flight_warnings(motion: Kinematics, impact: Impact) -> list[str]:
     """Whether the recording may start or end within the contact."""
     known = motion.time_s[np.isfinite(motion.velocity_m_s).all(1)]
     sides = (
-        ("before", "starts", int((known <= found.contact_start.value).sum())),
-        ("after", "ends", int((known >= found.contact_end.value).sum())),
+        ("before", "starts", int((known <= impact.contact_start.value).sum())),
+        ("after", "ends", int((known >= impact.contact_end.value).sum())),
     )
     return [
         f"Frames measured {side} the contact: {count}, too few to tell flight from contact. If the recording "
-        f"{does} within the contact, its speeds, duration, restitution, impulse and energies are not the impact's. "
+        f"{verb} within the contact, its speeds, duration, restitution, impulse and energies are not the impact's. "
         "Measure a longer part of the recording, if there is one."
-        for side, does, count in sides
-        if count < FEW
+        for side, verb, count in sides
+        if count < MIN_FLIGHT_FRAMES
     ]
 
 
-def _out_of_range(restitution: Estimate) -> list[str]:
-    """Whether the ball leaves as none leaves a target at rest."""
-    value, margin = float(restitution.value), BEYOND * float(restitution.sd)
+def _restitution_warnings(restitution: Estimate) -> list[str]:
+    """Whether no target at rest gives such a restitution."""
+    value, margin = float(restitution.value), SIGNIFICANT_SD * float(restitution.sd)
     if value < -margin:
         return [
-            f"The normal restitution is {value:.3g}: after the contact the ball still flies the way it came. It went "
-            "through its target or carried it on, or the recording ends within the contact, or shows two impacts; "
+            f"The normal restitution is {value:.3g}: after the contact the ball still flies the way it came. Either it "
+            "went through its target or carried it on, or the recording ends within the contact or shows two impacts; "
             "measure each impact alone with --frames."
         ]
     if value > 1 + margin:
         return [
-            f"The normal restitution is {value:.3g}: the ball leaves faster than it came. The recording starts within "
-            "the contact, or the target moves, or shows two impacts; measure each impact alone with --frames."
+            f"The normal restitution is {value:.3g}: the ball leaves faster than it came. Either the recording starts "
+            "within the contact or shows two impacts, or the target moves; measure each impact alone with --frames."
         ]
     return []
 
 
-def _two_impacts(motion: Kinematics, found: Impact) -> list[str]:
-    """Whether what is stated as one contact is two, or another one lies outside of it."""
-    start, end = float(found.contact_start.value), float(found.contact_end.value)
-    near = NEAR / motion.frame_rate
+def _force_warnings(motion: Kinematics, impact: Impact) -> list[str]:
+    """Whether the contact holds two impacts, or another impact lies outside of it."""
+    start, end = float(impact.contact_start.value), float(impact.contact_end.value)
+    clearance = CLEARANCE_FRAMES / motion.frame_rate
     inside = (motion.time_s > start) & (motion.time_s < end)
-    away = (motion.time_s < start - near) | (motion.time_s > end + near)
-    if not (inside.any() and away.any()):
+    outside = (motion.time_s < start - clearance) | (motion.time_s > end + clearance)
+    if not (inside.any() and outside.any()):
         return []
     # Gravity is no impact.
-    steady = np.nanmedian(motion.acceleration_m_s2[away], axis=0)
+    steady = np.nanmedian(motion.acceleration_m_s2[outside], axis=0)
     size = np.linalg.norm(motion.acceleration_m_s2 - steady, axis=1)
-    margin = np.linalg.norm(motion.sd_acceleration_m_s2, axis=1)
+    sd = np.linalg.norm(motion.sd_acceleration_m_s2, axis=1)
     largest = np.nanmax(size[inside], initial=0.0)
-    none = inside & (size + 2 * margin < NO_FORCE * largest)
-    pause = _longest_run(none & _between(inside & (size > NO_FORCE * largest)))
-    # A contact that the recording cuts off goes on beside the one that was found, without a flight between them.
-    free = away & (size + 2 * margin < NO_FORCE * largest)
-    parted = np.logical_or.accumulate(free & (motion.time_s > end))
-    parted |= np.logical_or.accumulate((free & (motion.time_s < start))[::-1])[::-1]
-    pushed = np.where(away & parted & (size - BEYOND * margin > OF_FLIGHT * largest), size, 0.0)
-    number = np.rint(motion.time_s * motion.frame_rate).astype(int)
-    sentences = []
-    if len(pause) >= APART:
-        middle = number[pause[len(pause) // 2]]
-        sentences.append(
-            f"Within the contact, from frame {number[pause[0]]} to {number[pause[-1]]}, there is next to no force: two "
-            "impacts are stated as one, with the impulse and the energy of both. Measure each alone, with --frames up "
-            f"to {middle} and from {middle}."
-        )
-    if pushed.any():
-        most = int(pushed.argmax())
-        sentences.append(
-            f"In frame {number[most]}, outside the contact, the ball is pushed by {100 * size[most] / largest:.0f} % "
-            "of the contact's largest force: another impact, which is in none of the numbers of this one. Measure "
-            "each alone with --frames."
-        )
-    return sentences
+    is_force_free = size + 2 * sd < NO_FORCE * largest
+    pause = _longest_run(inside & is_force_free & _between(inside & (size > NO_FORCE * largest)))
+    # The force of a contact that the recording cuts off goes on outside: two impacts need a flight between them.
+    flight = outside & is_force_free
+    is_parted = np.logical_or.accumulate(flight & (motion.time_s > end))
+    is_parted |= np.logical_or.accumulate((flight & (motion.time_s < start))[::-1])[::-1]
+    other = np.where(outside & is_parted & (size - SIGNIFICANT_SD * sd > OTHER_IMPACT * largest), size, 0.0)
+    numbers = np.rint(motion.time_s * motion.frame_rate).astype(int)
+    return _pause_warnings(numbers[pause]) + _other_impact_warnings(other, largest, numbers)
 
 
-def _between(chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _pause_warnings(pause: NDArray[np.int64]) -> list[str]:
+    """Whether the force pauses for these frames of the contact."""
+    if len(pause) < MIN_PAUSE_FRAMES:
+        return []
+    middle = pause[len(pause) // 2]
+    return [
+        f"Within the contact, from frame {pause[0]} to {pause[-1]}, there is next to no force: two impacts are stated "
+        f"as one, with the impulse and the energy of both. Measure each alone, with --frames up to {middle} and from "
+        f"{middle}."
+    ]
+
+
+def _other_impact_warnings(size: Array, largest: float, numbers: NDArray[np.int64]) -> list[str]:
+    """Whether accelerations (n,) outside the contact are of another impact; ``largest`` is that in the contact."""
+    if not size.any():
+        return []
+    frame = int(size.argmax())
+    return [
+        f"In frame {numbers[frame]}, outside the contact, the ball is pushed by {100 * size[frame] / largest:.0f} % of "
+        "the contact's largest force: another impact, which is in none of the numbers of this one. Measure each alone "
+        "with --frames."
+    ]
+
+
+def _between(chosen: Mask) -> Mask:
     """True from the first to the last of the ``chosen`` (n,)."""
     return np.logical_or.accumulate(chosen) & np.logical_or.accumulate(chosen[::-1])[::-1]
 
 
-def _longest_run(chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Numbers of the longest run of the ``chosen`` (n,)."""
-    numbers = np.flatnonzero(chosen)
-    return max(np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1), key=len)
+def _longest_run(chosen: Mask) -> NDArray[np.int64]:
+    """Indices of the longest run of the ``chosen`` (n,)."""
+    indices = np.flatnonzero(chosen)
+    return max(np.split(indices, np.flatnonzero(np.diff(indices) > 1) + 1), key=len)
 
 
-def _short(motion: Kinematics, found: Impact) -> list[str]:
-    """Whether there are too few frames within the contact to tell its course."""
-    frames = frames_of(found, motion.time_s)
-    if frames >= SHORT:
+def _duration_warnings(motion: Kinematics, impact: Impact) -> list[str]:
+    """Whether the contact has too few frames to resolve its force."""
+    frames = contact_frames(impact, motion.time_s)
+    if frames >= MIN_RESOLVED_FRAMES:
         return []
     return [
         f"The contact lasts {frames:.1f} frames, too few to see its course: its edges are known to about half a frame, "

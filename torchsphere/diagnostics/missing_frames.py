@@ -1,4 +1,4 @@
-"""Images that are missing between two frames: the ball moves and turns a whole number of times as far as around."""
+"""Images missing between two frames: there the ball moves and turns a whole number of times as far as elsewhere."""
 
 from __future__ import annotations
 
@@ -6,27 +6,28 @@ import numpy as np
 
 from torchsphere.tracking.track import Track
 
-#: Share of the steps around that they, and the step in question over their number, may differ by.
-ALIKE = 0.1
+#: Largest relative difference of steps that count as equal (docs/constants.md).
+MAX_DIFFERENCE = 0.1
 
-#: Standard deviations that the steps around have to measure, so that a whole number is told from any other.
-CLEAR = 20.0
+#: Least length of the neighbouring steps, in standard deviations (docs/constants.md).
+MIN_LENGTH_SD = 20.0
 
 
-def skipped(track: Track) -> tuple[tuple[int, int], ...]:
+def missing_frames(track: Track) -> tuple[tuple[int, int], ...]:
     """Frames before which images seem to be missing, and how many: ((frame, images), ...)."""
     to_px = np.array([1.0, 1.0, *3 * [track.circle.radius]])
-    step = track.increment * to_px
+    steps = track.increment * to_px
     sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2)) * to_px
-    found = []
-    for i in range(1, len(step) - 1):
-        before, here, after = step[i - 1], step[i], step[i + 1]
-        usual = 0.5 * (before + after)
-        length = float(np.linalg.norm(usual))
-        # Comparisons with NaN are false: a step that was not measured tells nothing.
-        if not (length > CLEAR * np.linalg.norm(sd[i])) or not (np.linalg.norm(after - before) < ALIKE * length):
+    gaps = []
+    for i in range(1, len(steps) - 1):
+        before, step, after = steps[i - 1 : i + 2]
+        expected = 0.5 * (before + after)
+        length = float(np.linalg.norm(expected))
+        # Steps that were not measured are NaN, and comparisons with NaN are false.
+        is_measurable = length > MIN_LENGTH_SD * np.linalg.norm(sd[i])
+        if not (is_measurable and np.linalg.norm(after - before) < MAX_DIFFERENCE * length):
             continue
-        times = round(float(here @ usual) / length**2)
-        if times >= 2 and np.linalg.norm(here / times - usual) < ALIKE * length:
-            found.append((i + 1, times - 1))
-    return tuple(found)
+        ratio = round(float(step @ expected) / length**2)
+        if ratio >= 2 and np.linalg.norm(step / ratio - expected) < MAX_DIFFERENCE * length:
+            gaps.append((i + 1, ratio - 1))
+    return tuple(gaps)

@@ -1,4 +1,4 @@
-"""Mass, radius and moment of inertia of the ball: what forces, energies and the slip of an impact need."""
+"""Mass, radius and moment of inertia of the ball: they give forces, energies and the slip at the point of contact."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from torchsphere.settings.limits import positive
 
 @dataclass(frozen=True)
 class Ball:
-    """Mass (kg), radius (m) and moment of inertia (kg m^2) of a ball, and what it is in words."""
+    """Mass (kg), radius (m) and moment of inertia (kg m^2) of a ball, and its kind in words."""
 
     mass_kg: float
     radius_m: float
@@ -24,7 +24,7 @@ def ball(
     shell_m: float | None = None,
     inertia_kg_m2: float | None = None,
 ) -> Ball:
-    """A solid ball, a hollow one with a shell of thickness ``shell_m``, or one of given inertia.
+    """A solid ball, a hollow ball with a shell of thickness ``shell_m``, or a ball of given inertia.
 
     Raises
     ------
@@ -35,14 +35,13 @@ def ball(
     -----
     ``2/5 m R^2``, and ``2/5 m (R^5 - r^5) / (R^3 - r^3)`` for a shell between the radii r and R.
     """
-    given = {"mass_kg": mass_kg, "diameter_m": diameter_m, "shell_m": shell_m, "inertia_kg_m2": inertia_kg_m2}
-    for name, value in given.items():
-        if value is not None or name in ("mass_kg", "diameter_m"):
+    positive("mass_kg", mass_kg)
+    positive("diameter_m", diameter_m)
+    for name, value in (("shell_m", shell_m), ("inertia_kg_m2", inertia_kg_m2)):
+        if value is not None:
             positive(name, value)
     if shell_m is not None and inertia_kg_m2 is not None:
-        raise ValueError(
-            "ball: shell_m and inertia_kg_m2 were both given; the inertia needs one of them, leave one out"
-        )
+        raise ValueError("ball: shell_m and inertia_kg_m2 were both given; give one of them")
     radius = diameter_m / 2
     if inertia_kg_m2 is not None:
         return Ball(mass_kg, radius, inertia_kg_m2, "of given inertia")

@@ -1,4 +1,4 @@
-"""What is stated of an impact: numbers and vectors, each with its standard deviation and unit."""
+"""Quantities of an impact: numbers and vectors, each with its standard deviation and unit."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class Estimate:
     unit: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Impact:
-    """What happened; None where it does not follow from what is known, for which ``missing`` has the sentences.
+    """The impact of a recording; a quantity that the data do not give is None, and ``missing`` says why.
 
     Attributes
     ----------
@@ -33,14 +33,14 @@ class Impact:
     direction_before, direction_after : Estimate
         Angle from the x axis towards the y axis of the results' frame.
     normal_direction : Estimate
-        The same of the target's normal, from the target to the ball: as given, or that of the change of velocity.
+        Likewise the target's normal, from the target to the ball: as given, or that of the change of velocity.
     angle_of_impact, angle_of_exit : Estimate
         Between path and target's surface: 90 deg is frontal.
     restitution_normal : Estimate
         Normal speed after over before.
     restitution_tangential : Estimate or None
-        Minus the tangential velocity of the point of contact after over before, spin included: -1 where it slides
-        without friction, 0 where it rolls off.
+        Minus the tangential velocity of the point of contact after over before, spin included: -1 for sliding without
+        friction, 0 for rolling.
     tangential_velocity_ratio : Estimate or None
         Tangential velocity of the centre after over before.
     spin_before, spin_after : Estimate
@@ -52,7 +52,7 @@ class Impact:
         Of the translation.
     spin_energy_before, spin_energy_after : Estimate or None
     energy_given : Estimate or None
-        To the target, and lost: the difference of both energies together.
+        Energy given to the target and lost: the difference of translation and spin together.
     ball : Ball or None
     missing : tuple of str
     """
@@ -70,27 +70,27 @@ class Impact:
     angle_of_impact: Estimate
     angle_of_exit: Estimate
     restitution_normal: Estimate
-    restitution_tangential: Estimate | None
-    tangential_velocity_ratio: Estimate | None
+    restitution_tangential: Estimate | None = None
+    tangential_velocity_ratio: Estimate | None = None
     spin_before: Estimate
     spin_after: Estimate
     spin_rate_before: Estimate
     spin_rate_after: Estimate
-    peak_force: Estimate | None
-    peak_time: Estimate | None
-    impulse: Estimate | None
-    impulse_size: Estimate | None
-    mean_force: Estimate | None
-    energy_before: Estimate | None
-    energy_after: Estimate | None
-    spin_energy_before: Estimate | None
-    spin_energy_after: Estimate | None
-    energy_given: Estimate | None
-    ball: Ball | None
-    missing: tuple[str, ...]
+    peak_force: Estimate | None = None
+    peak_time: Estimate | None = None
+    impulse: Estimate | None = None
+    impulse_size: Estimate | None = None
+    mean_force: Estimate | None = None
+    energy_before: Estimate | None = None
+    energy_after: Estimate | None = None
+    spin_energy_before: Estimate | None = None
+    spin_energy_after: Estimate | None = None
+    energy_given: Estimate | None = None
+    ball: Ball | None = None
+    missing: tuple[str, ...] = ()
 
     def summary(self) -> dict[str, Any]:
-        """Name -> value, sd, unit, for a table; a name that carries newtons is absent where there is no mass."""
+        """Name -> value, sd, unit, for a table; quantities that are None are left out."""
         result: dict[str, Any] = {}
         for field in fields(self):
             item = getattr(self, field.name)

@@ -1,7 +1,4 @@
-"""The largest force of an impact and when it acts, between the frames.
-
-A contact of too few frames: its edges are known to about half a frame, its force is not known.
-"""
+"""Largest force of an impact and its time, between the frames; neither is stated for a contact of too few frames."""
 
 from __future__ import annotations
 
@@ -12,86 +9,81 @@ from numpy.typing import NDArray
 
 from torchsphere.dynamics.impact_estimate import Estimate, Impact
 from torchsphere.dynamics.kinematics import Draws, Kinematics
-from torchsphere.dynamics.rebound import length
+from torchsphere.dynamics.rebound import norm
+
+#: Least duration of a contact whose force is resolved, frames (docs/constants.md).
+MIN_RESOLVED_FRAMES = 2.5
+
+#: Standard deviation of an edge of a shorter contact, frames (docs/constants.md).
+SHORT_CONTACT_SD = 0.5
 
 Array = NDArray[np.float64]
 
 
-def peak(motion: Kinematics, draws: Draws, mass: float) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+def peak_force(motion: Kinematics, draws: Draws, mass: float) -> tuple[Estimate, Estimate]:
     """Largest force and its time, between the frames by a parabola through three of them.
 
-    A largest value moves with its frame's error alone, to first order; the largest of each drawn motion would also be
-    larger, by what noise adds to any largest value.
+    To first order the largest force has the error of its frame alone. The largest force of each drawn motion would
+    also be larger, because noise raises every maximum.
     """
     assert motion.contact_s is not None
     start, end = motion.contact_s
     time_s, acceleration = motion.time_s[draws.span], motion.acceleration_m_s2[draws.span]
-    size = mass * np.where(np.isfinite(acceleration).all(1), length(acceleration), -np.inf)
+    force = mass * np.where(np.isfinite(acceleration).all(1), norm(acceleration), -np.inf)
     outside = (time_s < start) | (time_s > end)
-    inside = size if outside.all() else np.where(outside, -np.inf, size)
-    at = int(inside.argmax())
-    direction = acceleration[at] / length(acceleration[at])
+    frame = int((force if outside.all() else np.where(outside, -np.inf, force)).argmax())
+    direction = acceleration[frame] / norm(acceleration[frame])
     drawn = mass * draws.acceleration_m_s2 @ direction
-    value, moment = float(size[at]), float(time_s[at])
-    if 0 < at < len(size) - 1 and np.isfinite(size[[at - 1, at + 1]]).all():
-        near = slice(at - 1, at + 2)
-        own, top = _vertex(time_s[near], size[near])
-        value, moment = max(value, float(top)), float(own)
-    # Between the frames as well: all motions may have their largest value in the same one.
-    places = np.where(outside, -np.inf, drawn).argmax(1).clip(1, len(size) - 2)
-    around = places[:, None] + np.arange(-1, 2)
-    moments, _ = _vertex(time_s[around], np.take_along_axis(drawn, around, 1))
-    spread, sd_moment = float(np.std(drawn[:, at])), float(np.nanstd(moments))
+    peak, peak_time = float(force[frame]), float(time_s[frame])
+    if 0 < frame < len(force) - 1 and np.isfinite(force[[frame - 1, frame + 1]]).all():
+        three = slice(frame - 1, frame + 2)
+        vertex_time, vertex = _vertex(time_s[three], force[three])
+        peak, peak_time = max(peak, float(vertex)), float(vertex_time)
+    # Between the frames as well, since all drawn motions may have their largest force in the same frame.
+    drawn_frames = np.where(outside, -np.inf, drawn).argmax(1).clip(1, len(force) - 2)
+    threes = drawn_frames[:, None] + np.arange(-1, 2)
+    drawn_times, _ = _vertex(time_s[threes], np.take_along_axis(drawn, threes, 1))
+    sd, sd_time = float(np.std(drawn[:, frame])), float(np.nanstd(drawn_times))
     return (
-        (np.asarray(value), np.asarray(spread)),
-        (np.asarray(moment), np.asarray(sd_moment)),
+        Estimate(np.asarray(peak), np.asarray(sd), "N"),
+        Estimate(np.asarray(peak_time), np.asarray(sd_time), "s"),
     )
 
 
 def _vertex(time: Array, value: Array) -> tuple[Array, Array]:
-    """Time and value at the top of parabolas through three points (..., 3): the highest point where there is no top."""
+    """Time and value of the vertex of parabolas through three points (..., 3), or of the highest point if outside."""
     slopes = np.diff(value) / np.diff(time)
-    bend = (slopes[..., 1] - slopes[..., 0]) / (time[..., 2] - time[..., 0])
+    curvature = (slopes[..., 1] - slopes[..., 0]) / (time[..., 2] - time[..., 0])
     highest = value.argmax(-1)[..., None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        top = 0.5 * (time[..., 0] + time[..., 1]) - 0.5 * slopes[..., 0] / bend
-    is_top = (bend < 0) & (top > time[..., 0]) & (top < time[..., 2])
-    moment = np.where(is_top, top, np.take_along_axis(time, highest, -1)[..., 0])
-    off = moment - time[..., 0]
-    return moment, value[..., 0] + slopes[..., 0] * off + bend * off * (moment - time[..., 1])
+        vertex = 0.5 * (time[..., 0] + time[..., 1]) - 0.5 * slopes[..., 0] / curvature
+    is_inside = (curvature < 0) & (vertex > time[..., 0]) & (vertex < time[..., 2])
+    found = np.where(is_inside, vertex, np.take_along_axis(time, highest, -1)[..., 0])
+    passed = found - time[..., 0]
+    return found, value[..., 0] + slopes[..., 0] * passed + curvature * passed * (found - time[..., 1])
 
 
-#: Frames that a contact has to last for its course to be seen. Of half-sines of force of 2.5 frames and more, peak and
-#: duration were right to 1.5 standard deviations rms; of 2 frames the peak was 9 % too low and scattered by 6 %, where
-#: 3 % were stated, of one frame 27 and 23 % (10 shots each, noise of 1.5 um).
-SHORT = 2.5
-
-#: Standard deviation of an edge of such a contact, frames: durations of half-sines of 0.5 to 2 frames were off by 0.3
-#: to 0.9 rms, of which either edge has its share.
-EDGE = 0.5
-
-
-def frames_of(found: Impact, time_s: Array) -> float:
+def contact_frames(impact: Impact, time_s: Array) -> float:
     """Frames that the contact lasts."""
-    return float(found.duration.value) / float(np.diff(time_s).min())
+    return float(impact.duration.value) / float(np.diff(time_s).min())
 
 
-def as_far_as_seen(found: Impact, time_s: Array) -> Impact:
-    """The impact, without the force of a contact that is too short to show it; ``time_s`` (n,) are the frames' times.
+def without_unresolved_force(impact: Impact, time_s: Array) -> Impact:
+    """The impact without its force if the contact is too short to resolve it; ``time_s`` (n,) are the frames' times.
 
-    Impulse, speeds and spin follow from the flights before and after.
+    Impulse, speeds and spin stay: they follow from the flights before and after.
     """
-    if frames_of(found, time_s) >= SHORT:
-        return found
-    edge = EDGE * float(np.diff(time_s).min())
+    if contact_frames(impact, time_s) >= MIN_RESOLVED_FRAMES:
+        return impact
+    sd_edge = SHORT_CONTACT_SD * float(np.diff(time_s).min())
     return replace(
-        found,
-        contact_start=_widened(found.contact_start, edge),
-        contact_end=_widened(found.contact_end, edge),
-        duration=_widened(found.duration, edge * np.sqrt(2)),
-        peak_force=_unknown(found.peak_force),
-        mean_force=_unknown(found.mean_force),
-        peak_time=found.peak_time and _widened(found.peak_time, edge),
+        impact,
+        contact_start=_widened(impact.contact_start, sd_edge),
+        contact_end=_widened(impact.contact_end, sd_edge),
+        duration=_widened(impact.duration, sd_edge * np.sqrt(2)),
+        peak_force=_unknown(impact.peak_force),
+        mean_force=_unknown(impact.mean_force),
+        peak_time=impact.peak_time and _widened(impact.peak_time, sd_edge),
     )
 
 

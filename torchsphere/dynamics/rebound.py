@@ -1,4 +1,4 @@
-"""Motion before and after an impact, of one motion or of many drawn ones, and what its vectors say of the target."""
+"""Motion before and after an impact, of the smoothed motion or of many drawn ones, and its vectors."""
 
 from __future__ import annotations
 
@@ -9,36 +9,41 @@ from numpy.typing import NDArray
 
 from torchsphere.dynamics.kinematics import Draws, Kinematics
 
-#: Standard deviations by which the velocity has to change, in one component at least.
-CHANGED = 2.0
+#: Least change of the velocity in one component that is an impact, in standard deviations (docs/constants.md).
+MIN_CHANGE_SD = 2.0
 
-#: Standard deviations from which on an acceleration is none of noise.
-ACCELERATED = 5.0
+#: Least acceleration that noise does not explain, in standard deviations (docs/constants.md).
+MIN_ACCELERATION_SD = 5.0
 
-#: Standard deviations of an edge of the contact beyond which a frame counts as one of the flight.
-CLEAR = 2.0
+#: Least distance of a frame of flight from the contact, in standard deviations of its edge (docs/constants.md).
+EDGE_MARGIN_SD = 2.0
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class State:
-    """Motion before and after, and edges, of one motion (...) or of many drawn ones (s, ...)."""
+class Rebound:
+    """Motion before and after the contact, of one motion (...) or of many drawn ones (s, ...), in SI units."""
 
-    before: Array  # (..., 2)
-    after: Array
+    velocity_before: Array  # (..., 2)
+    velocity_after: Array
     spin_before: Array  # (..., 3)
     spin_after: Array
-    edges: Array
-    normal: Array  # (..., 2), unit vectors
+    contact_s: Array  # (..., 2), start and end
+    normal: Array  # (..., 2), unit vectors from target to ball
+
+    @property
+    def duration_s(self) -> Array:
+        """Duration of the contact (...)."""
+        return np.asarray(self.contact_s[..., 1] - self.contact_s[..., 0])
 
 
-def flights(motion: Kinematics, contact_s: Array, sd_contact_s: Array, span: slice) -> list[int] | str:
-    """The last frame before the contact and the first one after it; a sentence where there is none.
+def flight_frames(motion: Kinematics, contact_s: Array, sd_contact_s: Array, span: slice) -> list[int] | str:
+    """The last frame before the contact and the first one after it, or a sentence on the flight that is missing.
 
-    ``contact_s`` are its start and end with their standard deviations, and ``span`` the frames that were drawn.
+    ``contact_s`` are start and end (2,) with their standard deviations, and ``span`` the frames that were drawn.
     """
-    margin = CLEAR * sd_contact_s
+    margin = EDGE_MARGIN_SD * sd_contact_s
     known = np.zeros(len(motion.time_s), dtype=bool)
     known[span] = np.isfinite(motion.velocity_m_s[span]).all(1)
     earlier = np.flatnonzero(known & (motion.time_s <= contact_s[0] - margin[0]))
@@ -51,43 +56,42 @@ def flights(motion: Kinematics, contact_s: Array, sd_contact_s: Array, span: sli
 
 
 def is_accelerated(motion: Kinematics) -> bool:
-    """Whether an acceleration was measured in some frame, beyond what noise makes of many."""
-    return bool((np.abs(motion.acceleration_m_s2) > ACCELERATED * motion.sd_acceleration_m_s2).any())
+    """Whether some frame has an acceleration that noise does not explain."""
+    return bool((np.abs(motion.acceleration_m_s2) > MIN_ACCELERATION_SD * motion.sd_acceleration_m_s2).any())
 
 
-def is_changed(draws: Draws, edges: list[int]) -> bool:
-    """Whether the velocity after the contact differs from that before by more than their uncertainty."""
-    before, after = (draws.velocity_m_s[:, edge - draws.span.start] for edge in edges)
+def is_velocity_changed(draws: Draws, frames: list[int]) -> bool:
+    """Whether the velocities in two frames, before and after, differ by more than their uncertainty."""
+    before, after = (draws.velocity_m_s[:, frame - draws.span.start] for frame in frames)
     change = after - before
-    return bool((np.abs(change.mean(0)) > CHANGED * change.std(0)).any())
+    return bool((np.abs(change.mean(0)) > MIN_CHANGE_SD * change.std(0)).any())
 
 
-def state(velocity: Array, spin: Array, edges: Array, normal_deg: float | None) -> State:
-    """From velocities (..., 2, 2) and spins (..., 2, 3) before and after."""
+def rebound(velocity: Array, spin: Array, contact_s: Array, normal_deg: float | None) -> Rebound:
+    """From velocities (..., 2, 2) and spins (..., 2, 3) before and after; by default the change gives the normal."""
     before, after = velocity[..., 0, :], velocity[..., 1, :]
     if normal_deg is None:
         change = after - before
-        normal = change / length(change)[..., None]
+        normal = change / norm(change)[..., None]
     else:
         angle = np.radians(normal_deg)
         normal = np.broadcast_to(np.array([np.cos(angle), np.sin(angle)]), before.shape)
-    return State(before, after, spin[..., 0, :], spin[..., 1, :], edges, normal)
+    return Rebound(before, after, spin[..., 0, :], spin[..., 1, :], contact_s, normal)
 
 
-def slip(state: State, radius: float, *, after: bool) -> Array:
-    """Tangential velocity of the point of contact, which lies at ``-radius`` times the normal."""
-    velocity, spin = (state.after, state.spin_after) if after else (state.before, state.spin_before)
-    return dot(velocity, along(state.normal)) - radius * spin[..., 2]
+def slip(velocity: Array, spin: Array, normal: Array, radius: float) -> Array:
+    """Tangential velocity (...) of the point of contact, which lies at ``-radius`` times the normal."""
+    return tangential(velocity, normal) - radius * spin[..., 2]
 
 
-def along(normal: Array) -> Array:
-    """Unit vector along the surface: z x n, in either right-handed frame."""
-    return np.stack((-normal[..., 1], normal[..., 0]), -1)
+def tangential(velocity: Array, normal: Array) -> Array:
+    """Velocity (...) along the surface, in the direction z x n in either right-handed frame."""
+    return dot(velocity, np.stack((-normal[..., 1], normal[..., 0]), -1))
 
 
-def to_surface(velocity: Array, normal: Array) -> Array:
+def surface_angle(velocity: Array, normal: Array) -> Array:
     """Angle between a velocity away from the surface and the surface, deg."""
-    return np.degrees(np.arcsin(np.clip(dot(velocity, normal) / length(velocity), -1, 1)))
+    return np.degrees(np.arcsin(np.clip(dot(velocity, normal) / norm(velocity), -1, 1)))
 
 
 def dot(a: Array, b: Array) -> Array:
@@ -95,11 +99,11 @@ def dot(a: Array, b: Array) -> Array:
     return np.asarray((a * b).sum(-1))
 
 
-def length(values: Array) -> Array:
+def norm(vectors: Array) -> Array:
     """Lengths (...) of vectors (..., k)."""
-    return np.asarray(np.linalg.norm(values, axis=-1))
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
-def angle(values: Array) -> Array:
+def direction(vectors: Array) -> Array:
     """Directions (...) of vectors (..., 2), from x towards y, deg."""
-    return np.asarray(np.degrees(np.arctan2(values[..., 1], values[..., 0])))
+    return np.asarray(np.degrees(np.arctan2(vectors[..., 1], vectors[..., 0])))

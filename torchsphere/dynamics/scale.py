@@ -1,16 +1,14 @@
-"""From px to m: the scale of the image and its uncertainty, and the frame of physical results."""
+"""Scale of the image in m per px with its uncertainty, and the frame of physical results."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from torchsphere.geometry.circle import Circle
-from torchsphere.settings.limits import positive
+from torchsphere.geometry.circle import Circle
+from torchsphere.settings.limits import number, positive
 
 #: From the camera frame (y down, z away from the camera) to the lab frame (y up, z towards the camera).
 LAB_AXES = np.diag([1.0, -1.0, -1.0])
@@ -23,9 +21,9 @@ class Scale:
     Attributes
     ----------
     m_per_px, sd_m_per_px : float
-        Size and its standard deviation, m; the latter is 0 where the scale was given as exact.
+        Size and its standard deviation, m; the standard deviation is 0 if the scale was given as exact.
     origin : str
-        Where it comes from, in words.
+        Source of the scale, in words.
     """
 
     m_per_px: float
@@ -33,21 +31,32 @@ class Scale:
     origin: str
 
 
-def scale(circle: Circle, *, diameter_m: float | None = None, m_per_px: float | None = None) -> Scale:
+def scale(
+    circle: Circle, *, diameter_m: float | None = None, m_per_px: float | None = None, relative_sd: float = 0.0
+) -> Scale:
     """Scale from the ball's diameter and its outline, or as given.
+
+    ``relative_sd`` is the relative standard deviation of the given diameter or pixel size.
 
     Raises
     ------
     ValueError
-        Unless exactly one of both is given, finite and positive.
+        Unless exactly one of diameter and pixel size is given, finite and positive, and ``relative_sd`` is in [0, 1).
     """
+    relative = number(relative_sd)
+    if not 0 <= relative < 1:
+        raise ValueError(f"relative_sd_scale = {relative_sd!r}: expected a share from 0 to below 1")
     if (diameter_m is None) == (m_per_px is None):
-        raise ValueError("scale: give either the ball's diameter or the size of a pixel, not both and not neither")
+        raise ValueError("scale: give either the ball's diameter or the size of a pixel")
     name, given = ("diameter_m", diameter_m) if m_per_px is None else ("m_per_px", m_per_px)
-    value = positive(name, given, "a finite, positive length in m")
+    length = positive(name, given, "a finite, positive length in m")
     if m_per_px is not None:
-        return Scale(value, 0.0, "given, taken as exact")
-    size = value / (2 * circle.radius)
-    # A circle that was given has no stated uncertainty; what it adds is then unknown and the summary says so.
-    sd = 0.0 if math.isnan(circle.sd_radius) else size * circle.sd_radius / circle.radius
-    return Scale(size, sd, f"ball of {1e3 * value:g} mm over an outline of radius {circle.radius:.3f} px")
+        size, sd, origin = length, 0.0, "given" if relative else "given, taken as exact"
+    else:
+        size = length / (2 * circle.radius)
+        # A given circle has no stated uncertainty: its share is unknown, and the summary says so.
+        sd = 0.0 if math.isnan(circle.sd_radius) else size * circle.sd_radius / circle.radius
+        origin = f"ball of {1e3 * length:g} mm over an outline of radius {circle.radius:.3f} px"
+    if relative:
+        sd, origin = math.hypot(sd, size * relative), f"{origin}, itself known to {100 * relative:.2g} %"
+    return Scale(size, sd, origin)

@@ -1,7 +1,7 @@
-"""From px and frames to SI units, with uncertainty: the only place where px become m.
+"""Conversion of px and frames to SI units, with uncertainty: the only place at which px become m.
 
-What all frames share is not in the bands of the motion's rates and is added here: scale, radius, and what steps are
-steadily off by.
+Errors that all frames share (scale, circle, steady errors of the steps) are not part of the rates' standard deviations
+and are added here.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.dynamics import scale as camera
-from torchsphere.dynamics.shared_errors import Shared
+from torchsphere.dynamics.scale import LAB_AXES, Scale
+from torchsphere.dynamics.shared_errors import SharedErrors
 from torchsphere.estimation.rates import Drawn, Motion
 from torchsphere.tracking.track import Track
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Draws:
-    """Motions (s of them) around a contact, as likely as data and calibration leave them, as `Kinematics` has them.
+    """Motions (s of them) around a contact, drawn within the errors of data and calibration.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class Draws:
     contact_s : ndarray
         Start and end of the contact (s, 2).
     span : slice
-        Which m of the n frames these are.
+        The m of the n frames that they cover.
     """
 
     velocity_m_s: Array
@@ -45,10 +45,10 @@ class Draws:
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Motion of the ball in SI units, at the times of the frames; NaN where it was not measured.
+    """Motion of the ball in SI units, at the times of the frames; NaN in frames that were not measured.
 
-    The smoother bridges gaps, with an uncertainty that grows into them. Local polynomials do not, and differences have
-    no value in the first and the last frame. Every ``sd_`` array is the standard deviation of its namesake.
+    The smoother bridges gaps, with an uncertainty that grows inside them. Local polynomials do not, and differences
+    have no value in the first and the last frame. Every ``sd_`` array is the standard deviation of the array it names.
 
     Attributes
     ----------
@@ -60,19 +60,19 @@ class Kinematics:
         (n, 2), mass times acceleration; None without a mass.
     spin_rad_s, angular_acceleration_rad_s2 : ndarray
         (n, 3).
-    scale : camera.Scale
+    scale : Scale
     frame_rate : float
         Frames per second.
     lab_frame : bool
         False: camera frame (y down, z away from the camera). True: lab frame (y up, z towards the camera).
     mass_kg : float or None
     contact_s : ndarray or None
-        Start and end (2,) of the contact; None where none was found or sought.
+        Start and end (2,) of the contact; None if no contact was found or sought.
     sd_contact_s : ndarray or None
     draws : Draws or None
-        None where no contact was found or sought.
+        None if no contact was found or sought.
     about : dict
-        Method, parameters, effective bandwidth: for the summary.
+        Method, parameters and effective bandwidth, for the summary.
     """
 
     time_s: Array
@@ -88,7 +88,7 @@ class Kinematics:
     sd_force_N: Array | None  # noqa: N815
     sd_spin_rad_s: Array
     sd_angular_acceleration_rad_s2: Array
-    scale: camera.Scale
+    scale: Scale
     frame_rate: float
     lab_frame: bool
     mass_kg: float | None
@@ -98,29 +98,43 @@ class Kinematics:
     about: dict[str, Any]
 
 
-def in_si(
-    track: Track,
-    motion: Motion,
-    time_s: Array,
-    scale: camera.Scale,
-    frame_rate: float,
-    mass_kg: float | None,
-    lab_frame: bool,
-) -> Kinematics:
+@dataclass(frozen=True)
+class Units:
+    """Conversion from px, rad and frames to SI units and the axes of the results."""
+
+    scale: Scale
+    frame_rate: float
+    lab_frame: bool
+
+    @property
+    def axes(self) -> Array:
+        """Signs (3,) of the results' axes in the camera frame."""
+        return np.diag(LAB_AXES) if self.lab_frame else np.ones(3)
+
+    def rates(self, values: Array, order: int = 1) -> tuple[Array, Array]:
+        """Derivatives (..., 5) of an order -> (..., 2) and (..., 3)."""
+        per_time = values * self.frame_rate**order
+        return per_time[..., :2] * self.scale.m_per_px * self.axes[:2], per_time[..., 2:] * self.axes
+
+    def sd_rates(self, sd: Array, order: int = 1) -> tuple[Array, Array]:
+        """Standard deviations (..., 5) of the derivatives of an order -> (..., 2) and (..., 3)."""
+        translation, rotation = self.rates(sd, order)
+        return np.abs(translation), np.abs(rotation)
+
+
+def in_si_units(track: Track, motion: Motion, time_s: Array, units: Units, mass_kg: float | None) -> Kinematics:
     """Motion in SI units with all of its uncertainty."""
-    shared = Shared.of(track, scale)
-    to_si = Units.of(scale, frame_rate, lab_frame=lab_frame)
-    velocity, spin = to_si.rates(motion.rate)
-    acceleration, angular = to_si.rates(motion.acceleration, 2)
-    sd_velocity, sd_spin = map(np.abs, to_si.rates(shared.sd(motion.rate, np.hypot(motion.sd_rate, shared.steady))))
-    contact = None if motion.interval is None else motion.interval[0]
-    changing = shared.steady_change(time_s * frame_rate, contact, motion.rate)
-    own_acceleration = shared.sd(motion.acceleration, np.hypot(motion.sd_acceleration, changing), motion.rate[:, 4])
-    sd_acceleration, sd_angular = map(np.abs, to_si.rates(own_acceleration, 2))
-    position = (_filled(track.position) + motion.offset) * scale.m_per_px * to_si.axes[:2]
+    shared, m_per_px = SharedErrors.of(track, units.scale), units.scale.m_per_px
+    velocity, spin = units.rates(motion.rate)
+    acceleration, angular = units.rates(motion.acceleration, 2)
+    sd_velocity, sd_spin = units.sd_rates(shared.total_sd(motion.rate, np.hypot(motion.sd_rate, shared.steady)))
+    contact, sd_contact = (None, None) if motion.interval is None else motion.interval
+    change = shared.steady_change(time_s * units.frame_rate, contact, motion.rate)
+    total_sd = shared.total_sd(motion.acceleration, np.hypot(motion.sd_acceleration, change), motion.rate[:, 4])
+    sd_acceleration, sd_angular = units.sd_rates(total_sd, 2)
+    position = (_interpolated(track.position) + motion.offset) * m_per_px * units.axes[:2]
     sd_circle = np.nan_to_num([track.circle.sd_x, track.circle.sd_y])
-    sd_position = np.hypot(np.hypot(motion.sd_offset, sd_circle) * scale.m_per_px, position * shared.scale)
-    interval = None if motion.interval is None else [edges / frame_rate for edges in motion.interval]
+    sd_position = np.hypot(np.hypot(motion.sd_offset, sd_circle) * m_per_px, position * shared.scale)
     return Kinematics(
         time_s=time_s,
         position_m=position,
@@ -135,46 +149,27 @@ def in_si(
         sd_force_N=None if mass_kg is None else mass_kg * sd_acceleration,
         sd_spin_rad_s=sd_spin,
         sd_angular_acceleration_rad_s2=sd_angular,
-        scale=scale,
-        frame_rate=frame_rate,
-        lab_frame=lab_frame,
+        scale=units.scale,
+        frame_rate=units.frame_rate,
+        lab_frame=units.lab_frame,
         mass_kg=mass_kg,
-        contact_s=None if interval is None else interval[0],
-        sd_contact_s=None if interval is None else interval[1],
-        draws=None if motion.drawn is None else _draws(motion.drawn, time_s, shared, to_si),
-        about=_per_second(motion.about, frame_rate),
+        contact_s=None if contact is None else contact / units.frame_rate,
+        sd_contact_s=None if sd_contact is None else sd_contact / units.frame_rate,
+        draws=None if motion.drawn is None else _draws(motion.drawn, time_s, shared, units),
+        about=_per_second(motion.about, units.frame_rate),
     )
 
 
-@dataclass(frozen=True)
-class Units:
-    """From px, rad and frames to SI units and the axes of the results."""
-
-    m_per_px: float
-    frame_rate: float
-    axes: Array  # (3,), signs
-
-    @staticmethod
-    def of(scale: camera.Scale, frame_rate: float, *, lab_frame: bool) -> Units:
-        """Those of results in the lab frame or the camera's."""
-        return Units(scale.m_per_px, frame_rate, np.diag(camera.LAB_AXES) if lab_frame else np.ones(3))
-
-    def rates(self, values: Array, order: int = 1) -> tuple[Array, Array]:
-        """Derivatives (..., 5) of an order -> (..., 2) and (..., 3)."""
-        per_time = values * self.frame_rate**order
-        return per_time[..., :2] * self.m_per_px * self.axes[:2], per_time[..., 2:] * self.axes
-
-
-def _draws(drawn: Drawn, time_s: Array, shared: Shared, to_si: Units) -> Draws:
-    """Motions as likely as data and calibration leave them."""
-    frames = time_s[drawn.span] * to_si.frame_rate
+def _draws(drawn: Drawn, time_s: Array, shared: SharedErrors, units: Units) -> Draws:
+    """Drawn motions in SI units, each with shared errors of its own."""
+    frames = time_s[drawn.span] * units.frame_rate
     rate, acceleration = shared.draw(drawn.rate, drawn.acceleration, frames, drawn.interval)
-    velocity, spin = to_si.rates(rate)
-    return Draws(velocity, to_si.rates(acceleration, 2)[0], spin, drawn.interval / to_si.frame_rate, drawn.span)
+    velocity, spin = units.rates(rate)
+    return Draws(velocity, units.rates(acceleration, 2)[0], spin, drawn.interval / units.frame_rate, drawn.span)
 
 
-def _filled(position: Array) -> Array:
-    """Positions (n, 2), on a straight line where they are not known between others."""
+def _interpolated(position: Array) -> Array:
+    """Positions (n, 2), on straight lines across gaps."""
     frames, known = np.arange(len(position)), np.isfinite(position[:, 0])
     if not known.any():
         return position
@@ -182,7 +177,7 @@ def _filled(position: Array) -> Array:
 
 
 def _per_second(about: dict[str, Any], frame_rate: float) -> dict[str, Any]:
-    """Frequencies per frame as Hz."""
+    """The description of the method with its frequencies in Hz instead of per frame."""
     result: dict[str, Any] = {}
     for name, value in about.items():
         if name.endswith("_per_frame"):

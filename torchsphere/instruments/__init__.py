@@ -1,1 +1,1 @@
-"""Records of other instruments beside a track."""
+"""Signals of other instruments, compared with a track."""

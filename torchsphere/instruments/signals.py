@@ -1,4 +1,4 @@
-"""What the measurement is compared with: light gates and accelerometers, from CSV."""
+"""Light gates and accelerometers, read from CSV files, to compare a track with."""
 
 from __future__ import annotations
 
@@ -14,14 +14,24 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from torchsphere.dynamics.kinematics import Kinematics
-from torchsphere.instruments.delay import FEWEST, best_fit, coarse, fit_delay, sd_by_raw_noise, smoothing
+from torchsphere.instruments.delay import (
+    MIN_SAMPLES,
+    best_fit,
+    fit_delay,
+    sd_by_raw_noise,
+    smoothing_width,
+    whole_sample_delay,
+)
 
 Array = NDArray[np.float64]
+
+#: Largest relative difference of the intervals of even times.
+MAX_UNEVENNESS = 0.01
 
 
 @dataclass(frozen=True)
 class Signals:
-    """Columns of a file: time (n,), s, rising and even to 1 %, and values (n,) by their names."""
+    """Columns of a file: times (n,), s, rising and even to 1 %, and values (n,) by their names."""
 
     time_s: Array
     values: dict[str, Array]
@@ -40,22 +50,22 @@ class GateVelocity:
 
 @dataclass(frozen=True)
 class Alignment:
-    """An accelerometer beside the track.
+    """An accelerometer aligned with the track.
 
     Attributes
     ----------
     delay_s, sd_delay_s : float
-        What the sensor's clock shows when the track's shows 0.
+        Time of the sensor's clock at time 0 of the track, and its standard deviation.
     correlation : float
-        Of both, once aligned.
+        Of both signals, once aligned.
     gain, sd_gain : float
         Sensor over track.
     time_s, track_m_s2, sensor_m_s2 : ndarray
-        Both (n,) at the track's times; the sensor as means over a frame interval, and without its offset.
+        Both (n,) at the track's times; the sensor's are means over a frame interval, without its offset.
     peak_track_m_s2, peak_sensor_m_s2 : float
-        Of these.
+        Values of largest size.
     change_track_m_s, change_sensor_m_s : float
-        Integrals: changes of velocity, the impulses per mass.
+        Integrals: changes of velocity, which are impulses per mass.
     rms_difference_m_s2 : float
         Root mean square difference.
     """
@@ -81,7 +91,7 @@ def read_signals(path: str | Path, *, time: str = "time_s", time_unit_s: float =
     Raises
     ------
     ValueError
-        If there is no such column of times, two columns have one name, a value is no number, or the times do not rise
+        If there is no such column of times, two columns share a name, a value is no number, or the times do not rise
         evenly.
     OSError
         If the file cannot be read.
@@ -90,41 +100,41 @@ def read_signals(path: str | Path, *, time: str = "time_s", time_unit_s: float =
         with Path(path).open(newline="", encoding="utf-8-sig") as stream:
             rows = [row for row in csv.reader(stream) if row and not row[0].startswith("#")]
     except (UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"{path}: is no CSV file in UTF-8 ({error}); save it as one") from None
+        raise ValueError(f"{path}: is no CSV file in UTF-8 ({error}); save it in that format") from None
     names = [name.strip() for name in rows[0]] if rows else []
     if time not in names:
         raise ValueError(
             f"{path}: expected a first line of names, parted by commas, with a column {time!r}, got "
-            f"{', '.join(map(repr, names)) or 'nothing'}; say with `time` which holds the times"
+            f"{', '.join(map(repr, names)) or 'nothing'}; name the column of the times with `time`"
         )
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise ValueError(f"{path}: has two columns {twice!r}; give each a name of its own")
+    repeated = next((name for name in names if names.count(name) > 1), None)
+    if repeated is not None:
+        raise ValueError(f"{path}: has two columns {repeated!r}; give each a name of its own")
     table = np.array([_numbers(path, number, row, names) for number, row in enumerate(rows[1:], start=1)])
-    if len(table) < FEWEST:
-        raise ValueError(f"{path}: expected {FEWEST} or more rows of numbers below the names, got {len(table)}")
+    if len(table) < MIN_SAMPLES:
+        raise ValueError(f"{path}: expected {MIN_SAMPLES} or more rows of numbers below the names, got {len(table)}")
     times = table[:, names.index(time)] * time_unit_s
-    _interval(times, str(path))
+    _even_interval(times, str(path))
     return Signals(times, {name: column for name, column in zip(names, table.T, strict=True) if name != time})
 
 
 def _numbers(path: str | Path, number: int, row: list[str], names: list[str]) -> list[float]:
     """The values of a row, the ``number``-th below the names."""
-    where = f"{path}, row {number} below the names"
+    place = f"{path}, row {number} below the names"
     if len(row) != len(names):
         raise ValueError(
-            f"{where}: expected {len(names)} numbers, parted by commas, with points, got {len(row)} values"
+            f"{place}: expected {len(names)} numbers, parted by commas, with points, got {len(row)} values"
         )
     try:
         return [float(value) for value in row]
     except ValueError:
-        raise ValueError(f"{where}: expected numbers with points, parted by commas, got {', '.join(row)!r}") from None
+        raise ValueError(f"{place}: expected numbers with points, parted by commas, got {', '.join(row)!r}") from None
 
 
 def light_gate(
     time_s: Array, first: Array, second: Array, *, spacing_m: float, sd_spacing_m: float = 0.0
 ) -> GateVelocity:
-    """Velocity from the signals (n,) of two barriers ``spacing_m`` apart, the first to be passed first.
+    """Velocity from the signals (n,) of two barriers at a distance ``spacing_m``, passed in this order.
 
     Raises
     ------
@@ -136,12 +146,13 @@ def light_gate(
         raise ValueError(f"spacing_m = {spacing_m!r}: expected a finite, positive length in m")
     if not (math.isfinite(sd_spacing_m) and sd_spacing_m >= 0):
         raise ValueError(f"sd_spacing_m = {sd_spacing_m!r}: expected a finite length in m, 0 or more")
-    interval = _interval(time_s, "time_s")
+    interval = _even_interval(time_s, "time_s")
     first, second = _checked(first, len(time_s), "first"), _checked(second, len(time_s), "second")
-    width = smoothing(first, second)
+    width = smoothing_width(first, second)
     smooth = gaussian_filter1d(first, width), gaussian_filter1d(second, width)
-    # By their slopes, too: of barriers that stay dark, or of one that is cut, many delays put dark over dark.
-    starts = coarse(first, second), coarse(np.gradient(smooth[0]), np.gradient(smooth[1]))
+    # From the slopes as well: with barriers that stay dark, or one that is cut, many delays put dark over dark.
+    slopes = np.gradient(smooth[0]), np.gradient(smooth[1])
+    starts = whole_sample_delay(first, second), whole_sample_delay(*slopes)
     fit = best_fit(*smooth, starts)
     fit = dataclasses.replace(fit, sd=sd_by_raw_noise(first, second, fit, width))
     delay, sd = fit.delay * interval, fit.sd * interval
@@ -149,11 +160,12 @@ def light_gate(
         raise ValueError(f"light_gate: the second barrier comes {-delay:g} s before the first; swap the signals")
     if delay < 2 * sd:
         raise ValueError(
-            f"light_gate: a delay of {delay:g} s with {sd:g} s of uncertainty gives no velocity; are both one?"
+            f"light_gate: a delay of {delay:g} s with {sd:g} s of uncertainty gives no velocity; both signals seem to "
+            "be of one barrier"
         )
     velocity = spacing_m / delay
-    spread = velocity * math.hypot(sd / delay, sd_spacing_m / spacing_m)
-    return GateVelocity(velocity, spread, delay, sd, fit.correlation)
+    sd_velocity = velocity * math.hypot(sd / delay, sd_spacing_m / spacing_m)
+    return GateVelocity(velocity, sd_velocity, delay, sd, fit.correlation)
 
 
 def align(motion: Kinematics, time_s: Array, sensor_m_s2: Array, *, direction: Array) -> Alignment:
@@ -162,11 +174,11 @@ def align(motion: Kinematics, time_s: Array, sensor_m_s2: Array, *, direction: A
     Parameters
     ----------
     motion : Kinematics
-        The track.
+        Motion of the track.
     time_s, sensor_m_s2 : ndarray
-        Of the sensor (n,); its clock may have another zero, not another rate.
+        Times and signal (n,) of the sensor; its clock may have another zero, not another rate.
     direction : ndarray
-        That the sensor measures in.
+        Direction in which the sensor measures.
 
     Raises
     ------
@@ -174,32 +186,23 @@ def align(motion: Kinematics, time_s: Array, sensor_m_s2: Array, *, direction: A
         If a signal is too short, not finite or constant, the times are not even, the sensor's rate is below the
         camera's, or the sensor does not show what the track does.
     """
-    interval = _interval(time_s, "time_s")
+    interval = _even_interval(time_s, "time_s")
     signal = _checked(sensor_m_s2, len(time_s), "sensor_m_s2")
-    axis = np.asarray(direction, dtype=np.float64)
-    if axis.shape != (2,) or not np.isfinite(axis).all() or not axis.any():
-        raise ValueError(f"direction = {direction!r}: expected two numbers, not both 0")
-    track = motion.acceleration_m_s2 @ (axis / np.linalg.norm(axis))
-    known = np.flatnonzero(np.isfinite(track))
-    if len(known) < FEWEST:
-        raise ValueError(f"align: {len(known)} frames have an acceleration, expected {FEWEST} or more")
-    part = slice(known[0], known[-1] + 1)
-    frames, track = motion.time_s[part], np.interp(motion.time_s[part], motion.time_s[known], track[known])
-    frame = float(np.median(np.diff(frames)))
-    if interval > frame:
-        raise ValueError(f"align: the sensor's interval of {interval:g} s is longer than the camera's of {frame:g} s")
-    # A frame's acceleration is compared with the sensor's mean over a frame; the same on a grid of the sensor's times.
-    smooth = gaussian_filter1d(signal, frame / interval / math.sqrt(12))
+    frames, track = _acceleration_along(motion, direction)
+    frame_s = float(np.median(np.diff(frames)))
+    if interval > frame_s:
+        raise ValueError(f"align: the sensor's interval of {interval:g} s is longer than the camera's of {frame_s:g} s")
+    # A frame's acceleration is compared with the sensor's mean over a frame, on a grid of the sensor's interval.
+    smooth = gaussian_filter1d(signal, frame_s / interval / math.sqrt(12))
     count = int((frames[-1] - frames[0]) / interval) + 1
-    grid = frames[0] + interval * np.arange(count)
-    fine = CubicSpline(frames, track)(grid)
-    reference = np.pad(fine, (0, max(len(smooth) - count, 0)), mode="edge")
-    other = np.pad(smooth, (0, max(count - len(smooth), 0)), mode="edge")
-    fit = fit_delay(reference, other, coarse(reference, other))
+    resampled = CubicSpline(frames, track)(frames[0] + interval * np.arange(count))
+    reference = np.pad(resampled, (0, max(len(smooth) - count, 0)), mode="edge")
+    padded = np.pad(smooth, (0, max(count - len(smooth), 0)), mode="edge")
+    fit = fit_delay(reference, padded, whole_sample_delay(reference, padded))
     delay = fit.delay * interval + float(time_s[0]) - float(frames[0])
     sensor = CubicSpline(time_s, smooth)(np.clip(frames + delay, time_s[0], time_s[-1])) - fit.offset
-    here = (frames + delay >= time_s[0]) & (frames + delay <= time_s[-1])
-    frames, track, sensor = frames[here], track[here], sensor[here]
+    shared = (frames + delay >= time_s[0]) & (frames + delay <= time_s[-1])
+    frames, track, sensor = frames[shared], track[shared], sensor[shared]
     return Alignment(
         delay_s=delay,
         sd_delay_s=fit.sd * interval,
@@ -217,20 +220,34 @@ def align(motion: Kinematics, time_s: Array, sensor_m_s2: Array, *, direction: A
     )
 
 
-def _interval(times: Array, name: str) -> float:
-    """The even interval of times (n,)."""
+def _acceleration_along(motion: Kinematics, direction: Array) -> tuple[Array, Array]:
+    """Times and acceleration (n,) of the track along a direction, from its first to its last value without gaps."""
+    axis = np.asarray(direction, dtype=np.float64)
+    if axis.shape != (2,) or not np.isfinite(axis).all() or not axis.any():
+        raise ValueError(f"direction = {direction!r}: expected two numbers, not both 0")
+    acceleration = motion.acceleration_m_s2 @ (axis / np.linalg.norm(axis))
+    known = np.flatnonzero(np.isfinite(acceleration))
+    if len(known) < MIN_SAMPLES:
+        raise ValueError(f"align: {len(known)} frames have an acceleration, expected {MIN_SAMPLES} or more")
+    times = motion.time_s[known[0] : known[-1] + 1]
+    return times, np.interp(times, motion.time_s[known], acceleration[known])
+
+
+def _even_interval(times: Array, name: str) -> float:
+    """The interval of times (n,); raises unless they rise evenly."""
     steps = np.diff(np.asarray(times, dtype=np.float64))
     if steps.ndim != 1:
         raise ValueError(f"{name}: expected times (n,), got an array {np.shape(times)}")
-    if len(steps) < FEWEST - 1 or not np.isfinite(steps).all() or (steps <= 0).any():
-        raise ValueError(f"{name}: expected {FEWEST} or more finite, rising times")
-    middle = float(np.median(steps))
-    if np.abs(steps - middle).max() > 0.01 * middle:
+    if len(steps) < MIN_SAMPLES - 1 or not np.isfinite(steps).all() or (steps <= 0).any():
+        raise ValueError(f"{name}: expected {MIN_SAMPLES} or more finite, rising times")
+    median = float(np.median(steps))
+    if np.abs(steps - median).max() > MAX_UNEVENNESS * median:
         raise ValueError(f"{name}: expected even intervals, got {steps.min():g} to {steps.max():g} s; resample them")
     return float((times[-1] - times[0]) / len(steps))
 
 
 def _checked(signal: Array, count: int, name: str) -> Array:
+    """The signal as an array (count,); raises unless it is finite and not constant."""
     values = np.asarray(signal, dtype=np.float64)
     if values.shape != (count,):
         raise ValueError(f"{name}: expected {count} numbers, one per time, got an array {values.shape}")
@@ -241,7 +258,5 @@ def _checked(signal: Array, count: int, name: str) -> Array:
             "give a part without them, or fill them in"
         )
     if float(np.ptp(values)) == 0:
-        raise ValueError(
-            f"{name}: the signal is constant, so that it has no time of its own; give the one of the event"
-        )
+        raise ValueError(f"{name}: the signal is constant, so that it has no delay; give the signal of the event")
     return values

@@ -1,1 +1,1 @@
-"""Before the test: what a camera, a ball and a speed will give (the paper's sections 3 and 5.2)."""
+"""Before the test: the precision to expect of a camera, a ball and a speed (the paper's sections 3 and 5.2)."""

@@ -1,4 +1,4 @@
-"""The trade of resolution against frame rate (section 3.2 of the paper), over the modes of a camera."""
+"""Resolution against frame rate (section 3.2 of the paper), over the modes of a camera."""
 
 from __future__ import annotations
 
@@ -15,18 +15,17 @@ from torchsphere.planning.rehearsal import Rehearsal, Target, rehearse
 
 COLUMNS = ("width_px", "height_px", "fps_max")
 
-#: Images during the contact that its force needs: half a sine of duration T is made of frequencies up to about 1.5 / T,
-#: and the smoother passes in contact up to 0.27 of the frame rate.
-LEAST_CONTACT_FRAMES = 5.0
+#: Fewest images during the contact that resolve its force (docs/constants.md).
+MIN_CONTACT_FRAMES = 5.0
 
-#: Images of the whole ball that a flight needs before the target.
-LEAST_IN_VIEW = 4
+#: Fewest images of the whole ball in flight before the target (docs/constants.md).
+MIN_FRAMES_IN_VIEW = 4
 
-#: Least radius of a ball that is measured reliably, px: the smallest of `experiments.accuracy`.
-LEAST_RADIUS_PX = 10.0
+#: Least radius of a ball that is measured reliably, px (docs/constants.md).
+MIN_RADIUS_PX = 10.0
 
-#: Examples of the ball at a radius in px.
-Look = Callable[[float], Sequence[Example]]
+#: Gives examples of the ball at a radius in px.
+ExampleSource = Callable[[float], Sequence[Example]]
 
 
 @dataclass(frozen=True)
@@ -39,31 +38,31 @@ class Mode:
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What a mode is worth for a test.
+class Assessment:
+    """Expected precision of a test with a mode.
 
     Attributes
     ----------
     mode : Mode
-    setup : Setup or None
+    setup : Setup
         The test with this mode.
     frames_in_view : int
+    reason : str
+        Why the mode is of no use, in words; empty if it is of use.
     differences : Differences or None
     rehearsal : Rehearsal or None
-    reason : str
-        Why the mode is of no use, in words; empty where it is.
     """
 
     mode: Mode
-    setup: Setup | None
+    setup: Setup
     frames_in_view: int
-    differences: Differences | None
-    rehearsal: Rehearsal | None
     reason: str
+    differences: Differences | None = None
+    rehearsal: Rehearsal | None = None
 
     @property
     def error_N(self) -> float:  # noqa: N802  (N is newton)
-        """Error of the force in contact, the stated or the true one of the rehearsal, whichever is larger."""
+        """Error of the force in contact, the larger of the stated and the true error of the rehearsal."""
         if self.rehearsal is None or self.reason:
             return math.inf
         return float(max(self.rehearsal.force_N[1, 0], self.rehearsal.force_error_N[1]))
@@ -75,7 +74,7 @@ def read_modes(path: Path) -> list[Mode]:
     Raises
     ------
     ValueError, OSError
-        With the line that cannot be used.
+        If the table cannot be read; a line that cannot be used is named.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
@@ -87,13 +86,16 @@ def read_modes(path: Path) -> list[Mode]:
                 )
             modes = [_mode(path, reader.line_num, row) for row in reader]
     except (UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"{path}: is no CSV table ({error}); expected the columns {', '.join(COLUMNS)}") from error
+        raise ValueError(
+            f"{path}: is no CSV table in UTF-8 ({error}); expected the columns {', '.join(COLUMNS)}"
+        ) from error
     if not modes:
         raise ValueError(f"{path}: lists no mode; expected a line per mode with {', '.join(COLUMNS)}")
     return modes
 
 
 def _mode(path: Path, line: int, row: dict[str, str]) -> Mode:
+    """The mode of one line."""
     try:
         width, height, rate = int(row["width_px"]), int(row["height_px"]), float(row["fps_max"])
     except (TypeError, ValueError) as error:
@@ -103,57 +105,66 @@ def _mode(path: Path, line: int, row: dict[str, str]) -> Mode:
     return Mode(width, height, rate)
 
 
-def judge(
-    mode: Mode, look: Look, setup: Setup, target: Target, *, field_mm: float | None = None, is_blurred: bool = False
-) -> Verdict:
-    """What a mode at its highest frame rate is worth for the test.
+def assess(
+    mode: Mode,
+    examples: ExampleSource,
+    setup: Setup,
+    target: Target,
+    *,
+    field_mm: float | None = None,
+    is_blurred: bool = False,
+) -> Assessment:
+    """Expected precision of the test with a mode at its highest frame rate.
 
     Parameters
     ----------
     mode : Mode
-    look : callable
-        Examples of the ball.
+    examples : callable
+        Gives examples of the ball at a radius in px.
     setup : Setup
         The test; frame rate and scale are the mode's, and an exposure longer than its interval is cut.
     target : Target
     field_mm : float, optional
         Width of the field of view, which the optics keep; by default they keep the px per mm.
     is_blurred : bool
-        The examples show the test's motion blur.
+        Whether the examples show the test's motion blur.
 
     Raises
     ------
     ValueError
-        If the texture does not carry the modes.
+        If the texture does not determine all modes of motion.
     """
     scale = setup.px_per_mm if field_mm is None else mode.width_px / field_mm
-    longest = math.inf if setup.shutter_s is None else setup.shutter_s
-    own = dataclasses.replace(setup, frame_rate=mode.fps_max, px_per_mm=scale, shutter_s=min(longest, 1 / mode.fps_max))
-    in_view = own.frames_in_view(mode.width_px)
-    for wrong, reason in (
-        (own.radius_px < LEAST_RADIUS_PX, f"the ball's radius is {own.radius_px:.1f} px only"),
-        (
-            2 * own.radius_px > min(mode.width_px, mode.height_px),
-            f"the ball of {2 * own.radius_px:.0f} px does not fit",
-        ),
-        (in_view < LEAST_IN_VIEW, f"{in_view} images in view only"),
-    ):
-        if wrong:
-            return Verdict(mode, own, in_view, None, None, reason)
-    covariance = increment_covariance(look(own.radius_px), own, is_blurred=is_blurred)
-    plain = differences(covariance, own.frame_rate, own.m_per_px, own.mass_kg)
-    frames = target.contact_s * own.frame_rate
-    reason = "" if frames >= LEAST_CONTACT_FRAMES else f"{frames:.1f} images during the contact only"
+    shutter = min(math.inf if setup.shutter_s is None else setup.shutter_s, 1 / mode.fps_max)
+    setup = dataclasses.replace(setup, frame_rate=mode.fps_max, px_per_mm=scale, shutter_s=shutter)
+    in_view = setup.frames_in_view(mode.width_px)
+    reason = _misfit(mode, setup.radius_px, in_view)
+    if reason:
+        return Assessment(mode, setup, in_view, reason)
+    covariance = increment_covariance(examples(setup.radius_px), setup, is_blurred=is_blurred)
+    plain = differences(covariance, setup.frame_rate, setup.m_per_px, setup.mass_kg)
+    frames = target.contact_s * setup.frame_rate
     try:
-        rehearsal = rehearse(covariance, own, target)
+        rehearsal = rehearse(covariance, setup, target)
     except ValueError:
-        return Verdict(mode, own, in_view, plain, None, f"{frames:.0f} images during the contact are too many")
-    if not reason and not rehearsal.found:
+        return Assessment(mode, setup, in_view, f"{frames:.0f} images during the contact are too many", plain)
+    if frames < MIN_CONTACT_FRAMES:
+        reason = f"{frames:.1f} images during the contact only"
+    elif not rehearsal.found:
         reason = "the contact does not stand out from the noise"
-    return Verdict(mode, own, in_view, plain, rehearsal, reason)
+    return Assessment(mode, setup, in_view, reason, plain, rehearsal)
 
 
-def best(verdicts: Sequence[Verdict]) -> Verdict | None:
-    """The mode with the least error of the force in contact; None where none is of use."""
-    usable = [verdict for verdict in verdicts if math.isfinite(verdict.error_N)]
-    return min(usable, key=lambda verdict: verdict.error_N, default=None)
+def _misfit(mode: Mode, radius_px: float, frames_in_view: int) -> str:
+    """Why the images of a mode cannot show the ball; empty if they can."""
+    if radius_px < MIN_RADIUS_PX:
+        return f"the ball's radius is {radius_px:.1f} px only"
+    if 2 * radius_px > min(mode.width_px, mode.height_px):
+        return f"the ball of {2 * radius_px:.0f} px does not fit"
+    return f"{frames_in_view} images in view only" if frames_in_view < MIN_FRAMES_IN_VIEW else ""
+
+
+def best(assessments: Sequence[Assessment]) -> Assessment | None:
+    """The mode with the least error of the force in contact; None if no mode is of use."""
+    usable = [assessment for assessment in assessments if math.isfinite(assessment.error_N)]
+    return min(usable, key=lambda assessment: assessment.error_N, default=None)

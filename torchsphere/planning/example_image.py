@@ -1,4 +1,4 @@
-"""An example of what the camera will see: rendered or filmed, brought to a scale, blurred by the motion."""
+"""Example images of the ball, rendered or filmed, as the camera will see it: rescaled, and blurred by the motion."""
 
 from __future__ import annotations
 
@@ -18,14 +18,19 @@ from torchsphere.recording.folder import read_image
 from torchsphere.settings.arrays import check_circle
 from torchsphere.synthetic import ray_caster
 
-#: Width of the background around a rendered ball, px: crop, spline and pre-blur reach so far.
+#: Background around a rendered ball, px: the reach of crop, spline and pre-blur.
 MARGIN_PX = 14
 
-#: Sub-frames per px of motion blur, and rays along a side of a pixel. Nine rays leave 3 grey levels at the outline.
-SUB_FRAMES_PER_PX, RAYS = 2.0, 6
+#: Sub-frames per px of motion blur.
+SUB_FRAMES_PER_PX = 2.0
 
-#: Rotations that show six sides of a rendered ball, rad: one side's precision differs from another's by a tenth at
-#: R = 50 px and a quarter at 20.
+#: Rays along a side of a pixel (docs/constants.md).
+RAYS = 6
+
+#: Least motion blur that changes the image, px.
+MIN_BLUR_PX = 0.05
+
+#: Rotations that show six sides of a rendered ball, rad (docs/constants.md).
 SIDES = tuple((x * math.pi / 2, y * math.pi / 2, 0.0) for x, y in ((0, 0), (0, 1), (0, 2), (0, 3), (1, 0), (-1, 0)))
 
 #: Grey level of a rendered background.
@@ -34,18 +39,18 @@ BACKGROUND = 90.0
 
 @dataclass(frozen=True)
 class Example:
-    """One image of the ball, with a companion that tells its noise from its texture.
+    """One image of the ball, with a companion that separates its noise from its texture.
 
     Attributes
     ----------
     image : Tensor
         Grey levels (h, w), float32.
     noise : Tensor
-        Another draw (h, w) of the noise that is in the image, alone; it goes through all that the image goes through.
+        Another draw (h, w) of the noise in the image, alone, processed as the image is.
     circle : tuple of float
         Outline (x, y, radius), px.
     origin : str
-        Where it comes from, in words.
+        Source of the image, in words.
     """
 
     image: Tensor
@@ -54,7 +59,9 @@ class Example:
     origin: str
 
 
-def painted(radius_px: float, speckle_px: float, low: float, high: float, seed: int = 0) -> tuple[Example, ...]:
+def rendered_examples(
+    radius_px: float, speckle_px: float, low: float, high: float, seed: int = 0
+) -> tuple[Example, ...]:
     """Several sides of a rendered ball with random speckle: sharp, without noise.
 
     Parameters
@@ -69,7 +76,7 @@ def painted(radius_px: float, speckle_px: float, low: float, high: float, seed: 
     Raises
     ------
     ValueError
-        If the ball is too small to be measured, the spots are not smaller than the ball, or the levels do not rise.
+        If the ball is too small to be measured, the spots are not smaller than it, or the levels do not rise.
     """
     if not 0 <= low < high < math.inf:
         raise ValueError(f"grey levels {low:g},{high:g}: expected two finite levels, the dark one first")
@@ -79,12 +86,11 @@ def painted(radius_px: float, speckle_px: float, low: float, high: float, seed: 
             "than the radius"
         )
     side = 2 * (math.ceil(radius_px) + MARGIN_PX) + 1
-    # Off the pixels' grid, so that the example is no special case.
+    # Off the pixel grid, so that the example is no special case.
     centre = (side // 2 + 0.3, side // 2 - 0.2)
     check_circle(torch.tensor([[*centre, radius_px]]), (side, side))
-    pattern = ray_caster.speckle(seed, radius_px=radius_px, speckle_px=speckle_px, low=low, high=high)
     images = ray_caster.render(
-        pattern,
+        ray_caster.speckle(seed, radius_px=radius_px, speckle_px=speckle_px, low=low, high=high),
         torch.tensor([centre]).expand(len(SIDES), -1),
         radius_px,
         torch.stack([motion_models.rotation_matrix(torch.tensor(turn)) for turn in SIDES]),
@@ -96,13 +102,13 @@ def painted(radius_px: float, speckle_px: float, low: float, high: float, seed: 
     return tuple(Example(image, torch.zeros_like(image), (*centre, radius_px), origin) for image in images)
 
 
-def filmed(path: Path, circle: tuple[float, float, float], noise: float) -> Example:
+def filmed_example(path: Path, circle: tuple[float, float, float], noise: float) -> Example:
     """The first image of a file or folder, with the ball's outline and the image noise in grey levels.
 
     Raises
     ------
     ValueError, OSError
-        If the file is no image or the ball does not lie in it as a whole.
+        If the file is no image, or does not show the whole ball.
     """
     image = _read(path)
     height, width = image.shape
@@ -117,6 +123,7 @@ def filmed(path: Path, circle: tuple[float, float, float], noise: float) -> Exam
 
 
 def _read(path: Path) -> Tensor:
+    """The first image (h, w) of a file or folder."""
     if path.suffix.lower() == ".png":
         return torch.from_numpy(read_image(path))
     with open_recording(path) as recording:
@@ -124,47 +131,47 @@ def _read(path: Path) -> Tensor:
 
 
 def white_noise(image: Tensor, noise: float, seed: int = 1) -> Tensor:
-    """White noise of a standard deviation in grey levels, of the shape of ``image``."""
+    """White noise (h, w) of the standard deviation ``noise``, grey levels, in the shape of ``image``."""
     return noise * torch.randn(image.shape, generator=torch.Generator().manual_seed(seed))
 
 
 def rescaled(example: Example, radius_px: float) -> Example:
-    """The example as a camera with another scale would see it: the ball of ``radius_px``.
+    """The example as seen by a camera of another scale, at which the ball has the radius ``radius_px``.
 
-    A smaller image is the mean over its larger pixels; a larger one is no sharper than it was.
+    A smaller image is the mean over larger pixels; a larger image is no sharper than the example.
     """
     factor = radius_px / example.circle[2]
     if abs(factor - 1) < 1e-3:
         return example
     height, width = example.image.shape
     shape = (max(round(height * factor), 1), max(round(width * factor), 1))
-    both = torch.stack((example.image, example.noise))[None]
-    image, noise = F.interpolate(both, shape, mode="bicubic", antialias=True, align_corners=False)[0]
+    layers = torch.stack((example.image, example.noise))[None]
+    image, noise = F.interpolate(layers, shape, mode="bicubic", antialias=True, align_corners=False)[0]
     x, y, _ = example.circle
-    # Pixels' centres are whole numbers, their edges halves; the rounded shape stretches x and y by a hair.
+    # Pixel centres are whole numbers, their edges halves; the rounded shape stretches x and y slightly.
     centre = ((x + 0.5) * shape[1] / width - 0.5, (y + 0.5) * shape[0] / height - 0.5)
     return dataclasses.replace(example, image=image, noise=noise, circle=(*centre, radius_px))
 
 
 def blurred(example: Example, motion_px: tuple[float, float]) -> Example:
-    """The example as it is recorded while it moves by ``motion_px`` (x, y) during the exposure.
+    """The example as recorded while the ball moves by ``motion_px`` (x, y) during the exposure.
 
-    Section 3.3 of the paper: the mean over the moments of the exposure. The ball's turn meanwhile is left out; it is a
-    hundredth of the blur.
+    Section 3.3 of the paper: the mean over the moments of the exposure. The ball's turn meanwhile is neglected; it is
+    a hundredth of the blur.
     """
     length = math.hypot(*motion_px)
-    if length < 0.05:
+    if length < MIN_BLUR_PX:
         return example
     count = max(math.ceil(SUB_FRAMES_PER_PX * length), 2)
     shares = (torch.arange(count) + 0.5) / count - 0.5
     height, width = example.image.shape
     rows, columns = torch.meshgrid(torch.arange(float(height)), torch.arange(float(width)), indexing="ij")
     grid = torch.stack((columns, rows), -1).reshape(-1, 2)
-    both = interpolation.coefficients(torch.stack((example.image, example.noise)), 0.0)
-    total = torch.zeros_like(both)
+    layers = interpolation.coefficients(torch.stack((example.image, example.noise)), 0.0)
+    total = torch.zeros_like(layers)
     limit = torch.tensor([width - 2.0, height - 2.0])
     for share in shares:
         points = torch.minimum((grid + share * torch.tensor(motion_px)).clamp_min(1.0), limit)
-        total += interpolation.sample(both, points.expand(2, -1, -1)).reshape(2, height, width)
+        total += interpolation.sample(layers, points.expand(2, -1, -1)).reshape(2, height, width)
     image, noise = total / count
     return dataclasses.replace(example, image=image, noise=noise)

@@ -1,7 +1,7 @@
-"""Before the test: how far the ball will move between images, and how well the correlation will tell.
+"""Expected motion between images and its uncertainty, before the test: sections 3.3 and 5.2 of the paper.
 
-Sections 3.3 and 5.2 of the paper. The uncertainty of an increment comes from the package's own correlation operator, on
-an example of the image with the motion blur of the test.
+The uncertainty of an increment comes from the package's own correlation operator, applied to an example of the image
+with the motion blur of the test.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -23,14 +23,16 @@ from torchsphere.imaging import crop
 from torchsphere.planning.example_image import Example, blurred, rescaled, white_noise
 
 #: Largest motion blur, px: section 3.3 of the paper.
-MOST_BLUR_PX = 5.0
+MAX_BLUR_PX = 5.0
 
-#: Turn per frame from which the changing view of the texture adds errors that noise does not explain, deg: measured
-#: in `experiments.accuracy`.
-NOISE_ONLY_UP_TO_DEG = 2.0
+#: Largest turn per frame whose errors are those of the noise alone, deg (docs/constants.md).
+MAX_NOISE_ONLY_DEG = 2.0
 
-#: Correlation of the errors of successive increments, which share an image: measured, see `measurements`.
-NEIGHBOURS = -0.45
+#: Correlation of the errors of successive increments, which share an image (docs/constants.md).
+SUCCESSIVE_CORRELATION = -0.45
+
+#: Least eigenvalue of the texture's operator, over the mean of the noise's operator.
+MIN_EIGENVALUE = 1e-3
 
 Array = NDArray[np.float64]
 
@@ -42,21 +44,21 @@ class Setup:
     Attributes
     ----------
     speed_m_s : float
-        Of the ball.
+        Speed of the ball.
     direction_deg : float
-        Of its flight in the image, from x (right) towards y (down).
+        Direction of its flight in the image, from x (right) towards y (down).
     spin_rev_s : tuple of float
-        About x, y, z of the camera frame, revolutions per second.
+        Spin about x, y, z of the camera frame, revolutions per second.
     diameter_mm, mass_g : float
-        Of the ball.
+        Diameter and mass of the ball.
     frame_rate : float
         Frames per second.
     shutter_s : float or None
-        Exposure time; None where it is not known.
+        Exposure time; None if it is not known.
     px_per_mm : float
         Scale in the plane of the ball.
     noise : float or None
-        Standard deviation of a pixel from image to image, grey levels, rounding included; None where not known.
+        Standard deviation of a pixel from image to image, grey levels, rounding included; None if not known.
     """
 
     speed_m_s: float
@@ -70,16 +72,15 @@ class Setup:
     spin_rev_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            free = field.name in ("direction_deg", "spin_rev_s")
+        for name, value in vars(self).items():
             if value is None:
                 continue
+            may_be_negative = name in ("direction_deg", "spin_rev_s")
             values = np.atleast_1d(value)
-            if not (np.isfinite(values).all() and (free or (values > 0).all())):
-                kind = "finite numbers" if free else "a finite, positive number"
-                raise ValueError(f"{field.name} = {value}: expected {kind}")
-        # An exposure as long as the interval, rounded in its last digits, is one.
+            if not (np.isfinite(values).all() and (may_be_negative or (values > 0).all())):
+                expected = "finite numbers" if may_be_negative else "a finite, positive number"
+                raise ValueError(f"{name} = {value}: expected {expected}")
+        # An exposure as long as the interval is valid, whatever the rounding of its last digits.
         if self.shutter_s is not None and self.shutter_s * self.frame_rate > 1 + 1e-6:
             raise ValueError(
                 f"an exposure of {1e6 * self.shutter_s:.4g} us is longer than the {1e6 / self.frame_rate:.4g} us from "
@@ -103,9 +104,9 @@ class Setup:
 
     @property
     def blur(self) -> tuple[float, float]:
-        """Motion (x, y) during the exposure, px; none where the exposure is not known."""
-        width, angle = float(np.nan_to_num(self.blur_px)), math.radians(self.direction_deg)
-        return width * math.cos(angle), width * math.sin(angle)
+        """Motion (x, y) during the exposure, px; 0 if the exposure is not known."""
+        length, angle = float(np.nan_to_num(self.blur_px)), math.radians(self.direction_deg)
+        return length * math.cos(angle), length * math.sin(angle)
 
     @property
     def increment(self) -> Array:
@@ -122,11 +123,11 @@ class Setup:
 
     @property
     def blur_px(self) -> float:
-        """Width of the motion blur: ``v t_e`` over the size of a pixel, section 3.3 of the paper; NaN if not known."""
+        """Length of the motion blur: ``v t_e`` over the size of a pixel, section 3.3 of the paper; NaN if not known."""
         return math.nan if self.shutter_s is None else self.speed_m_s * self.shutter_s / self.m_per_px
 
     def frames_in_view(self, width_px: int) -> int:
-        """Images that show the whole ball while it crosses a field of that width."""
+        """Images that show the whole ball on its way across a field of that width."""
         step = float(np.hypot(*self.increment[:2]))
         return max(int((width_px - 2 * self.radius_px) / step) + 1, 0)
 
@@ -137,60 +138,61 @@ def increment_covariance(examples: Sequence[Example], setup: Setup, *, is_blurre
     Parameters
     ----------
     examples : sequence of Example
-        What the ball looks like, one side or several; brought to the test's scale and blurred by its motion.
+        One side of the ball or several; they are rescaled to the test and blurred by its motion.
     setup : Setup
     is_blurred : bool
-        The examples show the motion blur of the test already.
+        Whether the examples show the motion blur of the test already.
 
     Raises
     ------
     ValueError
-        If the noise is not known, or the texture does not carry the modes.
+        If the noise is not known, or the texture does not determine all modes.
 
     Notes
     -----
-    With the noise ``n_f - n_g`` of both images, the converged increment is off by ``A^-1 J^T (n_f - n_g)``, where ``J``
-    is the Jacobian of the recorded, ``A`` that of the noise-free reference, ``A = J^T J`` (equations 7 to 10 of the
-    paper). The pre-blur correlates neighbours' noise: the covariance is ``2 sigma^2 A^-1 N A^-1``, as in
-    `covariance`, with ``N`` of the gradients blurred once more. The noise of the example, which counts as
-    texture in its gradients, is taken out by its companion; the noise of the test is put into ``N``.
+    With the noise ``n_f - n_g`` of both images, the converged increment is off by ``A^-1 J^T (n_f - n_g)``, with the
+    Jacobian ``J`` of the recorded reference and ``A = J^T J`` of the noise-free one (equations 7 to 10 of the paper).
+    The pre-blur correlates the noise of neighbouring pixels: the covariance is ``2 sigma^2 A^-1 N A^-1``, with ``N``
+    of the gradients blurred once more. The example's noise, which counts as texture in its gradients, is subtracted by
+    means of its companion; the noise of the test is added to ``N``.
     """
     return np.mean([_covariance(example, setup, is_blurred) for example in examples], axis=0)
 
 
 def _covariance(example: Example, setup: Setup, is_blurred: bool) -> Array:
     if setup.noise is None:
-        raise ValueError("the image noise is not given; without it there is no uncertainty to expect")
+        raise ValueError("the image noise is not given; the expected uncertainty needs it")
     options = suited(Options(), setup.radius_px)
-    seen = rescaled(example, setup.radius_px)
+    example = rescaled(example, setup.radius_px)
     if not is_blurred:
-        seen = blurred(seen, setup.blur)
-    images = torch.stack((seen.image, seen.noise, white_noise(seen.image, setup.noise)))
-    reference, q = _reference(images, seen.circle, setup, options)
-    plain, twice = (_gram(reference, gradient, q) for gradient in (reference.gradient, reference.blurred_gradient))
-    texture, carried = plain[0] - plain[1], twice[0] - twice[1] + twice[2]
-    spread, vectors = torch.linalg.eigh(texture)
-    if not bool(spread[0] > 1e-3 * plain[2].diagonal().mean()) or not bool(spread[0] > 0):
+        example = blurred(example, setup.blur)
+    images = torch.stack((example.image, example.noise, white_noise(example.image, setup.noise)))
+    reference, q = _reference(images, example.circle, setup, options)
+    single, double = (_operators(reference, slope, q) for slope in (reference.gradient, reference.blurred_gradient))
+    texture, noise = single[0] - single[1], double[0] - double[1] + double[2]
+    eigenvalues, vectors = torch.linalg.eigh(texture)
+    weakest = eigenvalues[0]
+    if not bool(weakest > MIN_EIGENVALUE * single[2].diagonal().mean()) or not bool(weakest > 0):
         raise ValueError(
-            f"{seen.origin}: its texture does not tell all five degrees of freedom apart under a noise of "
+            f"{example.origin}: its texture does not determine all five degrees of freedom under a noise of "
             f"{setup.noise:g} grey levels; take a ball with a stronger pattern, or check the circle"
         )
-    inverse = vectors @ torch.diag(1 / spread) @ vectors.T
+    inverse = vectors @ torch.diag(1 / eigenvalues) @ vectors.T
     unit = scale(reference, 5)[0].double()
-    covariance = 2 * setup.noise**2 * inverse @ carried @ inverse / (unit[:, None] * unit)
+    covariance = 2 * setup.noise**2 * inverse @ noise @ inverse / (unit[:, None] * unit)
     return covariance.numpy()
 
 
 def _reference(
     images: torch.Tensor, circle: tuple[float, float, float], setup: Setup, options: Options
 ) -> tuple[Reference, torch.Tensor]:
-    """What the correlation makes of the images (m, h, w) of one ball, and the motion (m, 5), px and rad."""
+    """The correlation's reference of the images (m, h, w) of one ball, and the motion (m, 5), px and rad."""
     circles = torch.tensor([circle], dtype=torch.float64).expand(len(images), -1)
     half = crop.half_size(circle[2], margin(options))
     crops = crop.cut(images, circles[:, :2], half)
     filtered = Filtered.of(crops, options.pre_blur)
     reference = build_reference(filtered, circles, options.roi, options.pre_blur, blurred_every=1)
-    # The ball is followed, so the translation does not matter; the turn hides points and weighs others less.
+    # The crop follows the ball, so the translation does not matter; the turn hides points and weighs others less.
     q = torch.tensor([[0.0, 0.0, *setup.increment[2:]]]).to(images).expand(len(images), -1)
     visible = (
         motion_models.displacement(motion_models.finite, q, reference.points, reference.geometry).isfinite().all(-1)
@@ -199,8 +201,8 @@ def _reference(
     return occlusion.by_view(reference, q, motion_models.finite), q
 
 
-def _gram(reference: Reference, gradient: torch.Tensor, q: torch.Tensor) -> torch.Tensor:
-    """Operators (m, 5, 5) of the images' gradients, all with offset, gain and light of the first."""
+def _operators(reference: Reference, gradient: torch.Tensor, q: torch.Tensor) -> torch.Tensor:
+    """Operators (m, 5, 5) of the images' gradients, all with offset, gain and light of the first image."""
     first = dataclasses.replace(reference, values=reference.values[:1].expand_as(reference.values))
     known = nuisances(first, motion_models.finite, reference.weights)
     jacobian = znssd.project(slopes(gradient, q, motion_models.finite, reference), known, reference.weights)
@@ -209,14 +211,12 @@ def _gram(reference: Reference, gradient: torch.Tensor, q: torch.Tensor) -> torc
 
 @dataclass(frozen=True)
 class Differences:
-    """Standard deviations by plain differences, as the paper takes them (section 2.2 and table 3).
+    """Standard deviations of plain differences, as the paper takes them (section 2.2 and table 3).
 
     Attributes
     ----------
-    velocity_m_s : ndarray
-        (2,): an increment over the frame interval.
-    spin_rad_s : ndarray
-        (3,), likewise.
+    velocity_m_s, spin_rad_s : ndarray
+        (2,) and (3,): an increment over the frame interval.
     force_N : ndarray
         (2,): mass times the difference of two successive velocities over the interval.
     """
@@ -227,9 +227,9 @@ class Differences:
 
 
 def differences(covariance: Array, frame_rate: float, m_per_px: float, mass_kg: float) -> Differences:
-    """What increments of that ``covariance`` (5, 5), px and rad, are worth without smoothing."""
+    """Standard deviations, without smoothing, of increments with that ``covariance`` (5, 5), px and rad."""
     sd = np.sqrt(np.diagonal(covariance))
     velocity = sd[:2] * m_per_px * frame_rate
-    # Errors of opposite sign: a difference of two increments has more than twice the variance of one.
-    force = mass_kg * frame_rate * velocity * math.sqrt(2 * (1 - NEIGHBOURS))
+    # Successive errors have opposite signs: the difference of two has more than twice the variance of one.
+    force = mass_kg * frame_rate * velocity * math.sqrt(2 * (1 - SUCCESSIVE_CORRELATION))
     return Differences(velocity, sd[2:] * frame_rate, force)

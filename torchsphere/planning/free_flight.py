@@ -1,6 +1,6 @@
-"""What a recording of a free flight, with no target, tells of the uncertainty: table 3 of the paper for any set-up.
+"""Uncertainty measured on a free flight, without a target: table 3 of the paper for any set-up.
 
-In free flight the velocity is constant and the force none, so whatever scatters is error, from every source at once:
+In free flight the velocity is constant and the force is zero, so all scatter is error, from every source at once:
 noise, interpolation, blur, light (section 5.2 of the paper).
 """
 
@@ -17,24 +17,24 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from torchsphere.planning.change import NO_FLIGHT, change_of
+from torchsphere.planning.change import NO_FREE_FLIGHT, velocity_change
 from torchsphere.planning.expected import Setup
 from torchsphere.tracking.track import Track
 
-#: Increments from which a standard deviation is known to a fifth.
-LEAST_STEPS = 12
+#: Fewest increments that give a standard deviation, to a fifth (docs/constants.md).
+MIN_STEPS = 12
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Flight:
-    """What was measured of a free flight, and the set-up.
+    """A measured free flight, and its set-up.
 
     Attributes
     ----------
     increment : ndarray
-        (n - 1, 5), px and rad; NaN where not measured.
+        (n - 1, 5), px and rad; NaN if not measured.
     stated : ndarray
         Median of the stated standard deviations (5,), px and rad.
     setup : Setup
@@ -64,23 +64,23 @@ class Flight:
 
     @property
     def covariance(self) -> Array:
-        """Of the increments (5, 5) as they scatter."""
+        """Covariance (5, 5) of the increments by their scatter."""
         return np.cov(self.increment[np.isfinite(self.increment).all(1)].T)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What makes the scatter no measure of the uncertainty."""
-        change = change_of(self.velocity_m_s)
+        """Sentences on a scatter that does not measure the uncertainty."""
+        change = velocity_change(self.velocity_m_s)
         if change is None:
             return ()
         return (
             f"The velocity {change.text} over the recording, more than it scatters: a target, drag or gravity is in "
-            "the standard deviations, too; take fewer frames, of free flight alone.",
+            "the standard deviations as well; take fewer frames, of free flight alone.",
         )
 
 
-def spread(values: Array) -> tuple[Array, Array]:
-    """Mean and standard deviation (k,) of values (n, k); NaN entries are left out."""
+def mean_and_sd(values: Array) -> tuple[Array, Array]:
+    """Mean and standard deviation (k,) of values (n, k) without their NaN entries."""
     return np.nanmean(values, 0), np.nanstd(values, 0, ddof=1)
 
 
@@ -93,12 +93,13 @@ def from_track(
     mass_g: float | None,
     shutter_s: float | None = None,
 ) -> Flight:
-    """The flight as it was tracked.
+    """The flight of a track.
 
     Raises
     ------
     ValueError
-        If frame rate, diameter or mass are missing, too few increments were measured, or the ball does not fly freely.
+        If frame rate, diameter or mass are missing, too few increments were measured, or the ball does not fly
+        freely.
     """
     _require_rotation(origin, track.settings.get("model"))
     sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))
@@ -113,12 +114,12 @@ def from_result(
     mass_g: float | None = None,
     shutter_s: float | None = None,
 ) -> Flight:
-    """The flight from a result folder of ``torchsphere track``; what is given goes before what its summary says.
+    """The flight of a result folder of ``torchsphere track``; given values take precedence over its summary's.
 
     Raises
     ------
     ValueError, OSError
-        If the folder is no such result, or something is missing.
+        If the folder is no such result, or a value is missing.
     """
     try:
         summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
@@ -128,19 +129,19 @@ def from_result(
             np.stack([np.array(table[prefix + name], dtype=float)[1:] for name in columns], 1) for prefix in ("", "sd_")
         )
         radius, settings = float(summary["circle"]["radius"]), summary["settings"]
-        found = _known(summary, settings, radius)
+        recorded = _recorded(summary, settings, radius)
     except (KeyError, TypeError, json.JSONDecodeError, pa.ArrowException) as error:
         raise ValueError(f"{folder}: is no whole result of 'torchsphere track' ({error}); track again") from error
     origin, given = f"result folder {folder.name}", (frame_rate, diameter_mm, mass_g, shutter_s)
     _require_rotation(origin, settings.get("model"))
-    known = tuple(own if own is not None else there for own, there in zip(given, found, strict=True))
+    known = tuple(value if value is not None else default for value, default in zip(given, recorded, strict=True))
     return _flight(increment, sd, radius, origin, known)
 
 
-def _known(summary: dict[str, Any], settings: dict[str, Any], radius: float) -> tuple[float | None, ...]:
-    """Frame rate, diameter (mm), mass (g) and exposure (s) by a summary."""
+def _recorded(summary: dict[str, Any], settings: dict[str, Any], radius: float) -> tuple[float | None, ...]:
+    """Frame rate, diameter (mm), mass (g) and exposure (s) of a summary."""
     scale, diameter, mm_per_px = summary["scale"], settings.get("diameter_mm"), settings.get("mm_per_px")
-    # Without a frame rate the summary has no scale, but what was given for one.
+    # Without a frame rate the summary has no scale, only the settings for it.
     if scale is not None:
         mm_per_px = 1e3 * float(scale["m_per_px"])
     if mm_per_px is not None:
@@ -148,7 +149,7 @@ def _known(summary: dict[str, Any], settings: dict[str, Any], radius: float) -> 
     return summary["frame_rate"], diameter, settings["mass_g"], summary["input"]["exposure_s"]
 
 
-def require(
+def require_calibration(
     origin: str, frame_rate: float | None, diameter_mm: float | None, mass_g: float | None
 ) -> tuple[float, float, float]:
     """Frame rate, diameter and mass.
@@ -161,9 +162,7 @@ def require(
     if frame_rate is None or diameter_mm is None or mass_g is None:
         named = {"--fps": frame_rate, "--diameter-mm": diameter_mm, "--mass-g": mass_g}
         missing = " and ".join(name for name, value in named.items() if value is None)
-        raise ValueError(
-            f"{origin}: a plan needs frame rate, diameter and mass, which it does not all tell; give {missing}"
-        )
+        raise ValueError(f"{origin}: a plan needs frame rate, diameter and mass; give {missing}")
     return frame_rate, diameter_mm, mass_g
 
 
@@ -175,20 +174,27 @@ def _require_rotation(origin: str, model: str | None) -> None:
         )
 
 
+def _require_steps(origin: str, complete: int, translations: int) -> None:
+    """Raise ValueError if too few increments are complete, among those whose translation was measured."""
+    if complete >= MIN_STEPS:
+        return
+    if translations >= MIN_STEPS:
+        raise ValueError(
+            f"{origin}: the ball shows too little texture: of {translations} increments {complete} have a rotation, "
+            f"and {MIN_STEPS} are needed; put a pattern of spots on the ball, or light it so that its pattern shows"
+        )
+    raise ValueError(
+        f"{origin}: {complete} increments were measured, and {MIN_STEPS} are needed for a standard deviation; "
+        "take a longer recording"
+    )
+
+
 def _flight(increment: Array, sd: Array, radius: float, origin: str, known: tuple[float | None, ...]) -> Flight:
-    *_, shutter_s = known
-    frame_rate, diameter_mm, mass_g = require(origin, *known[:3])
-    valid, placed = np.isfinite(increment).all(1), np.isfinite(increment[:, :2]).all(1)
-    if placed.sum() >= LEAST_STEPS > valid.sum():
-        raise ValueError(
-            f"{origin}: the ball shows too little texture: of {placed.sum()} increments {valid.sum()} have a rotation, "
-            f"and {LEAST_STEPS} are needed; put a pattern of spots on the ball, or light it so that its pattern shows"
-        )
-    if valid.sum() < LEAST_STEPS:
-        raise ValueError(
-            f"{origin}: {valid.sum()} increments were measured, and {LEAST_STEPS} are needed for a standard deviation; "
-            "take a longer recording"
-        )
+    """The flight with increments (n - 1, 5) and their ``sd``; ``known`` as `_recorded` returns it."""
+    *calibration, shutter_s = known
+    frame_rate, diameter_mm, mass_g = require_calibration(origin, *calibration)
+    valid = np.isfinite(increment).all(1)
+    _require_steps(origin, int(valid.sum()), int(np.isfinite(increment[:, :2]).all(1).sum()))
     px_per_mm = 2 * radius / diameter_mm
     mean = increment[valid].mean(0)
     spin = mean[2:] * frame_rate / (2 * math.pi)
@@ -203,8 +209,8 @@ def _flight(increment: Array, sd: Array, radius: float, origin: str, known: tupl
         shutter_s=shutter_s,
     )
     flight = Flight(increment, np.median(sd[valid], 0), setup, origin)
-    change = change_of(flight.velocity_m_s)
-    if change is not None and change.is_sudden and change.share > NO_FLIGHT:
+    change = velocity_change(flight.velocity_m_s)
+    if change is not None and change.is_sudden and change.share > NO_FREE_FLIGHT:
         raise ValueError(
             f"{origin}: this is no free flight: the velocity {change.text}, {100 * change.share:.0f} % of the speed, "
             "as by an impact; track the frames before it alone with 'torchsphere track --frames A:B' and give that "

@@ -1,8 +1,8 @@
-"""The impact rehearsed: what the differentiation will make of increments with a given covariance.
+"""Rehearsal of an impact: a simulated measurement with increments of a given covariance.
 
-A ball flies in, is thrown back by half a sine of force, spun up by friction, and flies off. Its true motion
-and errors of the expected size make a track, which goes through the package's own smoother: velocity, spin and force
-come out as they will after the test, with the smoother's intensities and contact found from the data.
+A ball flies in, is thrown back by half a sine of force, spun up by friction, and flies off. Its true motion with errors
+of the expected size makes a track, which the package's own smoother processes as after the test: the smoother finds its
+intensities and the contact from the data.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from torchsphere.planning.expected import Setup
 from torchsphere.tracking.steady_error import sd_steady
 from torchsphere.tracking.track import Track
 
-#: Frames of flight before and after the contact, and the most in contact.
-FLIGHT_FRAMES, MOST_CONTACT_FRAMES = 18, 60
+#: Frames of flight before and after the contact, and the most frames in contact.
+FLIGHT_FRAMES, MAX_CONTACT_FRAMES = 18, 60
 
 #: Spin that friction gives, rev/s: the paper's frontal impact (section 5.3).
-SPUN_UP_REV_S = 20.0
+FRICTION_SPIN_REV_S = 20.0
 
-#: First touch after a frame, in frames: no whole number, so that it is no special case.
+#: Time from a frame to the first touch, frames: no whole number, so that it is no special case.
 PHASE = 0.37
 
 #: Frames next to the contact that belong neither to flight nor to contact.
-GUARD = 2
+GUARD_FRAMES = 2
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Target:
-    """What the ball hits.
+    """Contact with the target.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Target:
     restitution : float
         Speed after over speed before.
     origin : str
-        Where the duration comes from, in words.
+        Source of the duration, in words.
     """
 
     contact_s: float
@@ -63,25 +63,25 @@ class Target:
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """How well the smoother does; standard deviations as it states them, and its true errors.
+    """Precision of the smoother: its stated standard deviations and its true errors.
 
     Attributes
     ----------
     found : bool
-        The smoother told the contact from the flight.
+        Whether the smoother found the contact.
     contact_frames : float
         Images during the contact.
     peak_N : float
         Highest true force.
     velocity_m_s, force_N : ndarray
-        Root mean square of the stated standard deviations (2, 2): in flight and in contact, NaN where no frame lies
-        in it; along and across the flight.
+        Root mean square of the stated standard deviations (2, 2): in flight and in contact, along and across the
+        flight; NaN if no frame lies in the contact.
     spin_rad_s : ndarray
-        Likewise (2, 3), about x, y, z.
+        The same (2, 3) about x, y, z.
     force_error_N : ndarray
         Root mean square of the true errors (2,) of the force along the flight, in flight and in contact.
     peak_error_N : float
-        Of the highest force, that of the smoother less the true one.
+        Highest force of the smoother minus the highest true one.
     time_s, true_force_N, force_along_N, sd_force_along_N : ndarray
         The force along the flight (n,), for a figure; time 0 at the first touch.
     """
@@ -101,11 +101,11 @@ class Rehearsal:
 
     @property
     def is_between_frames(self) -> bool:
-        """Whether the contact begins and ends between two frames: then nothing is known of a frame in contact."""
+        """Whether the contact begins and ends between two frames, so that no frame lies in it."""
         return bool(np.isnan(self.force_N[1]).all())
 
 
-def hertz(setup: Setup, modulus_pa: float) -> float:
+def hertz_contact_s(setup: Setup, modulus_pa: float) -> float:
     """Duration of an elastic impact on a massive flat target, s: ``2.87 (m^2 / (R E*^2 v))^(1/5)``.
 
     K. L. Johnson, Contact Mechanics (1985), equation (11.24), DOI 10.1017/CBO9781139171731; ``modulus_pa`` is ``E*``.
@@ -115,65 +115,64 @@ def hertz(setup: Setup, modulus_pa: float) -> float:
 
 
 def rehearse(covariance: Array, setup: Setup, target: Target, seed: int = 0) -> Rehearsal:
-    """Rehearse the impact.
+    """Simulate the measurement of an impact.
 
     Parameters
     ----------
     covariance : ndarray
-        Of an increment (5, 5), px and rad, axes of the image.
+        Covariance of an increment (5, 5), px and rad, in the axes of the image.
     setup : Setup
     target : Target
     seed : int
-        Of the errors.
+        Seed of the errors.
 
     Raises
     ------
     ValueError
-        If the contact is too long for the frame rate: more than `MOST_CONTACT_FRAMES` frames.
+        If the contact is too long for the frame rate: more than `MAX_CONTACT_FRAMES` frames.
     """
     frames = target.contact_s * setup.frame_rate
-    if frames > MOST_CONTACT_FRAMES:
+    if frames > MAX_CONTACT_FRAMES:
         raise ValueError(
             f"a contact of {1e6 * target.contact_s:g} us lasts {frames:.0f} frames at {setup.frame_rate:g} frames/s; "
-            f"the rehearsal takes up to {MOST_CONTACT_FRAMES}: give a shorter contact, or fewer frames per second"
+            f"the rehearsal takes up to {MAX_CONTACT_FRAMES}: give a shorter contact, or fewer frames per second"
         )
-    # The axes turned into the flight: along, across.
-    along = replace(setup, direction_deg=0.0)
-    motion = _motion(along, target, frames)
-    track = _track(motion, _turned(covariance, setup.direction_deg), setup, seed)
-    found = kinematics(track, frame_rate=setup.frame_rate, m_per_px=setup.m_per_px, mass_kg=setup.mass_kg)
-    return _judged(found, along, target, frames)
+    # The first axis lies along the flight.
+    along_x = replace(setup, direction_deg=0.0)
+    track = _track(_poses(along_x, target, frames), _rotated(covariance, setup.direction_deg), setup, seed)
+    motion = kinematics(track, frame_rate=setup.frame_rate, m_per_px=setup.m_per_px, mass_kg=setup.mass_kg)
+    return _compared(motion, along_x, target, frames)
 
 
-def _motion(setup: Setup, target: Target, frames: float) -> Array:
+def _poses(setup: Setup, target: Target, frames: float) -> Array:
     """True poses (n, 5), px and rad, of a ball flying along x; rotation as the sum of small turns."""
     n = 2 * FLIGHT_FRAMES + math.ceil(frames)
     time = np.arange(n) - (FLIGHT_FRAMES - 1 + PHASE)
     share = np.clip(time / frames, 0.0, 1.0)
-    # Half a sine of force: the velocity's share that has changed, and its integral over time.
-    changed = frames * (share / 2 - np.sin(np.pi * share) / (2 * np.pi)) + np.maximum(time - frames, 0.0)
+    # Half a sine of force: the integral over time of the velocity's share that has changed.
+    change = frames * (share / 2 - np.sin(np.pi * share) / (2 * np.pi)) + np.maximum(time - frames, 0.0)
     step = setup.increment
     poses = time[:, None] * step
-    poses[:, 0] -= (1 + target.restitution) * step[0] * changed
-    spun = 2 * math.pi * SPUN_UP_REV_S / setup.frame_rate / math.sqrt(2)
-    poses[:, 3:] += spun * changed[:, None]
-    # Friction that spins a solid ball about z pushes it across: 2/5 of what its surface gains.
-    poses[:, 1] += 0.4 * setup.radius_px * spun * changed
+    poses[:, 0] -= (1 + target.restitution) * step[0] * change
+    spin = 2 * math.pi * FRICTION_SPIN_REV_S / setup.frame_rate / math.sqrt(2)
+    poses[:, 3:] += spin * change[:, None]
+    # Friction that spins a solid ball about z pushes it across, by 2/5 of its surface's velocity.
+    poses[:, 1] += 0.4 * setup.radius_px * spin * change
     return poses
 
 
-def _turned(covariance: Array, direction_deg: float) -> Array:
+def _rotated(covariance: Array, direction_deg: float) -> Array:
     """The covariance (5, 5) in axes whose first lies along the flight."""
     angle = math.radians(direction_deg)
     plane = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
-    whole = np.eye(5)
-    # Rotations about x and y turn as translations do.
-    whole[:2, :2] = whole[2:4, 2:4] = plane
-    return whole @ covariance @ whole.T
+    axes = np.eye(5)
+    # Rotations about x and y transform as translations do.
+    axes[:2, :2] = axes[2:4, 2:4] = plane
+    return axes @ covariance @ axes.T
 
 
 def _track(poses: Array, covariance: Array, setup: Setup, seed: int) -> Track:
-    """The track of those poses with independent errors of half the covariance each."""
+    """The track of poses (n, 5) with independent errors of half the covariance each."""
     n = len(poses)
     errors = np.random.default_rng(seed).normal(size=poses.shape) @ np.linalg.cholesky(covariance / 2).T
     increment = np.diff(poses + errors, axis=0)
@@ -194,37 +193,38 @@ def _track(poses: Array, covariance: Array, setup: Setup, seed: int) -> Track:
     )
 
 
-def _judged(found: Kinematics, setup: Setup, target: Target, frames: float) -> Rehearsal:
-    time: Array = np.arange(float(len(found.time_s))) - (FLIGHT_FRAMES - 1 + PHASE)
+def _compared(motion: Kinematics, setup: Setup, target: Target, frames: float) -> Rehearsal:
+    """The smoother's motion against the true force."""
+    time: Array = np.arange(float(len(motion.time_s))) - (FLIGHT_FRAMES - 1 + PHASE)
     share = time / frames
     inside = (share > 0) & (share < 1)
     peak = 0.5 * math.pi * setup.mass_kg * (1 + target.restitution) * setup.speed_m_s / target.contact_s
     true = np.where(inside, -peak * np.sin(np.pi * share), 0.0)
-    flying = (time < -GUARD) | (time > frames + GUARD)
-    # The ends of the recording are known less well, and matter less.
+    flying = (time < -GUARD_FRAMES) | (time > frames + GUARD_FRAMES)
+    # The ends of the recording are known less well and matter less.
     flying[[0, -1]] = False
-    assert found.force_N is not None  # the mass was given
-    assert found.sd_force_N is not None
+    assert motion.force_N is not None  # the mass was given
+    assert motion.sd_force_N is not None
     parts = (flying, inside)
-    error = found.force_N[:, 0] - true
+    error = motion.force_N[:, 0] - true
     return Rehearsal(
-        found=found.contact_s is not None,
+        found=motion.contact_s is not None,
         contact_frames=frames,
         peak_N=peak,
-        velocity_m_s=_rms(found.sd_velocity_m_s, parts),
-        force_N=_rms(found.sd_force_N, parts),
-        spin_rad_s=_rms(found.sd_spin_rad_s, parts),
+        velocity_m_s=_rms(motion.sd_velocity_m_s, parts),
+        force_N=_rms(motion.sd_force_N, parts),
+        spin_rad_s=_rms(motion.sd_spin_rad_s, parts),
         force_error_N=_rms(error[:, None], parts)[:, 0],
-        peak_error_N=float(np.abs(found.force_N[:, 0]).max() - peak),
+        peak_error_N=float(np.abs(motion.force_N[:, 0]).max() - peak),
         time_s=time / setup.frame_rate,
         true_force_N=true,
-        force_along_N=found.force_N[:, 0],
-        sd_force_along_N=found.sd_force_N[:, 0],
+        force_along_N=motion.force_N[:, 0],
+        sd_force_along_N=motion.sd_force_N[:, 0],
     )
 
 
 def _rms(values: Array, parts: Sequence[NDArray[np.bool_]]) -> Array:
-    """Root mean square (m, k) of values (n, k) over m sets of frames; NaN over none."""
+    """Root mean square (m, k) of values (n, k) over m sets of frames; NaN over an empty set."""
     return np.stack(
         [np.sqrt((values[part] ** 2).mean(0)) if part.any() else np.full(values.shape[1], np.nan) for part in parts]
     )

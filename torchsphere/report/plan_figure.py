@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.planning.camera_modes import best
-from torchsphere.planning.expected import MOST_BLUR_PX
+from torchsphere.planning.expected import MAX_BLUR_PX
 from torchsphere.planning.free_flight import Flight
 from torchsphere.planning.plan import Plan
-from torchsphere.planning.rehearsal import MOST_CONTACT_FRAMES, Rehearsal
+from torchsphere.planning.rehearsal import MAX_CONTACT_FRAMES, Rehearsal
 from torchsphere.report.figures import COLOURS, STYLES, new_figure
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def drawn(plan: Plan) -> Figure:
         _image(figure.add_subplot(grid[0, 0]), plan)
         _blur(figure.add_subplot(grid[1, 0]), plan)
     _force(figure, grid[0, 1], plan)
-    if plan.verdicts:
+    if plan.assessments:
         _modes(figure.add_subplot(grid[1, 1]), plan)
     else:
         _methods(figure, grid[1, 1], plan)
@@ -67,9 +67,9 @@ def drawn(plan: Plan) -> Figure:
 
 
 def _image(axis: Axes, plan: Plan) -> None:
-    assert plan.seen is not None  # there is an image where there is no recording
-    x, y, radius = plan.seen.circle
-    image = plan.seen.image.numpy()
+    assert plan.example is not None  # there is an image where there is no recording
+    x, y, radius = plan.example.circle
+    image = plan.example.image.numpy()
     axis.imshow(image, cmap="gray", vmin=0, vmax=max(float(image.max()), 1.0))
     angle = np.linspace(0, 2 * np.pi, 361)
     region = REGION * radius
@@ -85,7 +85,7 @@ def _blur(axis: Axes, plan: Plan) -> None:
         axis.plot(*plan.cost_of_blur.T, "o-", color=COLOURS[0], ms=5, label="one side of the ball")
         axis.set_ylim(0, (1 + ROOM) * float(np.nanmax(plan.cost_of_blur[:, 1])))
     axis.axvline(plan.setup.blur_px, color=COLOURS[1], ls="--", label=f"this test: {plan.setup.blur_px:.1f} px")
-    axis.axvline(MOST_BLUR_PX, color="0.5", ls=":", label=f"the paper's limit: {MOST_BLUR_PX:g} px")
+    axis.axvline(MAX_BLUR_PX, color="0.5", ls=":", label=f"the paper's limit: {MAX_BLUR_PX:g} px")
     axis.set(xlabel="motion blur (px)", ylabel="sd of a step along the flight (px)")
     axis.set_title("What the exposure costs", fontsize=9)
     axis.legend(fontsize=8, loc="upper left", ncols=3, framealpha=1)
@@ -101,7 +101,7 @@ def _force(figure: Figure, place: SubplotSpec, plan: Plan) -> None:
     if found is None:
         axis = figure.add_subplot(place, xticks=[], yticks=[])
         axis.set_title(title, fontsize=9)
-        why = f"not rehearsed: more than {MOST_CONTACT_FRAMES} frames in contact;\ngive a lower --fps or --contact-us"
+        why = f"not rehearsed: more than {MAX_CONTACT_FRAMES} frames in contact;\ngive a lower --fps or --contact-us"
         axis.text(0.5, 0.5, why, ha="center", va="center", fontsize=9, color="0.25", transform=axis.transAxes)
         return
     parts = place.subgridspec(2, 1, height_ratios=(2.4, 1))
@@ -176,14 +176,14 @@ def _bars(axis: Axes, names: Sequence[str], heights: Sequence[float], span: floa
 
 
 def _modes(axis: Axes, plan: Plan) -> None:
-    chosen = best(plan.verdicts)
-    of_use = [v for v in plan.verdicts if v.rehearsal is not None and not v.reason]
+    chosen = best(plan.assessments)
+    of_use = [v for v in plan.assessments if v.rehearsal is not None and not v.reason]
     for verdict in of_use:
         place = 1e-3 * verdict.mode.fps_max, 1e-3 * verdict.error_N
         axis.plot(*place, "o", color=COLOURS[0], mfc=COLOURS[0] if verdict is chosen else "white", ms=7)
         size = f"{verdict.mode.width_px} x {verdict.mode.height_px} px"
         axis.annotate(size, place, xytext=(0, 7), textcoords="offset points", fontsize=8, ha="center")
-    left_out = len(plan.verdicts) - len(of_use)
+    left_out = len(plan.assessments) - len(of_use)
     not_drawn = f"; {left_out} of no use not drawn" if left_out else ""
     axis.set_title(f"The camera's modes; filled: best{not_drawn}", fontsize=9)
     if not of_use:

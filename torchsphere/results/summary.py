@@ -13,8 +13,9 @@ import numpy as np
 import torch
 
 from torchsphere.dynamics.impact_estimate import Impact
-from torchsphere.dynamics.kinematics import ROTATION_PER_RADIUS, Kinematics
+from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.dynamics.mean_motion import mean_motion
+from torchsphere.dynamics.shared_errors import ROTATION_PER_RADIUS
 from torchsphere.recording import Recording
 from torchsphere.request import Request
 from torchsphere.results import writer

@@ -1,4 +1,4 @@
-"""A synthetic shot with known motion: a speckled ball flies, hits a bar, bounces back and is spun up by friction."""
+"""Synthetic shot with known motion: a speckled ball flies, hits a bar, bounces back and is spun up by friction."""
 
 from __future__ import annotations
 
@@ -18,14 +18,17 @@ from torchsphere.tracking.track import Track
 
 Array = NDArray[np.float64]
 
-#: What the result calls its input, whose file is a temporary one.
+#: Name of the input in the result, since its file is temporary.
 NAME = "synthetic example shot"
 
 #: The paper's frontal impact (section 5): ball of 30 mm and 110 g at 36 000 frames/s.
 FRAME_RATE, DIAMETER_MM, MASS_G = 36_000.0, 30.0, 110.0
 
-#: Image (h, w) and ball, px; noise and grey levels of an 8-bit camera.
-SHAPE, RADIUS_PX, NOISE, BACKGROUND, TARGET = (192, 384), 40.0, 2.0, 60.0, 170.0
+#: Image (h, w) and radius of the ball, px.
+SHAPE, RADIUS_PX = (192, 384), 40.0
+
+#: Noise, and grey levels of background and target, of an 8-bit camera.
+NOISE, BACKGROUND, TARGET = 2.0, 60.0, 170.0
 
 #: Frames before, in and after the contact.
 BEFORE, CONTACT, AFTER = 26, 12, 32
@@ -33,7 +36,7 @@ BEFORE, CONTACT, AFTER = 26, 12, 32
 
 @dataclass(frozen=True)
 class Shot:
-    """Images and the motion that they show.
+    """Images and their true motion.
 
     Attributes
     ----------
@@ -82,7 +85,7 @@ def _increments() -> Array:
 
 
 def write_shot(folder: Path, shot: Shot) -> tuple[Path, Path]:
-    """Write the images as ``shot.tif`` and the truth as ``truth.csv`` with the columns' names of ``track.csv``."""
+    """Write the images as ``shot.tif`` and the truth as ``truth.csv``, with the column names of ``track.csv``."""
     images, truth = folder / "shot.tif", folder / "truth.csv"
     tifffile.imwrite(images, shot.images, photometric="minisblack")
     with truth.open("w", newline="", encoding="utf-8") as stream:
@@ -97,7 +100,7 @@ def write_shot(folder: Path, shot: Shot) -> tuple[Path, Path]:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One line of the demo's table: a quantity, its unit, truth, measurement and standard deviation."""
+    """A line of the demo's table: quantity, unit, truth, measurement and standard deviation."""
 
     name: str
     unit: str
@@ -111,42 +114,39 @@ class Comparison:
         return (self.measured - self.true) / self.sd
 
 
-def compare(shot: Shot, track: Track, motion: Kinematics) -> list[Comparison]:
-    """Recovered against true: means over both flights, and the peak of the force."""
-    to_m = 1e-3 * DIAMETER_MM / (2 * RADIUS_PX)
+def compare(shot: Shot, motion: Kinematics) -> list[Comparison]:
+    """Measured against true values: means over both flights, the peak of the force, and the last position."""
+    m_per_px = 1e-3 * DIAMETER_MM / (2 * RADIUS_PX)
     rows = []
     flights = {"before": slice(1, BEFORE), "after": slice(BEFORE + CONTACT + 1, BEFORE + CONTACT + AFTER)}
     for flight, part in flights.items():
+        true = shot.increment[part.start]
         for k, axis in enumerate("xy"):
             value, sd = _mean(motion.velocity_m_s[part, k], motion.sd_velocity_m_s[part, k])
-            true = shot.increment[part.start, k] * to_m * FRAME_RATE
-            rows.append(Comparison(f"velocity {axis} {flight}", "m/s", true, value, sd))
+            rows.append(Comparison(f"velocity {axis} {flight}", "m/s", true[k] * m_per_px * FRAME_RATE, value, sd))
         for k, axis in enumerate("xyz"):
             value, sd = _mean(motion.spin_rad_s[part, k], motion.sd_spin_rad_s[part, k])
-            rows.append(
-                Comparison(f"spin {axis} {flight}", "rad/s", shot.increment[part.start, 2 + k] * FRAME_RATE, value, sd)
-            )
+            rows.append(Comparison(f"spin {axis} {flight}", "rad/s", true[2 + k] * FRAME_RATE, value, sd))
     if motion.force_N is not None and motion.sd_force_N is not None:
-        acceleration = np.diff(shot.increment[:, 0]) * to_m * FRAME_RATE**2
-        at = int(np.abs(acceleration).argmax()) + 1
-        true = 1e-6 * MASS_G * acceleration[at - 1]
-        measured, sd = 1e-3 * motion.force_N[at, 0], 1e-3 * motion.sd_force_N[at, 0]
-        rows.append(Comparison("force x at its peak", "kN", true, float(measured), float(sd)))
-    last = len(shot.position) - 1
+        acceleration = np.diff(shot.increment[:, 0]) * m_per_px * FRAME_RATE**2
+        frame = int(np.abs(acceleration).argmax()) + 1
+        force = 1e-6 * MASS_G * acceleration[frame - 1]
+        measured, sd = 1e-3 * motion.force_N[frame, 0], 1e-3 * motion.sd_force_N[frame, 0]
+        rows.append(Comparison("force x at its peak", "kN", force, float(measured), float(sd)))
     for k, axis in enumerate("xy"):
-        value, sd = motion.position_m[last, k], motion.sd_position_m[last, k]
-        true = shot.position[last, k] * to_m
-        rows.append(Comparison(f"position {axis} at the end", "mm", 1e3 * true, float(1e3 * value), float(1e3 * sd)))
+        measured, sd = 1e3 * motion.position_m[-1, k], 1e3 * motion.sd_position_m[-1, k]
+        position = 1e3 * (shot.position[-1, k] * m_per_px)
+        rows.append(Comparison(f"position {axis} at the end", "mm", position, float(measured), float(sd)))
     return rows
 
 
 def _mean(values: Array, sd: Array) -> tuple[float, float]:
-    """Mean over a flight, with the standard deviation of a single value: what all share (scale, radius) stays."""
+    """Mean over a flight, with the standard deviation of one frame: shared errors (scale, radius) do not cancel."""
     return float(values.mean()), float(sd.mean())
 
 
 def frame_errors(shot: Shot, track: Track) -> list[tuple[str, str, float, float, float]]:
-    """Name, unit, root mean square error per frame, stated standard deviation, share of frames within two of it."""
+    """Name, unit, rms error per frame, stated standard deviation, and share of frames within two of these."""
     error = track.increment - shot.increment
     sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))
     rows = []

@@ -1,7 +1,7 @@
 """A small ray caster: pose and pattern of a ball -> image, in torch, differentiable with respect to the pose.
 
-It makes the synthetic shots of the demo and of the tests. The view is orthographic and the rotation exact. Each pixel
-is the mean over a grid of sub-pixel rays, so the outline is as soft as a real pixel makes it.
+It makes the synthetic shots of the demo, the plans and the tests. The view is orthographic and the rotation exact. Each
+pixel is the mean over a grid of sub-pixel rays, so that the outline is as soft as that of a real pixel.
 """
 
 from __future__ import annotations
@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-import torch.nn.functional as F  # noqa: N812  (torch's own custom)
+import torch.nn.functional as F  # noqa: N812  (torch's convention)
 from torch import Tensor
 
 from torchsphere.imaging.interpolation import blur
 
-#: The pattern's cube reaches a little beyond the sphere so that the surface never meets its border.
+#: Half width of the pattern's cube in radii: the ball's surface never reaches its border.
 CUBE_HALF_WIDTH = 1.1
 
 
@@ -41,8 +41,8 @@ def speckle(
     seed : int
         The same seed gives the same pattern.
     radius_px, speckle_px : float
-        Radius of the ball in the image, and full width at half maximum of the Gaussian that makes spots of white
-        noise, px; the pattern's autocorrelation is wider by about a third.
+        Radius of the ball in the image, and full width at half maximum of the Gaussian that smooths white noise to
+        spots, px; the pattern's autocorrelation is wider by about a third.
     low, high : float
         Grey levels between which the speckle swings.
 
@@ -56,7 +56,7 @@ def speckle(
     noise = torch.randn(cells, cells, cells, generator=generator)
     sigma = speckle_px / 2.3548 * cells / (2 * CUBE_HALF_WIDTH * radius_px)
     for _ in range(3):
-        # Two axes at a time, so that three turns blur each axis twice.
+        # Two axes at a time, so that three rounds blur each axis twice.
         noise = blur(noise, sigma / 2**0.5).permute(1, 2, 0)
     field = (noise - noise.mean()) / noise.std()
     return Pattern(low + (high - low) * 0.5 * (1 + torch.erf(1.2 * field)))
@@ -77,31 +77,36 @@ def render(
     Parameters
     ----------
     pattern : Pattern
-        What is painted on the ball.
+        Pattern of the ball.
     centres : Tensor
         Centre in the image (n, 2), px.
     radius : float
         Radius of the outline, px.
     orientations : Tensor
-        Rotation matrices (n, 3, 3), camera frame, from the body at rest to its present orientation.
+        Rotation matrices (n, 3, 3), camera frame, from the reference orientation to the present one.
     background : Tensor or float
         Grey levels behind the ball: one number (then give ``shape``) or an image (h, w).
     shape : tuple of int, optional
-        (h, w) of the images where ``background`` is a number.
+        (h, w) of the images, if ``background`` is a number.
     subsamples : int
         Rays along each side of a pixel.
 
     Returns
     -------
     Tensor
-        Grey levels (n, h, w), float32, not rounded, without noise.
+        Grey levels (n, h, w) in the precision of ``centres``, not rounded, without noise.
+
+    Raises
+    ------
+    ValueError
+        If neither the background nor ``shape`` gives the shape of the images.
     """
     if isinstance(background, Tensor):
         still = background.to(centres)
     elif shape is not None:
         still = torch.full(shape, float(background), dtype=centres.dtype, device=centres.device)
     else:
-        raise ValueError("render() needs the shape (h, w) of the images where the background is a number")
+        raise ValueError("render: the background is a number; give the shape (h, w) of the images as well")
     volume = pattern.volume.to(centres)
     frames = [
         _frame(volume, centre, radius, orientation, still, subsamples)
@@ -113,12 +118,13 @@ def render(
 def _frame(
     volume: Tensor, centre: Tensor, radius: float, orientation: Tensor, still: Tensor, subsamples: int
 ) -> Tensor:
-    height, width = still.shape
-    # Only the pixels around the ball are cast; the rest is background.
+    """One image (h, w) of the ball in front of the ``still`` background."""
+    rows, columns = still.shape
+    # Rays are cast for the pixels around the ball only.
     left, top = (int(v) for v in (centre.detach() - radius - 2).floor())
     span = int(2 * radius) + 6
-    x0, x1 = max(left, 0), min(left + span, width)
-    y0, y1 = max(top, 0), min(top + span, height)
+    x0, x1 = max(left, 0), min(left + span, columns)
+    y0, y1 = max(top, 0), min(top + span, rows)
     if x0 >= x1 or y0 >= y1:
         return still
     offsets = (torch.arange(subsamples, dtype=centre.dtype, device=centre.device) + 0.5) / subsamples - 0.5
@@ -126,8 +132,9 @@ def _frame(
     y = (torch.arange(y0, y1, device=centre.device)[:, None] + offsets).flatten() - centre[1]
     squared = (x**2)[None, :] + (y**2)[:, None]
     hit = squared < radius**2
-    surface = torch.stack((x.expand(len(y), -1), y[:, None].expand(-1, len(x)), -_height(squared, radius)), -1)
-    # A row vector times A is A^T times the column: from the camera frame back to the body.
+    height = (radius**2 - squared).clamp_min(1e-6).sqrt()
+    surface = torch.stack((x.expand(len(y), -1), y[:, None].expand(-1, len(x)), -height), -1)
+    # A row vector times A is A^T times the column: from the camera frame to the body's.
     body = (surface @ orientation) / (radius * CUBE_HALF_WIDTH)
     grey = F.grid_sample(volume[None, None], body[None, None], align_corners=True)[0, 0, 0]
     behind = still[y0:y1, x0:x1].repeat_interleave(subsamples, 0).repeat_interleave(subsamples, 1)
@@ -136,7 +143,3 @@ def _frame(
     return still.index_put(
         (torch.arange(y0, y1, device=still.device)[:, None], torch.arange(x0, x1, device=still.device)[None]), pixels
     )
-
-
-def _height(squared: Tensor, radius: float) -> Tensor:
-    return (radius**2 - squared).clamp_min(1e-6).sqrt()

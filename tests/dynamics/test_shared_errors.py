@@ -1,0 +1,55 @@
+"""Errors that all frames share: their part in the standard deviations of velocity, spin and force."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from tracks import falling_track, made_track
+
+import torchsphere as ts
+
+
+@pytest.fixture
+def falling() -> ts.Track:
+    return falling_track()
+
+
+def test_a_steady_error_of_the_steps_widens_velocity_spin_and_force(falling: ts.Track) -> None:
+    exact = ts.kinematics(falling, frame_rate=1000.0, m_per_px=5e-4, mass_kg=0.1)
+    steady = dataclasses.replace(falling, sd_steady=np.array([0.02, 0.02, 1e-3, 1e-3, 1e-3]))
+    motion = ts.kinematics(steady, frame_rate=1000.0, m_per_px=5e-4, mass_kg=0.1)
+    # 0.02 px per frame are 0.01 m/s, and 0.001 rad are 1 rad/s. In a flight of 8 frame intervals the error may change
+    # by 1.4 of its size: 0.014 m/s in 8 ms are 1.75 m/s^2, and 0.175 N with 0.1 kg.
+    for name, added in (("velocity_m_s", 0.01), ("spin_rad_s", 1.0), ("force_N", 0.175)):
+        wider, own = (getattr(m, f"sd_{name}")[4, 1] for m in (motion, exact))
+        assert np.sqrt(wider**2 - own**2) == pytest.approx(added, rel=1e-6)
+
+
+def test_the_radius_uncertainty_enters_scale_velocity_and_spin(falling: ts.Track) -> None:
+    exact = ts.kinematics(falling, frame_rate=1000.0, diameter_m=0.02)
+    circle = dataclasses.replace(falling.circle, sd_radius=0.2)
+    motion = ts.kinematics(dataclasses.replace(falling, circle=circle), frame_rate=1000.0, diameter_m=0.02)
+    # 0.2 of 20 px is 1 %: of a velocity of 1 m/s that is 0.01; of a spin of 10 rad/s the rotation's share is 2.1 %.
+    added = np.sqrt(motion.sd_velocity_m_s[4, 0] ** 2 - exact.sd_velocity_m_s[4, 0] ** 2)
+    assert added == pytest.approx(0.01, rel=1e-6)
+    added = np.sqrt(motion.sd_spin_rad_s[4, 2] ** 2 - exact.sd_spin_rad_s[4, 2] ** 2)
+    assert added == pytest.approx(0.21, rel=1e-6)
+
+
+def test_an_uncertain_centre_widens_the_spin_about_z_of_a_ball_that_tilts() -> None:
+    n = 11
+    increment = np.tile([1.0, 0.0, 0.01, 0.02, 0.0], (n - 1, 1))
+    exact = made_track(increment, np.array([0.01, 0.01, 1e-4, 1e-4, 1e-4]), ts.Circle(50.0, 40.0, 20.0, 0.0, 0.0, 0.0))
+    uncertain = dataclasses.replace(exact, circle=dataclasses.replace(exact.circle, sd_x=0.4, sd_y=0.1))
+    wide, own = (ts.kinematics(t, frame_rate=1000.0, m_per_px=5e-4).sd_spin_rad_s[5, 2] for t in (uncertain, exact))
+    # 10 rad/s about x times 0.4 px and 20 rad/s about y times 0.1 px; 0.85 of their sum over 20 px.
+    assert np.sqrt(wide**2 - own**2) == pytest.approx(0.85 * np.hypot(10 * 0.4, 20 * 0.1) / 20, rel=1e-6)
+
+
+def test_the_error_by_the_radius_may_change_along_a_flight_by_its_own_size(falling: ts.Track) -> None:
+    exact = ts.kinematics(falling, frame_rate=1000.0, m_per_px=5e-4)
+    circle = dataclasses.replace(falling.circle, sd_radius=0.2)
+    motion = ts.kinematics(dataclasses.replace(falling, circle=circle), frame_rate=1000.0, m_per_px=5e-4)
+    added = np.sqrt(motion.sd_angular_acceleration_rad_s2[4, 2] ** 2 - exact.sd_angular_acceleration_rad_s2[4, 2] ** 2)
+    # 2.1 % of a spin of 10 rad/s, in 8 ms.
+    assert added == pytest.approx(0.21 / 8e-3, rel=1e-5)
