@@ -24,8 +24,8 @@ from torchsphere.dynamics.kinematics import Kinematics, kinematics
 from torchsphere.recording import Recording, open_recording
 from torchsphere.recording.frame_range import frames, part
 from torchsphere.recording.ignore_mask import hides_ball, read_ignore, without_effect
-from torchsphere.report import draw, overlay, paraview, sampled
-from torchsphere.report.words import NO_IMPACT
+from torchsphere.report import draw, frame_sampling, overlay, paraview
+from torchsphere.report.explanations import NO_IMPACT
 from torchsphere.request import Request, require_shell_within
 from torchsphere.results import sampled_frames, writer
 from torchsphere.results.reader import read
@@ -182,7 +182,7 @@ def _write(
         if request.report:
             begun = draw.begin_figures(folder, pool)
             mask = None if ignore is None else torch.from_numpy(ignore)
-            sampled_frames.save(folder / "frames.npz", sampled.sample(chosen, done.track, mask))
+            sampled_frames.save(folder / "frames.npz", frame_sampling.sample(chosen, done.track, mask))
             # From what was written, so that the folder alone is always enough to draw it again.
             draw.draw(folder, pool, begun)
         _export(request, folder)

@@ -10,7 +10,7 @@ import tifffile
 from PIL import Image
 
 from torchsphere.measure import Request, measure
-from torchsphere.report import empty, image_figures, motion_figures, path_figure
+from torchsphere.report import explanations, image_figures, motion_figures, path_figure
 from torchsphere.results.reader import ResultFolder, read
 from torchsphere.synthetic import demo_shot
 
@@ -210,7 +210,7 @@ def test_nothing_measured_is_said_on_the_axes_instead_of_left_blank(result: Resu
             assert not axis.xaxis.get_visible()
             assert axis.get_legend() is None
     found = lost.summary | {"settings": lost.summary["settings"] | {"circle_given": False}}
-    assert "give the ball with --circle" in empty.why_empty(dataclasses.replace(lost, summary=found), "position")
+    assert "give the ball with --circle" in explanations.why_empty(dataclasses.replace(lost, summary=found), "position")
     labels = ["position (px)", "step (px per frame)", "rotation (deg per frame)"]
     assert [axis.get_title(loc="left") for axis in motion_figures.motion_figure(lost).axes] == labels
     assert any("not measured" in text.get_text() for text in path_figure.path_figure(lost).texts)

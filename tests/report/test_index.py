@@ -12,7 +12,7 @@ import pytest
 import tifffile
 
 from torchsphere.cli.main import main
-from torchsphere.report import index
+from torchsphere.report import index_page
 from torchsphere.synthetic import demo_shot
 
 
@@ -49,7 +49,7 @@ def data(page: str) -> dict[str, Any]:
 
 def test_every_recording_has_a_row_and_only_a_measured_one_a_report_and_a_picture(tmp_path: Path, result: Path) -> None:
     rows = batch(tmp_path, result)
-    page = index.write_index(tmp_path, rows).read_text()
+    page = index_page.write_index(tmp_path, rows).read_text()
     assert "3 recordings: 1 done, 1 failed, 1 pending." in page
     table = data(page)
     assert table["columns"] == ["recording", "state", "reason", "frames", "ok", "speed_m_s"]
@@ -85,4 +85,4 @@ def test_a_damaged_result_is_named_and_the_index_is_written_all_the_same(tmp_pat
 
 
 def test_an_empty_batch_says_so(tmp_path: Path) -> None:
-    assert "There are no recordings yet." in index.write_index(tmp_path, []).read_text()
+    assert "There are no recordings yet." in index_page.write_index(tmp_path, []).read_text()

@@ -18,9 +18,9 @@ from torchsphere.correlation.options import Options
 from torchsphere.correlation.result import STATUSES
 from torchsphere.imaging import crop
 from torchsphere.measure import Measurement, Request, measure
-from torchsphere.report import draw, image_figures, numbers, page, words
-from torchsphere.report.panels import panels
-from torchsphere.report.residuals import Pairs, residual_maps
+from torchsphere.report import draw, explanations, image_figures, report_page, summary_tables
+from torchsphere.report.residual_maps import Pairs, residual_maps
+from torchsphere.report.time_series import panels
 from torchsphere.results.reader import ResultFolder, read
 from torchsphere.results.sampled_frames import LIMIT, chosen, load, save
 from torchsphere.synthetic import demo_shot
@@ -78,8 +78,8 @@ def test_turned_angles_are_sums_of_the_increments_and_end_where_one_is_missing(r
 
 def test_means_that_an_earlier_result_lacks_are_not_measured(result: ResultFolder) -> None:
     earlier = dataclasses.replace(result, summary={k: v for k, v in result.summary.items() if k != "mean_motion"})
-    (rows,) = (rows for title, rows in numbers.sections(earlier) if title == "Mean motion")
-    assert [text for _, text in rows] == [numbers.NOT_MEASURED] * 2
+    (rows,) = (rows for title, rows in summary_tables.sections(earlier) if title == "Mean motion")
+    assert [text for _, text in rows] == [summary_tables.NOT_MEASURED] * 2
 
 
 def test_the_lab_frame_turns_the_shown_angles_over_as_the_axes(result: ResultFolder) -> None:
@@ -200,33 +200,33 @@ def test_an_ignored_region_has_no_residual() -> None:
     ],
 )
 def test_numbers_have_the_digits_that_their_uncertainty_allows(value: object, sd: object, unit: str, text: str) -> None:
-    values = numbers.measured(value, sd, unit)
+    values = summary_tables.measured(value, sd, unit)
     assert values == text
 
 
 def test_runs_of_frames_are_named_by_their_ends() -> None:
-    assert words.runs(np.array([3, 7, 8, 9, 12])) == "3, 7-9, 12"
-    assert words.runs(np.arange(0, 20, 2), most=3) == "0, 2, 4 and 7 more runs"
+    assert explanations.runs(np.array([3, 7, 8, 9, 12])) == "3, 7-9, 12"
+    assert explanations.runs(np.arange(0, 20, 2), most=3) == "0, 2, 4 and 7 more runs"
 
 
 def test_every_status_has_its_meaning_and_what_to_do() -> None:
-    assert tuple(words.STATUSES) == STATUSES
-    assert all(meaning and (remedy or name == "ok") for name, (meaning, remedy) in words.STATUSES.items())
+    assert tuple(explanations.STATUSES) == STATUSES
+    assert all(meaning and (remedy or name == "ok") for name, (meaning, remedy) in explanations.STATUSES.items())
 
 
 def test_a_report_asks_nothing_from_outside_and_holds_any_name(result: ResultFolder, tmp_path: Path) -> None:
     name = "</script><script>alert(1)</script><!-- &amp; $title.tif"
     source = result.summary["input"] | {"path": f"/shots/{name}"}
     summary = result.summary | {"input": source, "warnings": [f"A warning of {name}."]}
-    text = page.page(dataclasses.replace(result, summary=summary))
+    text = report_page.report_html(dataclasses.replace(result, summary=summary))
     assert "default-src 'none'" in text
     assert "http://" not in text
     assert "https://" not in text
     assert "alert(1)</script>" not in text
     # The data's script and the page's own, and no third.
     assert text.count("</script>") == 2
-    assert "NaN" not in json.dumps(page.embedded({"names": name}))
-    assert json.loads(page.embedded({"names": name})) == {"names": name}
+    assert "NaN" not in json.dumps(report_page.embedded({"names": name}))
+    assert json.loads(report_page.embedded({"names": name})) == {"names": name}
 
 
 @pytest.mark.parametrize(("corner", "ignored"), [(20.0, False), (3.0, False), (20.0, True)])
@@ -272,7 +272,7 @@ def test_a_report_that_fails_half_way_leaves_the_earlier_one(
     def full(_: ResultFolder) -> str:
         raise OSError(28, "No space left on device", "report.html")
 
-    monkeypatch.setattr(draw.page, "page", full)
+    monkeypatch.setattr(draw.report_page, "report_html", full)
     assert main(["report", str(copy)]) == 1
     assert "no space left" in capsys.readouterr().err
     assert {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()} == before
@@ -355,11 +355,13 @@ def test_a_recording_in_which_the_ball_is_lost_is_reported_in_words_and_never_as
     arguments = ["track", str(tmp_path / "shot.tif"), "--out", str(tmp_path / "out"), "--circle", "64.3,92.6,40"]
     assert main([*arguments, "--fps", "36000", "--diameter-mm", "30", "--mass-g", "110", "--quiet"]) == 0
     result = read(tmp_path / "out")
-    assert words.verdict(result) == "No motion was measured: the ball was found in 1 frame of 8, but not followed."
+    assert (
+        explanations.verdict(result) == "No motion was measured: the ball was found in 1 frame of 8, but not followed."
+    )
     # A circle was given: to give one is no advice.
-    assert not any("--circle" in p["remedy"] for p in words.problems(result))
-    assert any("circle that was given" in p["remedy"] for p in words.problems(result))
-    assert sum(len(p["remedy"]) > 0 for p in words.problems(result)) == len(words.problems(result)) > 0
+    assert not any("--circle" in p["remedy"] for p in explanations.problems(result))
+    assert any("circle that was given" in p["remedy"] for p in explanations.problems(result))
+    assert sum(len(p["remedy"]) > 0 for p in explanations.problems(result)) == len(explanations.problems(result)) > 0
     text = (tmp_path / "out" / "report.html").read_text()
     assert "nan" not in text.split('id="data"')[0].lower().replace("nano", "")
     assert "not measured: no motion was measured" in text

@@ -16,7 +16,7 @@ from torchsphere.archive.key import Key, key_of
 from torchsphere.archive.manifest import Archive, Item
 from torchsphere.archive.records import DONE, FAILED, PENDING
 from torchsphere.archive.work import STOP, Job, Outcome, is_settled
-from torchsphere.report import index
+from torchsphere.report import index_page
 
 #: What has jobs done: `processes.run` or `dask_engine.run` with all but the jobs given.
 Engine = Callable[[Iterator[Job]], Iterator[Outcome]]
@@ -86,7 +86,7 @@ class _Standing:
                     self.read(i)
             summary.write(self._out, self._rows)
             if everything:
-                index.write_index(self._out, self._rows)
+                index_page.write_index(self._out, self._rows)
 
 
 def run(

@@ -49,7 +49,7 @@ def _preview(recording: Recording, path: Path) -> None:
     from torchsphere.detection.detect import find
     from torchsphere.measure import circle_text
     from torchsphere.recording.frame_source import Source
-    from torchsphere.report.figures import preview_figure
+    from torchsphere.report.image_figures import preview_figure
     from torchsphere.tracking.circle_calibration import calibrate
 
     if path.suffix.lower() != ".png":

@@ -14,8 +14,8 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from torchsphere.report import image_figures, motion_figures, page, path_figure
-from torchsphere.report.figures import new_figure
+from torchsphere.report import image_figures, motion_figures, path_figure, report_page
+from torchsphere.report.figure_style import new_figure
 from torchsphere.results.reader import ResultFolder, read
 from torchsphere.runtime import signals
 
@@ -94,7 +94,7 @@ def _draw(folder: Path, pool: Executor | None, begun: Future[None] | None) -> No
         figures = new / "figures"
         figures.mkdir()
         beside = begin(pool, draw_figures, folder, figures, tuple(OF_IMAGES))
-        (new / "report.html").write_text(page.page(result), encoding="utf-8")
+        (new / "report.html").write_text(report_page.report_html(result), encoding="utf-8")
         if result.sampled is not None:
             (figures / "thumbnail.webp").write_bytes(image_figures.thumbnail(result))
         calls = ((OF_NUMBERS, begun), (OF_IMAGES, beside))

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import io
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.report.figures import COLOURS, DPI, new_figure
+from torchsphere.report.figure_style import COLOURS, DPI, new_figure
 from torchsphere.results.reader import ResultFolder
 from torchsphere.results.sampled_frames import Sampled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from torchsphere.detection.detect import Circle
 
 #: Robust standard deviations of a residual map at which its colours end.
 COLOURS_END = 5.0
@@ -105,3 +108,19 @@ def kept_images(result: ResultFolder) -> Sampled:
     if result.sampled is None:
         raise ValueError(f"{result.path}: no images were kept with this result; track again without --no-report")
     return result.sampled
+
+
+def preview_figure(path: Path, image: NDArray[np.float32], circle: Circle, title: str) -> None:
+    """The image with the circle drawn on it and its numbers, ready to paste into ``--circle``, as PNG."""
+    height, width = image.shape
+    figure = new_figure(figsize=(8.0, 8.0 * height / width + 0.9), dpi=120)
+    axis = figure.subplots()
+    low, high = np.percentile(image, (0.5, 99.5))
+    axis.imshow(image, cmap="gray", vmin=low, vmax=max(high, low + 1e-6))
+    angle = np.linspace(0, 2 * np.pi, 361)
+    x, y = circle.x + circle.radius * np.cos(angle), circle.y + circle.radius * np.sin(angle)
+    axis.plot(x, y, color=COLOURS[1], lw=1.2)
+    axis.plot(circle.x, circle.y, "+", color=COLOURS[1], ms=12)
+    axis.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="x (px)", ylabel="y (px)")
+    axis.set_title(title, fontsize=9)
+    figure.savefig(path)

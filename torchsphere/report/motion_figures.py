@@ -6,10 +6,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from torchsphere.report.empty import not_in_si, why_empty
-from torchsphere.report.figures import COLOURS, DPI, new_figure
-from torchsphere.report.panels import abscissa, panels
-from torchsphere.report.stack import BOTTOM, GAP, PANEL, TOP, WIDTH, added, emptied, named, stacked, time_axis, titled
+from torchsphere.report.explanations import not_in_si, why_empty
+from torchsphere.report.figure_style import COLOURS, DPI, new_figure
+from torchsphere.report.stacked_panels import (
+    BOTTOM,
+    GAP,
+    PANEL,
+    TOP,
+    WIDTH,
+    added,
+    emptied,
+    named,
+    stacked,
+    time_axis,
+    titled,
+)
+from torchsphere.report.time_series import abscissa, panels
 from torchsphere.results.reader import ResultFolder
 
 if TYPE_CHECKING:

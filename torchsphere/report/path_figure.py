@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.report.figures import COLOURS, DPI, new_figure
+from torchsphere.report.figure_style import COLOURS, DPI, new_figure
 from torchsphere.report.image_figures import kept_images, picture
-from torchsphere.report.stack import CONTACT
+from torchsphere.report.stacked_panels import CONTACT
 from torchsphere.results.reader import ResultFolder
 
 if TYPE_CHECKING:

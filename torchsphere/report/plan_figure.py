@@ -15,7 +15,7 @@ from torchsphere.planning.expected import MOST_BLUR_PX
 from torchsphere.planning.free_flight import Flight
 from torchsphere.planning.plan import Plan
 from torchsphere.planning.rehearsal import MOST_CONTACT_FRAMES, Rehearsal
-from torchsphere.report.figures import COLOURS, STYLES, new_figure
+from torchsphere.report.figure_style import COLOURS, STYLES, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

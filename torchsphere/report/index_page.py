@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from torchsphere.report.page import HERE, embedded, fill
+from torchsphere.report.report_page import HERE, embedded, fill
 
 #: Columns that stand first, in this order, where rows have them; then all others in their own order.
 FIRST = ("recording", "state", "reason", "frames", "ok")
@@ -47,7 +47,7 @@ def write_index(out_dir: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
     page = fill(
         "index.html",
         grade="bad" if states["failed"] else "part" if states["pending"] else "good",
-        style=(HERE / "page.css").read_text(encoding="utf-8") + (HERE / "index.css").read_text(encoding="utf-8"),
+        style=(HERE / "base.css").read_text(encoding="utf-8") + (HERE / "index.css").read_text(encoding="utf-8"),
         script=(HERE / "index.js").read_text(encoding="utf-8"),
         data=embedded(data),
         verdict=f"{len(rows)} recordings: {', '.join(texts)}." if rows else "There are no recordings yet.",

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.report.words import NO_IMPACT
+from torchsphere.report.explanations import NO_IMPACT
 from torchsphere.results.reader import ResultFolder
 
 NOT_MEASURED = "not measured"

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.report.empty import why_empty
-from torchsphere.report.figures import COLOURS, DPI, STYLES, new_figure
-from torchsphere.report.panels import Abscissa, Panel, abscissa
+from torchsphere.report.explanations import why_empty
+from torchsphere.report.figure_style import COLOURS, DPI, STYLES, new_figure
+from torchsphere.report.time_series import Abscissa, Panel, abscissa
 from torchsphere.results.reader import TRANSLATION_KNOWN, ResultFolder
 
 if TYPE_CHECKING:

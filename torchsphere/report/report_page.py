@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.report import numbers, words
-from torchsphere.report.empty import why_empty
+from torchsphere.report import explanations, summary_tables
+from torchsphere.report.explanations import why_empty
 from torchsphere.report.image_figures import residual_limit
 from torchsphere.report.motion_figures import STATUS_COLOURS
-from torchsphere.report.panels import abscissa, panels
+from torchsphere.report.time_series import abscissa, panels
 from torchsphere.results.reader import ResultFolder
 from torchsphere.results.sampled_frames import LIMIT, NOTHING, Sampled, chosen
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parent / "templates"
 
 #: Scripts in the order in which they build on each other.
 SCRIPTS = (
@@ -47,19 +47,19 @@ PLOTTED = 2000
 MAP_PX, MAP_MIDDLE, MAP_REACH, MAP_QUALITY = 72, 148, 100, 75
 
 
-def page(result: ResultFolder) -> str:
+def report_html(result: ResultFolder) -> str:
     """The report as HTML."""
     title = Path(result.summary["input"]["path"]).name
     return fill(
-        "page.html",
+        "report.html",
         title=html.escape(title),
-        style=(HERE / "page.css").read_text(encoding="utf-8"),
+        style=(HERE / "base.css").read_text(encoding="utf-8"),
         script="\n".join((HERE / name).read_text(encoding="utf-8") for name in SCRIPTS),
         data=embedded(_data(result)),
-        verdict=html.escape(words.verdict(result)),
+        verdict=html.escape(explanations.verdict(result)),
         grade=_grade(result),
         problems=_problems(result),
-        numbers=_sections(numbers.sections(result)),
+        numbers=_sections(summary_tables.sections(result)),
         settings=_settings(result),
         version=html.escape(str(result.summary.get("versions", {}).get("torchsphere", ""))),
     )
@@ -148,7 +148,7 @@ def _status(result: ResultFolder, name: str) -> dict[str, Any]:
         "name": name.replace("_", " "),
         "colour": STATUS_COLOURS[name],
         "count": int((result.status == name).sum()),
-        "meaning": words.told(result, name)[0],
+        "meaning": explanations.told(result, name)[0],
     }
 
 
@@ -204,11 +204,11 @@ def _problems(result: ResultFolder) -> str:
     failed = [
         f"<li><strong>{html.escape(p['frames'])}</strong>: {_marked(p['meaning'])}. "
         f"<span class='do'>What to do: {_marked(p['remedy'])}</span></li>"
-        for p in words.problems(result)
+        for p in explanations.problems(result)
     ]
-    lacking = [f"<li>{_marked(sentence)}</li>" for sentence in words.absent(result)]
+    lacking = [f"<li>{_marked(sentence)}</li>" for sentence in explanations.absent(result)]
     parts = [_list("", [*failed, *lacking])]
-    notes = [f"<li>{_marked(sentence)}</li>" for sentence in words.warnings(result)]
+    notes = [f"<li>{_marked(sentence)}</li>" for sentence in explanations.warnings(result)]
     parts.append(_list("<h2>Warnings</h2>", notes))
     return "".join(parts)
 
@@ -222,7 +222,7 @@ def _list(heading: str, items: list[str]) -> str:
     return f"{heading}<ul>{''.join(items)}</ul>" if items else ""
 
 
-def _sections(found: Iterable[numbers.Section]) -> str:
+def _sections(found: Iterable[summary_tables.Section]) -> str:
     return "".join(
         f"<section class='numbers'><h3>{html.escape(heading)}</h3><table>"
         + "".join(f"<tr><th scope='row'>{html.escape(k)}</th><td>{html.escape(v)}</td></tr>" for k, v in rows)

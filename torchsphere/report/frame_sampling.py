@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.recording.frame_source import Source
-from torchsphere.report.residuals import Pairs, binning, options_of, residual_maps
+from torchsphere.report.residual_maps import Pairs, binning, options_of, residual_maps
 from torchsphere.results.reader import TRANSLATION_KNOWN
 from torchsphere.results.sampled_frames import LIMIT, NOTHING, Sampled, chosen
 from torchsphere.runtime import threads
