@@ -46,8 +46,8 @@ def ran(script: str) -> str:
     return done.stdout
 
 
-#: What takes a second or two, and figures.
-SLOW = ("torch", "kornia", "scipy", "matplotlib")
+#: Libraries that take a second or two, and those of figures and pages.
+SLOW = ("torch", "kornia", "scipy", "matplotlib", "jinja2")
 LOADED = f"print('loaded', *({set(SLOW)!r} & set(sys.modules)))"
 
 

@@ -12,7 +12,7 @@ from torchsphere.archive.claims import Claims, claims
 from torchsphere.archive.scan import STATE
 
 SUMMARIES = ("summary.csv", "summary.parquet")
-#: Folders that `torchsphere.results.writer.whole_folder` fills before they get their name, "shot" here: .shot.k3_x9a1b
+#: Folders that `atomic_output.atomic_folder` fills before they get their name, "shot" here: .shot.k3_x9a1b
 _UNFINISHED = re.compile(r"\.(?P<name>.+)\.[a-z0-9_]{8}")
 
 

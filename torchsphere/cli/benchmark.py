@@ -13,7 +13,7 @@ from torchsphere.benchmark.folder import Benchmark
 from torchsphere.benchmark.make import make
 from torchsphere.benchmark.run import Outcome, folder_of, run
 from torchsphere.benchmark.standing import Standing
-from torchsphere.results.writer import whole_file
+from torchsphere.results.atomic_output import atomic_file
 
 #: Exit code where a tracker failed on a suite; its other results are written.
 SOME_FAILED = 3
@@ -104,7 +104,7 @@ def _table(options: dict[str, Any]) -> int:
     if options["out"] is None:
         print(text, end="")
     else:
-        with whole_file(options["out"]) as stream:
+        with atomic_file(options["out"]) as stream:
             stream.write(text)
     return 0
 

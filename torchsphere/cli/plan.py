@@ -19,7 +19,7 @@ from torchsphere.planning.free_flight import Flight
 from torchsphere.planning.plan import Plan
 from torchsphere.recording import open_recording
 from torchsphere.report import plan_figure
-from torchsphere.results import writer
+from torchsphere.results import atomic_output, writer
 from torchsphere.settings.limits import option, require_finite, require_positive, require_within
 from torchsphere.tracking.track import track
 
@@ -40,13 +40,13 @@ def run(options: dict[str, Any]) -> int:
         With one sentence on what is wrong; then nothing has been written.
     """
     out, overwrite, quiet = (options.pop(name) for name in ("out", "overwrite", "quiet"))
-    writer.check_folder(out, overwrite)
+    atomic_output.check_folder(out, overwrite)
     for name in (*NEEDED, "width", "field_mm", "contact_us", "speckle_px"):
         require_positive(name, options[name])
     require_within("restitution", options["restitution"], (0.0, 1.0))
     require_finite("direction_deg", options["direction_deg"])
     made = _from_flight(options, quiet) if options["flight"] is not None else _from_images(options, quiet)
-    with writer.whole_folder(out, overwrite) as folder:
+    with atomic_output.atomic_folder(out, overwrite) as folder:
         writer.write_summary(folder, table.as_table(made))
         (folder / "summary.json").rename(folder / "plan.json")
         plan_figure.plan_figure(folder / "plan.png", made)

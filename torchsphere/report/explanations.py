@@ -1,13 +1,15 @@
-"""A result in plain words: what was measured, what was not and why."""
+"""Sentences on a result: which frames and quantities were measured, which were not, why, and what to do."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.results.reader import ALL_KNOWN, ResultFolder
 
-#: What each status means, and what to do about it.
+#: Meaning of each status, and what to do.
 STATUSES: dict[str, tuple[str, str]] = {
     "ok": ("translation and rotation were measured", ""),
     "weak_texture": (
@@ -35,63 +37,78 @@ STATUSES: dict[str, tuple[str, str]] = {
     ),
 }
 
-#: What to do where a circle was given already.
-WITH_CIRCLE = {
+#: What to do if the circle was given already.
+REMEDIES_WITH_CIRCLE = {
     "not_converged": "The ball may turn or move too far from one frame to the next, or blur too much: raise the frame "
     "rate, or shorten the exposure. Check below that the circle that was given is the ball's outline.",
     "lost": "Check below that the circle that was given is the ball's outline in the first frame; start with --frames "
     "at a frame that shows the whole ball.",
 }
 
-#: The same of frames in which the model, not the pattern, kept the rotation from being measured.
+#: Meaning of "weak_texture", and what to do, if the model has no rotation.
 WITHOUT_ROTATION = (
     "the translation was measured; the rotation was not, as the model 'translation' knows none",
     "Track again with --model rigid for the rotation, and for a translation that it does not bias.",
 )
 
-#: How the summary's warning begins that says why there is no impact.
+#: Short forms of meaning and remedy, for an empty panel.
+REASONS = {
+    "weak_texture": "too little pattern to tell the rotation:\nput spots of 3 to 5 px on the ball",
+    "low_correlation": "the images do not match:\n{circle}, leave out what covers it with --ignore",
+    "not_converged": "no motion explains the images:\nraise the frame rate, shorten the exposure, or {circle}",
+    "out_of_frame": "most of the ball is outside the image:\nchoose other frames with --frames",
+    "lost": "the ball was not found:\n{circle}, choose frames that show it whole with --frames",
+}
+
+#: Start of the warning that says why no impact is reported.
 NO_IMPACT = "No impact is reported: "
 
 
+@dataclass(frozen=True)
+class Problem:
+    """A status other than "ok": the frames that have it, its meaning, and what to do."""
+
+    frames: str
+    meaning: str
+    remedy: str
+
+
 def verdict(result: ResultFolder) -> str:
-    """One sentence: how much was measured."""
-    n, good = len(result.status), int(np.isin(result.status, ALL_KNOWN).sum())
+    """How much was measured, in one sentence."""
+    n, good, located = len(result.status), int(np.isin(result.status, ALL_KNOWN).sum()), int(result.known.sum())
     if good == n:
         return f"All {n} frames were measured."
-    placed = int(result.known.sum())
-    if good == 0 and placed == 0:
+    if good == 0 and located == 0:
         return f"Nothing was measured: in none of the {n} frames was the ball found."
     # The frame in which the ball is first found is "ok" although no step leads to it.
     if good <= 1 and not result.has_steps:
-        return f"No motion was measured: the ball was found in {_count(placed, 'frame')} of {n}, but not followed."
+        return f"No motion was measured: the ball was found in {_count(located, 'frame')} of {n}, but not followed."
     if good == 0:
-        return f"The place of the ball was measured in {placed} of {n} frames, its rotation in none."
+        return f"The place of the ball was measured in {located} of {n} frames, its rotation in none."
     return f"{good} of {n} frames were measured in full, {n - good} were not."
 
 
-def problems(result: ResultFolder) -> list[dict[str, str]]:
-    """For each status but "ok" that occurs: which frames, what it means, and what to do."""
+def problems(result: ResultFolder) -> list[Problem]:
+    """A problem for each status of the result except "ok"."""
     found = []
     for name in STATUSES:
-        meaning, remedy = told(result, name)
         rows = np.flatnonzero(result.status == name)
-        if name == "ok" or len(rows) == 0:
-            continue
-        frames = f"{_count(len(rows), 'frame')} {name.replace('_', ' ')} ({runs(result.frame[rows])})"
-        found.append({"status": name, "frames": frames, "meaning": meaning, "remedy": remedy})
+        if name != "ok" and len(rows):
+            frames = f"{_count(len(rows), 'frame')} {name.replace('_', ' ')} ({frame_runs(result.frame[rows])})"
+            found.append(Problem(frames, *meaning_and_remedy(result, name)))
     return found
 
 
-def told(result: ResultFolder, name: str) -> tuple[str, str]:
-    """What the status ``name`` means in this result, and what to do about it."""
-    if result.without_rotation and name == "weak_texture":
+def meaning_and_remedy(result: ResultFolder, status: str) -> tuple[str, str]:
+    """Meaning of a status in this result, and what to do."""
+    if result.without_rotation and status == "weak_texture":
         return WITHOUT_ROTATION
-    meaning, remedy = STATUSES[name]
-    return meaning, WITH_CIRCLE.get(name, remedy) if result.circle_given else remedy
+    meaning, remedy = STATUSES[status]
+    return meaning, REMEDIES_WITH_CIRCLE.get(status, remedy) if result.circle_given else remedy
 
 
-def absent(result: ResultFolder) -> list[str]:
-    """What the report lacks as a whole, and what to give so that it does not."""
+def missing_inputs(result: ResultFolder) -> list[str]:
+    """A sentence for each input that is missing: what the result lacks, and the option that gives the input."""
     sentences = []
     if result.summary.get("frame_rate") is None:
         sentences.append("Velocities and times are not measured: the frame rate is not known. Give it with --fps.")
@@ -108,65 +125,51 @@ def absent(result: ResultFolder) -> list[str]:
 
 
 def warnings(result: ResultFolder) -> list[str]:
-    """The summary's warnings but those that `absent` and `problems` say already."""
-    said: tuple[str, ...] = ("The frame rate is not known", "No scale was given")
+    """Warnings of the summary, except those that `verdict`, `problems` and `missing_inputs` repeat."""
+    repeated: tuple[str, ...] = ("The frame rate is not known", "No scale was given")
     if not result.has_steps:
-        # The verdict says it already: no motion was measured.
-        said = (*said, NO_IMPACT)
+        repeated = (*repeated, NO_IMPACT)
     return [
         sentence
         for sentence in result.summary.get("warnings", [])
-        if not sentence.startswith(said) and "frames were not fully measured" not in sentence
+        if not sentence.startswith(repeated) and "frames were not fully measured" not in sentence
     ]
 
 
-def runs(frames: NDArray[np.int64], most: int = 6) -> str:
-    """As in 3, 7-9, 12: numbers as runs, the first few of them."""
-    parts = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
-    texts = [str(part[0]) if len(part) == 1 else f"{part[0]}-{part[-1]}" for part in parts[:most]]
-    return ", ".join(texts) + (f" and {len(parts) - most} more runs" if len(parts) > most else "")
-
-
-def _count(count: int, thing: str) -> str:
-    return f"{count} {thing}{'' if count == 1 else 's'}"
-
-
-#: Per status, what keeps frames from being measured and what to do.
-REASONS = {
-    "weak_texture": "too little pattern to tell the rotation:\nput spots of 3 to 5 px on the ball",
-    "low_correlation": "the images do not match:\n{circle}, leave out what covers it with --ignore",
-    "not_converged": "no motion explains the images:\nraise the frame rate, shorten the exposure, or {circle}",
-    "out_of_frame": "most of the ball is outside the image:\nchoose other frames with --frames",
-    "lost": "the ball was not found:\n{circle}, choose frames that show it whole with --frames",
-}
-
-#: What to do about the circle: where it was found, and where it was given.
-FOUND, GIVEN = "give the ball with --circle", "check the circle that was given"
-
-
 def why_empty(result: ResultFolder, key: str) -> str:
-    """Why the panel ``key`` of `panels.panels` is empty, by the status that most of the frames have but "ok"."""
+    """Why the time series ``key`` is empty, by the most frequent status other than "ok"."""
     if key in ("spin", "turned") and result.without_rotation:
         return "not measured: the model 'translation' knows no rotation;\ngive --model rigid"
     counts = {name: int((result.status == name).sum()) for name in REASONS}
     name = max(counts, key=lambda name: counts[name])
     if counts[name] == 0:
         return "not measured"
-    reason = REASONS[name].format(circle=GIVEN if result.circle_given else FOUND)
+    circle = "check the circle that was given" if result.circle_given else "give the ball with --circle"
+    reason = REASONS[name].format(circle=circle)
     return f"not measured: {name.replace('_', ' ')} in {counts[name]} of {len(result.status)} frames; {reason}"
 
 
-def not_in_si(result: ResultFolder) -> str:
-    """What to give so that figures are in SI units, or have the force; empty where nothing is missing."""
+def missing_for_si(result: ResultFolder) -> str:
+    """The options that SI units, or the force, still need; empty if none is missing."""
     if result.motion is not None:
         return "" if result.motion.force_N is not None else "for the force give --mass-g"
-    missing = []
+    options = []
     if result.summary.get("frame_rate") is None or not np.isfinite(result.time_s).all():
-        missing.append("--fps")
-    settings = result.summary["settings"]
+        options.append("--fps")
     if result.summary.get("scale") is None and not result.scale_given:
-        missing.append("--diameter-mm or --mm-per-px")
-    if not missing:
+        options.append("--diameter-mm or --mm-per-px")
+    if not options:
         return ""
-    units = "m/s" if settings.get("mass_g") is None else "m/s and N"
-    return f"for {units} give {', and '.join(missing)}"
+    units = "m/s" if result.summary["settings"].get("mass_g") is None else "m/s and N"
+    return f"for {units} give {', and '.join(options)}"
+
+
+def frame_runs(frames: NDArray[np.int64], most: int = 6) -> str:
+    """Frame numbers as runs, as in 3, 7-9, 12; ``most`` runs at most."""
+    runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
+    texts = [str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs[:most]]
+    return ", ".join(texts) + (f" and {len(runs) - most} more runs" if len(runs) > most else "")
+
+
+def _count(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"

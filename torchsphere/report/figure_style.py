@@ -1,4 +1,4 @@
-"""Figures with matplotlib, which is imported only when one is drawn."""
+"""The style that all figures share; matplotlib is imported when the first figure is made."""
 
 from __future__ import annotations
 
@@ -7,16 +7,26 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Blue, vermilion, green of Okabe and Ito, which colour-blind readers tell apart; also by line style.
+#: Blue, vermilion and green of Okabe and Ito, which colour-blind readers can tell apart, and a line style for each.
 COLOURS = ("#0072B2", "#D55E00", "#009E73")
 STYLES = ("-", "--", "-.")
+
+#: Colour of each status, from the same palette.
+STATUS_COLOURS = {
+    "ok": "#009E73",
+    "weak_texture": "#56B4E9",
+    "low_correlation": "#E69F00",
+    "not_converged": "#CC79A7",
+    "out_of_frame": "#999999",
+    "lost": "#D55E00",
+}
 
 #: Dots per inch of a PNG, which is for screens; the PDF beside it is for print.
 DPI = 120
 
 
 def new_figure(**settings: Any) -> Figure:
-    """A figure without a window, whatever the user's matplotlib is set to; ``settings`` as matplotlib's Figure."""
+    """A figure without a window, whatever backend the user has set; ``settings`` go to matplotlib's Figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

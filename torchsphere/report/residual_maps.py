@@ -1,4 +1,4 @@
-"""What the measured motion does not explain: each image minus the one before it, carried along with the ball."""
+"""Residual maps: each image minus the image before it, moved with the ball."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import torch
-import torch.nn.functional as F  # noqa: N812  (torch's own custom)
+import torch.nn.functional as F  # noqa: N812  (torch's convention)
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -20,32 +20,30 @@ from torchsphere.geometry import motion_models as motion
 from torchsphere.geometry.camera import Camera
 from torchsphere.imaging import crop, interlacing, interpolation
 
-#: Radius of the ball, px, up to which a map has the images' own pixels; a larger ball's are means of several, so that a
-#: map costs a ms or so whatever the camera. A map is looked at at the size of a thumb.
-FULL_UP_TO_PX = 72.0
-BINNED_TO_PX = 48.0
+#: Largest radius of a ball, px, whose map has the pixels of the images.
+MAX_FULL_RADIUS_PX = 72.0
+
+#: Radius of a larger ball in its map, px: pixels are binned, so that a map takes about 1 ms for every camera.
+BINNED_RADIUS_PX = 48.0
 
 
 @dataclass(frozen=True)
 class Pairs:
-    """m pairs of images (h, w) of the ball, the place ``circles`` (m, 3) in the first of each, and the motion (m, k).
-
-    The motion as (dx, dy, wx, wy, wz, growth): px and rad; all finite.
-    """
+    """m pairs of images (h, w) of the ball; all values are finite."""
 
     before: Sequence[Tensor]
     after: Sequence[Tensor]
-    circles: Tensor
-    motion: Tensor
+    circles: Tensor  # (x, y, radius) of the ball (m, 3) in the first image, px
+    motion: Tensor  # (dx, dy, wx, wy, wz, growth) to the second image (m, 6), px, rad and a share of the radius
 
 
-def binning(radius: float) -> int:
-    """Side of the squares of pixels whose means a map has, px."""
-    return 1 if radius <= FULL_UP_TO_PX else round(radius / BINNED_TO_PX)
+def bin_size(radius: float) -> int:
+    """Side of the squares of pixels that are binned, px; 1 for none."""
+    return 1 if radius <= MAX_FULL_RADIUS_PX else round(radius / BINNED_RADIUS_PX)
 
 
 def options_of(settings: dict[str, Any]) -> Options:
-    """The correlation's options from the ``settings`` of a `Track`."""
+    """Options of the correlation, from the ``settings`` of a `Track`."""
     names = set(Options.__dataclass_fields__)
     known = {name: value for name, value in settings.items() if name in names}
     camera = known.get("camera")
@@ -53,17 +51,17 @@ def options_of(settings: dict[str, Any]) -> Options:
 
 
 def residual_maps(pairs: Pairs, ignore: Tensor | None, options: Options) -> NDArray[np.float32]:
-    """Second image minus first within the region of interest, grey levels.
+    """Second image minus first image within the region of interest, grey levels.
 
-    Gain and offset are matched, as the criterion has it (equation (3) of the paper); blurred as for the correlation.
+    Gain and offset are matched as in the ZNSSD, equation (3) of the paper. Images are blurred as in the correlation.
 
     Returns
     -------
     ndarray
-        (m, s, s) around the ball's centre in the first image (to the whole pixel), NaN outside the region and where
-        an image cannot be used.
+        (m, s, s) around the ball's centre in the first image, rounded to whole pixels. NaN outside the region, and
+        where a pixel of an image cannot be used.
     """
-    k = binning(float(pairs.circles[:, 2].max()))
+    k = bin_size(float(pairs.circles[:, 2].max()))
     half = crop.half_size(float(pairs.circles[:, 2].max()), margin(options))
     crops_f = crop.cut(pairs.before, pairs.circles[:, :2], half, ignore)
     crops_g = crop.cut(pairs.after, pairs.circles[:, :2] + pairs.motion[:, :2].to(pairs.circles), half, ignore)
@@ -74,7 +72,7 @@ def residual_maps(pairs: Pairs, ignore: Tensor | None, options: Options) -> NDAr
     circles[:, :2] = (circles[:, :2] - (k - 1) / 2) / k
     circles[:, 2] /= k
     camera = None if options.camera is None else options.camera.reduced(k)
-    # In means of pixels the pattern is finer, so that without this blur their own aliasing is most of what is left.
+    # The pattern is finer in binned pixels. Without this blur their aliasing dominates the residual.
     pre_blur = max(options.pre_blur, interpolation.PRE_BLUR_PX) if k > 1 else options.pre_blur
     reference = build_reference(
         Filtered.of(crops_f, pre_blur), circles, options.roi, pre_blur, camera, blurred_every=None
@@ -93,7 +91,7 @@ def residual_maps(pairs: Pairs, ignore: Tensor | None, options: Options) -> NDAr
 
 
 def _binned(crops: crop.Crops, k: int) -> crop.Crops:
-    """The crops with means of ``k`` x ``k`` pixels for pixels; their origin counts in those."""
+    """The crops with ``k`` x ``k`` pixels binned to their mean; the origin is in binned pixels."""
     if k == 1:
         return crops
     usable = crops.usable

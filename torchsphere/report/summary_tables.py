@@ -1,4 +1,4 @@
-"""The numbers of a result in words, each with the digits that its uncertainty allows."""
+"""Tables of the numbers in ``summary.json``: values with their standard deviations, rounded to significant digits."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from torchsphere.results.reader import ResultFolder
 
 NOT_MEASURED = "not measured"
 
-#: Numbers of an impact in the order of a report: name in the summary, words, unit to show, factor.
+#: Numbers of an impact, in the order of the report: key in the summary, name, unit, factor to that unit.
 IMPACT: tuple[tuple[str, str, str, float], ...] = (
     ("speed_before", "Speed before", "m/s", 1),
     ("speed_after", "Speed after", "m/s", 1),
@@ -38,31 +38,35 @@ IMPACT: tuple[tuple[str, str, str, float], ...] = (
     ("energy_given", "Energy given to the target", "J", 1),
 )
 
-#: Numbers that need the ball's mass.
-OF_MASS = ("peak_force", "peak_time", "mean_force", "impulse_size", "energy_before", "energy_after", "energy_given")
+#: Numbers of an impact that are shown as "not measured" without the ball's mass; others are left out.
+ALWAYS_SHOWN = ("peak_force", "energy_given")
 
-Section = tuple[str, list[tuple[str, str]]]
+Row = tuple[str, str]
 
 
-def sections(result: ResultFolder) -> list[Section]:
-    """The summary's numbers, by headings."""
-    found: list[Section] = []
+def sections(result: ResultFolder) -> list[tuple[str, list[Row]]]:
+    """Headings, each with its rows of a name and a value."""
+    return [
+        ("Impact", _impact(result)),
+        ("Mean motion", _mean_motion(result)),
+        ("Ball and camera", _setup(result)),
+    ]
+
+
+def _impact(result: ResultFolder) -> list[Row]:
     impact = result.summary.get("impact")
-    if impact:
-        rows = [
-            (words, estimate(impact.get(name), unit, factor))
-            for name, words, unit, factor in IMPACT
-            if name in impact or (name in OF_MASS and name in ("peak_force", "energy_given"))
-        ]
-        found.append(("Impact", rows))
-    else:
-        found.append(("Impact", [("Contact", _no_impact(result))]))
-    found.append(("Mean motion", _means(result)))
-    found.append(("Ball and camera", _setup(result)))
-    return found
+    if not impact:
+        return [("Contact", _no_impact(result))]
+    rows = []
+    for key, name, unit, factor in IMPACT:
+        if key in impact or key in ALWAYS_SHOWN:
+            number = impact.get(key) or {}
+            rows.append((name, with_sd(number.get("value"), number.get("sd"), unit, factor)))
+    return rows
 
 
 def _no_impact(result: ResultFolder) -> str:
+    """Why there is no impact."""
     if not result.has_steps:
         return f"{NOT_MEASURED}: no motion was measured"
     for sentence in result.summary.get("warnings", []):
@@ -72,84 +76,77 @@ def _no_impact(result: ResultFolder) -> str:
     return f"{NOT_MEASURED}: frame rate and scale are needed"
 
 
-def _means(result: ResultFolder) -> list[tuple[str, str]]:
+def _mean_motion(result: ResultFolder) -> list[Row]:
     means = result.summary.get("mean_motion", {})
+
+    def mean(key: str, part: slice, unit: str, factor: float = 1.0) -> str:
+        # Results of earlier versions may lack a mean or its standard deviation.
+        value, sd = means.get(key), means.get(f"sd_{key}")
+        return with_sd(value and value[part], sd and sd[part], unit, factor)
+
     rows = []
     if "velocity_m_s" in means:
-        rows.append(("Mean velocity (x, y)", _mean(means, "velocity_m_s", slice(2), "m/s")))
-        rows.append(("Mean spin (x, y, z)", _mean(means, "spin_rad_s", slice(3), "rad/s")))
-    rows.append(("Mean step (x, y)", _mean(means, "increment_px_rad", slice(2), "px per frame")))
-    turn = _mean(means, "increment_px_rad", slice(2, 5), "deg per frame", math.degrees(1))
+        rows.append(("Mean velocity (x, y)", mean("velocity_m_s", slice(2), "m/s")))
+        rows.append(("Mean spin (x, y, z)", mean("spin_rad_s", slice(3), "rad/s")))
+    rows.append(("Mean step (x, y)", mean("increment_px_rad", slice(2), "px per frame")))
+    turn = mean("increment_px_rad", slice(2, 5), "deg per frame", math.degrees(1))
     return [*rows, ("Mean rotation (x, y, z)", turn)]
 
 
-def _mean(means: dict[str, Any], name: str, part: slice, unit: str, factor: float = 1.0) -> str:
-    """A part of a mean with its standard deviation, which results of earlier versions lack."""
-    value, sd = means.get(name), means.get(f"sd_{name}")
-    if value is None:
-        return NOT_MEASURED
-    return measured(factor * _vector(value)[part], None if sd is None else factor * _vector(sd)[part], unit)
-
-
-def _setup(result: ResultFolder) -> list[tuple[str, str]]:
+def _setup(result: ResultFolder) -> list[Row]:
     summary = result.summary
-    source, circle, scale = summary["input"], summary["circle"], summary.get("scale")
+    source, circle = summary["input"], summary["circle"]
     rate, exposure = summary.get("frame_rate"), source.get("exposure_s")
-    origin = summary.get("frame_rate_origin")
-    rate_text = NOT_MEASURED if rate is None else f"{rate:,.10g} frames/s" + (f" ({origin})" if origin else "")
+    origin = f" ({summary['frame_rate_origin']})" if summary.get("frame_rate_origin") else ""
     size = f"{source['width_px']} x {source['height_px']} px"
-    rows = [
+    return [
         ("Recording", f"{source['path']}, {source['kind']}, {size}"),
         ("Frames", f"{source['first_frame']} to {source['last_frame']} of {source['frames']}"),
-        ("Frame rate", "not known" if rate is None else rate_text),
+        ("Frame rate", "not known" if rate is None else f"{rate:,.10g} frames/s{origin}"),
         ("Exposure", "not known" if exposure is None else f"{1e6 * exposure:.4g} µs"),
         (f"Radius of the ball in frame {circle['frame']}", _radius(circle)),
+        ("Size of a pixel", _pixel_size(result)),
+        ("Axes", str(summary.get("axes", ""))),
     ]
-    if scale:
-        sd = scale.get("sd_m_per_px")
-        rows.append(("Size of a pixel", measured(1e3 * scale["m_per_px"], None if sd is None else 1e3 * sd, "mm")))
-    else:
-        rows.append(("Size of a pixel", "not known" if not result.scale_given else "needs the frame rate as well"))
-    rows.append(("Axes", str(summary.get("axes", ""))))
-    return rows
 
 
 def _radius(circle: dict[str, Any]) -> str:
     sd = circle.get("sd_radius")
-    # Where the place is guessed the radius may be known from the frames that follow.
+    # If the position is guessed, the radius may still be known from later frames.
     if circle.get("sd_guessed") and sd > 0.5 * circle["sd_x"]:
         return f"{circle['radius']:.1f} px, to about {sd:.0f} px, not measured"
-    return measured(circle["radius"], sd, "px")
+    return with_sd(circle["radius"], sd, "px")
 
 
-def estimate(item: dict[str, Any] | None, unit: str, factor: float) -> str:
-    """A number or vector of the summary with its standard deviation."""
-    if item is None:
-        return NOT_MEASURED
-    value, sd = (_vector(item[name]) * factor for name in ("value", "sd"))
-    return measured(value, sd, unit)
+def _pixel_size(result: ResultFolder) -> str:
+    scale = result.summary.get("scale")
+    if not scale:
+        return "needs the frame rate as well" if result.scale_given else "not known"
+    return with_sd(scale["m_per_px"], scale.get("sd_m_per_px"), "mm", 1e3)
 
 
-def measured(value: Any, sd: Any, unit: str) -> str:
-    """As in 71.62 ± 0.05 m/s: digits by the standard deviation's second one; vectors in brackets."""
-    values = _vector(value)
+def with_sd(value: Any, sd: Any, unit: str, factor: float = 1.0) -> str:
+    """Value and standard deviation times ``factor``, as in "71.623 ± 0.049 m/s"; vectors are in brackets.
+
+    "not measured" if the value, or a component, is None or NaN.
+    """
+    values = _vector(value) * factor
     if not np.isfinite(values).all():
         return NOT_MEASURED
-    sds = np.full_like(values, np.nan) if sd is None else _vector(sd)
-    texts = [_digits(v, s) for v, s in zip(values, sds, strict=True)]
-    number = texts[0][0] if len(texts) == 1 else f"({', '.join(text[0] for text in texts)})"
-    spread = texts[0][1] if len(texts) == 1 else f"({', '.join(text[1] for text in texts)})"
+    sds = np.full_like(values, np.nan) if sd is None else _vector(sd) * factor
+    pairs = zip(*map(_rounded, values, sds), strict=True)
+    number, spread = (texts[0] if len(texts) == 1 else f"({', '.join(texts)})" for texts in pairs)
     known = bool((np.isfinite(sds) & (sds > 0)).all())
     return f"{number}{f' ± {spread}' if known else ''}{f' {unit}' if unit else ''}"
 
 
 def _vector(value: Any) -> NDArray[np.float64]:
-    items = value if isinstance(value, (list, tuple, np.ndarray)) else [value]
-    return np.array([math.nan if v is None else v for v in np.ravel(np.array(items, dtype=object))], dtype=np.float64)
+    """A number, or a list of numbers, as (k,); NaN for None."""
+    return np.atleast_1d(np.asarray(value, dtype=np.float64))
 
 
-def _digits(value: float, sd: float) -> tuple[str, str]:
-    """Value and standard deviation with the digits that the latter's second one leaves sense in."""
+def _rounded(value: float, sd: float) -> tuple[str, str]:
+    """Value and standard deviation, rounded to the second digit of the standard deviation."""
     if not (math.isfinite(sd) and sd > 0):
         return f"{value:.5g}", ""
     places = min(max(1 - math.floor(math.log10(sd)), 0), 9)

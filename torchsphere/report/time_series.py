@@ -1,4 +1,4 @@
-"""What figures and report show against time: quantities with their bands, in units that a person reads."""
+"""The quantities of a result over time, in the units that figures and the report show."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.dynamics.scale import LAB_AXES
-from torchsphere.results.reader import ResultFolder
+from torchsphere.results.reader import ResultFolder, SIMotion
 
 Array = NDArray[np.float64]
 
+XY, XYZ = ("x", "y"), ("x", "y", "z")
+
 
 @dataclass(frozen=True)
-class Panel:
+class TimeSeries:
     """One quantity over n frames.
 
     Attributes
@@ -22,99 +23,92 @@ class Panel:
     key : str
         "position", "velocity", "force", "acceleration", "spin", "turned" or "zncc".
     title, unit : str
-        In words; the unit is empty for pure numbers.
-    names : tuple of str
-        Of its k components.
+        Name for people, and the unit, empty for pure numbers.
+    components : tuple of str
+        Names of the k components.
     values : ndarray
         (n, k), NaN where not measured.
     sd : ndarray or None
-        Standard deviations (n, k); None where none is stated.
+        Standard deviations (n, k); None if none are stated.
     """
 
     key: str
     title: str
     unit: str
-    names: tuple[str, ...]
+    components: tuple[str, ...]
     values: Array
-    sd: Array | None
+    sd: Array | None = None
 
     @property
-    def label(self) -> str:
-        """Title with the unit, for an axis."""
-        return f"{self.title} ({self.unit})" if self.unit else self.title
+    def is_empty(self) -> bool:
+        """Whether no value was measured."""
+        return not np.isfinite(self.values).any()
+
+    @property
+    def has_sd(self) -> bool:
+        """Whether a standard deviation is known."""
+        return not self.is_empty and self.sd is not None and bool(np.isfinite(self.sd).any())
 
 
 @dataclass(frozen=True)
 class Abscissa:
-    """Where the frames (n,) stand: time where it is known, otherwise the frame's number."""
+    """Times (n,) of the frames, or their numbers if no time is known."""
 
     values: Array
     title: str
     unit: str
     per_second: float | None  # units per s; None for frame numbers
 
-    @property
-    def label(self) -> str:
-        """Title with the unit, for an axis."""
-        return f"{self.title} ({self.unit})" if self.unit else self.title
+
+def axis_label(quantity: TimeSeries | Abscissa) -> str:
+    """Title and unit, for an axis."""
+    return f"{quantity.title} ({quantity.unit})" if quantity.unit else quantity.title
 
 
 def abscissa(result: ResultFolder) -> Abscissa:
-    """Times in ms, or in s where the recording is long, or frame numbers."""
+    """Times in ms, or in s for a long recording, or frame numbers."""
     if not np.isfinite(result.time_s).all():
         return Abscissa(result.frame.astype(np.float64), "frame", "", None)
-    long = float(np.ptp(result.time_s)) > 20
-    return Abscissa(result.time_s * (1 if long else 1e3), "time", "s" if long else "ms", 1.0 if long else 1e3)
+    unit, per_second = ("s", 1.0) if float(np.ptp(result.time_s)) > 20 else ("ms", 1e3)
+    return Abscissa(result.time_s * per_second, "time", unit, per_second)
 
 
-def panels(result: ResultFolder) -> list[Panel]:
-    """All quantities of a result: in SI units where they are known, otherwise in px and degrees per frame."""
-    xy = ("x", "y")
-    if result.motion is None:
-        step, sd = result.increment, result.sd_increment
-        shown = [
-            Panel("position", "position", "px", xy, result.position, None),
-            Panel("velocity", "step", "px per frame", ("dx", "dy"), step[:, :2], sd[:, :2]),
-            Panel(
-                "spin",
-                "rotation",
-                "deg per frame",
-                ("x", "y", "z"),
-                np.degrees(step[:, 2:]),
-                np.degrees(sd[:, 2:]),
-            ),
-        ]
-    else:
-        shown = _in_si(result)
-    axes = np.diag(LAB_AXES) if result.lab_frame and result.motion is not None else np.ones(3)
-    turned = np.degrees(result.turned_rad) * axes
+def time_series(result: ResultFolder) -> list[TimeSeries]:
+    """All quantities of a result: in SI units if they are known, otherwise in px and degrees per frame."""
+    turned = np.degrees(result.turned_rad) * result.axis_signs
     return [
-        *shown,
-        Panel("turned", "turned angle", "deg", ("x", "y", "z"), turned, None),
-        Panel("zncc", "correlation", "", ("ZNCC",), result.zncc[:, None], None),
+        *(_in_px(result) if result.motion is None else _in_si(result.motion)),
+        TimeSeries("turned", "turned angle", "deg", XYZ, turned),
+        TimeSeries("zncc", "correlation", "", ("ZNCC",), result.zncc[:, None]),
     ]
 
 
-def _in_si(result: ResultFolder) -> list[Panel]:
-    m = result.motion
-    assert m is not None
-    xy = ("x", "y")
-    shown = [
-        Panel("position", "position", "mm", xy, 1e3 * m.position_m, 1e3 * m.sd_position_m),
-        Panel("velocity", "velocity", "m/s", xy, m.velocity_m_s, m.sd_velocity_m_s),
+def _in_px(result: ResultFolder) -> list[TimeSeries]:
+    step, sd = result.increment, result.sd_increment
+    turn, sd_turn = np.degrees(step[:, 2:]), np.degrees(sd[:, 2:])
+    return [
+        TimeSeries("position", "position", "px", XY, result.position),
+        TimeSeries("velocity", "step", "px per frame", ("dx", "dy"), step[:, :2], sd[:, :2]),
+        TimeSeries("spin", "rotation", "deg per frame", XYZ, turn, sd_turn),
     ]
+
+
+def _in_si(m: SIMotion) -> list[TimeSeries]:
     if m.force_N is not None and m.sd_force_N is not None:
-        unit, factor = _prefixed(m.force_N, "N")
-        shown.append(Panel("force", "force", unit, xy, factor * m.force_N, factor * m.sd_force_N))
+        second = _prefixed("force", "N", m.force_N, m.sd_force_N)
     else:
-        unit, factor = _prefixed(m.acceleration_m_s2, "m/s²")
-        values, sd = factor * m.acceleration_m_s2, factor * m.sd_acceleration_m_s2
-        shown.append(Panel("acceleration", "acceleration", unit, xy, values, sd))
-    names = ("x", "y", "z")
-    return [*shown, Panel("spin", "spin", "rad/s", names, m.spin_rad_s, m.sd_spin_rad_s)]
+        second = _prefixed("acceleration", "m/s²", m.acceleration_m_s2, m.sd_acceleration_m_s2)
+    return [
+        TimeSeries("position", "position", "mm", XY, 1e3 * m.position_m, 1e3 * m.sd_position_m),
+        TimeSeries("velocity", "velocity", "m/s", XY, m.velocity_m_s, m.sd_velocity_m_s),
+        second,
+        TimeSeries("spin", "spin", "rad/s", XYZ, m.spin_rad_s, m.sd_spin_rad_s),
+    ]
 
 
-def _prefixed(values: Array, unit: str) -> tuple[str, float]:
-    """The unit with the prefix that the largest value asks for, and its factor."""
+def _prefixed(key: str, unit: str, values: Array, sd: Array) -> TimeSeries:
+    """The quantity in its unit, or in thousands of the unit if its largest value is beyond 1000."""
     largest = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
-    return (f"k{unit}", 1e-3) if largest >= 1000 else (unit, 1.0)
+    if largest < 1000:
+        return TimeSeries(key, key, unit, XY, values, sd)
+    return TimeSeries(key, key, f"k{unit}", XY, 1e-3 * values, 1e-3 * sd)
