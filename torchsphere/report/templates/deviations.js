@@ -1,9 +1,9 @@
-// Below a plot: its standard deviations on a scale of their own, since a good measurement's band is thinner than its
-// curve; and in a plot without values, why there are none.
+// Below a plot, its standard deviations on a scale of their own: the band of a good measurement is thinner than its
+// curve. In a plot without values, the reason.
 
 const DEVIATIONS = { seam: 5, height: 26 };
 
-// Height that the deviations of a panel take, in CSS px.
+// Height of the strip with the standard deviations, CSS px.
 function deviationsHeight(panel) {
   return panel.sd && range(panel.sd) ? DEVIATIONS.seam + DEVIATIONS.height : 0;
 }
@@ -37,7 +37,7 @@ function drawDeviations(context, panel, across, bottom, x) {
   return { top: floor - DEVIATIONS.height, bottom: floor, most };
 }
 
-// The sentence in lines that fit, in the middle of the plot.
+// Writes the sentence in the middle of the plot, in lines that fit.
 function drawWhy(context, sentence, across, bottom) {
   const lines = [""];
   for (const word of sentence.split(/\s+/)) {

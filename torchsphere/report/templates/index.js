@@ -1,5 +1,5 @@
 "use strict";
-// A table of recordings, sorted and searched in memory, of which one page is in the document at a time.
+// The table of recordings. Rows are sorted and searched in memory; the document has one page of rows at a time.
 
 const PAGE = 200;
 const { columns, rows } = JSON.parse(document.getElementById("data").textContent);
@@ -9,7 +9,7 @@ const look = { column: -1, falling: false, page: 0 };
 const stateColumn = columns.indexOf("state");
 let found = rows;
 
-// "peak_force_N" -> "peak force (N)": the unit is what follows the last words that are no unit.
+// "peak_force_N" -> "peak force (N)": the unit is the end of the name.
 function heading(name) {
   const unit = name.match(/_(px|mm|m|s|ms|us|N|kN|J|deg|rad|m_s|rad_s|rev_s|fps|percent)$/);
   const words = (unit ? name.slice(0, unit.index) : name).replaceAll("_", " ");

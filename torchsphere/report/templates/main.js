@@ -1,4 +1,4 @@
-// Controls, keys, and drawing all parts in step.
+// Buttons, slider and keys; every change of the frame draws all parts.
 
 const slider = document.getElementById("slider");
 const playButton = document.getElementById("play");

@@ -1,4 +1,4 @@
-// The numbers of the frame, as text.
+// The values at the frame, as text.
 
 function drawNumbers() {
   const list = document.getElementById("values");

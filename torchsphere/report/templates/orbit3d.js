@@ -1,5 +1,5 @@
-// The ball in space: its graticule and axes, and the spin as an arrow with the path of its tip. Drawn in the camera's
-// frame (x right, y down, z away) and turned by a view; the fixed axes carry the names of the frame of the results.
+// The ball in three dimensions: its graticule and axes, and the spin as an arrow with the path of its tip. Drawn in the
+// camera frame (x right, y down, z away) and rotated by a view. The fixed axes have the names of the results' frame.
 
 const orbitCanvas = document.getElementById("orbit");
 const FIRST_VIEW = { yaw: -0.5, pitch: 0.35 };
@@ -41,7 +41,7 @@ function fixedAxes(context, onScreen) {
     arrow(context, onScreen([0, 0, 0]), onScreen(direction.map((c) => 1.5 * c)), 6);
     const [x, y] = onScreen(direction.map((c) => 1.68 * c));
     const half = context.measureText(name).width / 2 + 2;
-    // Beside the arrow's end rather than across it.
+    // Beside the end of the arrow, not over it.
     const aside = x + half * Math.min(Math.max((x - drawn.orbit.size / 2) / 40, -1), 1);
     haloed(context, name, Math.min(Math.max(aside, half), drawn.orbit.size - half), y);
   }
@@ -75,13 +75,13 @@ function orbitBall(context, m, v, size, radius, onScreen) {
   });
 }
 
-// A place for the name of an axis of the ball that an axis of the frame in the same direction leaves free.
+// A position for the name of an axis of the ball, beside the name of a frame axis in the same direction.
 function besideTip([x, y], middle) {
   const length = Math.hypot(x - middle, y - middle) || 1;
   return [x - (13 * (y - middle)) / length, y + (13 * (x - middle)) / length];
 }
 
-// Text over lines: with the panel's colour around it.
+// Text over lines, with an outline in the colour of the panel.
 function haloed(context, text, x, y) {
   context.save();
   context.textAlign = "center";
@@ -95,7 +95,7 @@ function haloed(context, text, x, y) {
   context.restore();
 }
 
-// Spin vectors, the fastest 1.4 radii long.
+// Spin vectors; the fastest is 1.4 radii long.
 function spinArrow(context, onScreen) {
   const length = (w) => w.map((c) => (1.4 * c) / FASTEST);
   context.strokeStyle = context.fillStyle = "#cc79a7";

@@ -1,4 +1,4 @@
-// One plot per quantity; a click or a drag in it goes to that moment.
+// A plot per quantity; a click or a drag goes to its time.
 
 const MARGIN = { left: 58, right: 12, top: 24, bottom: 20 };
 const PLOT_HEIGHT = 130;
@@ -15,7 +15,8 @@ function range(lists) {
   return low <= high ? [low, high] : null;
 }
 
-// Limits of a panel: of its values with two standard deviations, but bands alone no more than double them.
+// Limits of a panel: its values with bands of two standard deviations. Bands add at most the span of the values on each
+// side.
 function limits(panel) {
   const values = range(panel.values);
   if (!values) return null;
@@ -62,7 +63,7 @@ function axisLabel({ title, unit }) {
   return unit ? `${title} (${unit})` : title;
 }
 
-// Press, drag and release in a canvas with a horizontal scale {left, width, from, to}.
+// Press, drag and release in a canvas; its horizontal scale is {left, width, from, to}.
 function seekByPointer(canvas, scale) {
   const go = (event) => {
     const { left, width, from, to } = scale();
@@ -116,7 +117,7 @@ function drawPlot(panel) {
   canvas.dataset.drawn = JSON.stringify(drawn.plots[panel.key]);
 }
 
-// The contact, and the frames whose motion was not measured.
+// Shades the contact, and the frames whose motion was not measured.
 function shade(context, x, bottom) {
   const half = 0.5 * (data.where.length > 1 ? data.where[1] - data.where[0] : 1);
   const band = (from, to, paint) => {
@@ -143,7 +144,7 @@ function grid(context, panel, across, bottom, y) {
     context.lineTo(across.left + across.width, y(tick));
     context.stroke();
     context.globalAlpha = 1;
-    // Long numbers are condensed rather than cut.
+    // A long number is condensed to the width of the margin.
     context.fillText(tickText(tick), across.left - 6, y(tick), across.left - 8);
   }
 }

@@ -1,4 +1,4 @@
-// Orientation of the ball: camera frame, x right, y down, z away from the camera.
+// Orientation of the ball in the camera frame: x right, y down, z away from the camera.
 
 const AXES = [
   { name: "x", direction: [1, 0, 0], colour: "#ff8c42" },
@@ -6,7 +6,7 @@ const AXES = [
   { name: "z", direction: [0, 0, 1], colour: "#56b4e9" },
 ];
 
-// Rotation matrix, as rows, of a unit quaternion (w, x, y, z); null where it is not known.
+// Rotation matrix, as rows, of a unit quaternion (w, x, y, z); null if it is not known.
 function matrix([w, x, y, z]) {
   if (w === null) return null;
   return [
@@ -24,7 +24,7 @@ function product(a, b) {
   return a.map((r) => [0, 1, 2].map((k) => r[0] * b[0][k] + r[1] * b[1][k] + r[2] * b[2][k]));
 }
 
-// Meridians and parallels every 30 deg, as lines of points on the unit sphere; the poles are on the ball's own y axis.
+// Meridians and parallels every 30 deg, as lines of points on the unit sphere; the poles are on the y axis of the ball.
 const GRATICULE = (() => {
   const lines = [];
   const rad = Math.PI / 180;
@@ -41,7 +41,7 @@ const GRATICULE = (() => {
   return lines;
 })();
 
-// The parts of the graticule on one side, turned by m, as lines of (x, y) on the unit disc.
+// The graticule on one side of the ball, rotated by m, as lines of (x, y) on the unit disc.
 function graticule(m, front) {
   const parts = [];
   for (const line of GRATICULE) {

@@ -1,11 +1,11 @@
 "use strict";
-// What the page shows, and the one frame that all parts of it are at. Rows are frames that the page knows; stops are
-// the rows at which it can stop, because there is an image of them.
+// The data of the page, and the frame that all parts show. A row is a frame in the data. A stop is a row at which the
+// page can stop: a row with an image, or any row if the result keeps no images.
 
 const data = JSON.parse(document.getElementById("data").textContent);
 const state = { stop: 0, playing: false };
 const listeners = [];
-// What was drawn where, in CSS px of each canvas: for checks from outside.
+// Positions of what was drawn, CSS px of each canvas, for tests.
 const drawn = {};
 
 function row() {
@@ -39,7 +39,7 @@ function colour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
 }
 
-// A canvas of that size in CSS px, sharp on any screen, and its cleared context.
+// Gives a canvas its size in CSS px, sharp on every screen, and returns its cleared context.
 function prepared(canvas, width, height) {
   const ratio = window.devicePixelRatio || 1;
   canvas.width = Math.round(width * ratio);
@@ -62,7 +62,7 @@ function widthFor(canvas) {
 function number(value, sd) {
   if (value === null || value === undefined) return "not measured";
   const digits = sd > 0 ? Math.min(Math.max(1 - Math.floor(Math.log10(sd)), 0), 9) : null;
-  // Beyond five decimals zeros crowd out what is meant.
+  // More than five decimals are written as a power of ten.
   const text = digits > 5 ? value.toExponential(Math.max(digits + Math.floor(Math.log10(Math.abs(value) || sd)), 0))
     : digits === null ? String(Number(value.toPrecision(5))) : value.toFixed(digits);
   return text.replaceAll("-", "\u2212");

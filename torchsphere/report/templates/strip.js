@@ -1,9 +1,9 @@
-// One mark per frame along the recording: its status by colour and by pattern.
+// A mark per frame of the recording: its status by colour and by pattern.
 
 const stripCanvas = document.getElementById("strip");
 const STRIP_HEIGHT = 22;
 
-// Filled where the frame was measured, otherwise hatched, each status its own way.
+// Filled if the frame was measured; otherwise hatched, with a pattern for each status.
 function statusMark(context, status, x, width, height) {
   const { colour: paint } = data.statuses[status];
   context.save();

@@ -1,4 +1,4 @@
-// The frame with what was measured drawn over it, and its residual map.
+// The frame with the measured circle, axes, graticule and path, and its residual map.
 
 const frameCanvas = document.getElementById("frame");
 const residualCanvas = document.getElementById("residual");
@@ -6,7 +6,7 @@ const AXIS_LENGTH = 1.3;
 const pictures = new Map();
 const maps = new Map();
 
-// An image by its data address, decoded when it is first asked for; `then` is called once it is there.
+// The image of a data address, or null until it is decoded; `then` is called after that.
 function picture(address, then) {
   let image = pictures.get(address);
   if (!image) {
@@ -19,7 +19,7 @@ function picture(address, then) {
   return null;
 }
 
-// Part of the image to show: left, top, width, height in px of the recording.
+// The part of the image to show: left, top, width, height, px of the recording.
 function shownBox() {
   if (data.images) return data.images.box;
   const known = data.position.map((p, i) => [p[0], p[1], data.radius[i]]).filter((p) => p[0] !== null);
@@ -142,7 +142,7 @@ function residualNote(address) {
   document.getElementById("residual-note").textContent = text;
 }
 
-// Blue for darker, white for equal, red for brighter than expected; grey where there is no residual.
+// Blue for darker and red for brighter than expected, white for equal; grey for no residual.
 function residualColour(share) {
   const end = share < 0 ? [33, 102, 172] : [178, 24, 43];
   return end.map((v) => 255 + (v - 255) * Math.min(Math.abs(share), 1));
