@@ -24,7 +24,7 @@ from torchsphere.cli import batch
 from torchsphere.measure import Request
 from torchsphere.recording import open_recording
 from torchsphere.request import PER_RECORDING
-from torchsphere.results import writer
+from torchsphere.results import atomic_output, writer
 from torchsphere.runtime.file_hash import hash_files
 from torchsphere.synthetic import ray_caster
 from torchsphere.tracking.track import Track, track
@@ -91,7 +91,7 @@ def write_result(request: Request, extra: Mapping[str, Path], tracked: Track | N
     """A result folder as `torchsphere.measure.measure` writes it, but for its report, and who was measured."""
     counts = {"ok": 3} if tracked is None else writer.status_counts(tracked)
     step = None if tracked is None else np.nanmean(tracked.increment, 0)
-    with writer.whole_folder(request.out, request.overwrite) as folder:
+    with atomic_output.atomic_folder(request.out, request.overwrite) as folder:
         for name, source in extra.items():
             (folder / name).write_bytes(source.read_bytes())
         if tracked is not None:

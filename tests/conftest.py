@@ -5,8 +5,11 @@ from pathlib import Path
 import pytest
 import tifffile
 import torch
+from result_folders import measured_impact
 from shots import ExampleTrack, example_track
 
+from torchsphere.measure import Measurement
+from torchsphere.results.reader import ResultFolder, read
 from torchsphere.synthetic import demo_shot as demo
 
 # Two processes whose torch threads share two cores wait for each other and take forty times as long.
@@ -40,3 +43,15 @@ def short(tmp_path_factory: pytest.TempPathFactory, demo_shot: demo.Shot) -> Pat
     path = tmp_path_factory.mktemp("short") / "short.tif"
     tifffile.imwrite(path, demo_shot.images[:8], photometric="minisblack")
     return path
+
+
+@pytest.fixture(scope="session")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Measurement]:
+    """Give the result folder and the measurement of the demo's impact."""
+    return measured_impact(tmp_path_factory.mktemp("impact"))
+
+
+@pytest.fixture(scope="session")
+def result(measured: tuple[Path, Measurement]) -> ResultFolder:
+    """Give the result of the demo's impact, read from its folder."""
+    return read(measured[0])

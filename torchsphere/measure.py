@@ -23,10 +23,10 @@ from torchsphere.dynamics.kinematics import Kinematics, kinematics
 from torchsphere.recording import Recording, open_recording
 from torchsphere.recording.frame_range import frames, part
 from torchsphere.recording.ignore_mask import hides_ball, read_ignore, without_effect
-from torchsphere.report import draw, overlay, paraview, sampled
-from torchsphere.report.words import NO_IMPACT
+from torchsphere.report import draw, frame_sampling, overlay, paraview
+from torchsphere.report.explanations import NO_IMPACT
 from torchsphere.request import Request, require_shell_within
-from torchsphere.results import sampled_frames, writer
+from torchsphere.results import atomic_output, sampled_frames, writer
 from torchsphere.results.reader import read
 from torchsphere.results.summary import Measurement, summary, versions
 from torchsphere.runtime import threads
@@ -54,7 +54,7 @@ def measure(
     ValueError, OSError
         With one sentence on what is wrong; then nothing has been written.
     """
-    writer.check_folder(request.out, request.overwrite)
+    atomic_output.check_folder(request.out, request.overwrite)
     if request.overlay:
         overlay.check_library()
     if request.device.startswith("cuda") and not torch.cuda.is_available():
@@ -171,7 +171,7 @@ def _write(
     ignore: NDArray[np.bool_] | None,
     pool: Executor | None,
 ) -> None:
-    with writer.whole_folder(request.out, request.overwrite) as folder:
+    with atomic_output.atomic_folder(request.out, request.overwrite) as folder:
         writer.write_track(folder, done.track, frame_rate, done.first_frame)
         if done.motion is not None:
             writer.write_kinematics(folder, done.motion, done.first_frame)
@@ -181,7 +181,7 @@ def _write(
         if request.report:
             begun = draw.begin_figures(folder, pool)
             mask = None if ignore is None else torch.from_numpy(ignore)
-            sampled_frames.save(folder / "frames.npz", sampled.sample(chosen, done.track, mask))
+            sampled_frames.save(folder / "frames.npz", frame_sampling.sample(chosen, done.track, mask))
             # From what was written, so that the folder alone is always enough to draw it again.
             draw.draw(folder, pool, begun)
         _export(request, folder)

@@ -1,6 +1,7 @@
 """The command ``torchsphere track``: what it writes."""
 
 import csv
+import html
 import json
 from pathlib import Path
 
@@ -11,8 +12,8 @@ import tifffile
 import torch
 
 from torchsphere.cli.main import main
+from torchsphere.results.columns import TRACK_COLUMNS
 from torchsphere.results.reader import read
-from torchsphere.results.writer import TRACK_COLUMNS
 from torchsphere.synthetic import demo_shot as demo
 from torchsphere.synthetic import ray_caster
 
@@ -265,8 +266,8 @@ def test_a_rotation_that_the_model_does_not_know_is_empty_everywhere(tmp_path: P
     said = " ".join(summary["warnings"])
     assert "measures none" in said
     assert "not fully measured" not in said
-    page = (out / "report.html").read_text()
-    assert "the model &#x27;translation&#x27; knows none" in page
+    page = html.unescape((out / "report.html").read_text())
+    assert "the model 'translation' knows none" in page
     assert "Put a pattern of spots" not in page
     assert "nan" not in page.split("<script")[0].lower()
     # Images have their residual all the same: it shows what the model leaves unexplained.

@@ -185,7 +185,7 @@ def test_a_folder_that_may_not_be_made_is_named_before_anything_is_tracked(
     tmp_path: Path, short: Path, capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # The tests may run as a user who may write anywhere.
-    monkeypatch.setattr("torchsphere.results.writer.os.access", lambda *_: False)
+    monkeypatch.setattr("torchsphere.results.atomic_output.os.access", lambda *_: False)
     monkeypatch.setattr("torchsphere.measure.track", None)
     assert main(["track", str(short), "--out", str(tmp_path / "new" / "result"), "--circle", CIRCLE, "--quiet"]) == 1
     assert f"result: {tmp_path} may not be written to" in capsys.readouterr().err

@@ -1,19 +1,26 @@
-"""Figures drawn by a process beside this one: the same files, drawn here where that process fails."""
+"""Figures and report drawn from a result folder alone, and figures drawn by a process beside this one."""
 
 import json
 import multiprocessing
+import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from pathlib import Path
 
 import pytest
+import tifffile
 
 from torchsphere import measure as measuring
-from torchsphere.measure import Request, measure
+from torchsphere.cli.main import main
+from torchsphere.measure import Measurement, Request, measure
 from torchsphere.report import draw
+from torchsphere.results.reader import ResultFolder
 from torchsphere.runtime import threads
+from torchsphere.synthetic import demo_shot
 
 CIRCLE = (170.3, 98.6, 40.0)
+
+FIGURES = ("motion", "rotation", "quality", "path", "residuals")
 
 
 @pytest.fixture
@@ -102,3 +109,52 @@ def test_what_cannot_be_drawn_is_told_as_without_the_process(tmp_path: Path) -> 
     with draw.drawing_process() as pool, pytest.raises(ValueError, match="no result folder"):
         draw.draw(tmp_path, pool)
     assert not list(tmp_path.iterdir())
+
+
+def test_report_draws_the_same_from_the_folder_alone_and_touches_no_number(
+    measured: tuple[Path, Measurement], tmp_path: Path
+) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(measured[0], copy)
+    drawn = [copy / "report.html", *(copy / "figures").iterdir()]
+    assert {path.name for path in drawn} == {
+        "report.html",
+        "thumbnail.webp",
+        *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf")),
+    }
+    before = {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()}
+    for path in drawn:
+        path.unlink()
+    assert main(["report", str(copy), "--quiet"]) == 0
+    assert {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()} == before
+
+
+def test_a_report_that_fails_half_way_leaves_the_earlier_one(
+    measured: tuple[Path, Measurement], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(measured[0], copy)
+    before = {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()}
+
+    def full(_: ResultFolder) -> str:
+        raise OSError(28, "No space left on device", "report.html")
+
+    monkeypatch.setattr(draw.report_page, "report_html", full)
+    assert main(["report", str(copy)]) == 1
+    assert "no space left" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()} == before
+
+
+def test_a_report_can_be_left_out_and_drawn_later_without_images(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "shot.tif", demo_shot.make_shot().images[:4], photometric="minisblack")
+    arguments = ["track", str(tmp_path / "shot.tif"), "--out", str(tmp_path / "out"), "--circle", "64.3,92.6,40"]
+    assert main([*arguments, "--no-report", "--quiet"]) == 0
+    names = {"track.csv", "track.parquet", "summary.json"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == names
+    assert main(["report", str(tmp_path / "out"), "--quiet"]) == 0
+    text = (tmp_path / "out" / "report.html").read_text()
+    assert "No images are shown" in text
+    assert "Lengths are in px" in text
+    assert {path.name for path in (tmp_path / "out" / "figures").iterdir()} == {
+        f"{name}.{kind}" for name in FIGURES[:3] for kind in ("png", "pdf")
+    }

@@ -10,7 +10,7 @@ from PIL import Image
 
 from torchsphere.report.overlay import axes_of, draw_frame, write_overlay
 from torchsphere.results.reader import ResultFolder
-from torchsphere.results.sampled_frames import NOTHING, Sampled
+from torchsphere.results.sampled_frames import NO_RESIDUAL, Sampled
 
 HALF = np.sqrt(0.5)
 
@@ -24,7 +24,7 @@ def seen(path: Path) -> ResultFolder:
         row=np.arange(n),
         webp=n * (stream.getvalue(),),
         box=(-0.5, -0.5, 101.0, 80.0),
-        residual=np.full((n, 1, 1), NOTHING, dtype=np.int8),
+        residual=np.full((n, 1, 1), NO_RESIDUAL, dtype=np.int8),
         residual_step=1.0,
         residual_bin=1,
     )

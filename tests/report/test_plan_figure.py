@@ -40,7 +40,7 @@ def test_what_should_be_zero_is_drawn_about_zero_below_its_legend() -> None:
         most = max(float(np.abs(line.get_ydata()).max()) for line in axis.lines)
         low, high = axis.get_ylim()
         assert low == pytest.approx(-1.1 * most)
-        assert high == pytest.approx((1 + plan_figure.ROOM) * 1.1 * most)
+        assert high == pytest.approx((1 + plan_figure.LEGEND_ROOM) * 1.1 * most)
         legend = axis.get_legend()
         assert all(text.get_text().endswith(f" {unit}") for text in legend.get_texts())
 

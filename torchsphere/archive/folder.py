@@ -12,7 +12,7 @@ from torchsphere.archive.claims import Claims, claims_of
 from torchsphere.archive.scan import STATE
 
 SUMMARIES = ("summary.csv", "summary.parquet")
-#: Unfinished result folder of the recording "shot", as `torchsphere.results.writer.whole_folder` names it:
+#: Unfinished result folder of the recording "shot", as `atomic_output.atomic_folder` names it:
 #: ".shot.k3_x9a1b".
 _UNFINISHED = re.compile(r"\.(?P<name>.+)\.[a-z0-9_]{8}")
 

@@ -17,7 +17,7 @@ from torchsphere.archive.key import key_of
 from torchsphere.archive.manifest import Archive
 from torchsphere.archive.records import DONE, FAILED, PENDING
 from torchsphere.archive.work import STOP, Job, Outcome, is_valid
-from torchsphere.report import index
+from torchsphere.report import index_page
 
 #: Measures jobs: `processes.run` or `dask_engine.run` with all arguments but the jobs given.
 Engine = Callable[[Iterator[Job]], Iterator[Outcome]]
@@ -111,7 +111,7 @@ class _Table:
                     self.read(i)
             summary.write(self._out, self._rows)
             if is_last:
-                index.write_index(self._out, self._rows)
+                index_page.write_index(self._out, self._rows)
         ended = time.monotonic()
         self._due = ended + max(EVERY_S, WRITING_TIMES * (ended - began))
 

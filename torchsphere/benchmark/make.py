@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import importlib.util
 import json
 import os
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +17,7 @@ from torchsphere.benchmark.checksum import of_benchmark, of_suite
 from torchsphere.benchmark.folder import INDEX, NAME, VERSION, Benchmark, read_benchmark
 from torchsphere.benchmark.recorded import IMAGES, TRUTH, read_images, read_truth
 from torchsphere.benchmark.suites import Recipe, recipes
+from torchsphere.results.atomic_output import atomic_folder, check_folder
 
 #: Called with numbers of frames: made so far, and to be made.
 Progress = Callable[[int, int], None]
@@ -79,9 +78,10 @@ def make(
     todo = recipes(suites, size, seed)
     if workers is not None and workers < 1:
         raise ValueError(f"workers = {workers}: expected at least 1")
-    check_folder(out, overwrite)
+    earlier = ("benchmark", (INDEX,))
+    check_folder(out, overwrite, *earlier)
     _check_renderer()
-    with _whole_folder(out, overwrite) as new:
+    with atomic_folder(out, overwrite, *earlier) as new:
         _render_all(todo, new, workers or _processors(), progress)
         entries: list[dict[str, Any]] = []
         renderer: dict[str, str] = {}
@@ -93,47 +93,6 @@ def make(
         text = json.dumps(index, indent=2, ensure_ascii=False, allow_nan=False)
         (new / INDEX).write_text(text + "\n", encoding="utf-8")
     return read_benchmark(out)
-
-
-def check_folder(out: Path, overwrite: bool) -> None:
-    """Refuse to write where something else is.
-
-    Raises
-    ------
-    OSError
-        Unless the folder is new or empty, or an earlier benchmark that may be replaced.
-    """
-    if not out.exists():
-        return
-    if not out.is_dir():
-        raise FileExistsError(f"{out} is a file; give the name of a folder for the benchmark")
-    if not any(out.iterdir()):
-        return
-    if not overwrite:
-        raise FileExistsError(f"{out} exists and is not empty; give another folder, or --overwrite to replace it")
-    if not (out / INDEX).is_file():
-        raise FileExistsError(f"{out} holds files that are no benchmark of torchsphere; they are not overwritten")
-
-
-@contextlib.contextmanager
-def _whole_folder(out: Path, overwrite: bool) -> Iterator[Path]:
-    """A new folder beside ``out``, which takes its place when the block ends without an error."""
-    out = out.absolute()
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as place:
-        new, old = Path(place, "new"), Path(place, "old")
-        new.mkdir()
-        yield new
-        check_folder(out, overwrite)
-        if out.exists():
-            out.replace(old)
-        try:
-            new.replace(out)
-        except OSError:
-            # Neither may be lost.
-            if old.exists():
-                old.replace(out)
-            raise
 
 
 def _processors() -> int:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.results.writer import whole_file
+from torchsphere.results.atomic_output import atomic_file
 
 Array = NDArray[np.float64]
 
@@ -97,7 +97,7 @@ def read(path: Path) -> Table:
 
 def write(path: Path, keys: Mapping[str, str], columns: Mapping[str, Sequence[float | int | str]]) -> None:
     """Write a file of predictions, whole or not at all; ``columns`` of one length by name, ``frame`` among them."""
-    with whole_file(path) as stream:
+    with atomic_file(path) as stream:
         for key, value in keys.items():
             stream.write(f"# {key}: {' '.join(str(value).split())}\n")
         writer = csv.writer(stream, lineterminator="\n")

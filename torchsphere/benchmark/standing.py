@@ -17,7 +17,8 @@ from torchsphere.benchmark.prediction_checks import Given
 from torchsphere.benchmark.predictions import Prediction
 from torchsphere.benchmark.score import KINDS, Score, score
 from torchsphere.geometry.orientation import matrices
-from torchsphere.results.writer import INCREMENTS, whole_file
+from torchsphere.results.atomic_output import atomic_file
+from torchsphere.results.columns import INCREMENTS
 
 #: Kinds of suites whose ball has no pattern: nobody can see it turn.
 WITHOUT_PATTERN = ("no-speckle",)
@@ -148,7 +149,7 @@ def _values(found: Score) -> dict[str, float]:
 
 def write(path: Path, rows: Sequence[Standing]) -> None:
     """Write scores as CSV, whole or not at all; what there is none of stays empty."""
-    with whole_file(path) as stream:
+    with atomic_file(path) as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(COLUMNS)
         for row in rows:

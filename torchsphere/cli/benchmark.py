@@ -175,14 +175,14 @@ def _score(options: dict[str, Any]) -> int:
 
 def _table(options: dict[str, Any]) -> int:
     from torchsphere.benchmark import standing, table
-    from torchsphere.results.writer import whole_file
+    from torchsphere.results.atomic_output import atomic_file
 
     rows = [row for path in options["scores"] for row in standing.read(path)]
     text = "# Leaderboard\n\n" + table.markdown(table.board(rows))
     if options["out"] is None:
         print(text, end="")
     else:
-        with whole_file(options["out"]) as stream:
+        with atomic_file(options["out"]) as stream:
             stream.write(text)
     return 0
 

@@ -60,7 +60,7 @@ def _preview(recording: Recording, path: Path) -> None:
     from torchsphere.correlation.options import Options
     from torchsphere.detection.detect import find
     from torchsphere.recording.frame_source import Source
-    from torchsphere.report.figures import preview_figure
+    from torchsphere.report.image_figures import preview_figure
     from torchsphere.tracking.circle_calibration import calibrate_circle
 
     if path.suffix.lower() != ".png":

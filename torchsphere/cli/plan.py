@@ -55,13 +55,13 @@ def run(options: dict[str, Any]) -> int:
     from torchsphere.planning import table
     from torchsphere.planning import text as plan_text
     from torchsphere.report import plan_figure
-    from torchsphere.results import writer
+    from torchsphere.results import atomic_output, writer
 
     out, overwrite, quiet = options["out"], options["overwrite"], options["quiet"]
-    writer.check_folder(out, overwrite)
+    atomic_output.check_folder(out, overwrite)
     request = PlanRequest(**given(options, PLAN_SETTINGS))
     made = _from_images(request, quiet) if request.flight is None else _from_flight(request, request.flight, quiet)
-    with writer.whole_folder(out, overwrite) as folder:
+    with atomic_output.atomic_folder(out, overwrite) as folder:
         writer.write_summary(folder, table.as_table(made))
         (folder / "summary.json").rename(folder / "plan.json")
         plan_figure.plan_figure(folder / "plan.png", made)

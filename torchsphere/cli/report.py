@@ -23,24 +23,24 @@ def run(options: dict[str, Any]) -> int:
     """Run the command; a result that cannot be drawn is named, and the others are drawn all the same."""
     from tqdm import tqdm
 
-    from torchsphere.report import index
+    from torchsphere.report import index_page
 
     folder, quiet = options["folder"], options["quiet"]
     if not (folder / "summary.csv").is_file():
         _draw(folder, options)
         _say(quiet, f"report  {folder / 'report.html'}")
         return 0
-    rows = index.read_rows(folder)
+    rows = index_page.read_rows(folder)
     wrong = []
     for row in tqdm(rows, unit="result", file=sys.stderr, leave=False, desc="drawing", disable=quiet):
-        result = index.result_folder(folder, row)
+        result = index_page.result_folder(folder, row)
         if result is None:
             continue
         try:
             _draw(result, options)
         except (ValueError, OSError) as error:
             wrong.append(str(error) if str(error).startswith(str(result)) else f"{result}: {error}")
-    index.write_index(folder, rows)
+    index_page.write_index(folder, rows)
     _say(quiet, f"report  {folder / 'index.html'}")
     if wrong:
         raise ValueError(f"{len(wrong)} of {len(rows)} results could not be drawn; the first: {wrong[0]}")

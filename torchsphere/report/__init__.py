@@ -1,1 +1,1 @@
-"""Figures of a result."""
+"""Figures, pages, video and ParaView series of a result."""

@@ -1,4 +1,4 @@
-"""Draw all that people look at from a result folder alone: figures, a small picture, the report."""
+"""Draw figures, thumbnail and report of a result from its folder alone."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from torchsphere.report import image_figures, motion_figures, page, path_figure
-from torchsphere.report.figures import new_figure
+from torchsphere.report import image_figures, motion_figures, path_figure, report_page
+from torchsphere.report.figure_style import new_figure
 from torchsphere.results.reader import ResultFolder, read
 from torchsphere.runtime import signals
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Figures by the names of their files; those of the second group need the images that were kept.
+#: Figures by the names of their files: of the tables, and of the images that a result keeps.
 OF_NUMBERS: dict[str, Callable[[ResultFolder], Figure]] = {
     "motion": motion_figures.motion_figure,
     "rotation": motion_figures.rotation_figure,
@@ -33,8 +33,8 @@ OF_IMAGES: dict[str, Callable[[ResultFolder], Figure]] = {
     "residuals": image_figures.residual_figure,
 }
 
-#: Compression of PNG and PDF: against zlib's usual 6 a tenth of the time to draw less, for a tenth more bytes.
-LEVEL = 1
+#: Compression of PNG and PDF. Compared with level 6, drawing takes a tenth less time and files are a tenth larger.
+COMPRESSION = 1
 
 Result = TypeVar("Result")
 
@@ -44,7 +44,7 @@ _DRAWING = threading.Lock()
 
 @contextlib.contextmanager
 def drawing_process(wanted: bool = True) -> Iterator[Executor | None]:
-    """A process that draws figures while this one goes on, for `draw`; None where it is not ``wanted``."""
+    """A process that draws figures while this process goes on, for `draw`; None unless ``wanted``."""
     if not wanted:
         yield None
         return
@@ -59,7 +59,7 @@ def drawing_process(wanted: bool = True) -> Iterator[Executor | None]:
 
 
 def begin(pool: Executor | None, function: Callable[..., Result], *arguments: Any) -> Future[Result] | None:
-    """Have the process of a `drawing_process` call a function; None where there is no such process, or it has died."""
+    """Call a function in the process of `drawing_process`; None if there is no process, or it has died."""
     try:
         return None if pool is None else pool.submit(function, *arguments)
     except BrokenProcessPool:
@@ -67,21 +67,21 @@ def begin(pool: Executor | None, function: Callable[..., Result], *arguments: An
 
 
 def begin_figures(folder: Path, pool: Executor | None) -> Future[None] | None:
-    """Begin to draw the figures of numbers of the result in ``folder``, which holds its tables by now."""
+    """Begin to draw the figures of numbers of the result in ``folder``, whose tables are written."""
     (folder / "figures").mkdir()
     return begin(pool, draw_figures, folder, folder / "figures", tuple(OF_NUMBERS))
 
 
 def draw(folder: Path, pool: Executor | None = None, begun: Future[None] | None = None) -> None:
-    """Draw figures and report of the result in ``folder``, and replace earlier ones; no number is touched.
+    """Draw figures and report of the result in ``folder``, and replace earlier ones; tables stay as they are.
 
-    Every file appears whole or not at all. A ``pool`` draws the figures beside the report; those of numbers may have
-    ``begun`` before. Where it fails, they are drawn here.
+    Every file appears whole or not at all. A ``pool`` draws the figures beside the report; ``begun`` is the call that
+    draws the figures of numbers already. If such a call fails, its figures are drawn here.
 
     Raises
     ------
     ValueError
-        If ``folder`` is no result folder, or one that is damaged.
+        If ``folder`` is not a result folder, or is damaged.
     """
     with _DRAWING:
         _draw(folder, pool, begun)
@@ -94,7 +94,7 @@ def _draw(folder: Path, pool: Executor | None, begun: Future[None] | None) -> No
         figures = new / "figures"
         figures.mkdir()
         beside = begin(pool, draw_figures, folder, figures, tuple(OF_IMAGES))
-        (new / "report.html").write_text(page.page(result), encoding="utf-8")
+        (new / "report.html").write_text(report_page.report_html(result), encoding="utf-8")
         if result.sampled is not None:
             (figures / "thumbnail.webp").write_bytes(image_figures.thumbnail(result))
         calls = ((OF_NUMBERS, begun), (OF_IMAGES, beside))
@@ -107,33 +107,33 @@ def _draw(folder: Path, pool: Executor | None, begun: Future[None] | None) -> No
 
 
 def failed(call: Future[Any] | None) -> bool:
-    """Whether a call that was to be begun in another process came to nothing; waits for its end."""
+    """Whether a call of `begin` failed or was never made; waits for its end."""
     return call is None or call.exception() is not None
 
 
 def draw_figures(result_folder: Path, folder: Path, names: Sequence[str]) -> None:
     """Draw figures of a result, by their ``names``, into ``folder`` as PNG and PDF.
 
-    Those of images are left out where no images were kept.
+    Figures of images are left out if the result keeps no images.
     """
     from matplotlib import rc_context
 
     result = read(result_folder)
-    drawn = OF_NUMBERS | (OF_IMAGES if result.sampled is not None else {})
-    for name in drawn.keys() & set(names):
-        figure = drawn[name](result)
-        figure.savefig(folder / f"{name}.png", pil_kwargs={"compress_level": LEVEL})
-        # The layout is found: to find it again took a tenth of the time of drawing.
+    available = OF_NUMBERS | (OF_IMAGES if result.sampled is not None else {})
+    for name in available.keys() & set(names):
+        figure = available[name](result)
+        figure.savefig(folder / f"{name}.png", pil_kwargs={"compress_level": COMPRESSION})
+        # The layout is known by now; computing it again takes a tenth of the time of drawing.
         figure.set_layout_engine("none")
-        # Without its date, so that the same result gives the same file.
-        with rc_context({"pdf.compression": LEVEL}):
+        # Without the date, so that the same result gives the same file.
+        with rc_context({"pdf.compression": COMPRESSION}):
             figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
-        # Its parts know each other and outlive it; taken apart, they leave their memory, 10 to 20 MB, to the next.
+        # The parts of a figure refer to each other; clear() frees their memory, 10 to 20 MB, at once.
         figure.clear()
 
 
 def load_matplotlib() -> None:
-    """Load what drawing loads when it is needed, fonts included, by drawing next to nothing."""
+    """Load matplotlib and its fonts by drawing an empty figure."""
     figure = new_figure(figsize=(1.0, 1.0), layout=None)
     figure.add_subplot().set_xlabel("time")
     for kind in ("png", "pdf"):

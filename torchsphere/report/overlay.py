@@ -1,9 +1,8 @@
-"""A video of a result: the images with the ball's circle, its turning axes, its path, and the numbers of the frame."""
+"""``overlay.mp4``: the images of a result with circle, path and axes of the ball, and the numbers of each frame."""
 
 from __future__ import annotations
 
 import importlib.util
-import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,27 +12,29 @@ from numpy.typing import NDArray
 
 from torchsphere.geometry.orientation import matrices
 from torchsphere.recording.refusal import LibraryMissingError
+from torchsphere.report.image_figures import kept_images
+from torchsphere.results.atomic_output import atomic_path
 from torchsphere.results.reader import ALL_KNOWN, TRANSLATION_KNOWN, ResultFolder
 from torchsphere.results.sampled_frames import Sampled
 
 if TYPE_CHECKING:
-    from PIL.Image import Image as Picture
+    from PIL.Image import Image
 
-#: Longer side of the video at least, px, so that lines and words can be read; its frames per second; H.264's quality.
-SIDE_PX, PLAYED_PER_S, QUALITY = 720, 25, "20"
+#: Least longer side of the video, px, at which its text is readable; frames per second; H.264's constant rate factor.
+SIDE_PX, FRAMES_PER_S, RATE_FACTOR = 720, 25, "20"
 
-#: Colours of circle and path, and of the body's axes x, y, z: Okabe and Ito's, each axis has its letter, too.
+#: Colours of Okabe and Ito for the circle, the path and the axes x, y, z of the ball.
 CIRCLE, PATH, AXES = "#E69F00", "#56B4E9", ("#D55E00", "#009E73", "#CC79A7")
 
-#: Length of the axes in radii, and height of the line of words, px.
-AXIS_LENGTH, WORDS_PX = 0.9, 28
+#: Length of the axes, radii, and height of a line of text, px.
+AXIS_LENGTH, LINE_PX = 0.9, 28
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Arrow:
-    """One axis of the ball, which ends at ``tip`` (2,), px of the recording, in front of the image plane or not."""
+    """An axis of the ball with its ``tip`` (2,), px of the recording, in front of the image plane or behind it."""
 
     name: str
     tip: Array
@@ -41,7 +42,10 @@ class Arrow:
 
 
 def axes_of(centre: Array, radius: float, orientation: Array) -> list[Arrow]:
-    """The body's axes, which are the camera's in the first frame, at an orientation (3, 3); none where it is NaN."""
+    """The axes of the ball at an orientation (3, 3) since the first frame; none if the orientation is NaN.
+
+    In the first frame they are the axes of the camera.
+    """
     if not np.isfinite(orientation).all():
         return []
     tips = AXIS_LENGTH * radius * orientation
@@ -55,9 +59,9 @@ def check_library() -> None:
 
 
 def write_overlay(result: ResultFolder) -> Path:
-    """Write ``overlay.mp4`` into the result folder from the images that it keeps, and return its path.
+    """Write ``overlay.mp4`` into the result folder, from the images that it keeps, and return its path.
 
-    H.264 with 4:2:0 colours, which browsers play. The file appears whole or not at all.
+    The video is H.264 with 4:2:0 colours, which browsers play. The file appears whole or not at all.
 
     Raises
     ------
@@ -66,43 +70,37 @@ def write_overlay(result: ResultFolder) -> Path:
     LibraryMissingError
         If PyAV is not installed.
     """
-    sampled = result.sampled
-    if sampled is None:
-        raise ValueError(f"{result.path}: the result keeps no images to draw on; track again without --no-report")
+    sampled = kept_images(result)
     check_library()
     import av
 
-    path, new = result.path / "overlay.mp4", result.path / ".overlay.mp4"
-    try:
-        with av.open(str(new), "w", format="mp4", options={"movflags": "+faststart"}) as container:
-            stream: Any = container.add_stream("libx264", rate=PLAYED_PER_S, options={"crf": QUALITY})
-            stream.pix_fmt = "yuv420p"
-            stream.width, stream.height = draw_frame(result, sampled, 0).size
-            for k in range(len(sampled.row)):
-                picture = np.asarray(draw_frame(result, sampled, k))
-                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-            container.mux(stream.encode())
-        new.replace(path)
-    finally:
-        new.unlink(missing_ok=True)
+    path, options = result.path / "overlay.mp4", {"movflags": "+faststart"}
+    with atomic_path(path) as new, av.open(str(new), "w", format="mp4", options=options) as container:
+        stream: Any = container.add_stream("libx264", rate=FRAMES_PER_S, options={"crf": RATE_FACTOR})
+        stream.pix_fmt = "yuv420p"
+        stream.width, stream.height = draw_frame(result, sampled, 0).size
+        for k in range(len(sampled.row)):
+            picture = np.asarray(draw_frame(result, sampled, k))
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode())
     return path
 
 
-def draw_frame(result: ResultFolder, sampled: Sampled, k: int) -> Picture:
-    """The kept image number ``k`` with all that is drawn on it; sides are even, as the video's colours need."""
+def draw_frame(result: ResultFolder, sampled: Sampled, k: int) -> Image:
+    """Frame ``k`` of the video; its sides are even numbers, as 4:2:0 colours need."""
     from PIL import Image, ImageDraw
 
     left, top, width, height = sampled.box
     zoom = max(SIDE_PX / max(width, height), 1.0)
     size = 2 * round(zoom * width / 2), 2 * round(zoom * height / 2)
-    image = Image.open(io.BytesIO(sampled.webp[k])).convert("RGB").resize(size, Image.Resampling.BICUBIC)
-    picture = Image.new("RGB", (max(size[0], SIDE_PX), size[1] + 2 * WORDS_PX), "black")
-    picture.paste(image, (0, 2 * WORDS_PX))
+    image = sampled.image(k).convert("RGB").resize(size, Image.Resampling.BICUBIC)
+    picture = Image.new("RGB", (max(size[0], SIDE_PX), size[1] + 2 * LINE_PX), "black")
+    picture.paste(image, (0, 2 * LINE_PX))
     draw = ImageDraw.Draw(picture)
 
     def at(point: Array) -> tuple[float, float]:
         x, y = (point - (left, top)) * (size[0] / width, size[1] / height)
-        return float(x), float(y) + 2 * WORDS_PX
+        return float(x), float(y) + 2 * LINE_PX
 
     row = int(sampled.row[k])
     before = result.position[: row + 1]
@@ -115,20 +113,21 @@ def draw_frame(result: ResultFolder, sampled: Sampled, k: int) -> Picture:
         draw.ellipse((*at(centre - radius), *at(centre + radius)), outline=CIRCLE, width=2)
         for arrow in axes_of(centre, radius, matrices(result.quaternion[row : row + 1])[0]):
             _arrow(draw, at(centre), at(arrow.tip), arrow, AXES["xyz".index(arrow.name)])
-    _words(draw, result, row)
+    _text(draw, result, row)
     return picture
 
 
 def _arrow(draw: Any, start: tuple[float, float], tip: tuple[float, float], arrow: Arrow, colour: str) -> None:
-    """A line to a dot with the axis's letter; thin and hollow where it points away from the camera."""
+    """A line to a dot with the letter of the axis; thin and hollow if the axis points away from the camera."""
     draw.line((start, tip), fill=colour, width=4 if arrow.in_front else 1)
     spot = (tip[0] - 5, tip[1] - 5, tip[0] + 5, tip[1] + 5)
     draw.ellipse(spot, fill=colour if arrow.in_front else "black", outline=colour, width=2)
-    # White, since a letter in the axis's colour is lost in the pattern.
+    # White: a letter in the colour of the axis cannot be read on the pattern.
     draw.text((tip[0] + 8, tip[1] - 10), arrow.name, fill="white", font=_font(20), stroke_width=2, stroke_fill="black")
 
 
-def _words(draw: Any, result: ResultFolder, row: int) -> None:
+def _text(draw: Any, result: ResultFolder, row: int) -> None:
+    """Two lines above the image: the numbers of the frame; the axes, and whether the frame was measured in full."""
     motion, status = result.motion, str(result.status[row])
     parts = [f"frame {result.frame[row]}"]
     if np.isfinite(result.time_s[row]):
@@ -138,10 +137,10 @@ def _words(draw: Any, result: ResultFolder, row: int) -> None:
     if motion is not None and np.isfinite(motion.spin_rad_s[row]).all():
         parts.append(f"{np.linalg.norm(motion.spin_rad_s[row]) / (2 * np.pi):.1f} rev/s")
     draw.text((8, 4), "   ".join(parts), fill="white", font=_font(18))
-    axes = "lab frame" if motion is not None and result.lab_frame else "camera frame"
+    axes = "lab frame" if result.lab_frame else "camera frame"
     measured = TRANSLATION_KNOWN if result.without_rotation else ALL_KNOWN
-    said = "" if status in measured else f"not fully measured: {status.replace('_', ' ')}"
-    draw.text((8, WORDS_PX + 4), f"{axes}; axes x, y, z move with the ball   {said}", fill="#BBBBBB", font=_font(15))
+    remark = "" if status in measured else f"not fully measured: {status.replace('_', ' ')}"
+    draw.text((8, LINE_PX + 4), f"{axes}; axes x, y, z move with the ball   {remark}", fill="#BBBBBB", font=_font(15))
 
 
 def _font(size: int) -> Any:

@@ -1,15 +1,13 @@
-"""A result as a series for ParaView: the ball at its pose, and velocity, force and spin at its centre.
+"""A result as a ParaView series: the ball at its pose, and velocity, force and spin at its centre.
 
-VTK's XML polygons (``.vtp``) with an index over time (``.pvd``), written by hand: the format needs no library. Arrays
-are zlib-compressed blocks in base64, see "VTK XML Formats" in VTK's documentation.
+The files are polygons in VTK's XML format (``.vtp``) with an index over time (``.pvd``). Arrays are zlib-compressed
+blocks in base64: see "VTK XML Formats" in the documentation of VTK.
 """
 
 from __future__ import annotations
 
 import base64
-import shutil
 import struct
-import tempfile
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,14 +15,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.dynamics.scale import LAB_AXES
 from torchsphere.geometry.orientation import matrices
+from torchsphere.results.atomic_output import atomic_folder
 from torchsphere.results.reader import ResultFolder
 
-#: Parallels and meridians of the ball's mesh, the seam twice so that its texture does not run backwards there.
+#: Parallels and meridians of the ball's mesh. The first meridian comes again as the last, as its texture coordinate is
+#: both 0 and 1.
 PARALLELS, MERIDIANS = 19, 37
 
-TYPES = {"f": "Float32", "i": "Int32"}
+#: VTK's name and the byte layout of an array, by NumPy's kind of its values.
+TYPES = {"f": ("Float32", "<f4"), "i": ("Int32", "<i4")}
 
 Array = NDArray[np.float64]
 
@@ -41,10 +41,11 @@ class Mesh:
 def write_paraview(result: ResultFolder) -> Path:
     """Write ``paraview/ball.pvd`` with its ``.vtp`` files into the result folder, and return its path.
 
-    In m and s where scale and frame rate are known, in the frame of the results; otherwise in px, camera frame, and
-    frames. The ball (part 0) has texture coordinates and the displacement of its points since the first frame with a
-    pose; it is left out where no rotation was measured. Its centre (part 1) has velocity, force and spin as far as
-    they are known, and is left out where the ball was not seen. An earlier series is replaced as a whole.
+    Lengths are in m and times in s, in the frame of `ResultFolder.motion`, if scale and frame rate are known;
+    otherwise in px and frames, camera frame. The ball (part 0) has texture coordinates and the displacement of its
+    points since the first frame with a pose; a frame without rotation lacks it. The centre (part 1) has velocity,
+    force and spin as far as they are known; a frame in which the ball was not seen lacks it. An earlier series is
+    replaced as a whole.
 
     Raises
     ------
@@ -53,27 +54,23 @@ def write_paraview(result: ResultFolder) -> Path:
     """
     if not result.known.any():
         raise ValueError(f"{result.path}: the ball was seen in no frame, so there is nothing to show in ParaView")
-    new = Path(tempfile.mkdtemp(prefix=".paraview.", dir=result.path))
-    try:
+    folder = result.path / "paraview"
+    with atomic_folder(folder, overwrite=True, kind="ParaView series", files=("ball.pvd",)) as new:
         _write(result, new)
-        new.chmod(0o755)
-        shutil.rmtree(result.path / "paraview", ignore_errors=True)
-        new.replace(result.path / "paraview")
-    finally:
-        shutil.rmtree(new, ignore_errors=True)
-    return result.path / "paraview" / "ball.pvd"
+    return folder / "ball.pvd"
 
 
 def _write(result: ResultFolder, folder: Path) -> None:
-    mesh, centres, turned = sphere_mesh(), _centres(result), _orientations(result)
+    mesh, centres = sphere_mesh(), _centres(result)
+    orientations = matrices(result.quaternion) * np.outer(result.axis_signs, result.axis_signs)
     radius = result.radius if result.motion is None else result.radius * float(result.summary["scale"]["m_per_px"])
     times = result.time_s if np.isfinite(result.time_s).all() else result.frame.astype(np.float64)
     first: Array | None = None
     entries = []
     for i in np.flatnonzero(np.isfinite(centres[:, 0])):
         number = f"{result.frame[i]:06d}"
-        if np.isfinite(turned[i]).all() and np.isfinite(radius[i]):
-            points = centres[i] + radius[i] * mesh.points @ turned[i].T
+        if np.isfinite(orientations[i]).all() and np.isfinite(radius[i]):
+            points = centres[i] + radius[i] * mesh.points @ orientations[i].T
             first = points if first is None else first
             data = {"displacement": points - first}
             (folder / f"ball_{number}.vtp").write_text(polygons(points, mesh.triangles, data, mesh.texture))
@@ -89,19 +86,19 @@ def _write(result: ResultFolder, folder: Path) -> None:
 
 
 def sphere_mesh() -> Mesh:
-    """A unit sphere with its poles on the body's y axis."""
+    """A unit sphere with its poles on the y axis of the ball."""
     polar, around = np.meshgrid(np.linspace(0, np.pi, PARALLELS), np.linspace(0, 2 * np.pi, MERIDIANS), indexing="ij")
     points = np.stack((np.sin(polar) * np.sin(around), -np.cos(polar), -np.sin(polar) * np.cos(around)), -1)
     texture = np.stack((around / (2 * np.pi), 1 - polar / np.pi), -1)
     corner = np.arange(PARALLELS * MERIDIANS, dtype=np.int32).reshape(PARALLELS, MERIDIANS)
     a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
-    # Corners counter-clockwise as seen from outside.
+    # Corners are counter-clockwise, seen from outside.
     both = np.stack((np.stack((a, c, b), -1), np.stack((a, d, c), -1)), 2)
     return Mesh(points.reshape(-1, 3), texture.reshape(-1, 2), both.reshape(-1, 3))
 
 
 def polygons(points: Array, cells: NDArray[np.int32], vectors: dict[str, Array], texture: Array | None = None) -> str:
-    """VTK's XML of ``points`` (p, 3) with ``cells`` (m, k), single vertices for k = 1, and ``vectors`` (p, 3) there."""
+    """VTK's XML of ``points`` (p, 3), ``cells`` (m, k), vertices if k = 1, and ``vectors`` (p, 3) at the points."""
     kind = "Verts" if cells.shape[1] == 1 else "Polys"
     ends = np.arange(1, len(cells) + 1, dtype=np.int32) * cells.shape[1]
     arrays = "".join(_array(name, value) for name, value in vectors.items())
@@ -120,36 +117,30 @@ def polygons(points: Array, cells: NDArray[np.int32], vectors: dict[str, Array],
 
 
 def _array(name: str, values: NDArray[np.float64] | NDArray[np.int32]) -> str:
-    """One array as a compressed block: its header (blocks, block size, size of the last, compressed size), then it."""
+    """An array as one compressed block.
+
+    Its header has the number of blocks, their size, the size of a shorter last block (none), and the compressed size.
+    """
     width = values.shape[1] if values.ndim == 2 else 1
-    raw = values.astype("<i4" if values.dtype.kind == "i" else "<f4").tobytes()
+    kind, layout = TYPES[values.dtype.kind]
+    raw = values.astype(layout).tobytes()
     packed = zlib.compress(raw)
     header = struct.pack("<4I", 1, len(raw), 0, len(packed))
     text = (base64.b64encode(header) + base64.b64encode(packed)).decode()
-    kind = TYPES[values.dtype.kind]
     return (
         f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{width}" format="binary">\n{text}\n</DataArray>\n'
     )
 
 
 def _centres(result: ResultFolder) -> Array:
-    """Centres (n, 3), m or px, in the plane of the ball's centre; NaN where it was not seen."""
+    """Centres (n, 3) of the ball, m or px, with z = 0; NaN if the ball was not seen."""
     plane = result.position if result.motion is None else result.motion.position_m
     plane = np.where(result.known[:, None], plane, np.nan)
     return np.concatenate((plane, np.zeros((len(plane), 1))), 1)
 
 
-def _orientations(result: ResultFolder) -> Array:
-    """Orientations (n, 3, 3) in the frame of the results."""
-    turned = matrices(result.quaternion)
-    if result.motion is None or not result.lab_frame:
-        return turned
-    axes = np.asarray(LAB_AXES)
-    return axes @ turned @ axes
-
-
 def _vectors(result: ResultFolder, i: int) -> dict[str, Array]:
-    """Velocity and force (1, 3) in the image plane, and spin, of one frame, where they are known."""
+    """Velocity, force and spin (1, 3) of frame ``i``, as far as they are known."""
     motion = result.motion
     if motion is None:
         return {}

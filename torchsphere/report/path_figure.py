@@ -1,4 +1,4 @@
-"""The path of the ball over an image: the paper's figures 8 and 15."""
+"""The path of the ball over an image: figures 8 and 15 of the paper."""
 
 from __future__ import annotations
 
@@ -8,30 +8,31 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.report.figures import COLOURS, DPI, new_figure
-from torchsphere.report.image_figures import kept_images, picture
-from torchsphere.report.stack import CONTACT
+from torchsphere.report.figure_style import COLOURS, DPI, new_figure
+from torchsphere.report.image_figures import kept_images
+from torchsphere.report.stacked_panels import CONTACT
 from torchsphere.results.reader import ResultFolder
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: Circles along the path at even times, as many as in the paper's figure 8; fewer where the ball moves by less than
-#: this share of its radius from one to the next, since they would hide the image.
-CIRCLES, APART = 12, 0.2
+#: Circles along the path at most, as in figure 8 of the paper, and the least path between two of them, radii: closer
+#: circles hide the image.
+MAX_CIRCLES, LEAST_SPACING = 12, 0.2
 
-#: Longest sides of the image, least width of the figure, and margins left, right, above and below the image, inches.
-WIDEST, HIGHEST, LEAST, LEFT, RIGHT, TOP, BOTTOM = 6.2, 6.0, 5.0, 0.65, 0.15, 0.62, 0.5
+#: Largest width and height of the image, least width of the figure, and margins around the image, inches.
+MAX_WIDTH, MAX_HEIGHT, LEAST_WIDTH = 6.2, 6.0, 5.0
+LEFT, RIGHT, TOP, BOTTOM = 0.65, 0.15, 0.62, 0.5
 
-#: Colours of start and end, which differ in shape, too.
+#: Colours of start and end; their marks differ in shape, too.
 START, END = "#56B4E9", "#F0F0F0"
 
-#: Shares of the path's length at which an arrow tells its direction, and what it looks like.
+#: Positions of the arrows that show the direction, shares of the path's length, and their style.
 ARROWS_AT = (0.25, 0.75)
 ARROW = {"arrowstyle": "-|>", "fc": COLOURS[0], "ec": "white", "mutation_scale": 16}
 
-#: Longest share of the image's width that a bar of scale takes, and its distance from the edges.
+#: Longest scale bar, and its distance from the edges, shares of the image's width.
 BAR_SHARE, BAR_MARGIN = 0.25, 0.04
 
 Array = NDArray[np.float64]
@@ -39,7 +40,13 @@ Rows = NDArray[np.int64]
 
 
 def path_figure(result: ResultFolder) -> Figure:
-    """Path, start, end, contact and direction over an image, circles at even times; needs `ResultFolder.sampled`."""
+    """Path, start, end, contact and direction over the image in the middle of the path, with circles at even times.
+
+    Raises
+    ------
+    ValueError
+        If the result keeps no images.
+    """
     sampled = kept_images(result)
     known = np.flatnonzero(result.known)
     middle = int(known[len(known) // 2]) if len(known) else 0
@@ -47,14 +54,15 @@ def path_figure(result: ResultFolder) -> Figure:
     left, top, width, height = sampled.box
     title = f"Path of the ball over frame {result.frame[sampled.row[i]]}"
     lost = "" if len(known) else "; the place of the ball was not measured"
-    figure, axis = _laid_out(width / height, title + lost)
+    figure, axis = _layout(width / height, title + lost)
+    image = np.asarray(sampled.image(i).convert("L"))
     extent = (left, left + width, top + height, top)
-    axis.imshow(picture(sampled, i), cmap="gray", vmin=0, vmax=255, extent=extent, aspect="auto")
+    axis.imshow(image, cmap="gray", vmin=0, vmax=255, extent=extent, aspect="auto")
     axis.set(xlim=(left, left + width), ylim=(top + height, top))
     if len(known):
-        _circles(axis, result, _even(result, known))
+        _circles(axis, result, *_even_rows(result, known))
         _path(axis, result, known)
-        _bar(axis, result)
+        _scale_bar(axis, result)
         axis.legend(
             loc="lower left", bbox_to_anchor=(0, 1.0), fontsize=8, ncols=5, frameon=False, borderaxespad=0.1,
             borderpad=0.2, handlelength=1.6, columnspacing=1.2,
@@ -62,32 +70,32 @@ def path_figure(result: ResultFolder) -> Figure:
     return figure
 
 
-def _laid_out(shape: float, title: str) -> tuple[Figure, Axes]:
-    """Axes for an image of that width over height in a figure that fits, so that no layout has to be sought."""
-    width, height = min(WIDEST, HIGHEST * shape), min(HIGHEST, WIDEST / shape)
-    whole, high = max(width + LEFT + RIGHT, LEAST), height + TOP + BOTTOM
-    figure = new_figure(figsize=(whole, high), dpi=DPI, layout=None)
-    axis = figure.add_axes((LEFT / whole, BOTTOM / high, width / whole, height / high))
+def _layout(aspect: float, title: str) -> tuple[Figure, Axes]:
+    """A figure with axes for an image of this ``aspect``, width over height."""
+    width, height = min(MAX_WIDTH, MAX_HEIGHT * aspect), min(MAX_HEIGHT, MAX_WIDTH / aspect)
+    whole_width, whole_height = max(width + LEFT + RIGHT, LEAST_WIDTH), height + TOP + BOTTOM
+    figure = new_figure(figsize=(whole_width, whole_height), dpi=DPI, layout=None)
+    box = (LEFT / whole_width, BOTTOM / whole_height, width / whole_width, height / whole_height)
+    axis = figure.add_axes(box)
     axis.set_xlabel("x (px)", fontsize=9)
     axis.set_ylabel("y (px)", fontsize=9)
     axis.tick_params(labelsize=9)
-    figure.text(LEFT / whole, 1 - 0.1 / high, title, fontsize=10, va="top")
+    figure.text(LEFT / whole_width, 1 - 0.1 / whole_height, title, fontsize=10, va="top")
     return figure, axis
 
 
-def _even(result: ResultFolder, known: Rows) -> tuple[Rows, int]:
-    """Known rows at even times, and how many frames lie between them."""
+def _even_rows(result: ResultFolder, known: Rows) -> tuple[Rows, int]:
+    """Known rows at even times, and the frames from one to the next."""
     steps = np.diff(result.position[known], axis=0)
     length = float(np.hypot(*steps.T).sum()) / float(np.nanmedian(result.radius))
-    count = min(CIRCLES, max(2, int(length / APART)))
+    count = min(MAX_CIRCLES, max(2, int(length / LEAST_SPACING)))
     stride = max(int(known[-1] - known[0]) // (count - 1), 1)
     return np.intersect1d(np.arange(known[0], known[-1] + 1, stride), known), stride
 
 
-def _circles(axis: Axes, result: ResultFolder, even: tuple[Rows, int]) -> None:
+def _circles(axis: Axes, result: ResultFolder, rows: Rows, stride: int) -> None:
     from matplotlib.collections import LineCollection
 
-    rows, stride = even
     rate = result.summary.get("frame_rate")
     every = f"{stride} frame{'s' if stride > 1 else ''}" if rate is None else f"{1e3 * stride / rate:.3g} ms"
     label = f"ball every {every}" if len(rows) > 1 else "ball"
@@ -99,19 +107,19 @@ def _circles(axis: Axes, result: ResultFolder, even: tuple[Rows, int]) -> None:
 
 
 def _path(axis: Axes, result: ResultFolder, known: Rows) -> None:
-    where = result.position
-    axis.plot(*where.T, "-", color="white", lw=2.6, alpha=0.7)
-    touching = _in_contact(result)
-    if len(touching):
-        axis.plot(*touching.T, "-", color=CONTACT, lw=5, alpha=0.8, label="contact")
-    axis.plot(*where.T, "-", color=COLOURS[0], lw=1.3, label="path")
-    _arrows(axis, where[known], float(np.nanmedian(result.radius)))
+    path = result.position
+    axis.plot(*path.T, "-", color="white", lw=2.6, alpha=0.7)
+    contact = _contact_path(result)
+    if len(contact):
+        axis.plot(*contact.T, "-", color=CONTACT, lw=5, alpha=0.8, label="contact")
+    axis.plot(*path.T, "-", color=COLOURS[0], lw=1.3, label="path")
+    _arrows(axis, path[known], float(np.nanmedian(result.radius)))
     for name, row, mark, colour in (("start", known[0], "o", START), ("end", known[-1], "s", END)):
-        axis.plot(*where[row], mark, color=colour, mec="black", mew=1.0, ms=7, ls="none", label=name)
+        axis.plot(*path[row], mark, color=colour, mec="black", mew=1.0, ms=7, ls="none", label=name)
 
 
-def _in_contact(result: ResultFolder) -> Array:
-    """The path (m, 2) from the contact's start to its end, which may lie between frames; NaN where not known."""
+def _contact_path(result: ResultFolder) -> Array:
+    """The path (m, 2) in contact; its start and end are interpolated between frames."""
     if result.contact_s is None:
         return np.zeros((0, 2))
     time, (start, end) = result.time_s, result.contact_s
@@ -119,19 +127,19 @@ def _in_contact(result: ResultFolder) -> Array:
     return np.stack([np.interp(moments, time, column) for column in result.position.T], 1)
 
 
-def _arrows(axis: Axes, where: Array, radius: float) -> None:
-    """Heads along the way from start to end, where that is long enough to have a direction."""
-    gone = np.concatenate(([0.0], np.hypot(*np.diff(where, axis=0).T).cumsum()))
-    if gone[-1] < 0.5 * radius:
+def _arrows(axis: Axes, path: Array, radius: float) -> None:
+    """Arrow heads along the path; none on a path shorter than half a radius, which has no clear direction."""
+    length = np.concatenate(([0.0], np.hypot(*np.diff(path, axis=0).T).cumsum()))
+    if length[-1] < 0.5 * radius:
         return
     for share in ARROWS_AT:
-        at = share * gone[-1]
-        (x0, x), (y0, y) = (np.interp((at - 0.05 * radius, at), gone, column) for column in where.T)
+        tip = share * length[-1]
+        (x0, x), (y0, y) = (np.interp((tip - 0.05 * radius, tip), length, column) for column in path.T)
         axis.annotate("", (x, y), (x0, y0), arrowprops=ARROW)
 
 
-def _bar(axis: Axes, result: ResultFolder) -> None:
-    """A bar of a round length in the lower corner that the path leaves freer; none without a scale."""
+def _scale_bar(axis: Axes, result: ResultFolder) -> None:
+    """A bar of a round length, in the lower corner that is farther from the path; none without a scale."""
     scale = result.summary.get("scale")
     if not scale:
         return
@@ -157,6 +165,6 @@ def _bar(axis: Axes, result: ResultFolder) -> None:
 
 
 def round_below(length: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that is no longer."""
+    """The largest length of at most ``length`` that is 1, 2 or 5 times a power of ten."""
     power = 10.0 ** math.floor(math.log10(length))
     return max(m * power for m in (1, 2, 5) if m * power <= length * (1 + 1e-9))

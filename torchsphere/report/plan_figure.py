@@ -1,4 +1,4 @@
-"""One page for a plan: what the camera sees, what the force will look like, what blur and modes cost."""
+"""The figure of a plan: the image of the ball, the expected force, and the cost of blur and camera modes."""
 
 from __future__ import annotations
 
@@ -15,38 +15,43 @@ from torchsphere.planning.expected import MAX_BLUR_PX
 from torchsphere.planning.free_flight import Flight
 from torchsphere.planning.plan import Plan
 from torchsphere.planning.rehearsal import MAX_CONTACT_FRAMES, Rehearsal
-from torchsphere.report.figures import COLOURS, STYLES, new_figure
+from torchsphere.report.figure_style import COLOURS, STYLES, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.gridspec import SubplotSpec
 
-#: Width of the background that is shown around the ball, in radii.
-AROUND = 0.15
+#: Width of the background around the ball, radii.
+BACKGROUND = 0.15
 
-#: The region of interest of the correlation, share of the radius.
+#: Region of interest of the correlation, share of the radius.
 REGION = 0.95
 
+#: Room above curves for their legend, share of their range.
+LEGEND_ROOM = 0.3
 
-#: Room above curves for their legend, share of their range; letters in a line of the heading.
-ROOM, LETTERS = 0.3, 130
+#: Letters in a line of the heading.
+HEADING_LETTERS = 130
 
 
 def plan_figure(path: Path, plan: Plan) -> None:
-    """Draw the plan as PNG."""
+    """Write the figure of a plan as PNG."""
     drawn(plan).savefig(path)
 
 
 def drawn(plan: Plan) -> Figure:
-    """The plan's figure: left what the camera sees or a flight showed, right the force, and modes or methods."""
+    """The figure of a plan.
+
+    Left: the image of the ball and the cost of blur, or velocity and force of a measured flight. Right: the expected
+    force, and below it the camera's modes or the methods of differentiation.
+    """
     figure = new_figure(figsize=(11.0, 8.0), dpi=130)
     grid = figure.add_gridspec(2, 2)
     if plan.flight is not None:
         upper, lower = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0])
         _velocity(upper, plan.flight)
         _scatter_of_force(lower, plan.flight)
-        # Both have the same flight's time.
         upper.set_xlim(0, 1e3 * (len(plan.flight.increment) + 1) / plan.flight.setup.frame_rate)
         lower.set_xlim(upper.get_xlim())
     else:
@@ -62,7 +67,7 @@ def drawn(plan: Plan) -> Figure:
         f"{setup.speed_m_s:.3g} m/s, {setup.frame_rate:g} frames/s, {setup.px_per_mm:.3g} px/mm, ball of "
         f"{setup.diameter_mm:g} mm and {setup.mass_g:g} g; {plan.origin}"
     )
-    figure.suptitle(textwrap.fill(heading, LETTERS), fontsize=10)
+    figure.suptitle(textwrap.fill(heading, HEADING_LETTERS), fontsize=10)
     return figure
 
 
@@ -74,7 +79,7 @@ def _image(axis: Axes, plan: Plan) -> None:
     angle = np.linspace(0, 2 * np.pi, 361)
     region = REGION * radius
     axis.plot(x + region * np.cos(angle), y + region * np.sin(angle), color=COLOURS[1], lw=1.2)
-    reach = (1 + AROUND) * radius
+    reach = (1 + BACKGROUND) * radius
     axis.set(xlim=(x - reach, x + reach), ylim=(y + reach, y - reach), xlabel="x (px)", ylabel="y (px)")
     about = f"Ball as filmed: radius {radius:.0f} px, motion blur {plan.setup.blur_px:.1f} px; circle: region measured"
     axis.set_title(about, fontsize=9)
@@ -83,7 +88,7 @@ def _image(axis: Axes, plan: Plan) -> None:
 def _blur(axis: Axes, plan: Plan) -> None:
     if len(plan.cost_of_blur):
         axis.plot(*plan.cost_of_blur.T, "o-", color=COLOURS[0], ms=5, label="one side of the ball")
-        axis.set_ylim(0, (1 + ROOM) * float(np.nanmax(plan.cost_of_blur[:, 1])))
+        axis.set_ylim(0, (1 + LEGEND_ROOM) * float(np.nanmax(plan.cost_of_blur[:, 1])))
     axis.axvline(plan.setup.blur_px, color=COLOURS[1], ls="--", label=f"this test: {plan.setup.blur_px:.1f} px")
     axis.axvline(MAX_BLUR_PX, color="0.5", ls=":", label=f"the paper's limit: {MAX_BLUR_PX:g} px")
     axis.set(xlabel="motion blur (px)", ylabel="sd of a step along the flight (px)")
@@ -93,7 +98,7 @@ def _blur(axis: Axes, plan: Plan) -> None:
 
 
 def _force(figure: Figure, place: SubplotSpec, plan: Plan) -> None:
-    """The rehearsed force, and below it its error, which its own scale would hide."""
+    """The rehearsed force, and below it its error on a scale of its own."""
     found = plan.rehearsal
     title = "The force along the flight, rehearsed with the expected errors"
     if found is not None and found.is_between_frames:
@@ -112,10 +117,10 @@ def _force(figure: Figure, place: SubplotSpec, plan: Plan) -> None:
     pulse = 1e-3 * found.peak_N * np.sin(np.pi * fine / plan.target.contact_s)
     axis.plot(1e6 * fine, pulse, color="0.6", lw=3, label="true")
     axis.plot(time, -1e-3 * found.force_along_N, ".-", color=COLOURS[0], ms=5, lw=1, label="smoother, at the frames")
-    # A contact shorter than a frame may lie between two of them: those have to be seen, too.
+    # A contact shorter than a frame may lie between two frames: both must be visible.
     reach = 1e6 * max(plan.target.contact_s, 1 / plan.setup.frame_rate)
     axis.set(xlim=(-0.5 * reach, 1.5 * reach), ylabel="force (kN)")
-    axis.set_ylim(top=(1 + ROOM) * axis.get_ylim()[1])
+    axis.set_ylim(top=(1 + LEGEND_ROOM) * axis.get_ylim()[1])
     axis.legend(fontsize=8, loc="upper left", ncols=2)
     axis.grid(alpha=0.3)
     axis.tick_params(labelbottom=False)
@@ -137,7 +142,7 @@ def _error_of_force(axis: Axes, found: Rehearsal) -> None:
 
 
 def _methods(figure: Figure, place: SubplotSpec, plan: Plan) -> None:
-    """Standard deviations by way of differentiation: of the velocity left, of the force right, decades of one size."""
+    """Standard deviations by method of differentiation, of velocity and force; decades have the same height in both."""
     found, plain = plan.rehearsal, plan.differences
     names = ["differences"]
     velocity, force = [float(plain.velocity_m_s[:2].max())], [1e-3 * float(plain.force_N[:2].max())]
@@ -146,7 +151,7 @@ def _methods(figure: Figure, place: SubplotSpec, plan: Plan) -> None:
             names.append(f"smoother,\n{where}")
             velocity.append(float(found.velocity_m_s[k].max()))
             force.append(1e-3 * float(found.force_N[k].max()))
-    # Two decades at least, so that a single bar has an axis that can be read.
+    # At least two decades, so that the axis of a single bar is readable.
     span = max(100.0, *(np.nanmax(heights) / np.nanmin(heights) for heights in (velocity, force)))
     parts = place.subgridspec(1, 2)
     source = "" if plan.flight is None else "recording's, "
@@ -154,18 +159,18 @@ def _methods(figure: Figure, place: SubplotSpec, plan: Plan) -> None:
         axis = figure.add_subplot(parts[k])
         _bars(axis, names, heights, span, COLOURS[k])
         axis.set_ylabel(f"sd of {name} ({unit})")
-        # Along and across the flight are the image's axes where it flies along one.
+        # Two axes: of the image for differences, along and across the flight for the smoother.
         axis.set_title(f"Sd of the {name} at a frame,\n{source}larger of two axes", fontsize=9)
 
 
 def _bars(axis: Axes, names: Sequence[str], heights: Sequence[float], span: float, colour: str) -> None:
-    """Bars with their numbers on an axis of logarithms that covers ``span`` and some room, whatever their heights."""
+    """Bars with their numbers, on a logarithmic axis that covers a ratio of ``span`` and some room."""
     bars = axis.bar(range(len(names)), heights, 0.6, color=colour)
     axis.bar_label(bars, ["" if np.isnan(height) else f"{height:.2g}" for height in heights], fontsize=8, padding=2)
-    # A share of the axis for a height, since there is no bar to stand on.
-    across = axis.get_xaxis_transform()
+    # A missing bar has no height, so that the height of its text is a share of the axis.
+    transform = axis.get_xaxis_transform()
     for place in (i for i, height in enumerate(heights) if np.isnan(height)):
-        axis.text(place, 0.03, "no frame\nin contact", fontsize=8, color="0.25", ha="center", transform=across)
+        axis.text(place, 0.03, "no frame\nin contact", fontsize=8, color="0.25", ha="center", transform=transform)
     axis.set_xlim(-0.45, len(names) - 0.55)
     axis.set_yscale("log")
     middle = float(np.sqrt(np.nanmin(heights) * np.nanmax(heights)))
@@ -191,7 +196,7 @@ def _modes(axis: Axes, plan: Plan) -> None:
         axis.text(0.5, 0.5, "no mode is of use: plan.json says why", ha="center", transform=axis.transAxes)
         return
     axis.margins(x=0.2)
-    axis.set_ylim(0, (1 + ROOM) * 1e-3 * max(verdict.error_N for verdict in of_use))
+    axis.set_ylim(0, (1 + LEGEND_ROOM) * 1e-3 * max(verdict.error_N for verdict in of_use))
     axis.set(xlabel="frame rate (1000 frames/s)", ylabel="error of the force in contact (kN)")
     axis.grid(alpha=0.3)
 
@@ -217,11 +222,11 @@ def _scatter_of_force(axis: Axes, flight: Flight) -> None:
 def _scatter(
     axis: Axes, time: NDArray[np.floating], values: NDArray[np.float64], names: Sequence[str], unit: str
 ) -> None:
-    """What should be zero, in both directions alike, with its standard deviations."""
+    """Two components that should be zero, with their standard deviations in the legend."""
     for k, name in enumerate(names):
         label = f"{name}: sd {np.nanstd(values[:, k], ddof=1):.2g} {unit}"
         axis.plot(time, values[:, k], STYLES[k], color=COLOURS[k], lw=1.2, label=label)
     most = 1.1 * float(np.nanmax(np.abs(values)))
-    axis.set(xlabel="time (ms)", ylim=(-most, (1 + ROOM) * most))
+    axis.set(xlabel="time (ms)", ylim=(-most, (1 + LEGEND_ROOM) * most))
     axis.legend(fontsize=8, loc="upper right", ncols=2)
     axis.grid(alpha=0.3)

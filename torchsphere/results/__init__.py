@@ -1,1 +1,1 @@
-"""Result folders, written and read."""
+"""Result folders: written after a measurement, read to draw reports."""

@@ -1,4 +1,4 @@
-"""Read a result folder of ``torchsphere track`` back: what figures and report are drawn from, and from nothing else."""
+"""A result folder of ``torchsphere track``, read back: all that figures and reports are drawn from."""
 
 from __future__ import annotations
 
@@ -12,25 +12,27 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv
 
+from torchsphere.dynamics.scale import LAB_AXES
+from torchsphere.results.columns import INCREMENTS, KINEMATICS_COLUMNS
 from torchsphere.results.sampled_frames import Sampled, load
 from torchsphere.settings.choices import STATUSES
 
 Array = NDArray[np.float64]
 
-#: What a summary tells of every result, and what each of these tells at least.
-_SECTIONS = {
+#: Sections that every ``summary.json`` has, with the keys that each section has at least.
+_REQUIRED = {
     "input": ("path", "kind", "frames", "first_frame", "last_frame", "width_px", "height_px"),
     "circle": ("radius", "frame"),
     "settings": (),
 }
 
-#: Status of frames whose translation was measured, and of those whose rotation was, too.
+#: Statuses of frames with a measured translation, and of frames with a measured translation and rotation.
 TRANSLATION_KNOWN, ALL_KNOWN = ("ok", "weak_texture"), ("ok",)
 
 
 @dataclass(frozen=True)
 class SIMotion:
-    """The columns of ``kinematics.csv``: units in the names, rows are frames, every ``sd_`` a standard deviation."""
+    """The columns of ``kinematics.csv``, a row per frame, units in the names; ``sd_`` stands for standard deviation."""
 
     time_s: Array
     position_m: Array
@@ -47,7 +49,7 @@ class SIMotion:
 
 @dataclass(frozen=True)
 class ResultFolder:
-    """A result folder; n frames, px and rad, camera frame; NaN where something was not measured.
+    """A result of n frames, px and rad, camera frame; NaN where a value was not measured.
 
     Attributes
     ----------
@@ -57,21 +59,22 @@ class ResultFolder:
     frame : ndarray
         Numbers (n,) of the frames in the recording.
     time_s : ndarray
-        (n,), NaN where no frame rate is known.
+        (n,), NaN where the frame rate is not known.
     status : ndarray
         Strings (n,).
     position, radius : ndarray
         Centre (n, 2) and radius (n,) of the ball in the images, px.
     increment, sd_increment : ndarray
-        Motion (n, 5) that leads to each frame as (dx, dy, wx, wy, wz), and its standard deviations.
+        Motion (n, 5) from the frame before as (dx, dy, wx, wy, wz), and its standard deviations.
     zncc : ndarray
         (n,).
     quaternion : ndarray
         Orientation (n, 4) since the first frame as (w, x, y, z).
     motion : SIMotion or None
-        In SI units, in the frame that `lab_frame` tells; None where frame rate or scale are not known.
+        Motion in SI units, in the lab frame or the camera frame (`lab_frame`); None unless frame rate and scale are
+        known.
     sampled : Sampled or None
-        Some of the images and residual maps; None where none were kept.
+        Some of the images and their residual maps; None if none were kept.
     """
 
     path: Path
@@ -90,22 +93,27 @@ class ResultFolder:
 
     @property
     def lab_frame(self) -> bool:
-        """Whether SI units are in the lab frame (y up, z towards the camera), not in the camera frame."""
-        return bool(self.summary["settings"].get("lab_frame", False))
+        """Whether `motion` is in the lab frame (y up, z towards the camera)."""
+        return self.motion is not None and bool(self.summary["settings"].get("lab_frame", False))
+
+    @property
+    def axis_signs(self) -> Array:
+        """Signs (3,) that turn a vector of the camera frame into the frame of `motion`, and back."""
+        return np.diag(LAB_AXES) if self.lab_frame else np.ones(3)
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Frames (n,) in which the place of the ball is known."""
+        """Frames (n,) in which the position of the ball is known."""
         return np.isfinite(self.position[:, 0])
 
     @property
     def without_rotation(self) -> bool:
-        """Whether the ball was tracked with a model that knows no rotation, so that none could be measured."""
+        """Whether the ball was tracked with the model "translation", which has no rotation."""
         return bool(self.summary["settings"].get("model") == "translation")
 
     @property
     def has_steps(self) -> bool:
-        """Whether a step of the ball was measured from any frame to the next."""
+        """Whether the translation between any two frames was measured."""
         return bool(np.isfinite(self.increment[:, 0]).any())
 
     @property
@@ -121,25 +129,23 @@ class ResultFolder:
 
     @property
     def contact_s(self) -> tuple[float, float] | None:
-        """Start and end of the contact; None where none was found."""
+        """Start and end of the contact; None if no contact was found."""
         contact = self.summary.get("contact_s")
         return None if not contact or None in contact else (float(contact[0]), float(contact[1]))
 
     @property
     def turned_rad(self) -> Array:
-        """Angles (n, 3) turned since the first measured frame: sums of the increments; NaN from where one is missing.
+        """Angles (n, 3) turned since the first measured frame, about the axes of the camera frame.
 
-        About the axes of the camera frame; what the paper's figure 9 shows, and whose slope is the spin.
+        They are sums of the increments, NaN from the first missing increment on, as in figure 9 of the paper. Their
+        slope is the spin.
         """
-        rotation = self.increment[:, 2:].copy()
-        known = np.flatnonzero(self.known)
-        if len(known):
-            rotation[: known[0]] = np.nan
-            rotation[known[0]] = 0.0
-        start = known[0] if len(known) else len(rotation)
-        angles = np.full_like(rotation, np.nan)
-        angles[start:] = rotation[start:].cumsum(0)
-        # A single zero is no measurement.
+        angles = np.full((len(self.frame), 3), np.nan)
+        if self.known.any():
+            rotation = self.increment[self.known.argmax() :, 2:].copy()
+            rotation[0] = 0.0
+            angles[-len(rotation) :] = rotation.cumsum(0)
+        # The zero of the first frame alone is no measurement.
         return angles if np.isfinite(angles[:, 0]).sum() > 1 else np.full_like(angles, np.nan)
 
 
@@ -149,7 +155,7 @@ def read(path: Path) -> ResultFolder:
     Raises
     ------
     ValueError
-        If it is no result folder of ``torchsphere track``, or one that is damaged.
+        If it is not a result folder of ``torchsphere track``, or is damaged.
     """
     if not path.exists():
         raise ValueError(f"{path}: does not exist; give the result folder that --out named")
@@ -163,8 +169,7 @@ def read(path: Path) -> ResultFolder:
         summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
         table = _columns(path / "track.csv", ("status",))
         motion = _motion(path / "kinematics.csv") if (path / "kinematics.csv").is_file() else None
-        _require_whole(summary, table, motion)
-        increments = ("dx_px", "dy_px", "wx_rad", "wy_rad", "wz_rad")
+        _check_complete(summary, table, motion)
         return ResultFolder(
             path=path,
             summary=summary,
@@ -173,8 +178,8 @@ def read(path: Path) -> ResultFolder:
             status=table["status"].astype(np.str_),
             position=_stacked(table, ("x_px", "y_px")),
             radius=table["radius_px"],
-            increment=_stacked(table, increments),
-            sd_increment=_stacked(table, tuple(f"sd_{name}" for name in increments)),
+            increment=_stacked(table, INCREMENTS),
+            sd_increment=_stacked(table, INCREMENTS, "sd_"),
             zncc=table["zncc"],
             quaternion=_stacked(table, ("qw", "qx", "qy", "qz")),
             motion=motion,
@@ -187,16 +192,16 @@ def read(path: Path) -> ResultFolder:
 
 
 class _DamageError(Exception):
-    """What is wrong with a result, in a few words."""
+    """The damage of a result, in a few words."""
 
 
-def _require_whole(summary: Any, table: dict[str, NDArray[Any]], motion: SIMotion | None) -> None:
-    """Raise _DamageError where the summary lacks a section, a table lacks frames, or a frame has no known status."""
+def _check_complete(summary: Any, table: dict[str, NDArray[Any]], motion: SIMotion | None) -> None:
+    """Raise _DamageError if the summary lacks a section, a table lacks frames, or a status is unknown."""
     sections = summary if isinstance(summary, dict) else {}
-    for name, parts in _SECTIONS.items():
+    for name, keys in _REQUIRED.items():
         section = sections.get(name)
-        if not isinstance(section, dict) or any(section.get(part) is None for part in parts):
-            raise _DamageError(f"summary.json does not tell {', '.join(parts) or 'anything'} of its {name}")
+        if not isinstance(section, dict) or any(section.get(key) is None for key in keys):
+            raise _DamageError(f"summary.json does not tell {', '.join(keys) or 'anything'} of its {name}")
     for row, status in enumerate(table["status"]):
         if status not in STATUSES:
             raise _DamageError(
@@ -211,7 +216,7 @@ def _require_whole(summary: Any, table: dict[str, NDArray[Any]], motion: SIMotio
 
 
 def _columns(path: Path, texts: tuple[str, ...] = ()) -> dict[str, NDArray[Any]]:
-    """Columns by name: strings where named in ``texts``, otherwise float64 with NaN where a cell is empty."""
+    """Columns by name: strings for ``texts``, otherwise float64 with NaN for an empty cell."""
     with path.open(encoding="utf-8") as stream:
         head = stream.readline().strip().split(",")
     types = {name: pa.string() if name in texts else pa.float64() for name in head}
@@ -219,22 +224,15 @@ def _columns(path: Path, texts: tuple[str, ...] = ()) -> dict[str, NDArray[Any]]
     return {name: table[name].to_numpy(zero_copy_only=False) for name in head}
 
 
-def _stacked(table: dict[str, NDArray[Any]], names: tuple[str, ...]) -> Array:
-    return np.stack([table[name] for name in names], 1)
+def _stacked(table: dict[str, NDArray[Any]], names: tuple[str, ...], prefix: str = "") -> Array:
+    return np.stack([table[prefix + name] for name in names], 1)
 
 
 def _motion(path: Path) -> SIMotion:
     table = _columns(path)
-    vectors = {
-        "position_m": ("x_m", "y_m"),
-        "velocity_m_s": ("vx_m_s", "vy_m_s"),
-        "acceleration_m_s2": ("ax_m_s2", "ay_m_s2"),
-        "force_N": ("fx_N", "fy_N"),
-        "spin_rad_s": ("wx_rad_s", "wy_rad_s", "wz_rad_s"),
+    vectors: dict[str, Any] = {
+        prefix + name: _stacked(table, columns, prefix) if columns[0] in table else None
+        for name, columns in KINEMATICS_COLUMNS.items()
+        for prefix in ("", "sd_")
     }
-    values: dict[str, Any] = {}
-    for name, columns in vectors.items():
-        there = columns[0] in table
-        values[name] = _stacked(table, columns) if there else None
-        values[f"sd_{name}"] = _stacked(table, tuple(f"sd_{c}" for c in columns)) if there else None
-    return SIMotion(time_s=table["time_s"], **values)
+    return SIMotion(time_s=table["time_s"], **vectors)

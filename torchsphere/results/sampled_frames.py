@@ -1,26 +1,31 @@
-"""The images and residual maps that a result folder keeps, without what makes them, which takes torch to import."""
+"""Images and residual maps that a result folder keeps: chosen, saved and loaded without torch."""
 
 from __future__ import annotations
 
+import io
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-#: Frames at most: as many as a person scrubs through, and as keep a report below 3 MB.
-LIMIT = 300
+if TYPE_CHECKING:
+    from PIL.Image import Image
 
-#: What stands for "no residual" among the whole numbers of a map.
-NOTHING = -128
+#: Frames that are kept at most: enough to move through by hand, and a report below 3 MB.
+MAX_FRAMES = 300
+
+#: Value of a residual map where there is no residual.
+NO_RESIDUAL = -128
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Sampled:
-    """Images of m frames and what the motion leaves unexplained in them.
+    """Images of m frames with their residual maps.
 
     Attributes
     ----------
@@ -29,9 +34,9 @@ class Sampled:
     webp : tuple of bytes
         The images as WebP, all of the same part of the frame.
     box : tuple of float
-        That part: left, top, width and height, px of the recording; the edges are those of pixels.
+        This part: left, top, width and height, px of the recording, from pixel edge to pixel edge.
     residual : ndarray
-        Maps (m, s, s), int8, in units of `residual_step`, `NOTHING` where there is none.
+        Maps (m, s, s), int8, in units of `residual_step`; `NO_RESIDUAL` where there is none.
     residual_step : float
         Grey levels of the recording per unit.
     residual_bin : int
@@ -47,21 +52,34 @@ class Sampled:
 
     @property
     def has_residual(self) -> NDArray[np.bool_]:
-        """Which of the m frames have a map."""
-        return (self.residual != NOTHING).any((1, 2))
+        """Which of the m frames have a residual map."""
+        return (self.residual != NO_RESIDUAL).any((1, 2))
 
     def residual_levels(self, i: int) -> NDArray[np.float32]:
-        """Map ``i`` (s, s) in grey levels, NaN where there is none."""
+        """Residual map ``i`` (s, s) in grey levels; NaN where there is no residual."""
         units = self.residual[i].astype(np.float32)
-        units[self.residual[i] == NOTHING] = np.nan
+        units[self.residual[i] == NO_RESIDUAL] = np.nan
         return units * np.float32(self.residual_step)
 
+    def image(self, i: int) -> Image:
+        """Image ``i``, decoded."""
+        from PIL import Image
 
-def chosen(status: NDArray[np.str_], zncc: Array, limit: int = LIMIT) -> NDArray[np.int64]:
-    """Rows of the frames to keep, rising: all where they are at most ``limit``.
+        return Image.open(io.BytesIO(self.webp[i]))
 
-    Otherwise the first, the last, the one with the lowest correlation, those that are not "ok" (evenly picked where
-    they fill more than half), and between them evenly.
+
+def encode_webp(image: Image, **options: Any) -> bytes:
+    """The image as WebP, with the ``options`` of Pillow's encoder."""
+    stream = io.BytesIO()
+    image.save(stream, "WEBP", **options)
+    return stream.getvalue()
+
+
+def rows_to_keep(status: NDArray[np.str_], zncc: Array, limit: int = MAX_FRAMES) -> NDArray[np.int64]:
+    """Rows of the frames to keep, rising: all if they are at most ``limit``.
+
+    Otherwise the first, the last, the frame of lowest correlation and those that are not "ok", at most half of
+    ``limit`` and then evenly picked; the rest is picked evenly from all others.
     """
     n = len(status)
     if n <= limit:
@@ -70,19 +88,19 @@ def chosen(status: NDArray[np.str_], zncc: Array, limit: int = LIMIT) -> NDArray
     if len(bad) > limit // 2:
         bad = bad[np.linspace(0, len(bad) - 1, limit // 2).round().astype(np.int64)]
     measured = np.where(np.isfinite(zncc), zncc, np.inf)
-    must = np.unique(np.concatenate((bad, [0, n - 1, int(measured.argmin())])))
-    rest = np.setdiff1d(np.arange(n), must)
-    filling = rest[np.linspace(0, len(rest) - 1, limit - len(must)).round().astype(np.int64)]
-    return np.sort(np.concatenate((must, filling)))
+    required = np.unique(np.concatenate((bad, [0, n - 1, int(measured.argmin())])))
+    others = np.setdiff1d(np.arange(n), required)
+    even = others[np.linspace(0, len(others) - 1, limit - len(required)).round().astype(np.int64)]
+    return np.sort(np.concatenate((required, even)))
 
 
 def save(path: Path, sampled: Sampled) -> None:
-    """Write as ``.npz``, which `load` reads; images are compressed already, and maps are noise that hardly would be."""
-    arrays = {name: np.asarray(getattr(sampled, name)) for name in ("row", "box", "residual", "residual_step")}
-    sizes = np.array([len(image) for image in sampled.webp], dtype=np.int64)
-    data = np.frombuffer(b"".join(sampled.webp), dtype=np.uint8)
-    arrays |= {"residual_bin": np.asarray(sampled.residual_bin), "webp_size": sizes, "webp": data}
-    np.savez(path, **arrays)  # type: ignore[arg-type]
+    """Write as ``.npz`` for `load`; uncompressed, since images are compressed already and maps are mostly noise."""
+    names = ("row", "box", "residual", "residual_step", "residual_bin")
+    arrays: dict[str, Any] = {name: getattr(sampled, name) for name in names}
+    arrays["webp_size"] = np.array([len(image) for image in sampled.webp], dtype=np.int64)
+    arrays["webp"] = np.frombuffer(b"".join(sampled.webp), dtype=np.uint8)
+    np.savez(path, **arrays)
 
 
 def load(path: Path) -> Sampled:

@@ -1,4 +1,4 @@
-"""A measurement as numbers and words for ``summary.json``."""
+"""The measurement of one recording, and its ``summary.json``."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ from torchsphere.tracking.track import Track
 
 @dataclass(frozen=True)
 class Measurement:
-    """What was measured of one recording.
+    """The measurement of one recording.
 
-    ``sha256`` is of its files; ``name`` is what to call it where its path would tell nothing.
+    ``sha256`` is the hash of its files. ``extra_files`` (name -> source) are copied into the result folder. ``name``
+    stands in the summary in place of a temporary path.
     """
 
     recording: Recording
@@ -43,10 +44,10 @@ class Measurement:
 
 
 def summary(request: Request, done: Measurement, frame_rate: float | None) -> dict[str, Any]:
-    """All of ``summary.json``; docs/results.md explains each key."""
+    """The contents of ``summary.json``; docs/results.md explains each key."""
     recording, tracked = done.recording, done.track
     circle = tracked.circle
-    # Only what is in SI units is brought to the lab frame.
+    # Values in px stay in the camera frame.
     in_lab = done.motion is not None and done.motion.lab_frame
     return {
         "input": {
@@ -82,7 +83,7 @@ def summary(request: Request, done: Measurement, frame_rate: float | None) -> di
 
 
 def _radius_effect(tracked: Track) -> dict[str, float]:
-    """What the radius's standard deviation does to the mean step (px) and to all rotations (relative)."""
+    """Effect of the radius's standard deviation on the mean step (px) and on all rotations (relative)."""
     turn = float(np.linalg.norm(np.nan_to_num(tracked.increment[:, 2:4]), axis=1).mean())
     sd = tracked.circle.sd_radius
     return {
@@ -93,7 +94,7 @@ def _radius_effect(tracked: Track) -> dict[str, float]:
 
 
 def versions() -> dict[str, str]:
-    """Versions of what computed the result."""
+    """Versions of the programs that computed the result."""
     from torchsphere import __version__
 
     return {

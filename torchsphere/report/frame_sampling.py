@@ -1,0 +1,177 @@
+"""Images and residual maps of a few frames, for the result folder: a report can then be drawn again.
+
+The number of frames has a limit, whatever the length of the recording. Images are read a few at a time, so that memory
+stays constant.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchsphere.recording.frame_source import Source
+from torchsphere.report.residual_maps import Pairs, bin_size, options_of, residual_maps
+from torchsphere.results.reader import TRANSLATION_KNOWN
+from torchsphere.results.sampled_frames import NO_RESIDUAL, Sampled, encode_webp, rows_to_keep
+from torchsphere.runtime import threads
+from torchsphere.tracking.follow import BATCH
+from torchsphere.tracking.track import Track
+
+#: Bytes of all images together: with residual maps and numbers, a report stays below 3 MB.
+BUDGET_BYTES = 1_150_000
+
+#: Longest side and area of an image at most, px.
+LONGEST_PX, AREA_PX = 640, 160_000
+
+#: WebP's quality at first, and the least quality, below which images are made smaller instead.
+QUALITY, LEAST_QUALITY = 60, 25
+
+#: Half the width of the part that is kept around the ball's path, radii.
+PATH_MARGIN = 1.5
+
+#: Number of images that give the range of grey levels, and the share of their pixels below and above the range, %.
+LEVEL_IMAGES, LEVEL_TAIL = 5, 0.2
+
+#: Unit of residual maps, share of the range of grey levels: 1/4 level of 256, so that int8 reaches to 32 levels.
+RESIDUAL_STEP = 1 / 1016
+
+Array = NDArray[np.float64]
+
+
+def sample(recording: object, track: Track, ignore: Tensor | None = None) -> Sampled:
+    """Images and residual maps of the frames of ``recording`` that `rows_to_keep` chooses."""
+    source = Source.open(recording, "cpu")
+    rows = rows_to_keep(track.status, track.zncc)
+    box = _path_box(track, source.images(0, 1).shape[-2:])
+    levels = _grey_levels(source, rows)
+    encoding = _encoding(box, levels, len(rows))
+    few = rows[np.linspace(0, len(rows) - 1, 4).round().astype(int)]
+    encoding = encoding.within_budget([source.images(int(row), int(row) + 1)[0].numpy() for row in few])
+    images: list[bytes] = []
+    maps: list[NDArray[np.int8]] = []
+    step = (levels[1] - levels[0]) * RESIDUAL_STEP
+    for start in range(0, len(rows), BATCH):
+        batch = rows[start : start + BATCH]
+        read = _read(source, batch)
+        images += threads.each(encoding.webp, [read[int(row)].numpy() for row in batch], at_most=None)
+        maps.append(_maps(read, batch, track, ignore, step))
+    side = max(m.shape[-1] for m in maps)
+    residual = np.concatenate([_padded(m, side) for m in maps])
+    x0, y0, x1, y1 = box
+    edges = (x0 - 0.5, y0 - 0.5, float(x1 - x0), float(y1 - y0))
+    return Sampled(rows, tuple(images), edges, residual, step, bin_size(float(np.nanmax(track.radius))))
+
+
+def _path_box(track: Track, shape: tuple[int, ...]) -> tuple[int, int, int, int]:
+    """Left, top, right, bottom of the pixels around the ball's path; of the whole image if no path is known."""
+    height, width = shape
+    known = np.isfinite(track.position[:, 0]) & np.isfinite(track.radius)
+    if known.sum() < 2:
+        return 0, 0, width, height
+    position, margin = track.position[known], PATH_MARGIN * track.radius[known, None]
+    low = np.floor((position - margin).min(0)).clip(0, [width - 1, height - 1]).astype(int)
+    high = np.ceil((position + margin).max(0) + 1).clip(low + 1, [width, height]).astype(int)
+    return int(low[0]), int(low[1]), int(high[0]), int(high[1])
+
+
+def _grey_levels(source: Source, rows: NDArray[np.int64]) -> tuple[float, float]:
+    """Grey levels that become black and white."""
+    picks = rows[np.unique(np.linspace(0, len(rows) - 1, LEVEL_IMAGES).round().astype(int))]
+    tails = (LEVEL_TAIL, 100 - LEVEL_TAIL)
+    found = np.array([np.percentile(source.images(int(r), int(r) + 1)[0, ::2, ::2].numpy(), tails) for r in picks])
+    low, high = float(found[:, 0].min()), float(found[:, 1].max())
+    return low, max(high, low + 1.0)
+
+
+@dataclass(frozen=True)
+class _Encoding:
+    """How an image becomes a small WebP: part (x0, y0, x1, y1), range of grey levels, size and quality."""
+
+    box: tuple[int, int, int, int]
+    levels: tuple[float, float]
+    size: tuple[int, int]
+    quality: int
+    budget: float  # bytes per image
+
+    def within_budget(self, images: list[NDArray[np.float32]]) -> _Encoding:
+        """An encoding that keeps the ``images`` within the budget: first of lower quality, then smaller."""
+        encoding = self
+        while sum(len(encoding.webp(image)) for image in images) > len(images) * self.budget:
+            if min(encoding.size) <= 32:
+                break
+            if encoding.quality > LEAST_QUALITY:
+                encoding = dataclasses.replace(encoding, quality=max(encoding.quality - 15, LEAST_QUALITY))
+            else:
+                smaller = round(0.85 * encoding.size[0]), round(0.85 * encoding.size[1])
+                encoding = dataclasses.replace(encoding, size=smaller)
+        return encoding
+
+    def webp(self, image: NDArray[np.float32]) -> bytes:
+        from PIL import Image
+
+        x0, y0, x1, y1 = self.box
+        low, high = self.levels
+        grey = ((image[y0:y1, x0:x1] - low) * (255 / (high - low))).clip(0, 255).astype(np.uint8)
+        picture = Image.fromarray(grey)
+        if picture.size != self.size:
+            picture = picture.resize(self.size, Image.Resampling.BOX)
+        return encode_webp(picture, quality=self.quality, method=1)
+
+
+def _encoding(box: tuple[int, int, int, int], levels: tuple[float, float], count: int) -> _Encoding:
+    """The encoding of ``count`` images at full quality, within `LONGEST_PX` and `AREA_PX`."""
+    width, height = box[2] - box[0], box[3] - box[1]
+    factor = min(1.0, LONGEST_PX / max(width, height), (AREA_PX / (width * height)) ** 0.5)
+    size = max(round(width * factor), 1), max(round(height * factor), 1)
+    return _Encoding(box, levels, size, QUALITY, BUDGET_BYTES / max(count, 100))
+
+
+def _read(source: Source, rows: NDArray[np.int64]) -> dict[int, Tensor]:
+    """Images of the rows and of the rows before them, read in runs."""
+    wanted = np.unique(np.concatenate((rows, rows[rows > 0] - 1)))
+    images: dict[int, Tensor] = {}
+    for run in np.split(wanted, np.flatnonzero(np.diff(wanted) > 1) + 1):
+        first = int(run[0])
+        images |= {first + i: image for i, image in enumerate(source.images(first, int(run[-1]) + 1))}
+    return images
+
+
+def _maps(
+    images: dict[int, Tensor], rows: NDArray[np.int64], track: Track, ignore: Tensor | None, step: float
+) -> NDArray[np.int8]:
+    """Residual maps (m, s, s) of the rows in units of ``step``; empty if the increment was not measured."""
+    q = np.concatenate((np.full((1, 5), np.nan), track.increment))[rows]
+    before = np.maximum(rows - 1, 0)
+    growth = track.radius[rows] / track.radius[before] - 1
+    # The rotation of the model "translation" is 0. With every other model, NaN means that it is not known.
+    if track.settings["model"] == "translation":
+        q[:, 2:] = np.where(np.isfinite(q[:, :1]), 0.0, q[:, 2:])
+    motion = np.concatenate((q, growth[:, None]), 1)
+    circles = np.concatenate((track.position[before], track.radius[before, None]), 1)
+    measured = np.isin(track.status[rows], TRANSLATION_KNOWN)
+    good = (rows > 0) & measured & np.isfinite(motion).all(1) & np.isfinite(circles).all(1)
+    if not good.any():
+        return np.full((len(rows), 1, 1), NO_RESIDUAL, dtype=np.int8)
+    pairs = Pairs(
+        [images[int(row) - 1] for row in rows[good]],
+        [images[int(row)] for row in rows[good]],
+        torch.from_numpy(circles[good]),
+        torch.from_numpy(motion[good]),
+    )
+    residual = residual_maps(pairs, ignore, options_of(track.settings))
+    units = np.where(np.isfinite(residual), (np.nan_to_num(residual) / step).round().clip(-127, 127), NO_RESIDUAL)
+    maps = np.full((len(rows), *units.shape[1:]), NO_RESIDUAL, dtype=np.int8)
+    maps[good] = units.astype(np.int8)
+    return maps
+
+
+def _padded(maps: NDArray[np.int8], side: int) -> NDArray[np.int8]:
+    """Maps (m, side, side) with the given maps in their middle; the sides differ by an even number."""
+    spare = side - maps.shape[-1]
+    width = (spare // 2, spare - spare // 2)
+    return np.pad(maps, ((0, 0), width, width), constant_values=NO_RESIDUAL)

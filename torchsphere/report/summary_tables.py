@@ -1,0 +1,153 @@
+"""Tables of the numbers in ``summary.json``: values with their standard deviations, rounded to significant digits."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torchsphere.report.explanations import NO_IMPACT
+from torchsphere.results.reader import ResultFolder
+
+NOT_MEASURED = "not measured"
+
+#: Numbers of an impact, in the order of the report: key in the summary, name, unit, factor to that unit.
+IMPACT: tuple[tuple[str, str, str, float], ...] = (
+    ("speed_before", "Speed before", "m/s", 1),
+    ("speed_after", "Speed after", "m/s", 1),
+    ("velocity_before", "Velocity before (x, y)", "m/s", 1),
+    ("velocity_after", "Velocity after (x, y)", "m/s", 1),
+    ("contact_start", "Contact begins at", "ms", 1e3),
+    ("duration", "Contact lasts", "ms", 1e3),
+    ("peak_force", "Largest force", "kN", 1e-3),
+    ("peak_time", "Largest force at", "ms", 1e3),
+    ("mean_force", "Mean force in contact", "kN", 1e-3),
+    ("impulse_size", "Impulse", "N s", 1),
+    ("restitution_normal", "Restitution (normal speed after / before)", "", 1),
+    ("restitution_tangential", "Tangential restitution", "", 1),
+    ("angle_of_impact", "Angle of impact to the surface", "deg", 1),
+    ("angle_of_exit", "Angle of exit to the surface", "deg", 1),
+    ("spin_rate_before", "Spin before", "rev/s", 1),
+    ("spin_rate_after", "Spin after", "rev/s", 1),
+    ("spin_before", "Spin before (x, y, z)", "rev/s", 1),
+    ("spin_after", "Spin after (x, y, z)", "rev/s", 1),
+    ("energy_before", "Energy of translation before", "J", 1),
+    ("energy_after", "Energy of translation after", "J", 1),
+    ("energy_given", "Energy given to the target", "J", 1),
+)
+
+#: Numbers of an impact that are shown as "not measured" without the ball's mass; others are left out.
+ALWAYS_SHOWN = ("peak_force", "energy_given")
+
+Row = tuple[str, str]
+
+
+def sections(result: ResultFolder) -> list[tuple[str, list[Row]]]:
+    """Headings, each with its rows of a name and a value."""
+    return [
+        ("Impact", _impact(result)),
+        ("Mean motion", _mean_motion(result)),
+        ("Ball and camera", _setup(result)),
+    ]
+
+
+def _impact(result: ResultFolder) -> list[Row]:
+    impact = result.summary.get("impact")
+    if not impact:
+        return [("Contact", _no_impact(result))]
+    rows = []
+    for key, name, unit, factor in IMPACT:
+        if key in impact or key in ALWAYS_SHOWN:
+            number = impact.get(key) or {}
+            rows.append((name, with_sd(number.get("value"), number.get("sd"), unit, factor)))
+    return rows
+
+
+def _no_impact(result: ResultFolder) -> str:
+    """Why there is no impact."""
+    if not result.has_steps:
+        return f"{NOT_MEASURED}: no motion was measured"
+    for sentence in result.summary.get("warnings", []):
+        if sentence.startswith(NO_IMPACT):
+            reason = sentence.removeprefix(NO_IMPACT)
+            return f"{NOT_MEASURED}: {reason[:1].lower()}{reason[1:]}"
+    return f"{NOT_MEASURED}: frame rate and scale are needed"
+
+
+def _mean_motion(result: ResultFolder) -> list[Row]:
+    means = result.summary.get("mean_motion", {})
+
+    def mean(key: str, part: slice, unit: str, factor: float = 1.0) -> str:
+        # Results of earlier versions may lack a mean or its standard deviation.
+        value, sd = means.get(key), means.get(f"sd_{key}")
+        return with_sd(value and value[part], sd and sd[part], unit, factor)
+
+    rows = []
+    if "velocity_m_s" in means:
+        rows.append(("Mean velocity (x, y)", mean("velocity_m_s", slice(2), "m/s")))
+        rows.append(("Mean spin (x, y, z)", mean("spin_rad_s", slice(3), "rad/s")))
+    rows.append(("Mean step (x, y)", mean("increment_px_rad", slice(2), "px per frame")))
+    turn = mean("increment_px_rad", slice(2, 5), "deg per frame", math.degrees(1))
+    return [*rows, ("Mean rotation (x, y, z)", turn)]
+
+
+def _setup(result: ResultFolder) -> list[Row]:
+    summary = result.summary
+    source, circle = summary["input"], summary["circle"]
+    rate, exposure = summary.get("frame_rate"), source.get("exposure_s")
+    origin = f" ({summary['frame_rate_origin']})" if summary.get("frame_rate_origin") else ""
+    size = f"{source['width_px']} x {source['height_px']} px"
+    return [
+        ("Recording", f"{source['path']}, {source['kind']}, {size}"),
+        ("Frames", f"{source['first_frame']} to {source['last_frame']} of {source['frames']}"),
+        ("Frame rate", "not known" if rate is None else f"{rate:,.10g} frames/s{origin}"),
+        ("Exposure", "not known" if exposure is None else f"{1e6 * exposure:.4g} µs"),
+        (f"Radius of the ball in frame {circle['frame']}", _radius(circle)),
+        ("Size of a pixel", _pixel_size(result)),
+        ("Axes", str(summary.get("axes", ""))),
+    ]
+
+
+def _radius(circle: dict[str, Any]) -> str:
+    sd = circle.get("sd_radius")
+    # If the position is guessed, the radius may still be known from later frames.
+    if circle.get("sd_guessed") and sd > 0.5 * circle["sd_x"]:
+        return f"{circle['radius']:.1f} px, to about {sd:.0f} px, not measured"
+    return with_sd(circle["radius"], sd, "px")
+
+
+def _pixel_size(result: ResultFolder) -> str:
+    scale = result.summary.get("scale")
+    if not scale:
+        return "needs the frame rate as well" if result.scale_given else "not known"
+    return with_sd(scale["m_per_px"], scale.get("sd_m_per_px"), "mm", 1e3)
+
+
+def with_sd(value: Any, sd: Any, unit: str, factor: float = 1.0) -> str:
+    """Value and standard deviation times ``factor``, as in "71.623 ± 0.049 m/s"; vectors are in brackets.
+
+    "not measured" if the value, or a component, is None or NaN.
+    """
+    values = _vector(value) * factor
+    if not np.isfinite(values).all():
+        return NOT_MEASURED
+    sds = np.full_like(values, np.nan) if sd is None else _vector(sd) * factor
+    pairs = zip(*map(_rounded, values, sds), strict=True)
+    number, spread = (texts[0] if len(texts) == 1 else f"({', '.join(texts)})" for texts in pairs)
+    known = bool((np.isfinite(sds) & (sds > 0)).all())
+    return f"{number}{f' ± {spread}' if known else ''}{f' {unit}' if unit else ''}"
+
+
+def _vector(value: Any) -> NDArray[np.float64]:
+    """A number, or a list of numbers, as (k,); NaN for None."""
+    return np.atleast_1d(np.asarray(value, dtype=np.float64))
+
+
+def _rounded(value: float, sd: float) -> tuple[str, str]:
+    """Value and standard deviation, rounded to the second digit of the standard deviation."""
+    if not (math.isfinite(sd) and sd > 0):
+        return f"{value:.5g}", ""
+    places = min(max(1 - math.floor(math.log10(sd)), 0), 9)
+    return f"{value:.{places}f}", f"{sd:.{places}f}"

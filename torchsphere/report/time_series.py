@@ -1,0 +1,114 @@
+"""The quantities of a result over time, in the units that figures and the report show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torchsphere.results.reader import ResultFolder, SIMotion
+
+Array = NDArray[np.float64]
+
+XY, XYZ = ("x", "y"), ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class TimeSeries:
+    """One quantity over n frames.
+
+    Attributes
+    ----------
+    key : str
+        "position", "velocity", "force", "acceleration", "spin", "turned" or "zncc".
+    title, unit : str
+        Name for people, and the unit, empty for pure numbers.
+    components : tuple of str
+        Names of the k components.
+    values : ndarray
+        (n, k), NaN where not measured.
+    sd : ndarray or None
+        Standard deviations (n, k); None if none are stated.
+    """
+
+    key: str
+    title: str
+    unit: str
+    components: tuple[str, ...]
+    values: Array
+    sd: Array | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no value was measured."""
+        return not np.isfinite(self.values).any()
+
+    @property
+    def has_sd(self) -> bool:
+        """Whether a standard deviation is known."""
+        return not self.is_empty and self.sd is not None and bool(np.isfinite(self.sd).any())
+
+
+@dataclass(frozen=True)
+class Abscissa:
+    """Times (n,) of the frames, or their numbers if no time is known."""
+
+    values: Array
+    title: str
+    unit: str
+    per_second: float | None  # units per s; None for frame numbers
+
+
+def axis_label(quantity: TimeSeries | Abscissa) -> str:
+    """Title and unit, for an axis."""
+    return f"{quantity.title} ({quantity.unit})" if quantity.unit else quantity.title
+
+
+def abscissa(result: ResultFolder) -> Abscissa:
+    """Times in ms, or in s for a long recording, or frame numbers."""
+    if not np.isfinite(result.time_s).all():
+        return Abscissa(result.frame.astype(np.float64), "frame", "", None)
+    unit, per_second = ("s", 1.0) if float(np.ptp(result.time_s)) > 20 else ("ms", 1e3)
+    return Abscissa(result.time_s * per_second, "time", unit, per_second)
+
+
+def time_series(result: ResultFolder) -> list[TimeSeries]:
+    """All quantities of a result: in SI units if they are known, otherwise in px and degrees per frame."""
+    turned = np.degrees(result.turned_rad) * result.axis_signs
+    return [
+        *(_in_px(result) if result.motion is None else _in_si(result.motion)),
+        TimeSeries("turned", "turned angle", "deg", XYZ, turned),
+        TimeSeries("zncc", "correlation", "", ("ZNCC",), result.zncc[:, None]),
+    ]
+
+
+def _in_px(result: ResultFolder) -> list[TimeSeries]:
+    step, sd = result.increment, result.sd_increment
+    turn, sd_turn = np.degrees(step[:, 2:]), np.degrees(sd[:, 2:])
+    return [
+        TimeSeries("position", "position", "px", XY, result.position),
+        TimeSeries("velocity", "step", "px per frame", ("dx", "dy"), step[:, :2], sd[:, :2]),
+        TimeSeries("spin", "rotation", "deg per frame", XYZ, turn, sd_turn),
+    ]
+
+
+def _in_si(m: SIMotion) -> list[TimeSeries]:
+    if m.force_N is not None and m.sd_force_N is not None:
+        second = _prefixed("force", "N", m.force_N, m.sd_force_N)
+    else:
+        second = _prefixed("acceleration", "m/s²", m.acceleration_m_s2, m.sd_acceleration_m_s2)
+    return [
+        TimeSeries("position", "position", "mm", XY, 1e3 * m.position_m, 1e3 * m.sd_position_m),
+        TimeSeries("velocity", "velocity", "m/s", XY, m.velocity_m_s, m.sd_velocity_m_s),
+        second,
+        TimeSeries("spin", "spin", "rad/s", XYZ, m.spin_rad_s, m.sd_spin_rad_s),
+    ]
+
+
+def _prefixed(key: str, unit: str, values: Array, sd: Array) -> TimeSeries:
+    """The quantity in its unit, or in thousands of the unit if its largest value is beyond 1000."""
+    largest = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
+    if largest < 1000:
+        return TimeSeries(key, key, unit, XY, values, sd)
+    return TimeSeries(key, key, f"k{unit}", XY, 1e-3 * values, 1e-3 * sd)

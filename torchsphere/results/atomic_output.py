@@ -1,0 +1,99 @@
+"""Output that appears whole or not at all: a folder or a file is written beside its place, then renamed."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import tempfile
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TextIO
+
+#: Files that mark a folder as an earlier result: of a measurement, of a plan.
+RESULT_FILES = ("summary.json", "plan.json")
+
+
+def check_folder(folder: Path, overwrite: bool, kind: str = "result", files: tuple[str, ...] = RESULT_FILES) -> None:
+    """Raise OSError unless output of this ``kind`` may be written to ``folder``.
+
+    A folder that is not empty needs ``overwrite`` and one of the ``files`` of earlier output: other folders are never
+    replaced.
+    """
+    if not folder.exists():
+        _require_writable(folder, kind)
+        return
+    if not folder.is_dir():
+        raise FileExistsError(f"{folder} is a file; give the name of a folder for the {kind}")
+    if not any(folder.iterdir()):
+        return
+    if not overwrite:
+        raise FileExistsError(f"{folder} exists and is not empty; give another folder, or --overwrite to replace it")
+    if not any((folder / name).is_file() for name in files):
+        raise FileExistsError(f"{folder} holds files that are no {kind} of torchsphere; they are not overwritten")
+
+
+def _require_writable(folder: Path, kind: str) -> None:
+    """Raise PermissionError, with the name of ``folder`` as given, if it cannot be made."""
+    above = next((parent for parent in folder.absolute().parents if parent.exists()), None)
+    if above is not None and not os.access(above, os.W_OK | os.X_OK):
+        raise PermissionError(f"{folder}: {above} may not be written to; give a folder for the {kind} that may be")
+
+
+@contextlib.contextmanager
+def atomic_folder(
+    folder: Path, overwrite: bool, kind: str = "result", files: tuple[str, ...] = RESULT_FILES
+) -> Iterator[Path]:
+    """A new folder to write to, which replaces ``folder`` if the block ends without an error.
+
+    Raises OSError as `check_folder`.
+    """
+    check_folder(folder, overwrite, kind, files)
+    folder = folder.absolute()
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    new = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    try:
+        yield new
+        new.chmod(0o755)
+        check_folder(folder, overwrite, kind, files)
+        if folder.exists():
+            old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+            # Renamed, not removed, until the new one is in place: an error must not lose both.
+            folder.replace(old)
+            try:
+                new.replace(folder)
+            except OSError:
+                old.replace(folder)
+                raise
+            shutil.rmtree(old)
+        else:
+            new.replace(folder)
+    finally:
+        if new.exists():
+            shutil.rmtree(new)
+
+
+@contextlib.contextmanager
+def atomic_file(path: Path) -> Iterator[TextIO]:
+    """A text file to write to, which replaces ``path`` if the block ends without an error."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.exists() and not path.is_file():
+        # A pipe or a terminal cannot be replaced; a folder is refused by its own name.
+        with path.open("w", newline="", encoding="utf-8") as stream:
+            yield stream
+        return
+    with atomic_path(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
+        yield stream
+
+
+@contextlib.contextmanager
+def atomic_path(path: Path) -> Iterator[Path]:
+    """The path of a file to write, which replaces ``path`` if the block ends without an error."""
+    # A name of its own, as several processes may write the same file.
+    part = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    try:
+        yield part
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
