@@ -23,32 +23,15 @@ SPARSE = 16
 
 @dataclass(frozen=True)
 class BallState:
-    """The ball in the last frame in which it was seen, and its expected motion from there.
-
-    Attributes
-    ----------
-    frame : int
-    image : Tensor
-        Of that frame (1, h, w).
-    centre : Tensor
-        (2,), px, float64, on the CPU.
-    radius : float
-        px.
-    increment : Tensor
-        Motion (5,) expected to the next frame, px and rad, float64.
-    trend : Tensor
-        Change (5,) of the increment from each frame to the next.
-    growth : float
-        Relative change of the radius from each frame to the next.
-    """
+    """The ball in the last frame in which it was seen, and its expected motion from there."""
 
     frame: int
-    image: Tensor
-    centre: Tensor
-    radius: float
-    increment: Tensor
-    trend: Tensor
-    growth: float
+    image: Tensor  # of that frame (1, h, w)
+    centre: Tensor  # (2,), px, float64, on the CPU
+    radius: float  # px
+    increment: Tensor  # motion (5,) expected to the next frame, px and rad, float64
+    trend: Tensor  # change (5,) of the increment from each frame to the next
+    growth: float  # relative change of the radius from each frame to the next
 
     @property
     def circle(self) -> Tensor:

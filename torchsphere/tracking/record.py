@@ -17,34 +17,20 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Record:
-    """Rows of n frames; unknown rows are NaN and "lost". The arrays are filled in place.
+    """Rows of n frames; unknown rows are NaN and "lost". The arrays are filled in place."""
 
-    Attributes
-    ----------
-    position, increment, covariance, zncc, iterations, status
-        As in `torchsphere.tracking.track.Track`.
-    size : ndarray
-        Radius (n,) of the ball in each frame, px; constant except with the model `pinhole6`.
-    sd_growth : ndarray
-        Standard deviation (n - 1,) of its relative change from each frame to the next.
-    uneven_light : ndarray
-        (n,), True for a frame into which an object took light from one side of the ball.
-    rotation : ndarray
-        Rotation vector (n, 3) of each frame since the frame in which the ball was seen before, rad.
-    repeated : list of int
-        Frames that repeat the image before them although the ball moves.
-    """
-
+    # position, increment, covariance, zncc, iterations, status: as in `torchsphere.tracking.track.Track`.
     position: Array
     increment: Array
     covariance: Array
     zncc: Array
     iterations: NDArray[np.int64]
     status: NDArray[np.str_]
-    size: Array
-    sd_growth: Array
-    uneven_light: NDArray[np.bool_]
-    rotation: Array
+    size: Array  # radius (n,) of the ball in each frame, px; constant except with the model `pinhole6`
+    sd_growth: Array  # standard deviation (n - 1,) of its relative change from each frame to the next
+    uneven_light: NDArray[np.bool_]  # (n,), True for a frame into which an object took light from one side of the ball
+    rotation: Array  # rotation vector (n, 3) of each frame since the frame in which the ball was seen before, rad
+    # Frames that repeat the image before them although the ball moves.
     repeated: list[int] = field(default_factory=list)
 
     @classmethod

@@ -27,53 +27,26 @@ PREDICTION_TOLERANCE = 0.1
 
 @dataclass(frozen=True)
 class PairSetup:
-    """What all pairs of a recording are measured with.
-
-    Attributes
-    ----------
-    options : Options
-    ignore : Tensor or None
-        (h, w), True where the images are not to be used.
-    in_place : bool
-        The ball turns without leaving its place: the region stays on the circle.
-    shared : callable
-        Shares rows out among threads: see `torchsphere.runtime.threads.sharing`.
-    """
+    """What all pairs of a recording are measured with."""
 
     options: Options
-    ignore: Tensor | None
-    in_place: bool
-    shared: threads.Run
+    ignore: Tensor | None  # (h, w), True where the images are not to be used
+    in_place: bool  # the ball turns without leaving its place: the region stays on the circle
+    shared: threads.Run  # shares rows out among threads: see `torchsphere.runtime.threads.sharing`
 
 
 @dataclass(frozen=True)
 class PreparedBatch:
-    """m pairs of successive images, filtered and coarsely correlated.
+    """m pairs of successive images, filtered and coarsely correlated."""
 
-    Attributes
-    ----------
-    images : Tensor
-        Grey levels (m + 1, h, w).
-    circles : Tensor
-        Expected circles (m + 1, 3), px, float64, on the CPU.
-    start : Tensor
-        Expected increments (m, 5), px and rad.
-    filtered : Filtered
-        The images around the circles, by one of their fields where ``interlaced``.
-    interlaced : bool
-    coarse : Approach
-        Coarse solution of the increments.
-    is_exact : bool
-        Circles and start are already better than a coarse solution, which an occluder deceives by a px and more:
-        ``coarse`` is the start.
-    """
-
-    images: Tensor
-    circles: Tensor
-    start: Tensor
-    filtered: Filtered
+    images: Tensor  # grey levels (m + 1, h, w)
+    circles: Tensor  # expected circles (m + 1, 3), px, float64, on the CPU
+    start: Tensor  # expected increments (m, 5), px and rad
+    filtered: Filtered  # the images around the circles, by one of their fields where ``interlaced``
     interlaced: bool
-    coarse: Approach
+    coarse: Approach  # coarse solution of the increments
+    # Circles and start are already better than a coarse solution, which an occluder deceives by a px and more:
+    # ``coarse`` is the start.
     is_exact: bool
 
     def circles_from(self, first: Tensor) -> Tensor:

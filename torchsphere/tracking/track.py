@@ -86,22 +86,12 @@ class Track:
 
 @dataclass(frozen=True)
 class _Task:
-    """What `track` was asked for, checked.
-
-    Attributes
-    ----------
-    source : Source
-    circle : Circle, tuple or None
-        As given.
-    ignore : Tensor or None
-        (h, w), True where the images are not to be used.
-    refine, in_place, sphere_map, progress
-        As for `track`.
-    """
+    """What `track` was asked for, checked."""
 
     source: Source
-    circle: Any
-    ignore: Tensor | None
+    circle: Any  # as given
+    ignore: Tensor | None  # (h, w), True where the images are not to be used
+    # refine, in_place, sphere_map, progress: as for `track`.
     refine: bool
     in_place: bool
     sphere_map: bool | None
@@ -110,21 +100,11 @@ class _Task:
 
 @dataclass(frozen=True)
 class _Start:
-    """Result of the first phase: the circle, its image, and the options that suit the ball.
-
-    Attributes
-    ----------
-    circle : Circle
-    image : Tensor
-        Grey levels (h, w) of the circle's frame.
-    contrast : float
-        Of the background against the ball, see `background_contrast`.
-    options : Options
-    """
+    """Result of the first phase: the circle, its image, and the options that suit the ball."""
 
     circle: Circle
-    image: Tensor
-    contrast: float
+    image: Tensor  # grey levels (h, w) of the circle's frame
+    contrast: float  # of the background against the ball, see `background_contrast`
     options: Options
 
 
