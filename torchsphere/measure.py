@@ -62,40 +62,25 @@ def measure(
             "--device cuda was asked for, but torch finds no CUDA device here; leave it out to use the CPU"
         )
     began = time.perf_counter()
-    with (
-        open_recording(request.input) as recording,
-        draw.drawing_process(_draws_beside(request, recording)) as pool,
-    ):
-        hashed = draw.begin(pool, hash_files, recording.files)
+    with open_recording(request.input) as recording:
         start, stop = frames(request.frames, len(recording))
-        chosen = part(recording, start, stop)
-        options: dict[str, Any] = {"model": request.model, "camera": request.camera()}
-        if request.roi is not None:
-            options["roi"] = request.roi
-        ignore = read_ignore(request.ignore, recording.shape[1:]) if request.ignore else None
-        tracked = track(
-            chosen,
-            request.circle,
-            ignore=ignore,
-            device=request.device,
-            refine=request.refine,
-            in_place=request.in_place,
-            sphere_map=MAPS[request.map],
-            progress=progress,
-            **options,
-        )
-        frame_rate = request.fps or recording.frame_rate
-        with threads.one_each():
+        with draw.drawing_process(_draws_beside(request, stop - start)) as pool, threads.one_each():
+            hashed = draw.begin(pool, hash_files, recording.files)
+            chosen = part(recording, start, stop)
+            ignore = read_ignore(request.ignore, recording.shape[1:]) if request.ignore else None
+            tracked = _track(request, chosen, ignore, progress)
+            frame_rate = request.fps or recording.frame_rate
             motion = _kinematics(request, tracked, frame_rate, start)
-            found, missing = _impact(request, tracked, motion)
+            found, doubts = _impact(request, tracked, motion)
+            circle = tracked.circle
             warnings = (
                 *track_warnings(request, recording, tracked, frame_rate, start),
                 *window_warnings(tracked, motion),
                 *bandwidth_warnings(motion),
-                *missing,
+                *doubts,
                 *unused(request, motion, found, has_rate=frame_rate is not None),
                 *without_effect(request.ignore, recording.shape[1:]),
-                *_hidden(ignore, tracked, start),
+                *hides_ball(ignore, circle.x, circle.y, circle.radius, start + circle.frame),
             )
             seconds = time.perf_counter() - began
             sha256 = hashed.result() if hashed is not None and not draw.failed(hashed) else hash_files(recording.files)
@@ -109,16 +94,27 @@ def measure(
 DRAWN_BESIDE_FRAMES = 3000
 
 
-def _draws_beside(request: Request, recording: Recording) -> bool:
+def _draws_beside(request: Request, count: int) -> bool:
     """Whether a process is to draw the figures while this one measures: a core is likely to lie idle."""
-    start, stop = frames(request.frames, len(recording))
-    return request.report and stop - start <= DRAWN_BESIDE_FRAMES and threads.has_idle_cores()
+    return request.report and count <= DRAWN_BESIDE_FRAMES and threads.has_idle_cores()
 
 
-def _hidden(ignore: NDArray[np.bool_] | None, tracked: Track, start: int) -> tuple[str, ...]:
-    """Whether the region that is not used covers the ball."""
-    circle = tracked.circle
-    return hides_ball(ignore, circle.x, circle.y, circle.radius, start + circle.frame)
+def _track(request: Request, chosen: Recording, ignore: NDArray[np.bool_] | None, progress: Progress | None) -> Track:
+    # Without a region of interest the track takes one that suits the ball.
+    roi: dict[str, Any] = {} if request.roi is None else {"roi": request.roi}
+    return track(
+        chosen,
+        request.circle,
+        ignore=ignore,
+        device=request.device,
+        refine=request.refine,
+        in_place=request.in_place,
+        sphere_map=MAPS[request.map],
+        progress=progress,
+        model=request.model,
+        camera=request.camera(),
+        **roi,
+    )
 
 
 def _kinematics(request: Request, tracked: Track, frame_rate: float | None, start: int) -> Kinematics | None:
@@ -127,9 +123,9 @@ def _kinematics(request: Request, tracked: Track, frame_rate: float | None, star
     return kinematics(
         tracked,
         frame_rate=frame_rate,
-        diameter_m=None if request.diameter_mm is None else 1e-3 * request.diameter_mm,
-        m_per_px=None if request.mm_per_px is None else 1e-3 * request.mm_per_px,
-        mass_kg=None if request.mass_g is None else 1e-3 * request.mass_g,
+        diameter_m=_milli(request.diameter_mm),
+        m_per_px=_milli(request.mm_per_px),
+        mass_kg=_milli(request.mass_g),
         lab_frame=request.lab_frame,
         first_frame=start,
         relative_sd_scale=request.scale_sd_percent / 100,
@@ -139,25 +135,26 @@ def _kinematics(request: Request, tracked: Track, frame_rate: float | None, star
     )
 
 
+def _milli(value: float | None) -> float | None:
+    """A thousandth: m from mm, kg from g."""
+    return None if value is None else 1e-3 * value
+
+
 def _impact(request: Request, tracked: Track, motion: Kinematics | None) -> tuple[Impact | None, tuple[str, ...]]:
-    """The impact, if there is one, and in words what of it is in doubt or not known, and why."""
+    """The impact, if there is one, and sentences on what is doubtful or unknown about it."""
     if motion is None:
         return None, ()
     if not np.isfinite(tracked.increment[:, 0]).any():
-        # Without this, "one steady motion explains all frames" would be said of frames that show none.
+        # The test for an impact would say that one steady motion explains all frames.
         return None, (f"{NO_IMPACT}no motion was measured.",)
-    thing = None
+    solid = None
     if request.mass_g is not None:
         radius_m = tracked.circle.radius * motion.scale.m_per_px
         if request.shell_mm is not None and request.diameter_mm is None:
             require_shell_within(request.shell_mm, 1e3 * radius_m)
-        thing = ball(
-            1e-3 * request.mass_g,
-            2 * radius_m,
-            shell_m=None if request.shell_mm is None else 1e-3 * request.shell_mm,
-            inertia_kg_m2=request.inertia_kg_m2,
-        )
-    found, reason = impact(motion, thing, normal_deg=request.normal_deg)
+        shell_m, inertia = _milli(request.shell_mm), request.inertia_kg_m2
+        solid = ball(1e-3 * request.mass_g, 2 * radius_m, shell_m=shell_m, inertia_kg_m2=inertia)
+    found, reason = impact(motion, solid, normal_deg=request.normal_deg)
     if found is None:
         return None, (f"{NO_IMPACT}{reason}",)
     return found, (*impact_warnings(motion, found), *found.missing)
@@ -182,13 +179,13 @@ def _write(
             begun = draw.begin_figures(folder, pool)
             mask = None if ignore is None else torch.from_numpy(ignore)
             sampled_frames.save(folder / "frames.npz", frame_sampling.sample(chosen, done.track, mask))
-            # From what was written, so that the folder alone is always enough to draw it again.
+            # Drawn from the written files, so that the folder alone is enough to draw it again.
             draw.draw(folder, pool, begun)
         _export(request, folder)
 
 
 def _export(request: Request, folder: Path) -> None:
-    """What was asked for beside figures and report, made from what was written."""
+    """Video and ParaView series from the written files, where asked for."""
     if not (request.overlay or request.paraview):
         return
     result = read(folder)
