@@ -10,7 +10,7 @@ import pytest
 import torch
 from shots import Shot, noisy, rotation_matrix, shot
 
-from torchsphere.sphere_map import bundle_adjustment, gauss_newton, pixel_weights, registration, schur
+from torchsphere.sphere_map import bundle_adjustment, pixel_weights, registration, schur
 from torchsphere.sphere_map.bundle_adjustment import Adjustment
 from torchsphere.sphere_map.projection import Pose
 from torchsphere.sphere_map.window import Window, cut_window
@@ -71,7 +71,7 @@ def test_further_steps_reach_the_minimum_of_the_squares_and_then_stop(adjusted: 
     elimination = schur.eliminate(linearised)
     moves = []
     for _ in range(15):
-        linearised, move = gauss_newton.iterate(linearised, elimination, 0.0)
+        linearised, move = bundle_adjustment.iterate(linearised, elimination, 0.0)
         moves.append(move)
     # At the minimum a step is rounding.
     assert moves[-1] < 1e-3

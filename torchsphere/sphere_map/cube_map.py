@@ -21,27 +21,14 @@ MAX_CELLS = 100
 
 @dataclass(frozen=True)
 class Stencil:
-    """The sixteen coefficients around each of q directions, and the coordinates between them.
+    """The sixteen coefficients around each of q directions, and the coordinates between them."""
 
-    Attributes
-    ----------
-    corner : Tensor
-        Number (q,) of the first coefficient, int32; the sixteen lie in four rows of four.
-    offset : Tensor
-        Coordinates (2, q) within the cell, along the rows and across the rows, 0 to 1.
-    axis : Tensor
-        Axis (q,) normal to the face: 0 to 2, int8.
-    components : Tensor
-        Components (3, q) of the direction: along the face's axis, and along the two axes that follow in cyclic order.
-    cells : int
-        Cells along a side of a face.
-    """
-
-    corner: Tensor
-    offset: Tensor
-    axis: Tensor
+    corner: Tensor  # number (q,) of the first coefficient, int32; the sixteen lie in four rows of four
+    offset: Tensor  # coordinates (2, q) within the cell, along the rows and across the rows, 0 to 1
+    axis: Tensor  # axis (q,) normal to the face: 0 to 2, int8
+    # Components (3, q) of the direction: along the face's axis, and along the two axes that follow in cyclic order.
     components: Tensor
-    cells: int
+    cells: int  # cells along a side of a face
 
     def value(self, coefficients: Tensor) -> Tensor:
         """Values (q,) of the map with the ``coefficients`` (m,)."""

@@ -45,25 +45,13 @@ def predict(window: Window, pose: Pose, ball: TexturedBall) -> Tensor:
 
 @dataclass(frozen=True)
 class Linearisation:
-    """The model's grey levels with their derivatives.
+    """The model's grey levels with their derivatives."""
 
-    Attributes
-    ----------
-    levels : Tensor
-        Grey levels (p,).
-    jacobian : Tensor
-        Derivatives (p, 7) by dx, dy (px), the rotations times the radius (px), radius and edge blur (px); (p, 5)
-        without the last two.
-    stencil : Stencil
-        Position of each ray on the map.
-    map_slopes : Tensor
-        Derivative (q,) of the grey level of each ray's pixel by the map's value at the ray.
-    """
-
-    levels: Tensor
+    levels: Tensor  # grey levels (p,)
+    # Derivatives (p, 7) by dx, dy, rotations times radius, radius and edge blur, px; (p, 5) without the last two.
     jacobian: Tensor
-    stencil: Stencil
-    map_slopes: Tensor
+    stencil: Stencil  # position of each ray on the map
+    map_slopes: Tensor  # derivative (q,) of the grey level of each ray's pixel by the map's value at the ray
 
     def with_brightness(self, before: Pose, after: Pose) -> Linearisation:
         """The linearisation with the gain and offset of ``after`` in place of those of ``before``."""

@@ -32,20 +32,9 @@ SHADING_SD = 0.3
 
 
 def fit_map(state: State, *, brightness_rounds: int = 0) -> State:
-    """Fit the map to the images.
+    """Fit the map to the images, and so often gains and offsets, each time followed by another fit of the map.
 
-    Parameters
-    ----------
-    state : State
-        Images, poses and ball; the ball's map is replaced.
-    brightness_rounds : int
-        Number of fits of gains and offsets, each followed by another fit of the map. The normal matrix is not updated
-        for the new gains; the residuals are exact.
-
-    Returns
-    -------
-    State
-        With the new map, and new gains and offsets of the poses.
+    The normal matrix is not updated for the new gains; the residuals are exact.
     """
     cells, projections = state.ball.cells, state.project()
     empty = torch.zeros(cube_map.coefficient_count(cells), dtype=torch.float64)

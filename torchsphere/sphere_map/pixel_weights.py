@@ -30,18 +30,10 @@ ROUNDING_VARIANCE = 1 / 12
 
 @dataclass(frozen=True)
 class ResidualProfile:
-    """Variance of the residual by the distance from the outline.
+    """Variance of the residual by the distance from the outline."""
 
-    Attributes
-    ----------
-    limits : Tensor
-        Limits (m - 1,) of the rings, px from the ball's centre.
-    variance : Tensor
-        Variance (m,) in each ring, grey levels squared.
-    """
-
-    limits: Tensor
-    variance: Tensor
+    limits: Tensor  # limits (m - 1,) of the rings, px from the ball's centre
+    variance: Tensor  # variance (m,) in each ring, grey levels squared
 
     def at(self, window: Window, centre: Tensor) -> Tensor:
         """Variance (p,) at a window's pixels, with the ball's ``centre`` (2,)."""

@@ -48,31 +48,15 @@ MAX_RADIUS_CHANGE = 0.05
 
 @dataclass(frozen=True)
 class MapPoses:
-    """Poses of n frames on the map.
+    """Poses of n frames on the map."""
 
-    Attributes
-    ----------
-    position, orientation : ndarray
-        (n, 2), px, and rotation (n, 3, 3) since the first known frame; NaN for a frame that is not on the map.
-    step_covariance : ndarray
-        Covariance (n - 1, 5, 5) of the step from each frame to the next: px and rad.
-    circle : Circle
-        The outline, with the radius of the map and the centre of the first known frame.
-    keyframes : int
-        Number of keyframes.
-    edge_blur : float
-        Blur of the outline by the optics, px.
-    misfit : float
-        Variance of the residual over the variance of the images' noise.
-    """
-
-    position: Array
-    orientation: Array
-    step_covariance: Array
-    circle: Circle
+    position: Array  # (n, 2), px; NaN for a frame that is not on the map
+    orientation: Array  # rotation (n, 3, 3) since the first known frame; NaN for a frame that is not on the map
+    step_covariance: Array  # covariance (n - 1, 5, 5) of the step from each frame to the next: px and rad
+    circle: Circle  # the outline, with the radius of the map and the centre of the first known frame
     keyframes: int
-    edge_blur: float
-    misfit: float
+    edge_blur: float  # blur of the outline by the optics, px
+    misfit: float  # variance of the residual over the variance of the images' noise
 
 
 @dataclass(frozen=True)
@@ -99,33 +83,11 @@ def poses_on_map(
     ignore: Tensor | None,
     progress: Callable[[int, int], None] | None = None,
 ) -> MapPoses | str:
-    """Register all frames on a map of the ball.
+    """Register all frames on a map of the ball: their poses, or a sentence with the reason why no map is possible.
 
-    Parameters
-    ----------
-    source : Source
-        The images.
-    position, orientation : ndarray
-        Poses by the correlation: (n, 2), px, and (n, 3, 3); NaN where unknown. Their errors, drift included, are at
-        most half a speckle.
-    noise_share : float
-        Variance of the images' noise over the variance of their grey levels.
-    circle : Circle
-        The outline.
-    ignore : Tensor, optional
-        Mask (h, w), True for pixels to ignore.
-    progress : callable, optional
-        Called as ``progress(done, total)`` with numbers of frames that are on the map.
-
-    Returns
-    -------
-    MapPoses or str
-        The poses, or a sentence with the reason why the images allow no map.
-
-    Raises
-    ------
-    LinAlgError
-        If the equations of the map are singular.
+    ``position`` (n, 2), px, and ``orientation`` (n, 3, 3) by the correlation err by at most half a speckle, drift
+    included; NaN where unknown. ``noise_share`` is the variance of the images' noise over that of their grey levels.
+    ``ignore`` (h, w) is True for pixels to ignore. Singular equations of the map raise LinAlgError.
     """
     known = np.flatnonzero(np.isfinite(position[:, 0]) & np.isfinite(orientation[:, 0, 0]))
     if len(known) < MIN_FRAMES:

@@ -35,47 +35,23 @@ SHADING_TERMS = 4
 
 @dataclass(frozen=True)
 class Pose:
-    """Pose and brightness of the ball in one image.
+    """Pose and brightness of the ball in one image."""
 
-    Attributes
-    ----------
-    centre : Tensor
-        (2,), px, float64.
-    orientation : Tensor
-        Rotation (3, 3) from body to camera axes.
-    gain, offset : float
-        Brightness of this image relative to the others.
-    """
-
-    centre: Tensor
-    orientation: Tensor
-    gain: float = 1.0
+    centre: Tensor  # (2,), px, float64
+    orientation: Tensor  # rotation (3, 3) from body to camera axes
+    gain: float = 1.0  # brightness of this image relative to the others, with ``offset`` in grey levels
     offset: float = 0.0
 
 
 @dataclass(frozen=True)
 class TexturedBall:
-    """Properties of the ball that all images share.
+    """Properties of the ball that all images share."""
 
-    Attributes
-    ----------
-    radius : float
-        Radius of the outline, px.
-    edge_blur : float
-        Standard deviation of the optics' blur at the outline, px, without the width of a pixel.
-    cells : int
-        Cells along a face of the texture map.
-    coefficients : Tensor
-        Coefficients (m,) of the texture map, float64.
-    shading : Tensor
-        Coefficients (4,) of `shading_basis`: light that does not turn with the ball.
-    """
-
-    radius: float
-    edge_blur: float
-    cells: int
-    coefficients: Tensor
-    shading: Tensor
+    radius: float  # radius of the outline, px
+    edge_blur: float  # standard deviation of the optics' blur at the outline, px, without the width of a pixel
+    cells: int  # cells along a face of the texture map
+    coefficients: Tensor  # coefficients (m,) of the texture map, float64
+    shading: Tensor  # coefficients (4,) of `shading_basis`: light that does not turn with the ball
 
     def with_map_change(self, indices: NDArray[np.int64], change: NDArray[np.float64]) -> TexturedBall:
         """The ball with ``change`` (k,) added to the coefficients at ``indices`` (k,)."""
@@ -122,25 +98,13 @@ def uniform_light() -> Tensor:
 
 @dataclass(frozen=True)
 class Projection:
-    """The forward model at one pose, without map values, gain and offset.
+    """The forward model at one pose, without map values, gain and offset."""
 
-    Attributes
-    ----------
-    points : Tensor
-        Points (3, q) of the rays on the unit sphere, camera axes.
-    stencil : Stencil
-        Position of the points on the map.
-    light : Tensor
-        Light (q,) at each point times the ray's weight in its pixel.
-    coverage, coverage_slope : Tensor
-        Share (p,) of each pixel that the disc covers, and its derivative by a shift of the outline, 1/px.
-    """
-
-    points: Tensor
-    stencil: Stencil
-    light: Tensor
-    coverage: Tensor
-    coverage_slope: Tensor
+    points: Tensor  # points (3, q) of the rays on the unit sphere, camera axes
+    stencil: Stencil  # position of the points on the map
+    light: Tensor  # light (q,) at each point times the ray's weight in its pixel
+    coverage: Tensor  # share (p,) of each pixel that the disc covers
+    coverage_slope: Tensor  # its derivative by a shift of the outline, 1/px
 
     def map_slopes(self, window: Window, pose: Pose) -> Tensor:
         """Derivative (q,) of the grey level of each ray's pixel by the map's value at the ray."""

@@ -27,22 +27,12 @@ GAIN_SCALE = 100
 
 @dataclass(frozen=True)
 class Registration:
-    """Pose of one image on the map.
-
-    Attributes
-    ----------
-    pose : Pose
-    covariance : Tensor
-        (5, 5) of (dx, dy, wx, wy, wz), px, rotations times the radius, by the image's own noise alone.
-    converged : bool
-    misfit : float
-        Mean square of the weighted residual; 1 if the image fits as well as the images that made the map.
-    """
+    """Pose of one image on the map."""
 
     pose: Pose
-    covariance: Tensor
+    covariance: Tensor  # (5, 5) of (dx, dy, wx, wy, wz), px, rotations times the radius, by the image's own noise alone
     converged: bool
-    misfit: float
+    misfit: float  # mean square of the weighted residual; 1 if the image fits as well as the images that made the map
 
 
 def register(window: Window, pose: Pose, ball: TexturedBall, profile: ResidualProfile) -> Registration:

@@ -36,27 +36,13 @@ SHARED_UNKNOWNS = 2
 
 @dataclass(frozen=True)
 class Elimination:
-    """The factorised map equations and their coupling with the u = 5 n + 2 other unknowns.
+    """The factorised map equations and their coupling with the u = 5 n + 2 other unknowns."""
 
-    Attributes
-    ----------
-    map_factor : SuperLU
-        Factorised normal matrix of the k observed coefficients.
-    observed : ndarray
-        Numbers (k,) of the coefficients that the images show.
-    coupling : ndarray
-        Normal matrix (k, u) between map and the other unknowns.
-    map_response : ndarray
-        ``coupling`` solved for the map (k, u): minus the change of the map by the other unknowns.
-    covariance : ndarray
-        Covariance (u, u) of the other unknowns: the inverse of the Schur complement.
-    """
-
-    map_factor: scipy.sparse.linalg.SuperLU
-    observed: NDArray[np.int64]
-    coupling: Array
-    map_response: Array
-    covariance: Array
+    map_factor: scipy.sparse.linalg.SuperLU  # factorised normal matrix of the k observed coefficients
+    observed: NDArray[np.int64]  # numbers (k,) of the coefficients that the images show
+    coupling: Array  # normal matrix (k, u) between map and the other unknowns
+    map_response: Array  # ``coupling`` solved for the map (k, u): minus the change of the map by the other unknowns
+    covariance: Array  # covariance (u, u) of the other unknowns: the inverse of the Schur complement
 
 
 def design_matrix(window: Window, stencil: Stencil, map_slopes: Tensor) -> scipy.sparse.csr_matrix:

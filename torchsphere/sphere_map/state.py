@@ -16,24 +16,12 @@ from torchsphere.sphere_map.window import Window
 
 @dataclass(frozen=True)
 class State:
-    """Images, poses and ball at one step of an adjustment.
+    """Images, poses and ball at one step of an adjustment."""
 
-    Attributes
-    ----------
-    windows : list of Window
-        Pixels around the ball in n images, with their visibility.
-    poses : list of Pose
-        Poses (n).
-    ball : TexturedBall
-        Radius, map and light, which all images share.
-    profile : ResidualProfile
-        Variance of the residual by the distance from the outline.
-    """
-
-    windows: list[Window]
-    poses: list[Pose]
-    ball: TexturedBall
-    profile: ResidualProfile
+    windows: list[Window]  # pixels around the ball in n images, with their visibility
+    poses: list[Pose]  # (n,)
+    ball: TexturedBall  # radius, map and light, which all images share
+    profile: ResidualProfile  # variance of the residual by the distance from the outline
 
     def project(self) -> list[Projection]:
         """Projection of the ball into each image."""
@@ -64,17 +52,10 @@ class State:
 
 @dataclass(frozen=True)
 class LinearisedState:
-    """A state and the model linearised there.
-
-    Attributes
-    ----------
-    state : State
-    model : list of Linearisation
-        Model of each image.
-    """
+    """A state and the model linearised there."""
 
     state: State
-    model: list[Linearisation]
+    model: list[Linearisation]  # of each image
 
     @property
     def levels(self) -> list[Tensor]:
