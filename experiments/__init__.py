@@ -1,1 +1,1 @@
-"""Measurements behind the statements of the README, one file each; run as ``python -m experiments.NAME``."""
+"""Measurements behind the statements of the pages, one file each; run as ``python -m experiments.FOLDER.NAME``."""

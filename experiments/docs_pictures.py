@@ -18,10 +18,11 @@ import numpy as np
 import tifffile
 from PIL import Image, ImageChops
 
+from experiments.experiment import DOCS
 from render import cli as render_cli
 from torchsphere.cli.main import main as cli
 
-OUT = Path(__file__).parent.parent / "docs" / "pictures"
+OUT = DOCS / "pictures"
 
 #: Width of the browser's window and height of what is kept of the report, px; and the widest picture.
 WINDOW, KEPT_HEIGHT, WIDEST = 1180, 860, 1180

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 import torchsphere as ts
-from experiments.accuracy import CACHE
+from experiments.experiment import CACHE
 from render import preset
 from render.frames import render_frames
 from render.shot import Shot

@@ -35,12 +35,12 @@ class BarCase:
         Integrated from first touch.
     contact_rate_hz, bending_rate_hz, zone_mm : float
         Strain rates of the table within ``zone_mm`` of first touch (70 m/s over a contact's radius of 4 mm) and beyond
-        (in bending): those of `experiments.bar.setup`.
+        (in bending): those of `experiments.paper.bar.setup`.
     stiffness_factor : float
         Pressure per penetration, in units of the bar's modulus by ``size_mm``. 1 costs no shorter increments and lets
         the bodies overlap by 2 % of an element at 1.5 GPa.
     density_kg_m3 : float
-        Of the bar, as in `experiments.bar.setup`.
+        Of the bar, as in `experiments.paper.bar.setup`.
     """
 
     size_mm: float = 2.0

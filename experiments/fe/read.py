@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
-from experiments.bar.history import Peak, peaks
+from experiments.paper.bar.history import Peak, peaks
 
 Array = NDArray[np.float64]
 
@@ -100,5 +100,5 @@ def velocities(path: Path, shares: Array) -> tuple[Array, Array]:
 
 
 def force_peaks(time_s: Array, force_N: Array) -> tuple[Peak, ...]:  # noqa: N803  (N is newton)
-    """The peaks of a force (n,), as `experiments.bar.history` counts them; none where it never pushes."""
+    """The peaks of a force (n,), as `experiments.paper.bar.history` counts them; none where it never pushes."""
     return peaks(time_s, force_N) if force_N.max(initial=0.0) > 0 else ()

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.accuracy import cached
+from experiments.experiment import cached
 from experiments.fe.cases import BarCase, PlateCase, ball_mesh, bar_deck, plate_deck, target_mesh
 from experiments.fe.deck import write
 from experiments.fe.read import Motion, velocities

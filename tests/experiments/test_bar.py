@@ -10,12 +10,12 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import gamma
 
-from experiments.bar.beam import beam, free_roots, frequencies_hz, plastic_moment, symmetric_shape
-from experiments.bar.contact import Contact
-from experiments.bar.history import History, peaks
-from experiments.bar.impact import simulate
-from experiments.bar.setup import Setup
-from experiments.bar.table import HEADER, motion, write_table
+from experiments.paper.bar.beam import beam, free_roots, frequencies_hz, plastic_moment, symmetric_shape
+from experiments.paper.bar.contact import Contact
+from experiments.paper.bar.history import History, peaks
+from experiments.paper.bar.impact import simulate
+from experiments.paper.bar.setup import Setup
+from experiments.paper.bar.table import HEADER, motion, write_table
 
 FRAME_S = 1 / 36_000
 

@@ -9,16 +9,16 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from experiments import all as everything
-from experiments.bar.history import Peak
-from experiments.fig05 import accelerometer, lobe
-from experiments.fig09 import angles_deg, mean_spin_rev_s
-from experiments.fig11 import matched
-from experiments.fig15 import hidden_share
-from experiments.result import Row
+from experiments.experiment import Row
+from experiments.paper import all as everything
+from experiments.paper.bar.history import Peak
+from experiments.paper.fig05 import accelerometer, lobe
+from experiments.paper.fig09 import angles_deg, mean_spin_rev_s
+from experiments.paper.fig11 import matched
+from experiments.paper.fig15 import hidden_share
+from experiments.paper.table1 import RISE_S, SPACING_M, barrier_light, gate_signals
 from experiments.shots import described, frames_of, key_of, spread
-from experiments.speed_files import STAGES
-from experiments.table1 import RISE_S, SPACING_M, barrier_light, gate_signals
+from experiments.speed.files import STAGES
 from render import preset
 from render.trajectory import DropWeight
 
@@ -125,7 +125,7 @@ def test_an_experiment_that_fails_gets_a_row_that_says_why(monkeypatch: pytest.M
     monkeypatch.setattr(everything.importlib, "import_module", broken)
     (row,) = everything.run("fig02")
     assert not row.holds
-    assert row.ours == "failed: ValueError: no such shot: experiments.fig02"
+    assert row.ours == "failed: ValueError: no such shot: experiments.paper.fig02"
 
 
 def test_the_page_counts_the_claims_and_shows_the_figures_that_are_there(tmp_path: Path) -> None:

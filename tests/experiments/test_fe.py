@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments import accuracy, fe_bar, fe_plate
+from experiments import experiment
+from experiments.fe import bar as fe_bar
+from experiments.fe import plate as fe_plate
 from experiments.fe.cases import BarCase, PlateCase, ball_mesh, bar_deck, plate_deck, target_mesh
 from experiments.fe.deck import Body, Material, Step, deck, write
 from experiments.fe.hardening import ALUMINIUM, STEEL, STRAINS, JohnsonCook
@@ -338,7 +340,7 @@ def test_without_calculix_and_cache_the_experiment_says_so_and_has_no_rows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setattr(shutil, "which", lambda _: None)
-    monkeypatch.setattr(accuracy, "CACHE", tmp_path)
+    monkeypatch.setattr(experiment, "CACHE", tmp_path)
     assert fe_plate.rows() == []
     assert fe_bar.computed((BAR,)) == ()
     assert capsys.readouterr().out.splitlines()[-1] == f"bar, 3 mm: {MISSING}"

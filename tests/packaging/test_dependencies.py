@@ -23,7 +23,7 @@ NO_IMPORT = {
     *("furo", "myst-parser", "karellen-llvm-core", "dask"),
 }
 
-#: Modules of the project, and a rival tracker that needs a separate environment (experiments/field_method.py).
+#: Modules of the project, and a rival tracker with an environment of its own (experiments/validation/field_method.py).
 OWN = {"torchsphere", "render", "experiments", "muDIC", *(path.stem for path in (ROOT / "tests").glob("*.py"))}
 
 

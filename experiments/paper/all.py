@@ -1,0 +1,115 @@
+"""Every experiment of the paper, and what became of each claim: ``python -m experiments.paper.all [name ...]``.
+
+Runs the experiments one after the other, shows which, and writes ``experiments/RESULTS.md``: a row for each claim, the
+paper's number beside ours, and whether the claim holds. What was measured stays in ``experiments/cache``, so that a
+second run takes seconds. With names, only these are run and only their rows are printed.
+
+An experiment that fails does not stop the others: it gets a row that says why, and the exit status is 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib
+import io
+import shutil
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from types import ModuleType
+
+from experiments.experiment import FIGURES, HERE, Row
+
+OUT = HERE / "RESULTS.md"
+
+#: In the paper's order. Each has ``rows()``, and ``main()``, which draws and prints.
+NAMES = (
+    *("fig02", "fig03", "table1", "fig04", "fig05", "table2", "fig06"),
+    *("table3", "fig08", "fig09", "fig11", "fig12", "fig14", "fig15"),
+)
+
+HEAD = """# The paper's figures and tables, reproduced
+
+Written by `python -m experiments.paper.all`; do not edit. Each claim of J.-C. Passieux, P. Navarro and J.-N. Périé, "A
+digital image correlation method for tracking planar motions of rigid spheres: application to medium velocity impacts",
+with its number and ours. Where the paper used a real shot, a rendered one of the same geometry takes its place, whose
+motion is known exactly: "true" and "off" refer to that. How each was done is at the top of
+`experiments/paper/<name>.py`.
+
+"""
+
+
+def run(name: str) -> list[Row]:
+    """Draw and print one experiment, and give its rows; one that fails gives a single row that says why."""
+    try:
+        module = importlib.import_module(f"experiments.paper.{name}")
+        with contextlib.redirect_stdout(io.StringIO()):
+            module.main()
+        rows = list(module.rows())
+        keep_figure(module, FIGURES)
+    except Exception as error:  # the others still run; the row and the exit status tell
+        return [failed(name, error)]
+    return rows
+
+
+def failed(name: str, error: Exception) -> Row:
+    """The row of an experiment that could not be run."""
+    return Row(name, "The experiment runs.", "-", f"failed: {type(error).__name__}: {error}", False)
+
+
+def keep_figure(module: ModuleType, folder: Path) -> None:
+    """Copy the figure that an experiment drew elsewhere to where the results show it."""
+    drawn = getattr(module, "OUT", None)
+    if isinstance(drawn, Path) and drawn.suffix == ".png" and drawn.parent != folder:
+        folder.mkdir(exist_ok=True)
+        shutil.copyfile(drawn, folder / drawn.name)
+
+
+def table(rows: Iterable[Row]) -> str:
+    """Rows as a Markdown table."""
+    lines = ["| experiment | claim | paper | ours | holds |", "|---|---|---|---|---|"]
+    for row in rows:
+        cells = (row.experiment, row.claim, row.paper, row.ours, "yes" if row.holds else "**no**")
+        lines.append("| " + " | ".join(" ".join(cell.replace("|", "\\|").split()) for cell in cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def gallery(names: Iterable[str], folder: Path) -> str:
+    """The figures that are there, as Markdown, named from the folder above theirs."""
+    shown = [name for name in names if (folder / f"{name}.png").exists()]
+    return "".join(f"\n## {name}\n\n![{name}]({folder.name}/{name}.png)\n" for name in shown)
+
+
+def page(rows: Sequence[Row], folder: Path) -> str:
+    """The whole of RESULTS.md."""
+    held = sum(row.holds for row in rows)
+    count = f"{held} of {len(rows)} claims hold.\n\n"
+    return HEAD + count + table(rows) + gallery(dict.fromkeys(row.experiment for row in rows), folder)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the experiments; gives the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m experiments.paper.all", description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("names", nargs="*", metavar="name", help=f"of {', '.join(NAMES)}; all by default")
+    names = parser.parse_args(arguments).names
+    if unknown := [name for name in names if name not in NAMES]:
+        parser.error(f"{unknown[0]!r} is no experiment of the paper; expected one of {', '.join(NAMES)}")
+    rows, chosen, begin = [], tuple(names) or NAMES, time.perf_counter()
+    for i, name in enumerate(chosen):
+        print(f"[{i + 1}/{len(chosen)}] {name} ...", file=sys.stderr, flush=True)
+        start = time.perf_counter()
+        rows += run(name)
+        print(f"[{i + 1}/{len(chosen)}] {name}: {time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
+    print(f"{time.perf_counter() - begin:.0f} s in all", file=sys.stderr)
+    if names:
+        print(table(rows), end="")
+    else:
+        OUT.write_text(page(rows, FIGURES), encoding="utf-8")
+        print(f"{OUT}: {sum(row.holds for row in rows)} of {len(rows)} claims hold")
+    return int(any(row.ours.startswith("failed: ") for row in rows))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

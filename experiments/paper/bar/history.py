@@ -1,0 +1,111 @@
+"""What an impact was: motion, force and energies over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import find_peaks
+
+from experiments.paper.bar.setup import Setup
+
+Array = NDArray[np.float64]
+
+#: A peak of the force rises by this share of the highest above its surroundings.
+PROMINENCE = 0.1
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Time since first touch in s, normal force in N."""
+
+    time_s: float
+    force_N: float  # noqa: N815  (N is newton)
+
+
+@dataclass(frozen=True)
+class History:
+    """The impact at ``n`` even times, from first touch on; camera frame (x right, y down, z away).
+
+    The bar's axis passes through the origin before the impact; the ball's orientation at first touch is I.
+
+    Attributes
+    ----------
+    setup : Setup
+        What was integrated.
+    time_s : ndarray
+        (n,), 0 at first touch.
+    position_m, velocity_m_s, spin_rad_s : ndarray
+        Of the ball (n, 3).
+    quaternion : ndarray
+        The ball's orientation (n, 4), vector first, from body-fixed to camera axes.
+    force_N : ndarray
+        On the ball (n, 3): mass times acceleration, friction included.
+    normal_N, approach_m : ndarray
+        Of the contact (n,).
+    bar_velocity_m_s : ndarray
+        Of the bar's centre of mass (n, 3).
+    middle_m : ndarray
+        Displacement of the bar's axis at mid-span (n, 3).
+    bent_rad : float
+        Plastic bend that the bar keeps.
+    energy_J : dict
+        Energies (n,) by name. Their sum does not change.
+    """
+
+    setup: Setup
+    time_s: Array
+    position_m: Array
+    velocity_m_s: Array
+    spin_rad_s: Array
+    quaternion: Array
+    force_N: Array  # noqa: N815
+    normal_N: Array  # noqa: N815
+    approach_m: Array
+    bar_velocity_m_s: Array
+    middle_m: Array
+    bent_rad: float
+    energy_J: dict[str, Array]  # noqa: N815
+
+    @property
+    def momentum_kg_m_s(self) -> Array:
+        """Of ball and bar (n, 3): the same throughout."""
+        setup = self.setup
+        return setup.ball_mass_kg * self.velocity_m_s + setup.bar_mass_kg * self.bar_velocity_m_s
+
+    @property
+    def total_energy_J(self) -> Array:  # noqa: N802
+        """Sum of all energies (n,): the same throughout."""
+        return np.sum(list(self.energy_J.values()), axis=0)
+
+    @property
+    def contacts_s(self) -> tuple[tuple[float, float], ...]:
+        """Begin and end of each time of touch."""
+        touching = np.concatenate(((0,), self.normal_N > 0, (0,))).astype(int)
+        starts, stops = np.flatnonzero(np.diff(touching) > 0), np.flatnonzero(np.diff(touching) < 0)
+        return tuple((float(self.time_s[i]), float(self.time_s[j - 1])) for i, j in zip(starts, stops, strict=True))
+
+    def seen(self, interval_s: float) -> tuple[Array, Array]:
+        """The normal force in N as a camera with this interval sees it, and its times in s, both (m,).
+
+        The second difference of exact positions is the mean of the force under a triangle of one interval to each side.
+
+        Raises
+        ------
+        ValueError
+            Where the interval is not above the step of the integration.
+        """
+        step = self.setup.step_s
+        if not interval_s > step:
+            raise ValueError(f"interval_s = {interval_s!r}: expected more than the step of {step:g} s")
+        count = round(interval_s / step)
+        triangle = np.convolve(np.ones(count), np.ones(count)) / count**2
+        force = np.convolve(self.normal_N, triangle)
+        return step * np.arange(1 - count, len(force) + 1 - count, dtype=np.float64), force
+
+
+def peaks(time_s: Array, force_N: Array) -> tuple[Peak, ...]:  # noqa: N803
+    """The peaks of a force (n,) in the order of time."""
+    places, _ = find_peaks(force_N, prominence=PROMINENCE * force_N.max())
+    return tuple(Peak(float(time_s[i]), float(force_N[i])) for i in places)

@@ -1,0 +1,162 @@
+"""Table 1, velocity by a light gate and by the images at two pressures of a gas gun:
+``python -m experiments.paper.table1``.
+
+Claim: the mean velocity by the images is that of the light gate, to less than the uncertainty.
+
+Paper: 63.63 and 99.12 m/s by the light gate at 2.8 and 4.5 bar; 63.99 +- 0.79 (0.57 % off) and 99.70 +- 1.05 m/s
+(0.61 % off) by the images, where +- is the standard deviation from frame to frame.
+
+Here: a ball of 30 mm that flies at the light gate's velocities, rendered as the preset ``paper-flight`` (36 000 frames
+per second, 512 x 128 px, shutter 1/81 000 s) for as many frames as it is in the picture, tracked frame to frame, the
+circle found, the camera's scale known. The gate's signals are made from the same motion: two barriers 40 mm apart, each
+a beam of 2 mm whose light the ball takes, a receiver with a time constant of 5 us, its own gain and offset, and noise
+of 2 % of its swing, sampled at 1 MHz. `signals` recovers the delay. That the barriers are 40 mm apart
+is taken to be known to 0.1 mm, and this is most of the gate's uncertainty; here they are apart by 40 mm exactly.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+import torchsphere as ts
+from experiments.experiment import Row
+from experiments.shots import rendered, spread, tracked
+from render import preset
+from torchsphere.instruments.signals import GateVelocity, light_gate
+
+Array = NDArray[np.float64]
+
+#: Section 4.1 and table 1, by pressure in bar: velocity by the gate, mean and standard deviation by the images, m/s.
+PAPER = {2.8: (63.63, 63.99, 0.79), 4.5: (99.12, 99.70, 1.05)}
+SPACING_M = 0.040
+
+#: Not in the paper; see above. The barriers' place does not matter.
+SD_SPACING_M, BEAM_M, RISE_S, NOISE, SAMPLING_HZ = 0.1e-3, 2e-3, 5e-6, 0.02, 1e6
+#: Voltage of each receiver in the dark and what light adds: no two are the same.
+RECEIVERS_V = ((0.20, 4.6), (0.35, 4.1))
+
+#: Frames, and the first centre's x, in which the ball is wholly in the picture.
+FRAMES, START_M = {2.8: 50, 4.5: 40}, (-0.0535, -0.0005, 0.0)
+
+#: The target: discrepancy between images and gate.
+ALLOWED = 0.006
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One pressure.
+
+    Attributes
+    ----------
+    true_m_s : float
+        The ball's velocity.
+    time_s, volts : ndarray
+        Signals of the gate (n,) and (2, n).
+    gate : GateVelocity
+        What they say.
+    velocity_m_s : ndarray
+        By the images (m, 2), from frame to frame.
+    track : Track
+    """
+
+    true_m_s: float
+    time_s: Array
+    volts: Array
+    gate: GateVelocity
+    velocity_m_s: Array
+    track: ts.Track
+
+    @property
+    def images_m_s(self) -> tuple[float, float]:
+        """Mean and standard deviation along x."""
+        return spread(self.velocity_m_s[:, 0])
+
+    @property
+    def discrepancy(self) -> float:
+        """Of the images' velocity from the gate's, as a share of it."""
+        return self.images_m_s[0] / self.gate.velocity_m_s - 1
+
+
+def barrier_light(time_s: Array, velocity_m_s: float, place_m: float, radius_m: float) -> Array:
+    """Share (n,) of a barrier's light that passes a ball which is at 0 at the time 0, by its receiver.
+
+    The beam is as wide as `BEAM_M` along the ball's path and thin across it; the receiver follows with a time constant
+    of `RISE_S`.
+    """
+    ahead = (velocity_m_s * time_s - place_m + radius_m + BEAM_M / 2) / BEAM_M
+    behind = (velocity_m_s * time_s - place_m - radius_m + BEAM_M / 2) / BEAM_M
+    light = 1 - (np.clip(ahead, 0, 1) - np.clip(behind, 0, 1))
+    keep = float(np.exp(-(time_s[1] - time_s[0]) / RISE_S))
+    # A first-order lag that starts in full light.
+    return np.asarray(lfilter([1 - keep], [1, -keep], light - 1) + 1)
+
+
+def gate_signals(velocity_m_s: float, radius_m: float, seed: int) -> tuple[Array, Array]:
+    """Times (n,) in s and voltages (2, n) of both receivers, with noise."""
+    length = (2 * SPACING_M + 4 * radius_m) / velocity_m_s
+    time = np.arange(round(length * SAMPLING_HZ)) / SAMPLING_HZ - (SPACING_M / 2 + 2 * radius_m) / velocity_m_s
+    rng = np.random.default_rng(seed)
+    volts = []
+    for place, (dark, swing) in zip((0.0, SPACING_M), RECEIVERS_V, strict=True):
+        light = barrier_light(time, velocity_m_s, place, radius_m)
+        volts.append(dark + swing * (light + NOISE * rng.standard_normal(len(time))))
+    return time, np.stack(volts)
+
+
+def measure(pressure_bar: float) -> Shot:
+    """One pressure, by both ways."""
+    velocity, seed = PAPER[pressure_bar][0], round(10 * pressure_bar)
+    shot = preset.load("paper-flight", [f"trajectory.velocity_m_s=[{velocity}, 0.72, 0.0]"], seed=seed)
+    motion = dataclasses.replace(shot.trajectory, start_m=START_M)  # type: ignore[type-var]  # a free flight
+    footage = rendered(dataclasses.replace(shot, trajectory=motion, frames=FRAMES[pressure_bar]))
+    track = tracked(footage, sphere_map=False)
+    time, volts = gate_signals(velocity, shot.setup.ball.radius_m, seed)
+    gate = light_gate(time, *volts, spacing_m=SPACING_M, sd_spacing_m=SD_SPACING_M)
+    images = track.increment[:, :2] * footage.m_per_px * shot.frame_rate_hz
+    return Shot(velocity, time, volts, gate, images, track)
+
+
+def compute() -> dict[float, Shot]:
+    """Both pressures."""
+    return {pressure: measure(pressure) for pressure in PAPER}
+
+
+def rows() -> list[Row]:
+    """The lines of the table."""
+    found = []
+    for pressure, shot in compute().items():
+        gate, images, std = PAPER[pressure]
+        mean, own = shot.images_m_s
+        found.append(
+            Row(
+                "table1",
+                f"At {pressure} bar the images give the velocity of the light gate.",
+                f"{gate:.2f} by the gate, {images:.2f} ± {std:.2f} m/s by images: {100 * (images / gate - 1):.2f} %",
+                f"{shot.gate.velocity_m_s:.2f} ± {shot.gate.sd_velocity_m_s:.2f} by the gate, {mean:.3f} ± {own:.3f} "
+                f"m/s by images: {100 * shot.discrepancy:+.2f} %; true {shot.true_m_s:.2f} "
+                f"({100 * (mean / shot.true_m_s - 1):+.3f} %)",
+                abs(shot.discrepancy) < ALLOWED and own < std,
+            )
+        )
+    return found
+
+
+def main() -> None:
+    """Measure, and print the table."""
+    print("| pressure (bar) | gate (m/s) | delay (us) | images (m/s) | off gate | off truth |\n|" + 6 * "---|")
+    for pressure, shot in compute().items():
+        (mean, std), gate = shot.images_m_s, shot.gate
+        print(
+            f"| {pressure} | {gate.velocity_m_s:.3f} ± {gate.sd_velocity_m_s:.3f} "
+            f"| {1e6 * gate.delay_s:.3f} ± {1e6 * gate.sd_delay_s:.3f} | {mean:.4f} ± {std:.4f} "
+            f"| {100 * shot.discrepancy:+.3f} % | {100 * (mean / shot.true_m_s - 1):+.4f} % |"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,185 @@
+"""Table 2, the five modes against the Hough transform in free flight: ``python -m experiments.paper.table2``.
+
+Claim: the standard deviation of the velocity is three to four times smaller by the five modes than by circles that the
+Hough transform finds, that of the acceleration six times.
+
+Paper: free flight at about 100 m/s; a white ball for Hough, a speckled one for the five modes. Standard deviation of
+vx, vy: Hough 3.62 and 2.90 m/s, five modes 1.05 and 0.68; of ax, ay, "m/s^2": Hough 6.11 and 5.02, five modes 0.99 and
+0.68.
+
+The unit of the accelerations cannot be meant as printed. Where positions have errors of their own, differences of
+successive velocities scatter sqrt(3) = 1.73 times as much as the velocities; the printed numbers of the Hough
+transform have the ratios 1.69 and 1.73. So they are those differences, in m/s per frame, not divided by the frame
+interval, and so are ours here. At 36 000 frames per second (the paper does not say at how many) one m/s per frame is
+36 000 m/s^2. That the five modes of the paper have ratios of 0.94 and 1.00 says that their velocities wander rather
+than scatter.
+
+Here rendered flights at the geometry of table 3 (`flight`), at 99.7 m/s as the paper's second shot, so that
+the sub-pixel places differ, with a plain and with a speckled ball, three shots each of 36 frames. Hough is OpenCV's on
+the silhouette (`baselines.hough`) with the settings, of those in `GRID`, that have the least scatter of
+velocity on one more shot of the same kind, which is then not counted. Beside it the contour fit, a better way to use
+the outline: on a plain ball it comes within a factor of 1.5 to 3 of the five modes, so that this is a victory over
+Hough rather than over the outline. The five modes are torchsphere's, circle found, increments alone
+(``sphere_map=False``). All are in the true scale; table 3 has what the radius that is found does to it.
+
+The shots are kept in ``experiments/cache``; see `experiments.shots`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from experiments.experiment import Row, cached
+from experiments.paper.flight import Rates, flight, pooled_std
+from experiments.shots import Footage, rendered, rival, tracked
+from torchsphere.benchmark.baselines import hough
+
+Array = NDArray[np.float64]
+
+#: std of vx, vy, m/s, and of ax, ay, m/s per frame.
+PAPER = {"hough": (3.62, 2.90, 6.11, 5.02), "five modes": (1.05, 0.68, 0.99, 0.68)}
+KINDS = ("plain", "speckle")
+TUNED_ON, SEEDS = 20, (21, 22, 23)
+SPEED = ("trajectory.velocity_m_s=[99.7, 0.7, 0.0]", "frames=36")
+
+#: Settings of the Hough transform that are tried, one after the other around the best so far. The threshold of the
+#: silhouette is what matters: with motion blur the edge is best taken at half of its height.
+GRID: tuple[tuple[str, tuple[float, ...]], ...] = (
+    ("sigmas", (5.0, 10.0, 20.0, 30.0, 40.0, 50.0)),
+    ("closing", (0.1, 0.2, 0.3, 0.5)),
+    ("blur_px", (0.3, 0.7, 1.1, 1.5)),
+    ("cells_per_radius", (200.0, 300.0, 432.0)),
+    ("play_px", (1.0, 2.0)),
+    ("sigmas", (15.0, 25.0, 35.0, 45.0)),
+)
+
+Settings = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Result:
+    """Shots by kind of ball, their velocities by way, and the settings that Hough was given by kind of ball."""
+
+    shots: dict[str, list[Footage]]
+    rates: dict[str, list[Rates]]
+    settings: dict[str, Settings]
+
+    def std(self, way: str) -> Array:
+        """Standard deviations of vx, vy (m/s) and of their differences (m/s per frame), (4,)."""
+        rates = self.rates[way]
+        return np.concatenate([pooled_std([getattr(r, n) for r in rates]) for n in ("velocity_m_s", "change_m_s")])
+
+    def ratio(self, way: str) -> Array:
+        """Of the std of another way to that of the five modes, (4,)."""
+        return self.std(way) / self.std(OURS)
+
+
+OURS, HOUGH, ON_SPECKLE = "five modes, speckle", "hough, plain", "hough, speckle"
+
+
+def shot(kind: str, seed: int, *changes: str) -> Footage:
+    """A rendered flight, with further changes to the preset."""
+    # Each ball enters at another place within the pixel.
+    x, y = np.random.default_rng(seed).uniform(-0.5e-3, 0.5e-3, 2) / 3.6
+    start = f"trajectory.start_m=[{-0.0495 + x}, {-0.0005 + y}, 0.0]"
+    return rendered(flight(seed, *SPEED, f"pattern.kind={kind}", start, *changes))
+
+
+def by_hough(footage: Footage, settings: Settings) -> Rates:
+    """Velocities from the circles that Hough finds."""
+
+    def make() -> list[list[float]]:
+        found: list[list[float]] = hough(footage.images, footage.circle, **settings).increment[:, :2].tolist()
+        return found
+
+    raw = cached("table2-hough", [footage.key, settings], make)
+    return Rates.of(np.array(raw, dtype=np.float64), footage.m_per_px)
+
+
+def scatter(rates: Rates) -> float:
+    """What the tuning makes small: rms of the std of both components, m/s; infinite where a frame was lost."""
+    velocity = rates.velocity_m_s
+    if not np.isfinite(velocity).all():
+        return float("inf")
+    return float(np.sqrt(np.square(velocity.std(axis=0, ddof=1)).mean()))
+
+
+def tuned(kind: str) -> Settings:
+    """The settings of least scatter on the shot that they are tuned on."""
+    footage = shot(kind, TUNED_ON)
+    best: Settings = {}
+    for name, values in tqdm(GRID, f"tuning Hough, {kind} ball"):
+        tried = [best, *(best | {name: value} for value in values)]
+        best = min(tried, key=lambda settings: scatter(by_hough(footage, settings)))
+    return best
+
+
+def compute() -> Result:
+    """All shots by all ways."""
+    shots = {kind: [shot(kind, seed) for seed in SEEDS] for kind in KINDS}
+    settings = {kind: tuned(kind) for kind in KINDS}
+    rates: dict[str, list[Rates]] = {}
+    for kind in KINDS:
+        rates[f"hough, {kind}"] = [by_hough(one, settings[kind]) for one in shots[kind]]
+        for name in ("edge_fit", "published", "translation_only"):
+            if kind == "speckle" or name == "edge_fit":
+                found = [rival(one, name, one.circle).increment for one in shots[kind]]
+                rates[f"{name}, {kind}"] = [
+                    Rates.of(q, one.m_per_px) for q, one in zip(found, shots[kind], strict=True)
+                ]
+    rates[OURS] = [by_torchsphere(one) for one in shots["speckle"]]
+    return Result(shots, rates, settings)
+
+
+def by_torchsphere(footage: Footage) -> Rates:
+    """Velocities from torchsphere's increments alone, circle found."""
+    return Rates.of(tracked(footage, sphere_map=False).increment, footage.m_per_px)
+
+
+def _numbers(values: Any) -> str:
+    return ", ".join(f"{v:.3g}" for v in values)
+
+
+def rows() -> list[Row]:
+    """What the table says of the paper's claims."""
+    result = compute()
+    paper_ratio = np.divide(PAPER["hough"], PAPER["five modes"])
+    found = []
+    for way in (HOUGH, ON_SPECKLE):
+        for part, what, unit in ((slice(0, 2), "velocity", "m/s"), (slice(2, 4), "acceleration", "m/s per frame")):
+            ratio = result.ratio(way)[part]
+            ball = {HOUGH: "plain", ON_SPECKLE: "speckled"}[way]
+            claim = f"std of {what} (x, y) by Hough on a {ball} ball over that by the five modes is three or more"
+            theirs = f"{_numbers(PAPER['hough'][part])} {unit}; {_numbers(paper_ratio[part])} times"
+            ours = f"{_numbers(result.std(way)[part])} {unit}; {_numbers(ratio)} times"
+            found.append(Row("table2", claim, theirs, ours, bool(ratio.min() >= 3)))
+    for part, what, unit in ((slice(0, 2), "velocity", "m/s"), (slice(2, 4), "acceleration", "m/s per frame")):
+        own, printed = result.std(OURS)[part], np.array(PAPER["five modes"][part])
+        claim = f"std of {what} (x, y) by the five modes at 100 m/s"
+        theirs, ours = (f"{_numbers(values)} {unit}" for values in (printed, own))
+        found.append(Row("table2", claim, theirs, ours, bool((own < printed).all())))
+    return found
+
+
+def main() -> None:
+    """Measure and print the table."""
+    result = compute()
+    print("| way | std vx, vy (m/s) | std ax, ay (m/s per frame) | a / v | times the five modes' |\n|" + 5 * "---|")
+    printed = {f"paper: {way}": np.array(std) for way, std in PAPER.items()}
+    own = {way: result.std(way) for way in result.rates}
+    for part, five in ((printed, printed["paper: five modes"]), (own, own[OURS])):
+        for way, std in part.items():
+            cells = (std[:2], std[2:], std[2:] / std[:2], std / five)
+            print(f"| {way} | " + " | ".join(_numbers(c) for c in cells) + " |")
+    print(f"Hough was given {result.settings}")
+    for row in rows():
+        print(row)
+
+
+if __name__ == "__main__":
+    main()

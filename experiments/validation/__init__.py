@@ -1,0 +1,1 @@
+"""Errors and bands of torchsphere against a known truth, and the comparison with other trackers."""

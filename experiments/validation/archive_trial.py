@@ -1,0 +1,286 @@
+"""An archive of 200 short recordings, of which one kills its worker and three are corrupt, while a worker is killed.
+
+Claim: 196 results, four failures with their reasons, nothing measured twice, and a second run does nothing; by own
+processes, by a Dask cluster, and after the parent was killed with SIGKILL in the middle. And what a recording costs an
+archive in time, memory and files, from which the README works out what a million of them would.
+
+Command: ``python -m experiments.validation.archive_trial`` (about a quarter of an hour on two cores; a number of
+recordings after the command makes the trial smaller). The recordings of the trial get no report, whose drawing takes
+most of the time of so short ones. It is no experiment of the paper, and RESULTS.md has no row of it.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import functools
+import json
+import logging
+import os
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+import torch
+
+import torchsphere as ts
+from experiments.experiment import OUTPUT
+from torchsphere.archive import dask_engine, manifest, processes
+from torchsphere.archive.run import Counts, run
+from torchsphere.archive.work import Job, Outcome, settle
+from torchsphere.measure import Request, measure
+from torchsphere.synthetic import demo_shot, ray_caster
+
+COUNT, WORKERS, RADIUS, FRAMES = 200, 2, 12.0, 5
+COMMON: dict[str, Any] = {
+    "circle": (22.0, 32.3, RADIUS),
+    "fps": 1000.0,
+    "diameter_mm": 30.0,
+    "map": "off",
+    "report": False,
+}
+CALLS = "calls.txt"
+OUT = OUTPUT / "archive_trial.json"
+#: Recordings of the archive whose records and manifest alone are measured.
+MANY = 10_000
+
+
+def write_archive(folder: Path, count: int) -> None:
+    """Recordings of five frames of 64 x 64 px in ten folders: a poisonous one, one to be held, three cut ones."""
+    turn = torch.deg2rad(torch.tensor([0.2, 0.6, 0.1], dtype=torch.float64))
+    vectors = torch.arange(FRAMES, dtype=torch.float64)[:, None] * turn
+    turned = torch.stack([torch.matrix_exp(_cross(vector)) for vector in vectors]).float()
+    pattern = ray_caster.speckle(0, radius_px=RADIUS)
+    special = {count // 3: "held", count // 2: "poison", 7: "corrupt", count // 4: "corrupt", count - 3: "corrupt"}
+    for i in range(count):
+        path = folder / f"day{i % 10}" / f"{special.get(i, 'shot')}{i:04d}.tif"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        centres = torch.tensor([[22.0 + (1 + 0.01 * i) * k, 32.3] for k in range(FRAMES)])
+        images = ray_caster.render(pattern, centres, RADIUS, turned, 90.0, shape=(64, 64), subsamples=2)
+        tifffile.imwrite(path, images.round().clamp(0, 255).numpy().astype(np.uint8), photometric="minisblack")
+        if i in special and special[i] == "corrupt":
+            path.write_bytes(path.read_bytes()[:9000])
+
+
+def _cross(v: torch.Tensor) -> torch.Tensor:
+    x, y, z = v.tolist()
+    return torch.tensor([[0, -z, y], [z, 0, -x], [-y, x, 0]], dtype=torch.float64)
+
+
+def dangerous(request: Request, progress: None, extra: Mapping[str, Path]) -> None:
+    """Measure; but die on poison, wait for the killer on what is held, and write down what was measured."""
+    mark = request.input.with_suffix(".pid")
+    if "poison" in request.input.name:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if "held" in request.input.name and not mark.exists():
+        mark.with_suffix(".new").write_text(str(os.getpid()))
+        mark.with_suffix(".new").rename(mark)
+        time.sleep(600)
+    measure(request, progress, extra)
+    status = Path("/proc/self/status")
+    if status.exists():
+        # The peak of this process alone; what the system counts for children begins with their parent's.
+        peak = next(line.split()[1] for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        (request.input.parents[1] / f"peak-{os.getpid()}").write_text(peak)
+    with (request.input.parents[1] / CALLS).open("a") as file:
+        file.write(f"{request.input.name}\n")
+
+
+def _kill_holder(source: Path) -> None:
+    while not (marks := list(source.rglob("*.pid"))):
+        time.sleep(0.05)
+    os.kill(int(marks[0].read_text()), signal.SIGKILL)
+
+
+Engine = Callable[[Iterator[Job]], Iterator[Outcome]]
+OWN: Engine = functools.partial(processes.run, workers=WORKERS, measure=dangerous)
+
+
+def trial(source: Path, out: Path, engine: Engine, prepare: Callable[[], None] = lambda: None) -> dict[str, Any]:
+    """Run over the archive with a worker killed, then once more; ``prepare`` comes before both."""
+    began = time.perf_counter()
+    killer = threading.Thread(target=_kill_holder, args=(source,), daemon=True)
+    killer.start()
+    prepare()
+    archive = manifest.read(source, COMMON, out)
+    first = run(archive, out, engine, changed=_show)
+    seconds = time.perf_counter() - began
+    began = time.perf_counter()
+    second = run(manifest.read(source, COMMON, out), out, engine)
+    calls = Counter((source / CALLS).read_text().split())
+    with (out / "summary.csv").open(newline="") as stream:
+        reasons = {row["recording"]: row["reason"] for row in csv.DictReader(stream) if row["state"] == "failed"}
+    return {
+        "done": first.done,
+        "reasons": reasons,
+        "measured_twice": sum(count > 1 for count in calls.values()),
+        "measured_in_second_run": second.measured,
+        "results": len(list(out.rglob("summary.json"))),
+        "left_over": len([p for p in out.rglob(".*.*") if p.is_dir()]),
+        "seconds": seconds,
+        "seconds_second_run": time.perf_counter() - began,
+    }
+
+
+def _show(counts: Counts) -> None:
+    print(f"\r{counts.done} done, {counts.failed} failed of {counts.total} ", end="", file=sys.stderr, flush=True)
+
+
+def _by_processes(folder: Path, count: int) -> dict[str, Any]:
+    write_archive(folder / "in", count)
+    found = trial(folder / "in", folder / "out", OWN)
+    files = [path for path in (folder / "out").rglob("*") if path.is_file()]
+    state = [path for path in files if ".batch" in path.parts]
+    found["files_per_result"] = (len(files) - len(state)) / found["results"]
+    found["kB_per_result"] = sum(p.stat().st_size for p in files if p not in set(state)) / found["results"] / 1e3
+    found["worker_MB"] = max((int(p.read_text()) for p in (folder / "in").glob("peak-*")), default=0) / 1e3
+    return found
+
+
+def _by_dask(folder: Path, count: int) -> dict[str, Any]:
+    from distributed import LocalCluster
+
+    write_archive(folder / "in", count)
+    with LocalCluster(
+        n_workers=WORKERS, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+    ) as cluster:
+        engine = functools.partial(dask_engine.run, address=cluster.scheduler_address, measure=dangerous)
+        return trial(folder / "in", folder / "out", engine)
+
+
+def _parent_killed(folder: Path, count: int) -> dict[str, Any]:
+    source, out = folder / "in", folder / "out"
+    write_archive(source, count)
+    when: dict[str, int] = {}
+
+    def kill_parent() -> None:
+        with subprocess.Popen(
+            [sys.executable, "-m", "experiments.validation.archive_trial", "--run", str(source), str(out)]
+        ) as parent:
+            while _results(out) < count * 5 // 8:
+                time.sleep(0.1)
+            parent.kill()
+        when["done"] = _results(out)
+
+    return {**trial(source, out, OWN, kill_parent), "done_when_killed": when["done"]}
+
+
+def _results(out: Path) -> int:
+    """Recordings whose results are there, while others are being written: folders whose names begin with a dot."""
+    found = 0
+    for _, folders, files in os.walk(out):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        found += "summary.json" in files
+    return found
+
+
+def _state_alone(folder: Path) -> dict[str, float]:
+    """What the manifest and the records of many recordings cost, here missing ones, and how much memory."""
+
+    def serial(jobs: Iterator[Job]) -> Iterator[Outcome]:
+        return (settle(job, measure) for job in jobs)
+
+    folder.mkdir(parents=True)
+    sheet, out = folder / "list.csv", folder / "out"
+    sheet.write_text("recording,fps\n" + "".join(f"{i // 100}/{i}.cine,{1000 + i}\n" for i in range(MANY)))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    began = time.perf_counter()
+    run(manifest.read(sheet, {}, out), out, serial)
+    first, began = time.perf_counter() - began, time.perf_counter()
+    run(manifest.read(sheet, {}, out), out, serial)
+    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+    return {"ms_first": 1e3 * first / MANY, "ms_second": 1e3 * (time.perf_counter() - began) / MANY, "kB": grown / MANY}
+
+
+def _one_shot(folder: Path) -> dict[str, float]:
+    """Seconds to measure the demo's shot of 60 frames by one thread, without and with the map; files and kB of it."""
+    folder.mkdir(parents=True)
+    torch.set_num_threads(1)
+    shot = demo_shot.make_shot()
+    path, _ = demo_shot.write_shot(folder, shot)
+    found: dict[str, float] = {"frames": len(shot.images)}
+    for name in ("off", "on"):
+        request = Request(
+            input=path, out=folder / name, fps=36000, diameter_mm=30, mass_g=110, map=name, report=False, overwrite=True
+        )
+        if name == "off":
+            measure(request)  # what is compiled and loaded once per worker
+        began = time.perf_counter()
+        measure(request)
+        found[f"seconds_map_{name}"] = time.perf_counter() - began
+    began = time.perf_counter()
+    measure(dataclasses.replace(request, map="off", report=True))
+    found["seconds_report"] = time.perf_counter() - began - found["seconds_map_off"]
+    files = [p for p in request.out.rglob("*") if p.is_file()]
+    return {**found, "files": len(files), "kB": sum(p.stat().st_size for p in files) / 1e3}
+
+
+def compute(count: int = COUNT) -> dict[str, Any]:
+    """All trials and costs; kept in ``experiments/output/archive_trial.json``."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        found: dict[str, Any] = {"count": count, "workers": WORKERS, "version": ts.__version__}
+        # First, as the memory it takes is told by how far the process grows.
+        found["state"] = _state_alone(folder / "state")
+        found["one_shot"] = _one_shot(folder / "shot")
+        for key, how in (("own processes", _by_processes), ("Dask", _by_dask), ("parent killed", _parent_killed)):
+            found[key] = how(folder / key.replace(" ", "-"), count)
+            OUT.parent.mkdir(exist_ok=True)
+            OUT.write_text(json.dumps(found, indent=1))
+    return found
+
+
+def holds(found: Mapping[str, Any], count: int) -> bool:
+    """Whether a trial ended as claimed."""
+    nothing = found["measured_twice"] == found["measured_in_second_run"] == found["left_over"] == 0
+    return nothing and found["done"] == found["results"] == count - 4 and len(found["reasons"]) == 4
+
+
+def main() -> None:
+    """Run the trials and print the table."""
+    found = compute(int(sys.argv[1]) if len(sys.argv) > 1 else COUNT)
+    count = found["count"]
+    print(f"\n| {count} recordings | results | failed | measured twice | second run measured | s | holds |")
+    print("|---|---|---|---|---|---|---|")
+    for key in ("own processes", "Dask", "parent killed"):
+        row = found[key]
+        print(
+            f"| {key} | {row['results']} | {len(row['reasons'])} | {row['measured_twice']} | "
+            f"{row['measured_in_second_run']} | {row['seconds']:.0f} | {'yes' if holds(row, count) else 'NO'} |"
+        )
+    for recording, reason in sorted(found["own processes"]["reasons"].items()):
+        print(f"  {recording}: {reason}")
+    own, shot, state = found["own processes"], found["one_shot"], found["state"]
+    per = own["seconds"] * WORKERS / own["results"]
+    print("\n| per recording | time | files | kB | memory |\n|---|---|---|---|---|")
+    print(
+        f"| short ({FRAMES} frames, no map, no report), by a worker of {WORKERS} | {per:.2f} s | "
+        f"{own['files_per_result']:.0f} + 1 | {own['kB_per_result']:.0f} | {own['worker_MB']:.0f} MB per worker |"
+    )
+    print(
+        f"| shot of {shot['frames']} frames, one thread | {shot['seconds_map_off']:.2f} s without the map, "
+        f"{shot['seconds_map_on']:.1f} s with it, {shot['seconds_report']:.1f} s the report "
+        f"| {shot['files']} + 1 | {shot['kB']:.0f} | |"
+    )
+    print(
+        f"| manifest and records alone | {state['ms_first']:.2f} ms, {state['ms_second']:.2f} ms in a second run "
+        f"| 1 | | {state['kB']:.1f} kB of the parent |"
+    )
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--run"]:
+        here = Path(sys.argv[3])
+        run(manifest.read(Path(sys.argv[2]), COMMON, here), here, OWN)
+    else:
+        main()

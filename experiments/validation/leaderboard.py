@@ -1,0 +1,175 @@
+"""Who tracks a ball how well:
+``python -m experiments.validation.leaderboard`` writes LEADERBOARD.md, a CSV, and a figure.
+
+Claim: torchsphere has the smallest error of translation and rotation, per frame and since the first, on every suite of
+the benchmark; where it has not, LEADERBOARD.md says so. Every tracker that comes with the package is run, with the
+settings that `baselines` found best for it, and muDIC's field by `field_method` where its
+predictions are there: it needs packages of its own (numpy, numba), which are no dependency of torchsphere.
+
+    python -m experiments.validation.leaderboard [--benchmark DIR] [--field DIR]
+
+makes the benchmark's standard size in ``experiments/cache`` first where it is not there (five minutes on two cores);
+the trackers take about an hour on one, half of it for the map of the ball on every suite. Predictions are kept there,
+too, by the images' checksum; delete them after a change to the package.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+import torchsphere
+from experiments.experiment import CACHE, DOCS, HERE
+from torchsphere.benchmark import standing, table, trackers
+from torchsphere.benchmark.folder import Benchmark, read_benchmark
+from torchsphere.benchmark.make import make
+from torchsphere.benchmark.run import run
+from torchsphere.benchmark.score import KINDS
+from torchsphere.benchmark.table import Board
+
+PAGE, SCORES, FIGURE = HERE / "LEADERBOARD.md", HERE / "leaderboard.csv", DOCS / "leaderboard.png"
+FIELD = "mudic"
+FIELD_SETTINGS = (
+    "muDIC 0.2.1 (a displacement field of linear elements of 10 px), then the motion of a sphere: "
+    "experiments/validation/field_method.py"
+)
+COMMANDS = """torchsphere benchmark make --out experiments/cache/benchmark-standard --size standard
+python experiments/validation/field_method.py experiments/cache/benchmark-standard experiments/cache/mudic  # with muDIC
+python -m experiments.validation.leaderboard"""
+
+#: Other field methods of the list of peers, and why they are not here.
+NOT_HERE = """Of the field methods muDIC stands for the others: it installs with numpy, numba and scikit-image, and
+runs. sun-dic and al-dic come with a graphical toolkit each (PyQt6 and ray, PySide6), pyvale with both that and a mesh
+viewer, OpenCorr is on no package index; they were not tried."""
+
+
+def benchmark(folder: Path) -> Benchmark:
+    """The benchmark in the folder, made where it is not there."""
+    if not folder.exists():
+        print(f"rendering {folder}", file=sys.stderr, flush=True)
+        make(None, "standard", folder)
+    return read_benchmark(folder)
+
+
+def compute(made: Benchmark, field: Path) -> list[standing.Standing]:
+    """Scores of every tracker on every suite; predictions are kept in the cache."""
+    # Those of other images in there are not taken for these: their checksum is in them.
+    out = CACHE / f"predictions-{torchsphere.__version__}-{made.size}"
+    entries = [trackers.resolve(name) for name in trackers.names()]
+
+    def started(tracker: str, suite: str) -> None:
+        print(f"{suite}: {tracker}", file=sys.stderr, flush=True)
+
+    for outcome in run(made, entries, out, keep=True, started=started):
+        if outcome.failed:
+            print(f"{outcome.tracker} failed on {outcome.suite}: {outcome.failed}", file=sys.stderr, flush=True)
+    truth = standing.truths(made)
+    rows = [row for entry in entries for row in standing.standings(made, out / entry.name, entry.name, truth)]
+    return rows + (standing.standings(made, field, FIELD, truth) if field.is_dir() else [])
+
+
+def page(made: Benchmark, scores: Board) -> str:
+    """LEADERBOARD.md."""
+    settings = {entry.name: entry.settings for entry in map(trackers.resolve, trackers.names())}
+    settings[FIELD] = FIELD_SETTINGS
+    suites = "\n".join(
+        f"| {suite.name} | {suite.title} | {suite.frames} | {suite.width} x {suite.height} |" for suite in made
+    )
+    notes = [f"- {row.tracker}, {row.suite}: {row.notes}" for row in scores.rows.values() if row.notes]
+    unsaid = [note for note in notes if "has no line" not in note]
+    frames, lines = sum(suite.frames for suite in made), [f"- **{name}**: {settings[name]}" for name in scores.trackers]
+    parts = (
+        f"""# Leaderboard
+
+The benchmark's size `{made.size}`, {frames} frames in {len(made.suites)} suites, checksum
+`{made.checksum}`.
+What the scores mean and how to enter a tracker: [docs/benchmark.md](../docs/benchmark.md). All numbers:
+[{SCORES.name}]({SCORES.name}). Made by:
+
+```
+{COMMANDS}
+```
+
+![errors by suite](../docs/{FIGURE.name})
+""",
+        table.markdown(scores),
+        f"""## Suites
+
+| suite | what is hard | frames | size (px) |
+| --- | --- | --- | --- |
+{suites}
+
+## Trackers and their settings
+
+All were given the true outline in frame 0. The baselines' settings are the best of those tried on a ball of 50 px with
+speckle of 4 px (their modules in `benchmark/baselines` tell which), and the same on every suite. A camera, where a
+suite has one, can be told to torchsphere alone.
+""",
+        "\n".join(lines) + "\n",
+        NOT_HERE + "\n\nTimes are wall times on one core of a shared machine, to compare and not to quote.\n",
+        *(["## Notes\n\n" + "\n".join(unsaid) + "\n"] if unsaid else []),
+    )
+    return "\n".join(parts)
+
+
+def plot(scores: Board) -> Figure:
+    """The four errors by suite, a mark per tracker that measures what the panel shows."""
+    figure, axes = plt.subplots(2, 2, figsize=(14, 9.5), sharex=True, layout="constrained")
+    rivals = [name for name in scores.trackers if not f"{name}-".startswith(table.VARIANTS)]
+    shown = [name for name in (table.OWN, "torchsphere-map") if name in scores.trackers] + rivals
+    place = np.arange(len(scores.suites))
+    for k, (axis, title, mean) in enumerate(zip(axes.T.flat, table.TITLES, table.MEANS, strict=True)):
+        for at, name in enumerate(shown):
+            rows = [scores.rows.get((name, suite)) for suite in scores.suites]
+            hidden = [row is None or (k in (1, 3) and row.rotation != standing.MEASURED) for row in rows]
+            values = [np.nan if hide else row.values[mean] for hide, row in zip(hidden, rows, strict=True)]
+            # torchsphere in the middle of its suite, the rivals beside it.
+            own = name not in rivals
+            offset = 0.0 if own else 0.8 * (rivals.index(name) / max(len(rivals) - 1, 1) - 0.5)
+            style = {"marker": "o", "ms": 7} if own else {"marker": "sD^v<>PX*h"[at % 10], "ms": 5}
+            axis.plot(
+                place + offset,
+                values,
+                ls="",
+                color=f"C{at}" if at < 10 else "k",
+                label=name,
+                zorder=3 if own else 2,
+                **style,
+            )
+        axis.axhline(KINDS[k][2], color="0.6", lw=0.8)
+        for left in place[::2]:
+            axis.axvspan(left - 0.5, left + 0.5, color="0.95", lw=0, zorder=0)
+        axis.set(
+            yscale="log", title=f"{title}: mean error, lost frames at the cap (line)", xlim=(-0.5, len(place) - 0.5)
+        )
+        axis.set_xticks(place, scores.suites, rotation=60, ha="right", fontsize=8)
+        axis.grid(axis="y", alpha=0.3)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=6, fontsize=9)
+    return figure
+
+
+def main() -> None:
+    """Run, score, and write page, CSV and figure."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--benchmark", type=Path, default=CACHE / "benchmark-standard", help="what 'make' made")
+    parser.add_argument(
+        "--field", type=Path, default=CACHE / FIELD, help="predictions of experiments/validation/field_method.py"
+    )
+    options = parser.parse_args()
+    made = benchmark(options.benchmark)
+    rows = compute(made, options.field)
+    scores = table.board(rows)
+    standing.write(SCORES, rows)
+    plot(scores).savefig(FIGURE, dpi=100)
+    PAGE.write_text(page(made, scores), encoding="utf-8")
+    print(table.summary(scores))
+
+
+if __name__ == "__main__":
+    main()
