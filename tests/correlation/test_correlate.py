@@ -114,7 +114,7 @@ def test_looking_at_the_rows_less_often_changes_nothing(model: str, monkeypatch:
     shots = [pair((dx, 0.3, 0.2, 0.5, 0.1)) for dx in (0.1, 1.2, 2.3)]
     f, g = (noisy(torch.stack([shot[i] for shot in shots]), 2.0, i) for i in (0, 1))
     often = correlate(f, g, shots[0][2], model=model)
-    monkeypatch.setattr(gauss_newton, "LOOK_EVERY", 4)
+    monkeypatch.setattr(gauss_newton, "CHECK_STEP", 4)
     seldom = correlate(f, g, shots[0][2], model=model)
     assert often.status.tolist() == seldom.status.tolist() == ["ok"] * 3
     assert often.iterations.tolist() == seldom.iterations.tolist()

@@ -34,7 +34,9 @@ def error(share: float, *, robust: bool = True) -> np.ndarray:
 
 @pytest.fixture
 def no_light(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(illumination, "judgeable", lambda solution, model: torch.zeros_like(solution.converged))
+    monkeypatch.setattr(
+        illumination, "is_light_identifiable", lambda solution, model: torch.zeros_like(solution.converged)
+    )
 
 
 @pytest.mark.parametrize("robust", [True, False])
@@ -54,7 +56,9 @@ def test_without_allowing_for_it_the_shade_moves_the_ball() -> None:
 
 def test_pairs_in_even_light_are_solved_as_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     found = error(0.0)
-    monkeypatch.setattr(illumination, "judgeable", lambda solution, model: torch.zeros_like(solution.converged))
+    monkeypatch.setattr(
+        illumination, "is_light_identifiable", lambda solution, model: torch.zeros_like(solution.converged)
+    )
     np.testing.assert_array_equal(error(0.0), found)
 
 

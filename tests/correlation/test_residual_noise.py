@@ -38,7 +38,7 @@ def test_blocks_that_fade_into_one_another_count_each_point_once_in_the_sum_of_s
 
 
 def noise_share(made: Reference, difference: Tensor, weights: Tensor) -> Tensor:
-    return residual_noise.noise_share(made, residual_noise.Power.of(made, difference, weights))
+    return residual_noise.noise_share(made, residual_noise.ResidualPower.of(made, difference, weights))
 
 
 def test_the_share_of_noise_is_that_of_the_part_that_faces_the_camera() -> None:
@@ -72,7 +72,7 @@ def factors(difference: Tensor, made: Reference) -> Tensor:
     gram = ((jacobian * weights[:, None]) @ jacobian.mT).double()
     variance = (weights * difference.square()).sum(-1) / weights.sum(-1)
     stated = variance[:, None, None] * torch.linalg.inv(gram)
-    power = residual_noise.Power.of(made, difference, weights)
+    power = residual_noise.ResidualPower.of(made, difference, weights)
     return residual_noise.inflation(made, jacobian, torch.linalg.cholesky(gram), weights * difference, power, stated)
 
 

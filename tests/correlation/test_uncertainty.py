@@ -68,7 +68,7 @@ def test_every_second_pixel_tells_as_much_as_all(monkeypatch: pytest.MonkeyPatch
     f, g, circle = pair(MOTION)
     f, g = noisy(f.expand(N, -1, -1), 4.0, 11), noisy(g.expand(N, -1, -1), 4.0, 12)
     half = correlate(f, g, circle)
-    monkeypatch.setattr(reference, "MANY", 10**9)
+    monkeypatch.setattr(reference, "MIN_CHESSBOARD_POINTS", 10**9)
     whole = correlate(f, g, circle)
     # The same noise in both, so that the ratio of the scatters is known far better than either of them.
     scatter = half.q.double().std(0) / whole.q.double().std(0)

@@ -111,7 +111,7 @@ def test_light_shifts_do_not_mind_how_an_edge_is_blurred() -> None:
     steps = torch.arange(-8, 8.2, 0.25, dtype=torch.float64)
     for step_blur in (0.5, 1.5):
         levels = 60 + 140 * 0.5 * torch.erfc((steps - 0.3) / (math.sqrt(2) * step_blur))
-        found, height = outline_fit.light_shifts(levels[None, None], steps)
+        found, height = outline_fit.centroid_shifts(levels[None, None], steps)
         # The trapezium rule is exact for a step that ends inside the window.
         assert float(found) == pytest.approx(0.3, abs=1e-3)
         assert float(height) == pytest.approx(140, abs=1e-3)

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from torchsphere import correlate, kernels
 from torchsphere.correlation import illumination, occlusion, reference_lookup, residual_noise, warp, znssd
-from torchsphere.correlation.gauss_newton import How, Solution, gauss_newton
+from torchsphere.correlation.gauss_newton import Solution, SolverSettings, gauss_newton
 from torchsphere.correlation.pairs import Pairs
 from torchsphere.correlation.reference import Filtered, Reference, build_reference
 from torchsphere.geometry import motion_models, rotation
@@ -196,7 +196,7 @@ def test_small_systems_of_equations() -> None:
 def descended(dtype: torch.dtype, model: motion_models.Displacement, steps: int = 40) -> Solution:
     some = pairs(dtype)
     return gauss_newton(
-        reference_of(dtype), some.g.c, some.shift, unknowns(dtype, off=0.002), model, How(steps, 2e-4, False)
+        reference_of(dtype), some.g.c, some.shift, unknowns(dtype, off=0.002), model, SolverSettings(steps, 2e-4, False)
     )
 
 
@@ -221,7 +221,7 @@ def test_gauss_newton_ends_after_so_many_steps_and_at_a_step_that_is_none() -> N
     c = some.g.c.clone()
     c[1] = torch.nan
     start = unknowns(torch.float32)
-    found = gauss_newton(made, c, some.shift, start, motion_models.finite, How(40, 2e-4, False))
+    found = gauss_newton(made, c, some.shift, start, motion_models.finite, SolverSettings(40, 2e-4, False))
     assert found.converged.tolist() == [True, False]
     assert found.iterations.tolist()[1] == 1
     assert torch.equal(found.q[1], start[1])
@@ -258,11 +258,11 @@ def test_windows_and_blocks() -> None:
         lambda dtype: residual_noise.local_mean(given(dtype)[0], given(dtype)[1][:, 0], given(dtype)[2]), 1e-6
     )
 
-    def power(dtype: torch.dtype) -> residual_noise.Power:
+    def power(dtype: torch.dtype) -> residual_noise.ResidualPower:
         made, values, weights = given(dtype)
-        return residual_noise.Power.of(made, values[:, 0] - 0.5, weights)
+        return residual_noise.ResidualPower.of(made, values[:, 0] - 0.5, weights)
 
-    for name in residual_noise.Power._fields:
+    for name in residual_noise.ResidualPower._fields:
         assert_loops_agree(lambda dtype, name=name: getattr(power(dtype), name), 5e-6)  # type: ignore[misc]
 
 
@@ -275,11 +275,11 @@ def test_judgements_of_a_pair() -> None:
         return judged
 
     for judge in (
-        lambda made, found: occlusion.doubtful(made, found, motion_models.finite, 1.0),
-        lambda made, found: illumination.is_uneven(made, found, motion_models.finite),
+        lambda made, found: occlusion.is_occluded(made, found, motion_models.finite),
+        lambda made, found: illumination.light_is_uneven(made, found, motion_models.finite),
     ):
         assert doubts(torch.float32, judge) == doubts(torch.float64, judge)
-    assert doubts(torch.float32, lambda made, found: occlusion.doubtful(made, found, motion_models.finite, 1.0)) == [
+    assert doubts(torch.float32, lambda made, found: occlusion.is_occluded(made, found, motion_models.finite)) == [
         False,
         True,
     ]
@@ -288,7 +288,7 @@ def test_judgements_of_a_pair() -> None:
 @pytest.mark.parametrize("model", CLOSED)
 def test_weights_of_a_view_that_changes(model: motion_models.Displacement) -> None:
     fast = torch.tensor([[0, 0, 0.1, -0.2, 0.05], [0, 0, 0, 0, 0]], dtype=torch.float64)
-    assert_loops_agree(lambda dtype: occlusion.by_view(reference_of(dtype), fast.to(dtype), model).weights, 1e-6)
+    assert_loops_agree(lambda dtype: occlusion.weight_by_view(reference_of(dtype), fast.to(dtype), model).weights, 1e-6)
 
 
 @pytest.mark.parametrize("size", [1e-9, 9e-3, 1.1e-2, 0.3, 3.0])

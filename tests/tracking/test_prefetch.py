@@ -13,7 +13,7 @@ from shots import Shot, shot
 from torch import Tensor
 
 from torchsphere import track
-from torchsphere.correlation.gauss_newton import Approach
+from torchsphere.correlation.gauss_newton import CoarseSolution
 from torchsphere.correlation.options import Options
 from torchsphere.recording import open_recording
 from torchsphere.recording.frame_source import Source
@@ -75,7 +75,7 @@ def test_the_next_batch_is_prepared_where_the_ball_will_be(made: Shot, first: Pr
     found = batches.get(state_in(made, FIRST), NEXT)
     assert torch.equal(found.images, made.images[FIRST:])
     np.testing.assert_allclose(found.circles[:, :2], made.centres[FIRST:], atol=1.0)
-    np.testing.assert_allclose(found.coarse.near, made.increments[FIRST:], atol=0.02)
+    np.testing.assert_allclose(found.coarse.q, made.increments[FIRST:], atol=0.02)
     motion, circles = successive_pairs.correlate_successive(found, state_in(made, FIRST).circle, SETUP)
     assert set(motion.status) == {"ok"}
     np.testing.assert_allclose(circles[:, :2], made.centres[FIRST:], atol=0.1)
@@ -103,7 +103,7 @@ def test_a_batch_prepared_for_other_frames_is_dropped(made: Shot, first: Prepare
         found, expected = (which.get(state_in(made, frame), pairs) for which in (batches, anew))
         assert torch.equal(found.images, expected.images)
         assert torch.equal(found.circles, expected.circles)
-        assert torch.equal(found.coarse.near, expected.coarse.near)
+        assert torch.equal(found.coarse.q, expected.coarse.q)
 
 
 def test_images_of_a_file_take_turns_in_two_buffers_so_that_images_in_use_stay(
@@ -131,9 +131,11 @@ def with_coarse(batch: PreparedBatch, **changed: Tensor) -> PreparedBatch:
 
 #: Batches that do not tell reliably where the ball goes on.
 UNSURE: dict[str, Callable[[PreparedBatch], PreparedBatch]] = {
-    "not converged": lambda batch: with_coarse(batch, at_rest=torch.arange(FIRST) != 7),
-    "too small for a coarse solution": lambda batch: dataclasses.replace(batch, coarse=Approach.none(batch.start)),
-    "off its path": lambda batch: with_coarse(batch, near=batch.coarse.near + 0.3),
+    "not converged": lambda batch: with_coarse(batch, converged=torch.arange(FIRST) != 7),
+    "too small for a coarse solution": lambda batch: dataclasses.replace(
+        batch, coarse=CoarseSolution.none(batch.start)
+    ),
+    "off its path": lambda batch: with_coarse(batch, q=batch.coarse.q + 0.3),
 }
 
 
@@ -147,7 +149,7 @@ def test_no_batch_is_begun_behind_an_unreliable_one(made: Shot, first: PreparedB
 
 
 def test_no_batch_is_begun_for_a_ball_that_comes_nearer_in_its_place(made: Shot, first: PreparedBatch) -> None:
-    nearer = with_coarse(first, near=torch.nn.functional.pad(first.coarse.near, (0, 1), value=1e-3))
+    nearer = with_coarse(first, q=torch.nn.functional.pad(first.coarse.q, (0, 1), value=1e-3))
     for in_place in (True, False):
         batches = Prefetcher(counted(made)[0], dataclasses.replace(SETUP, in_place=in_place))
         batches.prefetch(state_in(made, 0), nearer, NEXT)

@@ -19,11 +19,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.correlation.options import Options, given_to, margin, suited
+from torchsphere.correlation.options import Options, adapt_pre_blur, margin, options_for
 from torchsphere.correlation.pairs import Pairs
 from torchsphere.correlation.reference import SLACK_PX, Filtered
 from torchsphere.correlation.result import Correlation
-from torchsphere.correlation.solve import approach, solve
+from torchsphere.correlation.solve import solve, solve_coarsely
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import crop
 from torchsphere.runtime import threads
@@ -31,7 +31,7 @@ from torchsphere.settings.arrays import as_images, as_mask, as_rows, check_circl
 
 #: How far the circle of a pair may lie from where the pair before expects the ball, px, for one crop to serve both: it
 #: leaves the ball as much again.
-AGREE_PX = SLACK_PX / 2
+MAX_SHARED_CROP_PX = SLACK_PX / 2
 
 
 def correlate(f: Any, g: Any, circle: Any, *, start: Any = None, ignore: Any = None, **options: Any) -> Correlation:
@@ -68,7 +68,7 @@ def correlate(f: Any, g: Any, circle: Any, *, start: Any = None, ignore: Any = N
     -----
     Equations (3) and (5) to (10) of the paper.
     """
-    settings = given_to(correlate, options)
+    settings = options_for(correlate, options)
     f, g = as_images(f, "f"), as_images(g, "g")
     if f.shape != g.shape:
         raise ValueError(f"f and g must have one shape, got {tuple(f.shape)} and {tuple(g.shape)}")
@@ -78,7 +78,7 @@ def correlate(f: Any, g: Any, circle: Any, *, start: Any = None, ignore: Any = N
     circles = as_rows(_as_numbers(circle), n, 3, "circle")
     check_circle(circles, f.shape[-2:])
     if "pre_blur" not in options:
-        settings = suited(settings, float(circles[:, 2].max()))
+        settings = adapt_pre_blur(settings, float(circles[:, 2].max()))
     first = as_rows(torch.zeros(5) if start is None else start, n, 5, "start").to(f)
     if not bool(first.isfinite().all()):
         raise ValueError("start: expected finite numbers dx, dy, wx, wy, wz in px and rad")
@@ -119,16 +119,16 @@ def _correlate_rows(
         return Filtered.of(crop.cut(images, centres, half, ignore), options.pre_blur)
 
     balls, expected = circles[:, :2], circles[:, :2] + start[:, :2].to(circles)
-    if _are_successive(f, g) and float((balls[1:] - expected[:-1]).abs().max()) <= AGREE_PX:
+    if _are_successive(f, g) and float((balls[1:] - expected[:-1]).abs().max()) <= MAX_SHARED_CROP_PX:
         # Every image but the first and the last is a deformed image and then a reference: it is filtered once.
         all_of_them = filtered([*f, g[-1]], torch.cat((balls, expected[-1:])))
         pairs = Pairs(all_of_them.rows(0, len(f)), all_of_them.rows(1, len(f) + 1), circles)
     else:
         pairs = Pairs(filtered(f, balls), filtered(g, expected), circles)
     start = start.to(pairs.g.c)
-    near = approach(pairs, start, options)
-    found = solve(pairs, near.near, options, start)
-    return dataclasses.replace(found, iterations=found.iterations + near.steps, status=_with_lost(found, pairs))
+    near = solve_coarsely(pairs, start, options)
+    found = solve(pairs, near.q, options, start)
+    return dataclasses.replace(found, iterations=found.iterations + near.iterations, status=_with_lost(found, pairs))
 
 
 def _are_successive(f: Tensor, g: Tensor) -> bool:

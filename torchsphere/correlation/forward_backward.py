@@ -21,24 +21,24 @@ from torchsphere.correlation.result import Correlation
 from torchsphere.correlation.solve import solve
 
 #: Rotation from which a pair is measured both ways, rad. Below, the mean changes nothing that noise does not hide.
-SYMMETRIC_FROM = math.radians(1.0)
+MIN_TWO_WAY_TURN = math.radians(1.0)
 
 #: Both ways must give one increment to this share of the radius, in px on the ball's front; otherwise one of them is
 #: wrong. Measured over right pairs: 0.001 to 0.01, from 1 to 20 deg per frame.
 MAX_DISAGREEMENT = 0.05
 
 #: The same for the translation alone, of which a part passes for rotation where perspective or hidden parts disturb.
-MAX_APART = 0.1
+MAX_SHIFT_DISAGREEMENT = 0.1
 
 
-def both_ways(pairs: Pairs, there: Tensor, found: Correlation, options: Options) -> Correlation:
-    """``found`` (f to g), with the mean of both directions in the rows that turn by `SYMMETRIC_FROM` or more.
+def solve_both_ways(pairs: Pairs, there: Tensor, found: Correlation, options: Options) -> Correlation:
+    """``found`` (f to g), with the mean of both directions in the rows that turn by `MIN_TWO_WAY_TURN` or more.
 
     ``there`` (n, 3): the ball in the deformed images. A row whose way back fails takes its status from there; one whose
     ways disagree has not converged.
     """
     turn = found.q[:, 2:].norm(dim=-1)
-    chosen = torch.nonzero(turn >= SYMMETRIC_FROM)[:, 0]
+    chosen = torch.nonzero(turn >= MIN_TWO_WAY_TURN)[:, 0]
     if len(chosen) == 0:
         return found
     forth = found.q[chosen]
@@ -50,7 +50,7 @@ def both_ways(pairs: Pairs, there: Tensor, found: Correlation, options: Options)
     # How differently both ways move the front of the ball; translation and rotation alone are known less well.
     front = torch.stack((dx - radius * wy, dy + radius * wx, radius * wz), -1).norm(dim=-1)
     # A way back that failed is NaN, which is not apart: it keeps its own status.
-    wrong = (front > MAX_DISAGREEMENT * radius) | (torch.hypot(dx, dy) > MAX_APART * radius)
+    wrong = (front > MAX_DISAGREEMENT * radius) | (torch.hypot(dx, dy) > MAX_SHIFT_DISAGREEMENT * radius)
     apart = wrong.cpu().numpy()
     status = found.status.copy()
     status[here.numpy()] = np.where(apart, "not_converged", back.status)

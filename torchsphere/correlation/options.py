@@ -19,7 +19,7 @@ from torchsphere.settings.limits import ROI, is_whole, require_switch, require_w
 #: 0.013 at 20, 0.0098 and 0.0086 at 25, 0.0085 and 0.0074 at 30; 1.2 and 1.0 times what is stated up to 20 px. Before
 #: a plain background they are equal up to 15 px. From 30 px on the smaller bias of 1 px counts more; 0.5 px aliases
 #: everywhere.
-LEAST_PRE_BLUR_PX, ROOM = 0.7, 1.5
+MIN_PRE_BLUR_PX, PRE_BLUR_ROOM = 0.7, 1.5
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Options:
         smaller one of a small ball that is much brighter or darker than what is behind it.
     pre_blur : float
         Standard deviation of the Gaussian that blurs both images first, px; 0 for none. Where none is given,
-        `torchsphere.track` and `torchsphere.correlate` take what is `suited` to the ball.
+        `torchsphere.track` and `torchsphere.correlate` take what is `adapt_pre_blur` to the ball.
     jacobian : str
         "constant": gradient of the reference, the paper's choice, built once. "autograd": gradient of the deformed
         image at each iterate, by automatic differentiation; exact and slow.
@@ -89,7 +89,7 @@ class Options:
             require_within(name, getattr(self, name), allowed)
 
 
-def given_to(function: Callable[..., Any], options: Mapping[str, Any]) -> Options:
+def options_for(function: Callable[..., Any], options: Mapping[str, Any]) -> Options:
     """The ``options`` that were given to a ``function`` beside its own arguments; TypeError for a name that is none."""
     names = [field.name for field in fields(Options)]
     for name in options:
@@ -101,10 +101,10 @@ def given_to(function: Callable[..., Any], options: Mapping[str, Any]) -> Option
     return Options(**options)
 
 
-def suited(options: Options, radius: float) -> Options:
+def adapt_pre_blur(options: Options, radius: float) -> Options:
     """The options with a pre-blur that carries nothing from behind a ball of this radius, px, into its region."""
     room = (1 - options.roi) * radius
-    return replace(options, pre_blur=min(max(room / ROOM, LEAST_PRE_BLUR_PX), interpolation.PRE_BLUR_PX))
+    return replace(options, pre_blur=min(max(room / PRE_BLUR_ROOM, MIN_PRE_BLUR_PX), interpolation.PRE_BLUR_PX))
 
 
 def margin(options: Options) -> float:

@@ -10,7 +10,7 @@ from torch import Tensor
 from torchsphere.correlation import occlusion, znssd
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.pairs import Pairs
-from torchsphere.correlation.reference import IN_CLOSED_FORM, Reference, build_reference, nuisances, slopes
+from torchsphere.correlation.reference import Reference, build_reference, nuisances, slopes
 from torchsphere.correlation.solve import GRADIENT_FROM_DEG
 from torchsphere.correlation.warp import warp_with_gradient
 from torchsphere.geometry import motion_models, rotation
@@ -18,10 +18,10 @@ from torchsphere.geometry.motion_models import Displacement, as_unknowns
 
 #: Turn per pair above which the residual tells nothing of the radius, deg: the changing view of the texture leaves
 #: more. Measured as errors of 50 px: 0.1 px at 3 and 6 deg, 0.35 at 10, 0.6 at 15; the outline alone errs by 0.3.
-RADIUS_UP_TO_DEG = 8.0
+MAX_RADIUS_TURN_DEG = 8.0
 
 
-def radius_evidence(pairs: Pairs, q: Tensor, options: Options) -> tuple[Tensor, Tensor]:
+def radius_score(pairs: Pairs, q: Tensor, options: Options) -> tuple[Tensor, Tensor]:
     """What n correlated pairs say of the radius that they were correlated with.
 
     The residual that the increments ``q`` (n, 5) leave is compared with what a change of the radius would leave after
@@ -49,16 +49,16 @@ def radius_evidence(pairs: Pairs, q: Tensor, options: Options) -> tuple[Tensor, 
     adapted = torch.cholesky_solve(normal[:, :-1, -1:], znssd.cholesky(normal[:, :-1, :-1])).to(both)
     left = (both[:, -1:] - adapted.mT @ both[:, :-1])[:, 0]
     # Of fast turns the exact models tell no radius at all: errors of 0.3 px of 50 at 7 deg and 3 radii's distance.
-    up_to = RADIUS_UP_TO_DEG if options.camera is None else GRADIENT_FROM_DEG
+    up_to = MAX_RADIUS_TURN_DEG if options.camera is None else GRADIENT_FROM_DEG
     weights = weights * (q[:, 2:5].norm(dim=-1, keepdim=True) < math.radians(up_to))
     if options.robust and model is motion_models.rigid:
-        weights = weights * occlusion.is_ball(reference, warped, weights, weights, q, model, options.pre_blur)
+        weights = weights * occlusion.is_ball(reference, warped, weights, weights, q, model)
     return (weights * left * difference).sum(-1).double().cpu(), (weights * left.square()).sum(-1).double().cpu()
 
 
 def _radius_mode(reference: Reference, q: Tensor, model: Displacement) -> Tensor:
     """How far (n, 2, p) a change of the radius moves each point in the deformed image, px per px."""
-    if model in IN_CLOSED_FORM:
+    if model in motion_models.CLOSED_FORM:
         # Automatic differentiation loads a compiler at its first use, which takes 2 s: the time of 1000 pairs.
         return rotation.radius_mode(
             q, reference.surface, reference.geometry.radius, exact=model is motion_models.finite

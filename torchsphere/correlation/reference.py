@@ -26,14 +26,11 @@ SLACK_PX = 3.0
 #: to 2 % with those from all pixels up to 2 deg per frame, to 5 % at 5 and 10 deg (R = 50, speckle 2.5 to 4 px, noise
 #: 0.5 to 8 grey levels).
 #: Every second pixel of every second row costs 3 to 45 %. Balls with fewer points keep them all.
-CHESSBOARD, BLURRED_PX, MANY = math.sqrt(2), 0.7, 2000
+CHESSBOARD, MIN_CHESSBOARD_BLUR_PX, MIN_CHESSBOARD_POINTS = math.sqrt(2), 0.7, 2000
 
 #: Every how many points the noise's way into the increment is summed over, which takes a sixth of a pair's time
 #: otherwise: the standard deviations then scatter by 2 to 3 % (R = 30 to 75 px).
-THINNED = 4
-
-#: Models whose displacement and modes `torchsphere.geometry.rotation` knows.
-IN_CLOSED_FORM = (motion_models.rigid, motion_models.finite)
+COVARIANCE_STEP = 4
 
 
 class Filtered(NamedTuple):
@@ -88,7 +85,7 @@ class Reference:
         The blurred reference image (n, p) and its gradient (n, 2, p) at the points.
     blurred_gradient : Tensor
         The gradient blurred once more, which carries the pixels' noise into the covariance: (n, 2, p'), at every
-        `THINNED`-th point alone.
+        `COVARIANCE_STEP`-th point alone.
     noise : Tensor
         Standard deviation (n,) of the image noise as the raw reference shows it, grey levels; an upper bound where
         the texture is fine.
@@ -130,14 +127,14 @@ class Reference:
     def thinned(self) -> Reference:
         """With the points alone that the `blurred_gradient` is known at."""
         names = ("surface", "weights", "values", "gradient")
-        taken = {name: getattr(self, name)[..., ::THINNED] for name in names}
-        points = self.points[:, ::THINNED]
-        return dataclasses.replace(self, points=points, **taken, places=self.places[::THINNED])
+        taken = {name: getattr(self, name)[..., ::COVARIANCE_STEP] for name in names}
+        points = self.points[:, ::COVARIANCE_STEP]
+        return dataclasses.replace(self, points=points, **taken, places=self.places[::COVARIANCE_STEP])
 
 
-def enough(radius_px: float, pre_blur: float) -> float:
+def point_spacing(radius_px: float, pre_blur: float) -> float:
     """Distance of the points, px, that a region of interest of this radius needs under this pre-blur, px."""
-    return CHESSBOARD if pre_blur >= BLURRED_PX and math.pi * radius_px**2 >= MANY else 1.0
+    return CHESSBOARD if pre_blur >= MIN_CHESSBOARD_BLUR_PX and math.pi * radius_px**2 >= MIN_CHESSBOARD_POINTS else 1.0
 
 
 @functools.lru_cache(maxsize=16)
@@ -167,7 +164,7 @@ def build_reference(
     *,
     spacing: float = 1.0,
     every: int = 1,
-    blurred_every: int | None = THINNED,
+    blurred_every: int | None = COVARIANCE_STEP,
 ) -> Reference:
     """Points, values and gradients of the reference image over the region of interest.
 
@@ -175,7 +172,7 @@ def build_reference(
     cut around; ``camera`` for models that need one; ``spacing`` of the points 1 px or `CHESSBOARD`. With ``every``
     above 1 only so many-th of these are taken, to find the motion roughly; then nothing is known of the noise. There,
     and where no covariance is asked of the pairs (``blurred_every`` None), the gradient stands for its blurred self.
-    Otherwise that is taken at so many-th of the points, `THINNED` wherever there is a covariance of its own.
+    Otherwise that is taken at so many-th of the points, `COVARIANCE_STEP` wherever there is a covariance of its own.
     """
     crops, c = images.crops, images.c
     half = c.shape[-1] // 2
@@ -190,9 +187,9 @@ def build_reference(
     radius = radii.to(c)
     surface, weights = reference_lookup.front(grid, (nearest - centres).to(c), radius, roi * radius)
     if crops.usable is not None:
-        weights = weights * reference_lookup.looked_up([crops.usable], grid, offset)[0]
+        weights = weights * reference_lookup.gather_pixels([crops.usable], grid, offset)[0]
     values, gradient = reference_lookup.levels(c, grid, offset)
-    carrying, noise = gradient[..., ::THINNED], torch.zeros_like(radius)
+    carrying, noise = gradient[..., ::COVARIANCE_STEP], torch.zeros_like(radius)
     if every == 1 and blurred_every is not None:
         carrying = reference_lookup.blurred_gradient(c, grid[::blurred_every], offset, pre_blur)
     if every == 1:
@@ -221,7 +218,7 @@ def scale(reference: Reference, k: int) -> Tensor:
 
 def slopes(gradient: Tensor, q: Tensor, model: Displacement, reference: Reference) -> Tensor:
     """Change of grey level per px of each unknown (n, k, p): modes . ``gradient`` (n, 2, p)."""
-    if model in IN_CLOSED_FORM:
+    if model in motion_models.CLOSED_FORM:
         found = rotation.slopes(q, reference.surface, gradient, exact=model is motion_models.finite)
     else:
         modes = motion_models.modes(model, q, reference.points, reference.geometry)
@@ -234,7 +231,7 @@ def nuisances(reference: Reference, model: Displacement, weights: Tensor) -> Ten
 
     The printed criterion, equation (3), knows no light: the printed modes and translations alone are measured with it.
     """
-    turns = model in (*IN_CLOSED_FORM, *motion_models.EXACT)
+    turns = model in motion_models.RIGID_BALL
     normals = reference.surface / reference.geometry.radius[:, None, None] if turns else None
     if normals is None or not reference.uneven_light:
         return znssd.nuisances(reference.values, weights, normals)

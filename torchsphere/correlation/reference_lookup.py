@@ -39,7 +39,7 @@ def levels(c: Tensor, grid: Tensor, middle: Tensor) -> tuple[Tensor, Tensor]:
     """
     if kernels.suits(c):
         return looked.levels(c, grid, middle, _KERNEL)
-    value, *gradient = looked_up(nodes(c).unbind(1), grid, middle - 1)
+    value, *gradient = gather_pixels(nodes(c).unbind(1), grid, middle - 1)
     return value, torch.stack(gradient, 1)
 
 
@@ -49,7 +49,7 @@ def blurred_gradient(c: Tensor, grid: Tensor, middle: Tensor, sigma: float) -> T
         return looked.blurred_gradient(c, grid, middle, _KERNEL, interpolation.gaussian_kernel(sigma))
     blurred = blur_within(c, sigma)
     border = (c.shape[-1] - blurred.shape[-1]) // 2 + 1
-    return torch.stack(looked_up(nodes(blurred).unbind(1)[1:], grid, middle - border), 1)
+    return torch.stack(gather_pixels(nodes(blurred).unbind(1)[1:], grid, middle - border), 1)
 
 
 def noise(images: Tensor, grid: Tensor, middle: Tensor, weights: Tensor) -> Tensor:
@@ -62,11 +62,11 @@ def noise(images: Tensor, grid: Tensor, middle: Tensor, weights: Tensor) -> Tens
         return _TO_DEVIATION * looked.roughness(images, grid, middle, weights)
     rows = images[:, :-2] - 2 * images[:, 1:-1] + images[:, 2:]
     both = rows[:, :, :-2] - 2 * rows[:, :, 1:-1] + rows[:, :, 2:]
-    (response,) = looked_up([both.abs()], grid, middle - 1)
+    (response,) = gather_pixels([both.abs()], grid, middle - 1)
     return _TO_DEVIATION * torch.linalg.vecdot(response, weights) / weights.sum(-1).clamp_min(1)
 
 
-def looked_up(maps: Sequence[Tensor], grid: Tensor, middle: Tensor) -> list[Tensor]:
+def gather_pixels(maps: Sequence[Tensor], grid: Tensor, middle: Tensor) -> list[Tensor]:
     """Values (n, p) of each of the maps (n, h, w) at the pixels ``grid`` (p, 2) around ``middle`` (n, 2), as (x, y)."""
     step = torch.tensor([1, maps[0].shape[-1]])
     index = (grid @ step) + (middle @ step)[:, None]

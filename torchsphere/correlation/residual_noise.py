@@ -16,17 +16,17 @@ from torchsphere.kernels import box_filter, znssd
 
 #: Side of the window that energies are averaged over, and of the one in which the images are compared by
 #: their shape alone, as shares of the radius, and the least, px: half a dozen and a dozen speckles of the example ball.
-ENERGY_WINDOW, SHAPE_WINDOW, LEAST_WINDOW = 0.13, 0.22, 5
+ENERGY_WINDOW, SHAPE_WINDOW, MIN_WINDOW_PX = 0.13, 0.22, 5
 
 #: Side of the blocks whose scores count as independent, as a share of the radius, and the least, px.
-BLOCK, LEAST_BLOCK = 0.2, 4
+BLOCK, MIN_BLOCK_PX = 0.2, 4
 
 #: Ratio of variances up to which the scatter of about 80 blocks says nothing: one standard deviation above 1.
-SCATTER = 1.2
+MAX_CHANCE_SCATTER = 1.2
 
 #: Share of the variance that the blocks find where the residual is noise, some of which the fit has taken up. Measured
 #: at R = 40 and 50 px under noise of 5 grey levels: 0.74 to 0.78 for each of the five modes.
-FOUND_OF_NOISE = 0.75
+BLOCK_NOISE_SHARE = 0.75
 
 #: Part of the region, of the radius, whose residual stands for the noise: the view of the texture changes least there.
 #: Measured at 5, 10 and 15 deg per frame without noise: its residual is 0.25, 0.3 and 0.4 of the whole region's.
@@ -35,7 +35,7 @@ FACING = 0.5
 #: From how many and up to how many standard deviations of its own a quieter residual in that part is believed, bit by
 #: bit: a small ball has few independent values there, and a variance that is low by chance made the standard deviations
 #: of balls of 10 px 1.05 to 1.2 times too narrow.
-DOUBTED, BELIEVED = 1.0, 3.0
+MIN_QUIET_SDS, FULL_QUIET_SDS = 1.0, 3.0
 
 
 def local_mean(reference: Reference, values: Tensor, weights: Tensor) -> Tensor:
@@ -63,26 +63,26 @@ def local_zncc(reference: Reference, warped: Tensor, weights: Tensor) -> Tensor:
 
 
 def _odd(share: float, reference: Reference) -> int:
-    side = max(LEAST_WINDOW, share * float(reference.geometry.radius.mean())) / reference.spacing
+    side = max(MIN_WINDOW_PX, share * float(reference.geometry.radius.mean())) / reference.spacing
     return 2 * (math.ceil(side) // 2) + 1
 
 
-def spread_out(reference: Reference, values: Tensor) -> Tensor:
+def to_grid(reference: Reference, values: Tensor) -> Tensor:
     """Values (n, c, p) of the points -> maps (n, c, side, side), 0 where there is no point."""
     maps = values.new_zeros(*values.shape[:2], reference.side * reference.side)
     maps.scatter_(2, reference.places.expand_as(values), values)
     return maps.unflatten(-1, (reference.side, reference.side))
 
 
-def gather_back(reference: Reference, maps: Tensor) -> Tensor:
+def from_grid(reference: Reference, maps: Tensor) -> Tensor:
     """Values (n, c, p) at the points of maps (n, c, side, side)."""
     return maps.flatten(-2).index_select(2, reference.places)
 
 
 def _smoothed(reference: Reference, values: Tensor, window: int) -> Tensor:
     """Sum over a square window around each point, points that are not there counting as 0; (n, c, p)."""
-    maps = F.pad(spread_out(reference, values), (window // 2,) * 4)
-    return gather_back(reference, _runs(_runs(maps, 2, window), 3, window))
+    maps = F.pad(to_grid(reference, values), (window // 2,) * 4)
+    return from_grid(reference, _runs(_runs(maps, 2, window), 3, window))
 
 
 def _runs(values: Tensor, axis: int, length: int) -> Tensor:
@@ -103,7 +103,7 @@ def _runs(values: Tensor, axis: int, length: int) -> Tensor:
         size *= 2
 
 
-class Power(NamedTuple):
+class ResidualPower(NamedTuple):
     """What the residual of n pairs comes to: sums of weights, and of its weighted squares, (n,) each.
 
     Attributes
@@ -120,7 +120,7 @@ class Power(NamedTuple):
     of_whole: Tensor
 
     @classmethod
-    def of(cls, reference: Reference, difference: Tensor, weights: Tensor) -> Power:
+    def of(cls, reference: Reference, difference: Tensor, weights: Tensor) -> ResidualPower:
         """From the residual (n, p) and the weights (n, p)."""
         limit = FACING * reference.geometry.radius
         if kernels.suits(difference, weights, limit):
@@ -135,7 +135,7 @@ def inflation(
     jacobian: Tensor,
     factor: Tensor,
     weighted: Tensor,
-    power: Power,
+    power: ResidualPower,
     stated: Tensor,
 ) -> Tensor:
     """Factors (n, k), float64, from the standard deviations in ``stated`` to those that the residual's places tell.
@@ -148,7 +148,7 @@ def inflation(
     model of the residual (the sandwich of Huber and White). The blocks fade into one another: what cancels within the
     ball does not at a sharp edge, which stated fast turns 1.05 to 1.1 times too wide. Each mode has its own factor,
     since a misfit of a part of the ball weighs on some of them; what widens it less than the blocks' number leaves open
-    (`SCATTER`) does not count.
+    (`MAX_CHANCE_SCATTER`) does not count.
 
     A covered part or a shadow weighs more on the motion than noise of the same power, and widens. The changing view of
     the texture weighs less, and narrows: it leaves second derivatives of the texture, whose products with the gradient
@@ -162,17 +162,17 @@ def inflation(
     found = (inverse @ scatter @ inverse).diagonal(dim1=-2, dim2=-1) / unit.square()
     ratio = (found / stated.diagonal(dim1=-2, dim2=-1)).nan_to_num(1.0, 1.0, 1.0)
     noise = noise_share(reference, power)[:, None]
-    narrower = torch.maximum(ratio + (1 - FOUND_OF_NOISE) * noise, noise).clamp(max=1.0)
-    return torch.maximum(narrower, ratio / SCATTER).sqrt()
+    narrower = torch.maximum(ratio + (1 - BLOCK_NOISE_SHARE) * noise, noise).clamp(max=1.0)
+    return torch.maximum(narrower, ratio / MAX_CHANCE_SCATTER).sqrt()
 
 
-def noise_share(reference: Reference, power: Power) -> Tensor:
+def noise_share(reference: Reference, power: ResidualPower) -> Tensor:
     """Share (n,), float64, 0 to 1, of the residual's variance that is noise at most: see `FACING`."""
     # Where nothing of that part is to be seen, all may be noise.
     share = (power.of_facing / power.facing / (power.of_whole / power.whole)).double()
     share = share.nan_to_num(1.0, 1.0, 1.0).clamp(max=1.0)
     scatter = (2 / _independent(reference, power.facing).clamp_min(1)).sqrt()
-    believed = ((1 - share) / scatter - DOUBTED) / (BELIEVED - DOUBTED)
+    believed = ((1 - share) / scatter - MIN_QUIET_SDS) / (FULL_QUIET_SDS - MIN_QUIET_SDS)
     return 1 - (1 - share) * believed.clamp(0, 1)
 
 
@@ -189,12 +189,12 @@ def block_sums(reference: Reference, values: Tensor, weights: Tensor, *, fading:
     ``fading``: times further weights that fall like a cosine from 1 in the middle of a block to 0 in those of its
     neighbours, so that their squares add up to 1 everywhere.
     """
-    size = math.ceil(max(LEAST_BLOCK, BLOCK * float(reference.geometry.radius.mean())) / reference.spacing)
+    size = math.ceil(max(MIN_BLOCK_PX, BLOCK * float(reference.geometry.radius.mean())) / reference.spacing)
     belongs = _shares(reference.side, size, fading).to(values)
     if kernels.suits(values, weights):
         return box_filter.block_sums(values, weights, reference.places, reference.side, belongs)
     # Over their rows, then over their columns.
-    return (belongs @ spread_out(reference, values * weights[:, None]) @ belongs.T).flatten(2)
+    return (belongs @ to_grid(reference, values * weights[:, None]) @ belongs.T).flatten(2)
 
 
 @functools.lru_cache(maxsize=16)

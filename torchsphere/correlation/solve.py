@@ -14,12 +14,20 @@ import torch
 from torch import Tensor
 
 from torchsphere.correlation import illumination, occlusion
-from torchsphere.correlation.gauss_newton import APPROACH_STEPS, EVERY, FEWEST, Approach, How, bring_near, gauss_newton
+from torchsphere.correlation.gauss_newton import (
+    COARSE_STEP,
+    COARSE_TOLERANCE_PX,
+    MAX_COARSE_ITERATIONS,
+    MIN_COARSE_POINTS,
+    CoarseSolution,
+    SolverSettings,
+    gauss_newton,
+)
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.pairs import Pairs
-from torchsphere.correlation.reference import Reference, build_reference, enough
+from torchsphere.correlation.reference import Reference, build_reference, point_spacing
 from torchsphere.correlation.result import Correlation
-from torchsphere.correlation.uncertainty import conclude
+from torchsphere.correlation.uncertainty import evaluate
 from torchsphere.geometry import motion_models
 from torchsphere.geometry.motion_models import Displacement, as_unknowns
 from torchsphere.imaging import crop
@@ -29,30 +37,35 @@ from torchsphere.imaging import crop
 GRADIENT_FROM_DEG = 2.0
 
 
-def approach(pairs: Pairs, start: Tensor, options: Options) -> Approach:
+def solve_coarsely(pairs: Pairs, start: Tensor, options: Options) -> CoarseSolution:
     """Unknowns brought from ``start`` (n, 5) to within a hundredth of a px on a part of the points.
 
     Small balls have no points to spare and stay where they are.
     """
     radius = options.roi * float(pairs.circles[:, 2].max())
-    points = math.pi * (radius / enough(radius, options.pre_blur)) ** 2
-    if points < EVERY * FEWEST or options.max_iterations <= APPROACH_STEPS:
-        return Approach.none(start)
+    points = math.pi * (radius / point_spacing(radius, options.pre_blur)) ** 2
+    if points < COARSE_STEP * MIN_COARSE_POINTS or options.max_iterations <= MAX_COARSE_ITERATIONS:
+        return CoarseSolution.none(start)
     model = motion_models.MODELS[options.model]
     model = motion_models.finite if model is motion_models.rigid else model
     exact = bool((motion_models.turn(start) >= math.radians(GRADIENT_FROM_DEG)).any())
-    reference, first = _reference(pairs, start, model, options, every=EVERY)
-    how = How(options.max_iterations, options.tolerance_px, exact or options.jacobian == "autograd")
-    return bring_near(reference, pairs.g.c, pairs.shift, first, model, how)
+    reference, first = _reference(pairs, start, model, options, every=COARSE_STEP)
+    settings = SolverSettings(
+        min(MAX_COARSE_ITERATIONS, options.max_iterations),
+        max(COARSE_TOLERANCE_PX, options.tolerance_px),
+        exact or options.jacobian == "autograd",
+    )
+    found = gauss_newton(reference, pairs.g.c, pairs.shift, first, model, settings)
+    return CoarseSolution(torch.where(found.converged[:, None], found.q, first), found.iterations, found.converged)
 
 
 def solve(pairs: Pairs, near: Tensor, options: Options, start: Tensor | None = None) -> Correlation:
-    """Correlate n pairs from ``near`` (n, k), which came from ``start`` (n, 5) by `approach`.
+    """Correlate n pairs from ``near`` (n, k), which came from ``start`` (n, 5) by `solve_coarsely`.
 
     Pairs that turn fast are solved with the exact model and the exact Jacobian.
     """
     start = near if start is None else start
-    if motion_models.MODELS[options.model] not in (motion_models.rigid, *motion_models.EXACT):
+    if motion_models.MODELS[options.model] not in motion_models.RIGID_BALL:
         return _solve_in_any_light(pairs, near, start, options)
     slow, fast = _by_turn(options)
     limit = math.radians(options.finite_from_deg or GRADIENT_FROM_DEG)
@@ -86,8 +99,8 @@ def _solve_in_any_light(
 
     Pairs that turn by ``fast_from``, rad, or more are to be solved again by another model.
     """
-    found, q, is_uneven = _solve(pairs, near, start, options, fast_from)
-    rows = torch.nonzero(is_uneven)[:, 0]
+    found, q, light_is_uneven = _solve(pairs, near, start, options, fast_from)
+    rows = torch.nonzero(light_is_uneven)[:, 0]
     if len(rows) == 0:
         return found
     again, _, _ = _solve(pairs.take(rows), q[rows], start[rows], options, fast_from, uneven_light=True)
@@ -105,26 +118,26 @@ def _solve(
     reference, first = _reference(pairs, near, model, options)
     reference = dataclasses.replace(reference, uneven_light=uneven_light)
     c_g, shift = pairs.g.c, pairs.shift
-    how = How(options.max_iterations, options.tolerance_px, options.jacobian == "autograd")
-    solution = gauss_newton(reference, c_g, shift, first, model, how)
+    settings = SolverSettings(options.max_iterations, options.tolerance_px, options.jacobian == "autograd")
+    solution = gauss_newton(reference, c_g, shift, first, model, settings)
     # Weights are 0 to 1; comparisons take three times as long.
     visible = solution.weights.ceil().sum(-1)
-    is_uneven = illumination.is_uneven(reference, solution, model)
+    light_is_uneven = illumination.light_is_uneven(reference, solution, model)
     # The search for occluders takes a few steps of its own.
-    is_rigid = model in (motion_models.rigid, *motion_models.EXACT)
+    is_rigid = model in motion_models.RIGID_BALL
     if options.robust and is_rigid and options.max_iterations > occlusion.STEPS:
-        doubt = ~solution.converged | occlusion.doubtful(reference, solution, model, options.pre_blur)
+        doubt = ~solution.converged | occlusion.is_occluded(reference, solution, model)
         # A large turn that the model does not explain yet is no occluder.
         doubt = doubt & ~(solution.converged & (motion_models.turn(solution.q) >= fast_from))
         if not uneven_light:
             # Light may look like an occluder; only what light does not explain is left out.
-            is_uneven = is_uneven | (doubt & illumination.judgeable(solution, model))
-            doubt = doubt & ~is_uneven
+            light_is_uneven = light_is_uneven | (doubt & illumination.is_light_identifiable(solution, model))
+            doubt = doubt & ~light_is_uneven
         guesses = (first, as_unknowns(start, model))
-        reference, solution = occlusion.reconsider(
-            reference, c_g, shift, guesses, solution, doubt, model, how, options.pre_blur
+        reference, solution = occlusion.solve_without_occluders(
+            reference, c_g, shift, guesses, solution, doubt, model, settings
         )
-    return conclude(reference, solution, visible, model, options), solution.q, is_uneven
+    return evaluate(reference, solution, visible, model, options), solution.q, light_is_uneven
 
 
 def _reference(
@@ -132,12 +145,12 @@ def _reference(
 ) -> tuple[Reference, Tensor]:
     """The reference, weighted for a motion like ``start``, and that as the model's unknowns (n, k)."""
     first = as_unknowns(start, model)
-    spacing = enough(options.roi * float(pairs.circles[:, 2].max()), options.pre_blur)
+    spacing = point_spacing(options.roi * float(pairs.circles[:, 2].max()), options.pre_blur)
     reference = build_reference(
         pairs.f, pairs.circles, options.roi, options.pre_blur, options.camera, spacing=spacing, every=every
     )
     reference = _where_target_is_usable(reference, pairs.g.crops, pairs.shift, first, model)
-    return occlusion.by_view(reference, first, model) if model in motion_models.EXACT else reference, first
+    return occlusion.weight_by_view(reference, first, model) if model in motion_models.EXACT else reference, first
 
 
 def _where_target_is_usable(

@@ -12,8 +12,8 @@ from torch import Tensor
 from torchsphere.correlation import illumination, residual_noise, znssd
 from torchsphere.correlation.gauss_newton import Solution
 from torchsphere.correlation.options import Options
-from torchsphere.correlation.reference import IN_CLOSED_FORM, THINNED, Reference, scale
-from torchsphere.correlation.residual_noise import Power
+from torchsphere.correlation.reference import COVARIANCE_STEP, Reference, scale
+from torchsphere.correlation.residual_noise import ResidualPower
 from torchsphere.correlation.result import (
     LOW_CORRELATION,
     NOT_CONVERGED,
@@ -38,21 +38,20 @@ MAX_CONDITION = 15.0
 
 
 #: Every how many points geometry alone is summed over: it changes slowly from one to the next.
-THIN = 8
+MODES_STEP = 8
 
 #: Contrast, as a share of the grey level, that rounding in float32 makes of a flat image; the interpolation adds up to
 #: a hundred terms.
-ROUNDING = 1e-5
+FLAT_CONTRAST = 1e-5
 
 
 def increment_covariance(
     reference: Reference,
-    power: Power,
+    power: ResidualPower,
     weights: Tensor,
     q: Tensor,
     model: Displacement,
     operator: Tensor,
-    pre_blur: float,
 ) -> Tensor:
     """Covariance (n, k, k), float64, of the increments ``q`` (n, k): px and rad.
 
@@ -63,10 +62,10 @@ def increment_covariance(
     """
     k = q.shape[-1]
     few = reference.thinned()
-    some = weights[:, ::THINNED]
+    some = weights[:, ::COVARIANCE_STEP]
     _, products = projected_slopes(few, few.blurred_gradient, q, model, some)
-    carried = THINNED * products / reference.spacing**2
-    value_gain, _ = interpolation.noise_gains(pre_blur)
+    carried = COVARIANCE_STEP * products / reference.spacing**2
+    value_gain, _ = interpolation.noise_gains(reference.pre_blur)
     freedom = (power.whole - k - 2).clamp_min(1)
     variance = power.of_whole.double() / freedom / value_gain
     inverse = torch.cholesky_inverse(znssd.cholesky(operator))
@@ -77,12 +76,11 @@ def increment_covariance(
 
 def texture_carries_modes(
     reference: Reference,
-    power: Power,
+    power: ResidualPower,
     weights: Tensor,
     q: Tensor,
     model: Displacement,
     operator: Tensor,
-    pre_blur: float,
 ) -> Tensor:
     """True (n,) where the texture determines every mode.
 
@@ -90,7 +88,7 @@ def texture_carries_modes(
     what the geometry itself does to the modes cancels. Two ways to fail: gradients that are hardly more than noise (a
     plain ball), and gradients in a part of the ball only (a highlight), where translation and rotation look the same.
     """
-    value_gain, slope_gain = interpolation.noise_gains(pre_blur)
+    value_gain, slope_gain = interpolation.noise_gains(reference.pre_blur)
     # Two upper bounds of the noise: the residual is too large where the match fails, the raw image's where the
     # texture is as fine as noise. Half of the residual's variance belongs to either image.
     from_residual = power.of_whole / power.whole.clamp_min(1) / (2 * value_gain)
@@ -107,15 +105,17 @@ def texture_carries_modes(
 def _gram_of_modes(reference: Reference, q: Tensor, model: Displacement, weights: Tensor) -> Tensor:
     """Operator that a gradient of independent unit components would give: sum of the modes' products."""
     unit = scale(reference, q.shape[-1]).double()
-    if model in IN_CLOSED_FORM:
-        total = THIN * rotation.gram(q, reference.surface, weights, exact=model is motion_models.finite, every=THIN)
+    if model in motion_models.CLOSED_FORM:
+        total = MODES_STEP * rotation.gram(
+            q, reference.surface, weights, exact=model is motion_models.finite, every=MODES_STEP
+        )
     else:
         modes = motion_models.modes(model, q, reference.points, reference.geometry).double()
         total = torch.einsum("np,npck,npcl->nkl", weights.double(), modes, modes)
     return total / (unit[:, :, None] * unit[:, None])
 
 
-def conclude(
+def evaluate(
     reference: Reference, solution: Solution, visible: Tensor, model: Displacement, options: Options
 ) -> Correlation:
     """Status, covariance and coefficient of each pair; what cannot be vouched for becomes NaN.
@@ -124,14 +124,14 @@ def conclude(
     """
     q, _, converged, warped, weights, jacobian, factor = solution
     coefficient = znssd.zncc(reference.values, warped, weights)
-    warped = illumination.relit(reference, warped, weights, model)
+    warped = illumination.in_reference_light(reference, warped, weights, model)
     difference = znssd.residual(reference.values, warped, weights)
-    power = residual_noise.Power.of(reference, difference, weights)
+    power = residual_noise.ResidualPower.of(reference, difference, weights)
     gram = znssd.operator(jacobian, weights)
-    spread = increment_covariance(reference, power, weights, q, model, gram, options.pre_blur)
+    spread = increment_covariance(reference, power, weights, q, model, gram)
     wider = residual_noise.inflation(reference, jacobian, factor, weights * difference, power, spread)
     spread = spread * wider[:, :, None] * wider[:, None, :]
-    carried = texture_carries_modes(reference, power, weights, q, model, gram, options.pre_blur)
+    carried = texture_carries_modes(reference, power, weights, q, model, gram)
     points = torch.pi * (options.roi * reference.geometry.radius / reference.spacing) ** 2
     status = torch.full((len(q),), OK, device=q.device)
     for wrong, code in (
@@ -149,7 +149,7 @@ def conclude(
 def _is_flat(reference: Reference) -> Tensor:
     """True (n,) where the contrast of the reference image is no more than rounding errors of its grey levels."""
     contrast = znssd.centred(reference.values, reference.weights) * reference.weights
-    return contrast.abs().amax(-1) < ROUNDING * reference.values.abs().amax(-1)
+    return contrast.abs().amax(-1) < FLAT_CONTRAST * reference.values.abs().amax(-1)
 
 
 def _as_correlation(

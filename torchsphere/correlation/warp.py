@@ -7,7 +7,7 @@ from torch import Tensor
 
 from torchsphere import kernels
 from torchsphere.correlation import znssd
-from torchsphere.correlation.reference import IN_CLOSED_FORM, Reference, nuisances, slopes
+from torchsphere.correlation.reference import Reference, nuisances, slopes
 from torchsphere.geometry import motion_models, rotation
 from torchsphere.geometry.motion_models import Displacement
 from torchsphere.imaging import interpolation
@@ -27,7 +27,7 @@ def projected_slopes(
     reference: Reference, gradient: Tensor, q: Tensor, model: Displacement, weights: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Change of grey level per px of each unknown (n, k, p), without what the nuisances explain; its operator."""
-    if model not in IN_CLOSED_FORM or reference.uneven_light or not kernels.suits(gradient, q, weights):
+    if model not in motion_models.CLOSED_FORM or reference.uneven_light or not kernels.suits(gradient, q, weights):
         found = slopes(gradient, q, model, reference)
         found = znssd.project(found, nuisances(reference, model, weights), weights)
         return found, znssd.operator(found, weights)
@@ -57,7 +57,7 @@ def _displaced(
     reference: Reference, c_g: Tensor, shift: Tensor, q: Tensor, model: Displacement
 ) -> tuple[Tensor, Tensor]:
     """Places (n, p, 2) of the points in the deformed image's crop, and their weights (n, p): 0 where not to be seen."""
-    if model in IN_CLOSED_FORM and kernels.suits(c_g, q, reference.weights):
+    if model in motion_models.CLOSED_FORM and kernels.suits(c_g, q, reference.weights):
         turn = rotation.matrices(q, exact=model is motion_models.finite)
         places = q[:, :2] + shift
         return gauss_newton.look(
@@ -65,7 +65,7 @@ def _displaced(
         )
     middle = 0.5 * (c_g.shape[-1] - 1)
     reach = middle - 1
-    if model in IN_CLOSED_FORM:
+    if model in motion_models.CLOSED_FORM:
         turned = rotation.moved(q, reference.surface, exact=model is motion_models.finite)
         points = turned[:, :2] + (q[:, :2] + shift)[..., None]
         room = reach - (points - middle).abs().amax(1)

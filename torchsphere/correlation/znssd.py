@@ -52,7 +52,7 @@ def nuisances(values: Tensor, weights: Tensor, normals: Tensor | None = None, bl
         px per frame; with it 0.5 % and 0.001 px. (The pattern times the normal would hold the pattern's part of the
         change, too; measured on balls in flat light it costs a bias of 0.001 px per frame, more than it mends.)
     blurred : Tensor, optional
-        For light that changes unevenly (pairs that `is_uneven` picks out): spherical harmonics of the normal up
+        For light that changes unevenly (pairs that `light_is_uneven` picks out): spherical harmonics of the normal up
         to the third order, alone and times the image, take the normal's place. The irradiance of a sphere is smooth
         (Ramamoorthi and Hanrahan, J. Opt. Soc. Am. A 18 (2001) 2448, doi:10.1364/JOSAA.18.002448), and it multiplies
         the pattern before both are blurred, which shifts the pattern towards the light: `blurred` (n, 3, p) is the

@@ -29,7 +29,7 @@ MIN_SUPPORT = 0.4
 
 #: How far the likeliest limb may lie from the circle through the edges, px and as a share of the radius: farther, and
 #: something else is next to the ball.
-LIMB_MOVES_PX, LIMB_MOVES = 2.0, 0.04
+MAX_LIMB_SHIFT_PX, MAX_LIMB_SHIFT = 2.0, 0.04
 
 #: Frames in which the ball is looked for before giving up.
 MAX_TRIES = 40
@@ -120,7 +120,7 @@ def at_limb(views: Tensor, circle: Circle, ignore: Tensor | None = None, camera:
     """
     guess = torch.tensor([[circle.x, circle.y, circle.radius]], dtype=torch.float64)
     fitted, covariance = limb_fit.fit(views, guess.expand(len(views), -1), ignore=ignore, camera=camera)
-    far = max(LIMB_MOVES_PX, LIMB_MOVES * circle.radius)
+    far = max(MAX_LIMB_SHIFT_PX, MAX_LIMB_SHIFT * circle.radius)
     variance = covariance.diagonal(dim1=1, dim2=2).sum(-1)
     near = ((fitted - guess).abs() < far).all(-1) & variance.isfinite()
     if not bool(near.any()):
@@ -209,9 +209,9 @@ def _within(circle: Tensor, shape: torch.Size) -> bool:
 
 #: What a given circle may differ by from the outline that the images show: standard deviations of that, and share of
 #: its radius. A careful hand on a preview is right to 2 %.
-CLEAR, CAREFUL = 4.0, 0.03
+MAX_CIRCLE_SDS, MAX_CIRCLE_ERROR = 4.0, 0.03
 
-LOOK = "See figures/path.png: where it is not the ball's, every length and speed is off as its radius is."
+CHECK_ADVICE = "See figures/path.png: where it is not the ball's, every length and speed is off as its radius is."
 
 
 def confirm(image: Tensor, given: Circle) -> str:
@@ -222,11 +222,11 @@ def confirm(image: Tensor, given: Circle) -> str:
     except ValueError:
         seen = None
     if seen is None or seen.sd_guessed:
-        return f"{told} was not confirmed: no limb of a speckled ball was seen along it. {LOOK}"
+        return f"{told} was not confirmed: no limb of a speckled ball was seen along it. {CHECK_ADVICE}"
     apart = max(math.hypot(seen.x - given.x, seen.y - given.y), abs(seen.radius - given.radius))
-    if apart <= max(CLEAR * max(seen.sd_x, seen.sd_y, seen.sd_radius), CAREFUL * seen.radius):
+    if apart <= max(MAX_CIRCLE_SDS * max(seen.sd_x, seen.sd_y, seen.sd_radius), MAX_CIRCLE_ERROR * seen.radius):
         return ""
-    return f"{told} is not the outline that the image shows at {seen.text(1)} px; --refine takes that. {LOOK}"
+    return f"{told} is not the outline that the image shows at {seen.text(1)} px; --refine takes that. {CHECK_ADVICE}"
 
 
 def refined(fitted: Circle) -> str:

@@ -73,7 +73,7 @@ def step_shifts(levels: Tensor, steps: Tensor, step_blur: float) -> tuple[Tensor
     return shift.clamp(-1.5 * step_blur, 1.5 * step_blur), height
 
 
-def light_shifts(levels: Tensor, steps: Tensor) -> tuple[Tensor, Tensor]:
+def centroid_shifts(levels: Tensor, steps: Tensor) -> tuple[Tensor, Tensor]:
     """`step_shifts` for a ball without pattern: the centroid of the grey level's slope along the ray.
 
     Any symmetric blur, however wide its tails, leaves this place where it is, because it conserves light.
@@ -115,7 +115,7 @@ def refine(
     fixed_radius : bool
         Fit the centre alone.
     plain : bool
-        The ball has no pattern: the last rounds take `light_shifts` instead of the step model.
+        The ball has no pattern: the last rounds take `centroid_shifts` instead of the step model.
     patterned : bool
         The ball has a pattern and the images are no silhouettes: all but the last two rounds look at the difference
         from the background instead, since a window wider than the pattern would rest on the pattern's own edges.
@@ -143,7 +143,7 @@ def refine(
         levels, known = polar.across_edge(splines, fitted, steps, angles, camera)
         if patterned and turn < rounds - 2:
             levels = _silhouette(levels)
-        shift, height = light_shifts(levels, steps) if by_light else step_shifts(levels, steps, step_blur)
+        shift, height = centroid_shifts(levels, steps) if by_light else step_shifts(levels, steps, step_blur)
         shift, height = shift.double().cpu(), height.double().cpu()
         correction, weights, normal = robust_fit.least_squares(design, shift, height.square() * known)
         fitted[:, :k] += correction

@@ -151,8 +151,15 @@ MODELS: dict[str, Displacement] = {
     "pinhole6": pinhole6,
 }
 
-#: Models that need a camera, and those that turn the ball exactly, however far.
-PERSPECTIVE, EXACT = (pinhole, pinhole6), (finite, pinhole, pinhole6)
+#: Models that need a camera.
+PERSPECTIVE = (pinhole, pinhole6)
+
+#: Models with the exact rotation, and models of a rigid ball.
+EXACT = (finite, *PERSPECTIVE)
+RIGID_BALL = (rigid, *EXACT)
+
+#: Models whose displacement and modes `torchsphere.geometry.rotation` has in closed form.
+CLOSED_FORM = (rigid, finite)
 
 
 def degrees_of_freedom(model: Displacement) -> int:

@@ -44,7 +44,7 @@ def _front(pixels: Whole, nearest: Array, radius: Array, limit: Array, surface: 
 
 
 def seen_alike(surface: Tensor, weights: Tensor, turn: Tensor, radius: Tensor, share: Tensor, least: float) -> Tensor:
-    """Weights (n, p) that fall where a turn changes the view of the texture: `occlusion.by_view`.
+    """Weights (n, p) that fall where a turn changes the view of the texture: `occlusion.weight_by_view`.
 
     ``surface`` (n, 3, p), ``weights`` (n, p), ``turn`` (n, 3, 3), ``radius`` (n,), px; ``share`` (n,) is what a
     foreshortening of 1 counts as, ``least`` the least cosine of a view.

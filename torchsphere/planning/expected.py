@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from torchsphere.correlation import occlusion, znssd
-from torchsphere.correlation.options import Options, margin, suited
+from torchsphere.correlation.options import Options, adapt_pre_blur, margin
 from torchsphere.correlation.reference import Filtered, Reference, build_reference, nuisances, scale, slopes
 from torchsphere.geometry import motion_models
 from torchsphere.imaging import crop
@@ -162,7 +162,7 @@ def increment_covariance(examples: Sequence[Example], setup: Setup, *, is_blurre
 def _covariance(example: Example, setup: Setup, is_blurred: bool) -> Array:
     if setup.noise is None:
         raise ValueError("the image noise is not given; the expected uncertainty needs it")
-    options = suited(Options(), setup.radius_px)
+    options = adapt_pre_blur(Options(), setup.radius_px)
     example = rescaled(example, setup.radius_px)
     if not is_blurred:
         example = blurred(example, setup.blur)
@@ -198,7 +198,7 @@ def _reference(
         motion_models.displacement(motion_models.finite, q, reference.points, reference.geometry).isfinite().all(-1)
     )
     reference.weights.mul_(visible)
-    return occlusion.by_view(reference, q, motion_models.finite), q
+    return occlusion.weight_by_view(reference, q, motion_models.finite), q
 
 
 def _operators(reference: Reference, gradient: torch.Tensor, q: torch.Tensor) -> torch.Tensor:

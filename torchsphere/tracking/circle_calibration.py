@@ -18,7 +18,7 @@ from torch import Tensor
 
 from torchsphere.correlation.options import Options, margin
 from torchsphere.correlation.pairs import Pairs
-from torchsphere.correlation.radius_mode import radius_evidence
+from torchsphere.correlation.radius_mode import radius_score
 from torchsphere.correlation.reference import Filtered
 from torchsphere.correlation.solve import GRADIENT_FROM_DEG
 from torchsphere.detection import limb_fit, outline_fit
@@ -213,7 +213,7 @@ def _radius_correction(
         return 0.0, math.inf
     for some in np.array_split(second, max(1, math.ceil(len(second) / BATCH))):
         pairs = _pairs(source, followed, some, tried, ignore, options)
-        score, information = radius_evidence(pairs, torch.from_numpy(followed.increment[some - 1]), options)
+        score, information = radius_score(pairs, torch.from_numpy(followed.increment[some - 1]), options)
         scores.append(score)
         informations.append(information)
     score, information = torch.cat(scores), torch.cat(informations)

@@ -14,7 +14,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from torchsphere.correlation.options import Options, suited
+from torchsphere.correlation.options import Options, adapt_pre_blur
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import crop
 
@@ -66,11 +66,11 @@ def leakage_share(contrast: float, radius: float, options: Options) -> float:
 
 def suited_to_ball(options: Options, given: Container[str], radius: float, contrast: float) -> Options:
     """The options with the pre-blur, and under strong leakage the region, that suit a ball; ``given`` options stay."""
-    found = options if "pre_blur" in given else suited(options, radius)
+    found = options if "pre_blur" in given else adapt_pre_blur(options, radius)
     if "roi" in given or leakage_share(contrast, radius, found) < NOTABLE:
         return found
     smaller = replace(options, roi=min(options.roi, roi_without_leakage(radius)))
-    return smaller if "pre_blur" in given else suited(smaller, radius)
+    return smaller if "pre_blur" in given else adapt_pre_blur(smaller, radius)
 
 
 def roi_without_leakage(radius: float) -> float:

@@ -51,8 +51,8 @@ class Prefetcher:
         Nothing is begun where the last batch may have gone astray or found nothing, or where two batches are too
         large to keep. Nor for a ball that stays in place and comes nearer: its radius would go astray.
         """
-        steps, near = last.coarse.steps, last.coarse.near.to("cpu", torch.float64)
-        if count < 1 or last.images.nbytes > KEPT_BYTES or not bool((last.coarse.at_rest & (steps > 0)).all()):
+        steps, near = last.coarse.iterations, last.coarse.q.to("cpu", torch.float64)
+        if count < 1 or last.images.nbytes > KEPT_BYTES or not bool((last.coarse.converged & (steps > 0)).all()):
             return
         if self._setup.in_place and near.shape[-1] == 6:
             return

@@ -10,13 +10,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.correlation.forward_backward import both_ways
-from torchsphere.correlation.gauss_newton import Approach
+from torchsphere.correlation.forward_backward import solve_both_ways
+from torchsphere.correlation.gauss_newton import CoarseSolution
 from torchsphere.correlation.options import Options, margin
 from torchsphere.correlation.pairs import Pairs
 from torchsphere.correlation.reference import SLACK_PX, Filtered
 from torchsphere.correlation.result import Correlation
-from torchsphere.correlation.solve import approach, solve
+from torchsphere.correlation.solve import solve, solve_coarsely
 from torchsphere.imaging import crop, interlacing
 from torchsphere.runtime import threads
 from torchsphere.tracking.prediction import circle_path
@@ -44,14 +44,14 @@ class PreparedBatch:
     start: Tensor  # expected increments (m, 5), px and rad
     filtered: Filtered  # the images around the circles, by one of their fields where ``interlaced``
     interlaced: bool
-    coarse: Approach  # coarse solution of the increments
+    coarse: CoarseSolution  # coarse solution of the increments
     # Circles and start are already better than a coarse solution, which an occluder deceives by a px and more:
     # ``coarse`` is the start.
     is_exact: bool
 
     def circles_from(self, first: Tensor) -> Tensor:
         """Circles (m + 1, 3) that the coarse solution leads to from ``first`` (3,), px, float64."""
-        steps = self.coarse.near.to("cpu", torch.float64)
+        steps = self.coarse.q.to("cpu", torch.float64)
         return circle_path(first, steps[:, :2], steps[:, 5] if steps.shape[-1] == 6 else torch.zeros_like(steps[:, 0]))
 
 
@@ -66,7 +66,7 @@ def prepare(
     interlaced = interlacing.is_interlaced(crops)
     filtered = _filter(crops, setup, interlaced)
     start = start.to(filtered.c)
-    coarse = Approach.none(start) if is_exact else _solve_coarsely(_pairs(filtered, circles), start, setup)
+    coarse = CoarseSolution.none(start) if is_exact else _solve_coarsely(_pairs(filtered, circles), start, setup)
     return PreparedBatch(images, circles, start, filtered, interlaced, coarse, is_exact)
 
 
@@ -84,13 +84,13 @@ def correlate_successive(batch: PreparedBatch, circle: Tensor, setup: PairSetup)
         filtered = filtered.rows(0, count + 1)
         filtered = _filter_where_off(filtered, batch.images, circles, expected, setup, interlaced=batch.interlaced)
     pairs = _pairs(filtered, circles)
-    near, start, targets = batch.coarse.near, batch.start, circles[1:]
+    near, start, targets = batch.coarse.q, batch.start, circles[1:]
 
     def measure(a: int, b: int) -> Correlation:
         return _measure(pairs.rows(a, b), near[a:b], start[a:b], targets[a:b], setup)
 
     found = Correlation.joined(setup.shared(measure, len(targets)))
-    return dataclasses.replace(found, iterations=found.iterations + batch.coarse.steps[: len(targets)]), circles
+    return dataclasses.replace(found, iterations=found.iterations + batch.coarse.iterations[: len(targets)]), circles
 
 
 def correlate_one(pair: Tensor, circle: Tensor, start: Tensor, setup: PairSetup) -> Correlation:
@@ -146,16 +146,16 @@ def _pairs(images: Filtered, circles: Tensor) -> Pairs:
     return Pairs(images.rows(0, m), images.rows(1, m + 1), circles[:-1])
 
 
-def _solve_coarsely(pairs: Pairs, start: Tensor, setup: PairSetup) -> Approach:
+def _solve_coarsely(pairs: Pairs, start: Tensor, setup: PairSetup) -> CoarseSolution:
     """From ``start`` (m, 5) to near the increments sought."""
 
-    def solve_rows(a: int, b: int) -> Approach:
-        return approach(pairs.rows(a, b), start[a:b], setup.options)
+    def solve_rows(a: int, b: int) -> CoarseSolution:
+        return solve_coarsely(pairs.rows(a, b), start[a:b], setup.options)
 
-    return Approach.joined(setup.shared(solve_rows, len(start)))
+    return CoarseSolution.joined(setup.shared(solve_rows, len(start)))
 
 
-def _count_plausible(coarse: Approach, off: Tensor, radius: float) -> int:
+def _count_plausible(coarse: CoarseSolution, off: Tensor, radius: float) -> int:
     """Number of a batch's first pairs that may be confirmed, the circles being ``off`` (m + 1, 3) the expected ones.
 
     Behind an impact no circle is where it was expected: to solve those pairs takes most of the time of a short shot,
@@ -163,7 +163,7 @@ def _count_plausible(coarse: Approach, off: Tensor, radius: float) -> int:
     """
     on_path = (off[:-1, :2].norm(dim=-1) < PREDICTION_TOLERANCE * radius).numpy()
     # The first pair that does not converge is tried: an occluder may be the cause, which the full solution leaves out.
-    return min(count_leading(on_path), 1 + count_leading(coarse.at_rest.cpu().numpy()), len(on_path))
+    return min(count_leading(on_path), 1 + count_leading(coarse.converged.cpu().numpy()), len(on_path))
 
 
 def _measure(pairs: Pairs, near: Tensor, start: Tensor, targets: Tensor, setup: PairSetup) -> Correlation:
@@ -175,4 +175,4 @@ def _measure(pairs: Pairs, near: Tensor, start: Tensor, targets: Tensor, setup: 
         size = pairs.circles[:, 2:] * (1 + found.growth[:, None].to(pairs.circles))
         arrived = torch.cat((centre, size), -1)
         targets = torch.where(arrived.isfinite(), arrived, targets)
-    return both_ways(pairs, targets, found, setup.options)
+    return solve_both_ways(pairs, targets, found, setup.options)

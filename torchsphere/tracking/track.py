@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.correlation.options import Options, given_to
+from torchsphere.correlation.options import Options, options_for
 from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
@@ -170,7 +170,7 @@ def track(
     for name, switch in (("refine", refine), ("in_place", in_place)):
         require_switch(name, switch)
     require_switch("sphere_map", sphere_map, "True, False or None")
-    settings = given_to(track, options)
+    settings = options_for(track, options)
     source = Source.open(recording, device, dtype)
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
     # A ball that cannot leave its place has no drift: its map is made only on request.
