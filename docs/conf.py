@@ -17,7 +17,7 @@ project_copyright = author
 version = release = __version__
 
 extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "myst_parser", "mathml", "command_line"]
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "tables"]  # pages include the tables
 
 myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_heading_anchors = 3
