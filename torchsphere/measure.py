@@ -1,4 +1,4 @@
-"""One recording from its file to its result folder: what ``torchsphere track`` and ``torchsphere demo`` do."""
+"""One recording from its file to its result folder, as ``torchsphere track`` and ``torchsphere demo`` do."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from torchsphere.dynamics.impact import impact
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics, kinematics
 from torchsphere.recording import Recording, open_recording
-from torchsphere.recording.frame_range import frames, part
+from torchsphere.recording.frame_range import resolve_range, restrict
 from torchsphere.recording.ignore_mask import hides_ball, read_ignore, without_effect
 from torchsphere.report import draw, frame_sampling, overlay, paraview
 from torchsphere.report.explanations import NO_IMPACT
@@ -47,12 +47,12 @@ def measure(
 ) -> Measurement:
     """Track the recording and write the result folder; files of ``extra`` (name -> source) are copied into it.
 
-    ``name`` stands in the summary in place of the input's path, where that is a temporary one.
+    ``name`` replaces the path of a temporary input in the summary.
 
     Raises
     ------
     ValueError, OSError
-        With one sentence on what is wrong; then nothing has been written.
+        For invalid input, before anything is written.
     """
     atomic_output.check_folder(request.out, request.overwrite)
     if request.overlay:
@@ -63,21 +63,21 @@ def measure(
         )
     began = time.perf_counter()
     with open_recording(request.input) as recording:
-        start, stop = frames(request.frames, len(recording))
-        with draw.drawing_process(_draws_beside(request, stop - start)) as pool, threads.one_each():
+        start, stop = resolve_range(request.frames, len(recording))
+        with draw.drawing_process(_draws_in_parallel(request, stop - start)) as pool, threads.one_each():
             hashed = draw.begin(pool, hash_files, recording.files)
-            chosen = part(recording, start, stop)
+            chosen = restrict(recording, start, stop)
             ignore = read_ignore(request.ignore, recording.shape[1:]) if request.ignore else None
             tracked = _track(request, chosen, ignore, progress)
             frame_rate = request.fps or recording.frame_rate
             motion = _kinematics(request, tracked, frame_rate, start)
-            found, doubts = _impact(request, tracked, motion)
+            found, impact_notes = _impact(request, tracked, motion)
             circle = tracked.circle
             warnings = (
                 *track_warnings(request, recording, tracked, frame_rate, start),
                 *window_warnings(tracked, motion),
                 *bandwidth_warnings(motion),
-                *doubts,
+                *impact_notes,
                 *unused(request, motion, found, has_rate=frame_rate is not None),
                 *without_effect(request.ignore, recording.shape[1:]),
                 *hides_ball(ignore, circle.x, circle.y, circle.radius, start + circle.frame),
@@ -89,18 +89,17 @@ def measure(
     return done
 
 
-#: Frames up to which another process draws. It takes memory of its own, and what it saves, a second, is little of the
-#: time to follow more frames than these.
-DRAWN_BESIDE_FRAMES = 3000
+#: Largest number of frames for which a second process draws the figures: with more, the second it saves is little.
+PARALLEL_DRAWING_FRAMES = 3000
 
 
-def _draws_beside(request: Request, count: int) -> bool:
-    """Whether a process is to draw the figures while this one measures: a core is likely to lie idle."""
-    return request.report and count <= DRAWN_BESIDE_FRAMES and threads.has_idle_cores()
+def _draws_in_parallel(request: Request, count: int) -> bool:
+    """Whether a second process draws the figures during the measurement."""
+    return request.report and count <= PARALLEL_DRAWING_FRAMES and threads.has_idle_cores()
 
 
 def _track(request: Request, chosen: Recording, ignore: NDArray[np.bool_] | None, progress: Progress | None) -> Track:
-    # Without a region of interest the track takes one that suits the ball.
+    # Without this argument `track` chooses a region of interest for the ball.
     roi: dict[str, Any] = {} if request.roi is None else {"roi": request.roi}
     return track(
         chosen,
@@ -136,16 +135,16 @@ def _kinematics(request: Request, tracked: Track, frame_rate: float | None, star
 
 
 def _milli(value: float | None) -> float | None:
-    """A thousandth: m from mm, kg from g."""
+    """A thousandth of the value: m from mm, kg from g."""
     return None if value is None else 1e-3 * value
 
 
 def _impact(request: Request, tracked: Track, motion: Kinematics | None) -> tuple[Impact | None, tuple[str, ...]]:
-    """The impact, if there is one, and sentences on what is doubtful or unknown about it."""
+    """The impact or None, and warnings about it."""
     if motion is None:
         return None, ()
     if not np.isfinite(tracked.increment[:, 0]).any():
-        # The test for an impact would say that one steady motion explains all frames.
+        # `impact` would say that one steady motion explains all frames.
         return None, (f"{NO_IMPACT}no motion was measured.",)
     solid = None
     if request.mass_g is not None:
@@ -179,13 +178,13 @@ def _write(
             begun = draw.begin_figures(folder, pool)
             mask = None if ignore is None else torch.from_numpy(ignore)
             sampled_frames.save(folder / "frames.npz", frame_sampling.sample(chosen, done.track, mask))
-            # Drawn from the written files, so that the folder alone is enough to draw it again.
+            # Figures come from the written files, so that the folder alone is enough to draw them again.
             draw.draw(folder, pool, begun)
         _export(request, folder)
 
 
 def _export(request: Request, folder: Path) -> None:
-    """Video and ParaView series from the written files, where asked for."""
+    """The requested video and ParaView series, from the written files."""
     if not (request.overlay or request.paraview):
         return
     result = read(folder)

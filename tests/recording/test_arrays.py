@@ -32,20 +32,20 @@ def test_an_npz_is_read_forwards_and_backwards_with_its_scalars(tmp_path: Path, 
 @pytest.mark.parametrize(
     ("value", "told"),
     [("1/1000", "<U6 ()"), (np.full(7, 1e-4), "float64 (7,)"), (None, "object ()"), (True, "bool ()")],
-    ids=["words", "several", "nothing", "a truth"],
+    ids=["text", "several", "none", "bool"],
 )
 @pytest.mark.parametrize("name", ["exposure_s", "frame_rate"])
-def test_a_scalar_of_an_npz_that_is_no_number_is_noted_and_not_used(
+def test_an_npz_scalar_that_is_not_a_number_is_noted_and_not_used(
     tmp_path: Path, name: str, value: object, told: str
 ) -> None:
     np.savez(tmp_path / "a.npz", images=IMAGES, **{name: value})  # type: ignore[arg-type]
     with open_recording(tmp_path / "a.npz") as recording:
         assert getattr(recording, name) is None
-        assert f"{name} in the file is {told} and no single number, so it is not used" in " ".join(recording.notes)
+        assert f"{name} in the file is {told}, not a single number, so it is not used" in " ".join(recording.notes)
         np.testing.assert_array_equal(recording.images(0, 2), IMAGES[:2])
 
 
-def test_an_npz_with_several_stacks_is_refused_by_their_names(tmp_path: Path) -> None:
+def test_the_refusal_of_an_npz_with_several_stacks_names_them(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", left=IMAGES, right=IMAGES)
     with pytest.raises(ValueError, match=r"left.*right"):
         open_recording(tmp_path / "a.npz")
@@ -72,13 +72,13 @@ def test_colour_becomes_grey(tmp_path: Path) -> None:
     ],
     ids=["one image", "no image", "two channels", "complex", "text", "nan", "objects"],
 )
-def test_arrays_that_are_no_images_are_refused(tmp_path: Path, array: np.ndarray) -> None:
+def test_arrays_other_than_images_are_refused(tmp_path: Path, array: np.ndarray) -> None:
     np.save(tmp_path / "a.npy", array)
     with pytest.raises(ValueError, match=r"a\.npy"):
         open_recording(tmp_path / "a.npy")
 
 
-def test_a_value_that_is_not_finite_is_refused_by_its_image(tmp_path: Path) -> None:
+def test_the_refusal_of_an_infinite_value_names_its_image(tmp_path: Path) -> None:
     array = np.zeros((4, 4, 4))
     array[2, 1, 1] = np.inf
     np.save(tmp_path / "a.npy", array)

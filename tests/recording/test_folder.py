@@ -35,21 +35,21 @@ def test_colour_becomes_grey_and_transparency_is_ignored(tmp_path: Path, channel
     np.testing.assert_allclose(recording.images(0, 1)[0], colour[..., :3] @ [0.299, 0.587, 0.114], rtol=1e-6)
 
 
-def test_an_image_of_another_size_is_named(tmp_path: Path) -> None:
+def test_the_refusal_of_an_image_of_another_size_names_the_file(tmp_path: Path) -> None:
     write_png(tmp_path / "a1.png", IMAGES[0])
     write_png(tmp_path / "a2.png", IMAGES[0, :4])
     with pytest.raises(ValueError, match=r"a2\.png"):
         open_recording(tmp_path)
 
 
-def test_an_image_of_another_kind_is_named(tmp_path: Path) -> None:
+def test_the_refusal_of_an_image_of_another_kind_names_the_file(tmp_path: Path) -> None:
     write_png(tmp_path / "a1.png", IMAGES[0])
     tifffile.imwrite(tmp_path / "a2.tif", IMAGES[0])
     with pytest.raises(ValueError, match=r"a2\.tif"):
         open_recording(tmp_path)
 
 
-def test_other_files_are_left_out_and_other_images_noted(tmp_path: Path) -> None:
+def test_other_files_are_ignored_and_other_images_noted(tmp_path: Path) -> None:
     write_png(tmp_path / "a1.png", IMAGES[0])
     (tmp_path / "notes.txt").write_text("x")
     (tmp_path / "._a1.png").write_text("x")
@@ -64,7 +64,7 @@ def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
         open_recording(tmp_path)
 
 
-def test_a_misnamed_image_says_what_it_looks_like(tmp_path: Path) -> None:
+def test_the_refusal_of_a_misnamed_image_states_its_type(tmp_path: Path) -> None:
     write_png(tmp_path / "a.tif", IMAGES[0])
     with pytest.raises(ValueError, match="a PNG image"):
         open_recording(tmp_path)
@@ -79,7 +79,7 @@ def test_a_misnamed_image_says_what_it_looks_like(tmp_path: Path) -> None:
         ((7,), ""),
     ],
 )
-def test_numbers_that_are_missing_are_noted(tmp_path: Path, numbers: tuple[int, ...], missing: str) -> None:
+def test_missing_numbers_are_noted(tmp_path: Path, numbers: tuple[int, ...], missing: str) -> None:
     for number in numbers:
         write_png(tmp_path / f"run2_{number:04d}.png", IMAGES[0])
     notes = " ".join(open_recording(tmp_path).notes)

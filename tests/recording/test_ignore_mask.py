@@ -1,4 +1,4 @@
-"""Regions that are not to be used."""
+"""Ignored regions of the image."""
 
 import imagecodecs
 import numpy as np
@@ -7,21 +7,21 @@ import pytest
 from torchsphere.recording.ignore_mask import hides_ball, inside_polygon, read_ignore, without_effect
 
 
-def test_a_rectangle_covers_the_pixels_whose_centres_it_holds() -> None:
+def test_a_rectangle_covers_the_pixels_with_their_centres_inside() -> None:
     mask = inside_polygon(np.array([[1.5, 0.5], [4.5, 0.5], [4.5, 2.5], [1.5, 2.5]]), (5, 8))
     expected = np.zeros((5, 8), dtype=bool)
     expected[1:3, 2:5] = True
     np.testing.assert_array_equal(mask, expected)
 
 
-def test_a_concave_polygon_leaves_its_bay_open() -> None:
+def test_a_concave_polygon_leaves_out_its_bay() -> None:
     mask = inside_polygon(np.array([[0, 0], [10, 0], [10, 10], [5, 5], [0, 10]]) - 0.1, (12, 12))
     assert mask[2, 5]
     assert not mask[8, 5]
     assert mask[8, 1]
 
 
-def test_polygons_and_mask_images_add_up(tmp_path) -> None:
+def test_polygons_and_mask_images_are_united(tmp_path) -> None:
     image = np.zeros((20, 30), dtype=np.uint8)
     image[0, 0] = 255
     (tmp_path / "mask.png").write_bytes(imagecodecs.png_encode(image))
@@ -33,7 +33,7 @@ def test_polygons_and_mask_images_add_up(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("text", ["1,2 3,4", "a,b c,d e,f", "1,2 3,4 5", "1,2 3,4 nan,5", "missing.png"])
-def test_what_is_no_region_is_refused(text: str) -> None:
+def test_invalid_regions_are_refused(text: str) -> None:
     with pytest.raises((ValueError, OSError), match=text.split(" ", maxsplit=1)[0]):
         read_ignore([text], (20, 30))
 
@@ -44,32 +44,32 @@ def test_a_mask_of_another_size_is_refused(tmp_path) -> None:
         read_ignore([str(tmp_path / "mask.png")], (20, 30))
 
 
-def test_the_shape_of_a_transparent_mask_is_not_seen_and_the_sentence_says_why(tmp_path) -> None:
+def test_the_warning_on_a_transparent_mask_says_that_transparency_is_not_read(tmp_path) -> None:
     image = np.zeros((20, 30, 4), dtype=np.uint8)
     image[5:9, 5:9, 3] = 255
     (tmp_path / "alpha.png").write_bytes(imagecodecs.png_encode(image))
-    (told,) = without_effect([str(tmp_path / "alpha.png")], (20, 30))
-    assert "transparency is not read" in told
+    (warning,) = without_effect([str(tmp_path / "alpha.png")], (20, 30))
+    assert "transparency is not read" in warning
 
 
-def test_a_mask_over_the_ball_is_told_with_its_share() -> None:
+def test_the_warning_on_a_mask_over_the_ball_states_its_share() -> None:
     ball = inside_polygon(np.array([[2.5, 2.5], [17.5, 2.5], [17.5, 17.5], [2.5, 17.5]]), (20, 30))
-    (told,) = hides_ball(ball, 10.0, 10.0, 5.0, 3)
-    assert told.startswith("--ignore covers 100 % of the ball in frame 3; ")
-    assert "invert" in told
+    (warning,) = hides_ball(ball, 10.0, 10.0, 5.0, 3)
+    assert warning.startswith("--ignore covers 100 % of the ball in frame 3; ")
+    assert "invert" in warning
     assert hides_ball(~ball, 10.0, 10.0, 5.0, 3) == ()
     assert hides_ball(None, 10.0, 10.0, 5.0, 3) == ()
 
 
-def test_a_region_that_covers_nothing_is_told_and_one_that_covers_all_is_refused(tmp_path) -> None:
+def test_an_empty_region_is_warned_of_and_a_full_region_is_refused(tmp_path) -> None:
     (tmp_path / "black.png").write_bytes(imagecodecs.png_encode(np.zeros((20, 30), dtype=np.uint8)))
     (tmp_path / "white.png").write_bytes(imagecodecs.png_encode(np.full((20, 30), 255, dtype=np.uint8)))
     texts = ["0,0 9,0 9,9", "100,100 110,100 110,110", str(tmp_path / "black.png"), ""]
-    told = without_effect(texts, (20, 30))
-    assert len(told) == 3
-    assert "--ignore '100,100 110,100 110,110' covers no pixel of the 30 x 20 px" in told[0]
-    assert "black.png" in told[1]
-    assert "transparency" not in told[0]
-    assert "its transparency is not read: paint the region white" in told[1]
+    warnings = without_effect(texts, (20, 30))
+    assert len(warnings) == 3
+    assert "--ignore '100,100 110,100 110,110' covers no pixel of the 30 x 20 px" in warnings[0]
+    assert "black.png" in warnings[1]
+    assert "transparency" not in warnings[0]
+    assert "its transparency is not read: paint the region white" in warnings[1]
     with pytest.raises(ValueError, match=r"leaves nothing of the recording.* transparency is not read"):
         read_ignore([str(tmp_path / "white.png")], (20, 30))

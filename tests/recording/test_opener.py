@@ -1,4 +1,4 @@
-"""What is refused, and how; the contract of Recording."""
+"""Refusals of files, and the contract of Recording."""
 
 import os
 import subprocess
@@ -71,7 +71,7 @@ WRITERS = [_tiff, _plain_tiff, _png, _npy, _npz, _cine, _cihx, _cih, _avi]
 
 
 def _refused(path: Path) -> bool:
-    """Open and read all: was it refused? Anything but the two promised kinds of error fails the test."""
+    """Whether opening or reading raises one of the two documented types of error; other errors fail the test."""
     target = path.parent if path.suffix == ".png" else path
     try:
         with open_recording(target) as recording:
@@ -93,8 +93,8 @@ def test_cut_files_raise_only_value_and_os_errors(tmp_path: Path, write: Callabl
     for length in sorted({1, 3, 8, 20, 45, 90, 129, len(data) // 2, len(data) - 40, len(data) - 1}):
         path.write_bytes(data[: max(1, length)])
         refused[length] = _refused(path)
-    # The last bytes may be padding or an index; without half of its bytes no recording is whole.
-    assert all(was for length, was in refused.items() if length <= len(data) // 2), refused
+    # The last bytes may be padding or an index; a recording needs more than half of its bytes.
+    assert all(is_refused for length, is_refused in refused.items() if length <= len(data) // 2), refused
 
 
 @pytest.mark.parametrize("write", WRITERS)
@@ -109,11 +109,11 @@ def test_flipped_bits_raise_only_value_and_os_errors(tmp_path: Path, write: Call
             broken[at] ^= 1 << int(rng.integers(0, 8))
         path.write_bytes(broken)
         refused.append(_refused(path))
-    # Most flips fall on what the reader needs; a reader that minds none of them does not look.
+    # Most flips change bytes that the reader needs, so a reader without any refusal checks nothing.
     assert any(refused)
 
 
-def test_importing_loads_neither_the_video_library_nor_torch() -> None:
+def test_importing_loads_neither_video_nor_figure_libraries() -> None:
     code = (
         "import sys, torchsphere.recording.opener; print([m for m in ('av', 'cv2', 'matplotlib') if m in sys.modules])"
     )
@@ -129,7 +129,7 @@ def test_a_missing_path_and_an_empty_file_are_refused(tmp_path: Path) -> None:
         open_recording(tmp_path / "a.tif")
 
 
-def test_an_unsupported_suffix_lists_what_is_supported(tmp_path: Path) -> None:
+def test_the_refusal_of_a_suffix_lists_the_supported_suffixes(tmp_path: Path) -> None:
     (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
     with pytest.raises(ValueError, match=r"an HDF5 file.*\.cine"):
         open_recording(tmp_path / "a.h5")
@@ -146,14 +146,14 @@ def test_an_unsupported_suffix_lists_what_is_supported(tmp_path: Path) -> None:
         ("a.cihx", b"nothing of the kind", "text"),
     ],
 )
-def test_a_misnamed_file_says_what_it_looks_like(tmp_path: Path, name: str, content: bytes, look: str) -> None:
+def test_the_refusal_of_a_misnamed_file_states_its_type(tmp_path: Path, name: str, content: bytes, look: str) -> None:
     (tmp_path / name).write_bytes(content)
     with pytest.raises(ValueError, match=look):
         open_recording(tmp_path / name)
 
 
 @pytest.mark.parametrize("span", [(-1, 2), (2, 2), (3, 2), (0, 5), (0.0, 2), ("a", "b")])
-def test_a_range_that_does_not_fit_is_refused(tmp_path: Path, span: tuple[int, int]) -> None:
+def test_a_range_outside_the_recording_is_refused(tmp_path: Path, span: tuple[int, int]) -> None:
     recording = open_recording(_npy(tmp_path))
     with pytest.raises(ValueError, match="the recording has 4"):
         recording.images(*span)
@@ -200,7 +200,7 @@ def test_memory_does_not_grow_with_the_images_read(tmp_path: Path, suffix: str) 
         (np.zeros((3, 8, 8)), "got ndarray; give it to torchsphere.track as it is"),
     ],
 )
-def test_what_is_no_path_is_refused_in_a_sentence(given: Any, sentence: str) -> None:
+def test_objects_other_than_paths_are_refused_in_a_sentence(given: Any, sentence: str) -> None:
     with pytest.raises(TypeError, match=sentence) as caught:
         open_recording(given)
     assert "expected the path of a recording" in str(caught.value)

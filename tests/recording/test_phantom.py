@@ -7,7 +7,7 @@ import pytest
 from writers import write_cine
 
 from torchsphere.recording import open_recording
-from torchsphere.recording.linearisation import linear_12_bit
+from torchsphere.recording.packed import linear_12_bit
 
 RNG = np.random.default_rng(2)
 
@@ -20,7 +20,7 @@ def test_levels_and_orientation_are_as_written(tmp_path: Path, bits: int) -> Non
     np.testing.assert_array_equal(recording.images(2, 3), images[2:3])
 
 
-def test_ten_bit_codes_are_linearised_and_said_to_be(tmp_path: Path) -> None:
+def test_ten_bit_codes_are_linearised_and_noted(tmp_path: Path) -> None:
     codes = np.arange(1024).reshape(2, 16, 32)
     recording = open_recording(write_cine(tmp_path / "a.cine", codes, bits=10, real_bits=10))
     np.testing.assert_array_equal(recording.images(0, 2), linear_12_bit()[codes])
@@ -69,7 +69,7 @@ def test_a_cut_file_is_refused(tmp_path: Path) -> None:
         open_recording(path)
 
 
-def test_a_header_that_claims_a_billion_images_is_refused(tmp_path: Path) -> None:
+def test_a_header_that_states_a_billion_images_is_refused(tmp_path: Path) -> None:
     path = write_cine(tmp_path / "a.cine", np.zeros((1, 4, 4), int), bits=8)
     data = bytearray(path.read_bytes())
     data[20:24] = (10**9).to_bytes(4, "little")
@@ -86,14 +86,14 @@ def test_a_header_that_claims_a_billion_images_is_refused(tmp_path: Path) -> Non
         ("pyidi_small", (235, 32, 256), 12, 100, 7e-5, 0),
     ],
 )
-def test_real_files_give_their_facts(
+def test_real_files_give_the_facts_of_their_headers(
     shared_data: Path, name: str, shape: tuple[int, int, int], depth: int, rate: float, exposure: float, first: int
 ) -> None:
     recording = open_recording(shared_data / "phantom" / f"{name}.cine")
     assert recording.shape == shape
     assert (recording.bit_depth, recording.frame_rate, recording.trigger_offset_frames) == (depth, rate, first)
     assert recording.exposure_s == pytest.approx(exposure)
-    # Readers that misplace the first image of these files give an empty one.
+    # Readers that misplace the first image of these files give an empty image.
     assert recording.images(0, 15).mean(axis=(1, 2)).min() > 50
 
 

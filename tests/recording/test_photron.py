@@ -15,7 +15,9 @@ RNG = np.random.default_rng(1)
 @pytest.mark.parametrize(
     ("bits", "depth", "side"), [(8, 8, "Lower"), (12, 12, "Lower"), (16, 12, "Lower"), (16, 12, "Higher")]
 )
-def test_every_storage_gives_the_written_levels(tmp_path: Path, bits: int, depth: int, side: str, text: bool) -> None:
+def test_every_storage_format_gives_the_written_levels(
+    tmp_path: Path, bits: int, depth: int, side: str, text: bool
+) -> None:
     images = RNG.integers(0, 2**depth, (5, 6, 8))
     header = write_mraw(tmp_path / "a", images, bits=bits, depth=depth, side=side, text=text)
     for path in (header, tmp_path / "a.mraw"):
@@ -32,7 +34,7 @@ def test_the_shutter_is_a_time_in_both_headers(tmp_path: Path) -> None:
     assert open_recording(write_mraw(tmp_path / "b", images, bits=8, depth=8)).exposure_s == 1 / 50000
 
 
-def test_the_start_frame_counts_from_the_trigger_only_where_the_header_says_so(tmp_path: Path) -> None:
+def test_the_start_frame_counts_from_the_trigger_only_if_the_header_says_so(tmp_path: Path) -> None:
     images = np.zeros((1, 2, 2), int)
     start = write_mraw(tmp_path / "a", images, bits=8, depth=8, text=True)
     random = write_mraw(tmp_path / "b", images, bits=8, depth=8, text=True, Trigger_Mode="Random")
@@ -42,7 +44,7 @@ def test_the_start_frame_counts_from_the_trigger_only_where_the_header_says_so(t
     assert open_recording(write_mraw(tmp_path / "c", images, bits=8, depth=8)).trigger_offset_frames == -7
 
 
-def test_a_saving_step_is_noted_with_the_rate_it_implies(tmp_path: Path) -> None:
+def test_a_saving_step_is_noted_with_its_frame_rate(tmp_path: Path) -> None:
     header = write_mraw(tmp_path / "a", np.zeros((1, 2, 2), int), bits=8, depth=8, text=True, Save_Step="4")
     assert "5000" in open_recording(header).notes[-1]
 
@@ -80,11 +82,11 @@ def test_a_real_packed_recording_is_a_smooth_image(shared_data: Path) -> None:
     assert recording.shape == (15, 384, 384)
     assert (recording.frame_rate, recording.exposure_s, recording.bit_depth) == (30000, 1 / 50000, 12)
     ball = recording.images(0, 1)[0, 150:230, 150:230]
-    # In the right order neighbours along a row differ as little as along a column; in a wrong one 10 times as much.
+    # Neighbours along a row differ as little as along a column; in a wrong order they differ 10 times as much.
     assert np.abs(np.diff(ball, axis=1)).mean() < 1.2 * np.abs(np.diff(ball, axis=0)).mean()
 
 
-def test_a_real_16_bit_recording_gives_its_facts(shared_data: Path) -> None:
+def test_a_real_16_bit_recording_gives_the_facts_of_its_header(shared_data: Path) -> None:
     recording = open_recording(shared_data / "photron" / "beam.cihx")
     assert recording.shape == (4, 80, 1024)
     assert (recording.frame_rate, recording.exposure_s, recording.bit_depth) == (50000, 1 / 200000, 12)

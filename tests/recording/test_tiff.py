@@ -36,7 +36,7 @@ def test_every_layout_gives_the_written_levels(tmp_path: Path, options: dict[str
         assert recording.frame_rate is None
 
 
-def test_a_stack_with_a_single_page_for_all_images_is_read_whole(tmp_path: Path) -> None:
+def test_all_images_of_a_stack_with_a_single_page_are_read(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a.tif", IMAGES, photometric="minisblack", metadata={"axes": "TYX"}, truncate=True)
     with tifffile.TiffFile(tmp_path / "a.tif") as tif:
         assert len(tif.pages) == 1
@@ -111,7 +111,7 @@ def test_a_cut_file_is_refused(tmp_path: Path, keep: float) -> None:
         open_recording(tmp_path / "a.tif").images(0, 6)
 
 
-def test_a_file_that_is_cut_while_it_is_open_is_refused_and_what_is_left_can_be_read(tmp_path: Path) -> None:
+def test_a_file_cut_while_open_is_refused_and_its_remaining_images_are_read(tmp_path: Path) -> None:
     path = tmp_path / "a.tif"
     tifffile.imwrite(path, IMAGES, photometric="minisblack")
     with tifffile.TiffFile(path) as tif:
@@ -126,7 +126,7 @@ def test_a_file_that_is_cut_while_it_is_open_is_refused_and_what_is_left_can_be_
 
 @pytest.mark.parametrize("compression", [None, "zlib"])
 @pytest.mark.parametrize("kind", ["<u1", "<u2", ">u2", "<i2", "<u4", "<f4", "<f8"])
-def test_levels_of_every_kind_come_as_they_are_stored(tmp_path: Path, kind: str, compression: str | None) -> None:
+def test_levels_of_every_type_are_read_as_stored(tmp_path: Path, kind: str, compression: str | None) -> None:
     stored = np.random.default_rng(3).integers(0, 120, (3, 7, 9)).astype(kind)
     order = ">" if kind[0] == ">" else "<"
     tifffile.imwrite(

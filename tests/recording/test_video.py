@@ -36,45 +36,45 @@ def test_grey_video_is_bit_exact_forwards_and_backwards(tmp_path: Path, pixels: 
         assert "25 frames/s" in " ".join(recording.notes)
 
 
-@pytest.fixture(params=[0, 2**28], ids=["no room", "room"])
-def room(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
-    """Bytes that a video's images may be kept in."""
-    monkeypatch.setattr(cursor, "KEPT_BYTES", request.param)
+@pytest.fixture(params=[0, 2**28], ids=["no cache", "cache"])
+def cache_bytes(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
+    """Limit of the cache of decoded images, bytes."""
+    monkeypatch.setattr(cursor, "CACHE_BYTES", request.param)
     return int(request.param)
 
 
-def test_steps_back_within_what_is_held_do_not_decode_from_the_start(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int
+def test_steps_back_to_recent_images_do_not_decode_from_the_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cache_bytes: int
 ) -> None:
     images = RNG.integers(0, 256, (150, 16, 16)).astype(np.uint8)
     with open_recording(write_video(tmp_path / "long.avi", images, "gray")) as recording:
         opened = []
-        really = av.open
-        monkeypatch.setattr(av, "open", lambda *args, **options: opened.append(1) or really(*args, **options))
+        original = av.open
+        monkeypatch.setattr(av, "open", lambda *args, **options: opened.append(1) or original(*args, **options))
         for start, stop in ((0, 32), (31, 63), (40, 41), (10, 20), (62, 140), (100, 150), (90, 95)):
             np.testing.assert_array_equal(recording.images(start, stop), images[start:stop])
         assert len(opened) == 1
         np.testing.assert_array_equal(recording.images(3, 5), images[3:5])
-        assert len(opened) == (1 if room else 2)
+        assert len(opened) == (1 if cache_bytes else 2)
 
 
-def test_images_are_decoded_once_as_long_as_there_is_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_images_are_decoded_once_until_the_cache_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     images = RNG.integers(0, 256, (300, 16, 16)).astype(np.uint8)
     path = write_video(tmp_path / "long.avi", images, "gray")
     decoded = []
-    really = cursor.Cursor._advance
+    original = cursor.Cursor._advance
 
     def advance(self: cursor.Cursor) -> object:
         decoded.append(self._next)
-        return really(self)
+        return original(self)
 
     monkeypatch.setattr(cursor.Cursor, "_advance", advance)
-    monkeypatch.setattr(cursor, "KEPT_BYTES", 200 * 16 * 16)
+    monkeypatch.setattr(cursor, "CACHE_BYTES", 200 * 16 * 16)
     with open_recording(path) as recording:
         for start, stop in ((0, 300), (100, 101), (30, 90), (195, 199), (5, 105), (0, 200)):
             np.testing.assert_array_equal(recording.images(start, stop), images[start:stop])
         assert decoded == list(range(300))
-        # What there was no room for, and is not among the last, is decoded again.
+        # Images that are neither in the cache nor recent are decoded again.
         np.testing.assert_array_equal(recording.images(190, 210), images[190:210])
         assert len(decoded) > 300
         recording.close()
@@ -89,24 +89,24 @@ def drift(n: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv", ".avi"])
-def test_images_out_of_order_are_those_that_come_in_order(
-    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch, room: int
+def test_images_read_out_of_order_equal_images_read_in_order(
+    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch, cache_bytes: int
 ) -> None:
     path = write_video(tmp_path / f"a{suffix}", drift(200), "yuv420p", "mpeg4")
     in_order = open_recording(path).images(0, 200)
     assert len(np.unique(in_order, axis=0)) > 40
     with open_recording(path) as recording:
         opened = []
-        really = av.open
-        monkeypatch.setattr(av, "open", lambda *args, **options: opened.append(1) or really(*args, **options))
+        original = av.open
+        monkeypatch.setattr(av, "open", lambda *args, **options: opened.append(1) or original(*args, **options))
         for start in RNG.integers(0, 198, 40):
             np.testing.assert_array_equal(recording.images(start, start + 2), in_order[start : start + 2])
-        # From key images, but for the first dozen, which are decoded from the start.
+        # Key images are the start, except for the first dozen images.
         assert len(opened) < 10
 
 
-@pytest.mark.usefixtures("room")
-def test_a_video_whose_key_image_is_not_found_is_decoded_from_its_start(
+@pytest.mark.usefixtures("cache_bytes")
+def test_a_video_without_the_requested_key_image_is_decoded_from_its_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_video(tmp_path / "a.mp4", drift(200), "yuv420p", "mpeg4")
@@ -130,16 +130,14 @@ class InOrder:
         return getattr(self._container, name)
 
 
-@pytest.mark.usefixtures("room")
-def test_a_video_in_which_nothing_can_be_sought_is_decoded_from_its_start(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.usefixtures("cache_bytes")
+def test_a_video_without_seeking_is_decoded_from_its_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_video(tmp_path / "a.mp4", drift(200), "yuv420p", "mpeg4")
     in_order = open_recording(path).images(0, 200)
     name = "torchsphere.recording.cursor.Cursor"
-    really = cursor.Cursor._open
+    original = cursor.Cursor._open
     with open_recording(path) as recording:
-        monkeypatch.setattr(f"{name}._open", lambda self: InOrder(really(self)))
+        monkeypatch.setattr(f"{name}._open", lambda self: InOrder(original(self)))
         for start in (150, 20, 190):
             np.testing.assert_array_equal(recording.images(start, start + 2), in_order[start : start + 2])
 
@@ -171,7 +169,7 @@ def test_a_missing_library_names_the_extra_to_install(tmp_path: Path, monkeypatc
 
 
 @pytest.mark.parametrize(("name", "shape"), [("sample.mp4", (300, 288, 384)), ("3axis0.avi", (100, 640, 640))])
-def test_real_videos_give_their_facts(shared_data: Path, name: str, shape: tuple[int, int, int]) -> None:
+def test_real_videos_give_the_facts_of_their_headers(shared_data: Path, name: str, shape: tuple[int, int, int]) -> None:
     with open_recording(shared_data / "fictrac" / name) as recording:
         assert recording.shape == shape
         assert recording.frame_rate is None

@@ -100,7 +100,7 @@ def test_an_error_leaves_no_process_and_no_folder(short: Path, tmp_path: Path, m
 def test_a_long_recording_is_drawn_without_the_process(
     short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(measuring, "DRAWN_BESIDE_FRAMES", 7)
+    monkeypatch.setattr(measuring, "PARALLEL_DRAWING_FRAMES", 7)
     monkeypatch.setattr(draw, "ProcessPoolExecutor", refuse)
     assert (tracked(short, tmp_path / "out") / "report.html").is_file()
 

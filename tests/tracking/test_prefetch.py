@@ -174,7 +174,7 @@ def test_no_batch_is_begun_where_two_are_too_large_to_keep_or_no_pair_is_left(
 ) -> None:
     batches = Prefetcher(counted(made)[0], SETUP)
     batches.prefetch(state_in(made, 0), first, 0)
-    monkeypatch.setattr(prefetch, "KEPT_BYTES", first.images.nbytes - 1)
+    monkeypatch.setattr(prefetch, "CACHE_BYTES", first.images.nbytes - 1)
     batches.prefetch(state_in(made, 0), first, NEXT)
     assert batches._begun is None
 

@@ -21,6 +21,8 @@ _SCALARS = ("frame_rate", "exposure_s")
 
 @dataclass(frozen=True)
 class _Layout:
+    """An array as the header of its NPY file describes it."""
+
     shape: tuple[int, ...]
     fortran: bool
     dtype: np.dtype[Any]
@@ -35,23 +37,7 @@ class _Layout:
 
 
 def open_npy(path: Path) -> Recording:
-    """Open an array of images ``(n, h, w)`` or ``(n, h, w, 3)``, mapped into memory.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    Recording
-
-    Raises
-    ------
-    ValueError
-        Where the array is not numeric, has other dimensions, or its first image is not finite.
-    OSError
-        Where the file is cut or damaged.
-    """
+    """Open an array of images ``(n, h, w)`` or ``(n, h, w, 3)``, mapped into memory."""
     with path.open("rb") as file:
         layout = _read_layout(path, file)
     _require_images(path, layout)
@@ -63,7 +49,7 @@ def open_npy(path: Path) -> Recording:
         )
 
     def read(start: int, stop: int) -> NDArray[Any]:
-        # Mapped anew each time: pages of earlier images do not stay with the process.
+        # A new mapping for each call: the process keeps no pages of earlier images.
         with library_failures(path, "a NumPy array"):
             order = "F" if layout.fortran else "C"
             stack = np.memmap(path, layout.dtype, "r", layout.data_at, layout.shape, order)  # type: ignore[call-overload]
@@ -73,31 +59,17 @@ def open_npy(path: Path) -> Recording:
 
 
 def open_npz(path: Path) -> Recording:
-    """Open the only array of images in an archive, read as a stream and never whole.
+    """Open the only array of images in an archive, as a stream of images.
 
-    Parameters
-    ----------
-    path : Path
-        Beside the images it may hold the scalars ``frame_rate`` (1/s) and ``exposure_s``.
-
-    Returns
-    -------
-    Recording
-
-    Raises
-    ------
-    ValueError
-        Where there is not exactly one array of images, or it is not numeric.
-    OSError
-        Where the archive is cut or damaged.
+    The archive may also hold the scalars ``frame_rate`` (1/s) and ``exposure_s``.
     """
     layouts, scalars = _members(path)
     stacks = [name for name, layout in layouts.items() if len(layout.shape) >= 3]
     if len(stacks) != 1:
-        there = ", ".join(f"{name.removesuffix('.npy')}: {layout}" for name, layout in layouts.items()) or "nothing"
+        found = ", ".join(f"{name.removesuffix('.npy')}: {layout}" for name, layout in layouts.items()) or "nothing"
         raise ValueError(
             f"{path}: holds {len(stacks)} arrays of images, expected exactly one of shape (n, h, w); "
-            f"there are {there}; save the images alone"
+            f"found {found}; save the images alone"
         )
     member, layout = stacks[0], layouts[stacks[0]]
     _require_images(path, layout)
@@ -107,16 +79,13 @@ def open_npz(path: Path) -> Recording:
             "save numpy.ascontiguousarray of them"
         )
     stream = _Stream(path, member, layout)
-    return _recording(path, layout, stream.read, scalars, stream, _not_read(layouts))
-
-
-def _not_read(layouts: dict[str, _Layout]) -> tuple[str, ...]:
-    """Notes on what has the name of a scalar and is none."""
-    return tuple(
-        f"{name} in the file is {layouts[f'{name}.npy']} and no single number, so it is not used; save it as one."
+    # The scalars that are single numbers were taken out of the layouts.
+    notes = tuple(
+        f"{name} in the file is {layouts[f'{name}.npy']}, not a single number, so it is not used; save it as a number."
         for name in _SCALARS
         if f"{name}.npy" in layouts
     )
+    return _recording(path, layout, stream.read, scalars, stream, notes)
 
 
 def _read_layout(path: Path, file: IO[bytes]) -> _Layout:
@@ -148,9 +117,10 @@ def _recording(
     read: Reader,
     scalars: dict[str, float],
     stream: _Stream | None = None,
-    doubts: tuple[str, ...] = (),
+    notes: tuple[str, ...] = (),
 ) -> Recording:
-    notes: tuple[str, ...] = doubts if "frame_rate" in scalars else (*doubts, "The file states no frame rate.")
+    if "frame_rate" not in scalars:
+        notes += ("The file states no frame rate.",)
     if len(layout.shape) == 4:
         notes += (GREY_NOTE,) + ((ALPHA_NOTE,) if layout.shape[3] == 4 else ())
     depth = 8 if layout.dtype == np.uint8 else None
@@ -184,10 +154,10 @@ def _members(path: Path) -> tuple[dict[str, _Layout], dict[str, float]]:
             layout = _read_layout(path, file)
             name = info.filename.removesuffix(".npy")
             value = file.read(layout.dtype.itemsize) if name in _SCALARS and prod(layout.shape) == 1 else b""
-        # Of Python objects the header states no size; they are never loaded.
+        # The header states no size for Python objects, which are never loaded.
         if not layout.dtype.hasobject and layout.data_at + layout.nbytes != info.file_size:
             raise OSError(
-                f"{path}: array {name} states {layout}, but its data have another size; it is cut, copy it again"
+                f"{path}: array {name} states {layout}, but its data have another size; the file is cut, copy it again"
             )
         if value and layout.dtype.kind in "uif":
             scalars[name] = float(np.frombuffer(value, layout.dtype)[0])
@@ -199,46 +169,36 @@ def _members(path: Path) -> tuple[dict[str, _Layout], dict[str, float]]:
 
 
 class _Stream:
-    """Reads images of one archive member forwards and starts again when asked for an earlier one."""
+    """Images of one archive member, read forwards; the member is opened again for an earlier image."""
 
     def __init__(self, path: Path, member: str, layout: _Layout) -> None:
         self._path, self._member, self._layout = path, member, layout
         self._image_bytes = layout.nbytes // layout.shape[0]
-        self._archive: zipfile.ZipFile | None = None
         self._file: IO[bytes] | None = None
-        self._next = 0
-        # Two threads would move the same position.
-        self._lock = threading.Lock()
+        self._lock = threading.Lock()  # threads share the position in the file
 
     def read(self, start: int, stop: int) -> NDArray[Any]:
+        layout, first_byte = self._layout, self._layout.data_at + start * self._image_bytes
         with self._lock, library_failures(self._path, "a NumPy archive"):
-            file = self._at(start)
-            images = np.empty((stop - start, *self._layout.shape[1:]), self._layout.dtype)
+            if self._file is None or self._file.tell() > first_byte:
+                self.close()
+                with zipfile.ZipFile(self._path) as archive:
+                    self._file = archive.open(self._member)
+            # Reading, unlike seeking, keeps the check of the checksum.
+            while (gap := first_byte - self._file.tell()) > 0:
+                self._bytes(self._file, min(gap, self._image_bytes))
+            images = np.empty((stop - start, *layout.shape[1:]), layout.dtype)
             for row in images:
-                row[...] = np.frombuffer(self._one(file), self._layout.dtype).reshape(row.shape)
-            return _grey(images, self._layout)
+                row[...] = np.frombuffer(self._bytes(self._file, self._image_bytes), layout.dtype).reshape(row.shape)
+            return _grey(images, layout)
 
     def close(self) -> None:
         if self._file is not None:
             self._file.close()
-        if self._archive is not None:
-            self._archive.close()
-        self._file = self._archive = None
+        self._file = None
 
-    def _at(self, start: int) -> IO[bytes]:
-        if self._file is None or start < self._next:
-            self.close()
-            self._archive = zipfile.ZipFile(self._path)
-            self._file = self._archive.open(self._member)
-            self._file.read(self._layout.data_at)
-            self._next = 0
-        while self._next < start:
-            self._one(self._file)
-        return self._file
-
-    def _one(self, file: IO[bytes]) -> bytes:
-        data = file.read(self._image_bytes)
-        if len(data) < self._image_bytes:
-            raise EOFError(f"image {self._next} is not whole")
-        self._next += 1
+    def _bytes(self, file: IO[bytes], count: int) -> bytes:
+        data = file.read(count)
+        if len(data) < count:
+            raise EOFError(f"image {(file.tell() - self._layout.data_at) // self._image_bytes} is incomplete")
         return data

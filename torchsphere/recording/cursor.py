@@ -1,7 +1,7 @@
-"""A place in a video, from which images are decoded in order.
+"""A position in a video, from which images are decoded in order.
 
-Where to seek in compressed video lands is not certain. Only a landing on the very key image that was asked for, by its
-time, is believed; from there images are decoded in order. Anything else, and the video is decoded from its start.
+A seek in compressed video may land on another image than the requested key image. The time of the image tells, and
+after a wrong landing the video is decoded from its start.
 """
 
 from __future__ import annotations
@@ -24,16 +24,13 @@ if TYPE_CHECKING:
     import av
     from av.container import InputContainer
 
-#: The last images, which are held so that a batch that is measured a second time is not decoded from the start: with
-#: none, 2000 images took 30 s to follow where their TIFF takes 5. So many are more than a first look at a recording
-#: takes (`torchsphere.tracking.circle_calibration.FRAMES`), which goes over them in several ways.
-HELD = 80
+#: Number of the latest images that are held for a batch that is read again (docs/constants.md).
+RECENT_IMAGES = 80
 
-#: Images are kept up to this many bytes in all: 2000 of 512 x 256 px in 8 bit. The search for the ball, the track, the
-#: background and the report each go over the recording: without, those 2000 were decoded four times, in 12 of 18 s.
-KEPT_BYTES = 2**28
+#: Bytes of decoded images that are kept for later passes over the recording (docs/constants.md).
+CACHE_BYTES = 2**28
 
-#: The library's number for an image that needs no other; some encoders call an image a key that only ends a refresh.
+#: PyAV's picture type of an image that needs no other image; some encoders mark other images as key images.
 INTRA = 1
 
 
@@ -41,24 +38,22 @@ class Cursor:
     """Decodes forwards from image to image, and from a key image where that is nearer."""
 
     def __init__(self, path: Path, reader: str) -> None:
+        self.codec = ""
         self._path, self._reader = path, reader
         self._container: InputContainer | None = None
         self._frames: Iterator[av.VideoFrame] = iter(())
         self._next = self._count = 0
         self._size = (0, 0)
-        # The last images, in order; the newest is the one before `_next`.
-        self._held: deque[NDArray[Any]] = deque(maxlen=HELD)
         self._decode: Callable[[av.VideoFrame], NDArray[Any]] | None = None
-        # Images by their numbers, as many as there is room for.
-        self._kept: dict[int, NDArray[Any]] = {}
-        self._kept_bytes = 0
-        # Times of all images, and numbers of those that begin with themselves; none where that is not known.
+        # The latest images in order; the last has the number `_next` - 1.
+        self._recent: deque[NDArray[Any]] = deque(maxlen=RECENT_IMAGES)
+        self._cache: dict[int, NDArray[Any]] = {}  # by number
+        self._cached_bytes = 0
+        # Times of all images and numbers of the key images; empty where the times are not known.
         self._times: list[int] = []
         self._keys: list[int] = []
         self._jumped = False
-        self.codec = ""
-        # Two threads would move the same position.
-        self._lock = threading.Lock()
+        self._lock = threading.Lock()  # threads share the position
 
     def survey(self) -> tuple[int, float | None]:
         """Count the images and give the playback rate, without decoding."""
@@ -77,7 +72,7 @@ class Cursor:
                     if not packet.is_discard:
                         times.append(packet.pts)
                         keys |= {packet.pts} if packet.is_keyframe else set()
-            # AVI and MP4 state how many images they should hold; other kinds give 0.
+            # AVI and MP4 state the number of their images; for other containers it is 0.
             if stream.frames > whole:
                 raise EOFError(f"{whole} of {stream.frames} images are present")
             known = [time for time in times if time is not None]
@@ -92,49 +87,45 @@ class Cursor:
             return next(iter(container.decode(video=0)))
 
     def expect(self, count: int, size: tuple[int, int], decode: Callable[[av.VideoFrame], NDArray[Any]]) -> None:
-        """Fix what every image must be."""
+        """Set the number of images, their size (h, w), and the function that turns a frame into grey levels."""
         self._count, self._size, self._decode = count, size, decode
 
     def read(self, start: int, stop: int) -> NDArray[np.float32]:
         """Images ``start`` to ``stop - 1``, float32."""
         with self._lock:
-            images = {number: self._kept[number] for number in range(start, stop) if number in self._kept}
-            lacking = [number for number in range(start, stop) if number not in images]
-            if lacking:
-                images |= self._decoded(lacking[0], lacking[-1] + 1)
+            images = {number: self._cache[number] for number in range(start, stop) if number in self._cache}
+            missing = [number for number in range(start, stop) if number not in images]
+            if missing:
+                images |= self._decoded(missing[0], missing[-1] + 1)
             return np.stack([images[number] for number in range(start, stop)]).astype(np.float32)
 
     def _decoded(self, start: int, stop: int) -> dict[int, NDArray[Any]]:
         """Images ``start`` to ``stop - 1`` by their numbers."""
         before = bisect_right(self._keys, start)
         key = self._keys[before - 1] if before else 0
-        is_back = self._container is None or start < self._next - len(self._held)
+        is_back = self._container is None or start < self._next - len(self._recent)
         if key and (is_back or key > self._next):
             self._jump(key)
         elif is_back:
             self._restart()
-        held = self._next - len(self._held)
-        images = {held + i: image for i, image in enumerate(self._held) if start <= held + i < stop}
+        images = {n: image for n, image in enumerate(self._recent, self._next - len(self._recent)) if start <= n < stop}
         while self._next < stop:
             image = self._grey(self._advance())
-            self._held.append(image)
-            images[self._next - 1] = image
-            self._keep(self._next - 1, image)
+            number = self._next - 1
+            self._recent.append(image)
+            images[number] = image
+            if number not in self._cache and self._cached_bytes + image.nbytes <= CACHE_BYTES:
+                self._cache[number] = image
+                self._cached_bytes += image.nbytes
         return images
 
-    def _keep(self, number: int, image: NDArray[Any]) -> None:
-        """Keep an image for those who come back to it, as long as there is room."""
-        if number not in self._kept and self._kept_bytes + image.nbytes <= KEPT_BYTES:
-            self._kept[number] = image
-            self._kept_bytes += image.nbytes
-
-    def _forget(self) -> None:
-        self._kept.clear()
-        self._kept_bytes = 0
+    def _clear_cache(self) -> None:
+        self._cache.clear()
+        self._cached_bytes = 0
 
     def _restart(self) -> None:
-        """Make the first image the next one."""
-        self._let_go()
+        """Go to the first image."""
+        self._release()
         with library_failures(self._path, "a video"):
             self._container = self._open()
             self._container.streams.video[0].thread_type = "AUTO"
@@ -142,12 +133,12 @@ class Cursor:
         self._next, self._jumped = 0, False
 
     def _jump(self, key: int) -> None:
-        """Make the key image of that number the next one, or the first image where that cannot be had."""
+        """Go to the key image of that number, or to the first image where the video cannot seek to it."""
         if self._container is None:
             self._restart()
         assert self._container is not None
         time, frames, frame = self._times[key], self._frames, None
-        # Some videos can only be read in order, and what is damaged is found and named on that way, too.
+        # Some videos can only be read in order; reading in order also finds and names any damage.
         with contextlib.suppress(OSError), library_failures(self._path, "a video"):
             self._container.seek(time, stream=self._container.streams.video[0])
             frames = iter(self._container.decode(video=0))
@@ -157,33 +148,33 @@ class Cursor:
             self._restart()
             return
         self._frames, self._next, self._jumped = itertools.chain((frame,), frames), key, True
-        self._held.clear()
+        self._recent.clear()
 
     def close(self) -> None:
-        """Let go of the file and of all images."""
-        self._let_go()
-        self._forget()
+        """Release the file and all images."""
+        self._release()
+        self._clear_cache()
 
-    def _let_go(self) -> None:
+    def _release(self) -> None:
         if self._container is not None:
             self._container.close()
         self._container, self._frames = None, iter(())
-        self._held.clear()
+        self._recent.clear()
 
     def _advance(self) -> av.VideoFrame:
         with library_failures(self._path, "a video"):
             frame = next(self._frames, None)
         if frame is None:
             present = self._next
-            self._let_go()
+            self._release()
             raise OSError(
-                f"{self._path}: gives {present} images when decoded, its packets promise {self._count}; "
-                "it is cut or damaged, export it again"
+                f"{self._path}: gives {present} images when decoded, but has packets for {self._count}; "
+                "the file is cut or damaged, export it again"
             )
         if self._keys and frame.pts != self._times[self._next]:
-            # Images do not come at the times of their packets: their numbers are by counting alone.
+            # Images and packets have different times, so only counting gives the numbers of images.
             self._keys = []
-            self._forget()
+            self._clear_cache()
             if self._jumped:
                 number = self._next
                 self._restart()
@@ -200,14 +191,12 @@ class Cursor:
                 f"{self._size[1]} x {self._size[0]}; expected one size, export the video again"
             )
         with library_failures(self._path, "a video"):
-            if self._decode is None:
-                raise LookupError("not opened")
-            # A copy, for the frame's memory belongs to the decoder.
+            assert self._decode is not None
+            # The memory of the frame belongs to the decoder, hence the copy.
             return np.array(self._decode(frame))
 
     def _open(self) -> InputContainer:
         try:
-            # Imported here: most recordings need no video library.
             import av
         except ImportError as error:
             raise LibraryMissingError(

@@ -15,46 +15,24 @@ from numpy.typing import NDArray
 
 from torchsphere.recording.recording import MAX_PIXELS, Reader, Recording
 from torchsphere.recording.refusal import PNG_SIGNATURE, library_failures, looks_like
-from torchsphere.recording.tiff import (
-    Page,
-    count_pages,
-    describe,
-    page_image,
-    page_notes,
-)
+from torchsphere.recording.tiff import Page, describe, page_image, page_notes
+from torchsphere.recording.tiff_chain import count_pages
 
 _TIFF, _PNG = (".tif", ".tiff"), (".png",)
 _OTHER_IMAGES = (".jpg", ".jpeg", ".bmp", ".gif", ".webp", ".jp2", ".raw", ".dng")
 _PNG_SAMPLES = {0: 1, 2: 3, 4: 2, 6: 4}  # colour type: channels; 3 is a palette
-# Deflate, which PNG uses, cannot do better than 1032 to 1.
+# Deflate, which PNG uses, compresses 1032 to 1 at most.
 _PNG_MAX_RATIO = 1100
 
 
 def open_folder(path: Path) -> Recording:
-    """Open a folder of images, in the natural order of their names (img2 before img10).
-
-    Parameters
-    ----------
-    path : Path
-        Images of one size and kind, one recording; hidden files and files of other kinds are left out.
-
-    Returns
-    -------
-    Recording
-
-    Raises
-    ------
-    ValueError
-        Where there are no images, or they differ.
-    OSError
-        Where an image is cut or damaged.
-    """
+    """Open a folder of images of one size and kind, in the natural order of their names (img2 before img10)."""
     files, notes = _image_files(path)
     is_png = files[0].suffix.lower() in _PNG
-    look = _png_page if is_png else _tiff_page
-    first = look(files[0])
+    describe_file = _png_page if is_png else _tiff_page
+    first = describe_file(files[0])
     for file in files[1:]:
-        page = look(file)
+        page = describe_file(file)
         if page != first:
             raise ValueError(
                 f"{file}: is {page}, but {files[0].name} is {first}; expected images of one size and kind, "
@@ -75,7 +53,7 @@ def open_folder(path: Path) -> Recording:
 
 
 def read_image(file: Path) -> NDArray[np.float32]:
-    """One TIFF or PNG image (h, w), colour made grey; ValueError or OSError where it is none."""
+    """Grey levels (h, w) of one TIFF or PNG image; raises ValueError or OSError for other files."""
     if not file.is_file():
         raise FileNotFoundError(f"{file}: there is no such file; check the name")
     is_png = file.suffix.lower() in _PNG
@@ -97,10 +75,10 @@ def _image_files(path: Path) -> tuple[tuple[Path, ...], tuple[str, ...]]:
             f"{path}: holds no TIFF or PNG images; expected the images of one recording "
             f"{'in a folder, or name one file of it' if visible else 'in this folder, which is empty'}"
         )
-    stranger = next((f for f in files if (f.suffix.lower() in _PNG) != (files[0].suffix.lower() in _PNG)), None)
-    if stranger is not None:
+    other = next((f for f in files if (f.suffix.lower() in _PNG) != (files[0].suffix.lower() in _PNG)), None)
+    if other is not None:
         raise ValueError(
-            f"{stranger}: is of another kind than {files[0].name}; expected images of one kind, "
+            f"{other}: is of another kind than {files[0].name}; expected images of one kind, "
             "move those of the recording to a folder of their own"
         )
     others = Counter(f.suffix.lower() for f in visible if f.suffix.lower() in _OTHER_IMAGES)
@@ -109,7 +87,7 @@ def _image_files(path: Path) -> tuple[tuple[Path, ...], tuple[str, ...]]:
 
 
 def _gaps(files: list[Path]) -> tuple[str, ...]:
-    """Note on numbers that are missing among the files'."""
+    """A note on missing numbers in the names of the files."""
     found = [re.search(r"([0-9]{1,18})\D*$", file.stem) for file in files]
     numbers = [int(match.group(1)) for match in found if match is not None]
     steps = [after - before for before, after in itertools.pairwise(numbers)]
@@ -120,11 +98,13 @@ def _gaps(files: list[Path]) -> tuple[str, ...]:
     if first is None:
         return ()
     missing = sum(step // usual - 1 for step in steps)
-    lack = f"{missing} of the numbered images are missing, the first of them"
-    if missing == 1:
-        lack = "1 of the numbered images is missing,"
+    gap = (
+        f"{missing} of the numbered images are missing, the first of them"
+        if missing > 1
+        else "1 of the numbered images is missing,"
+    )
     return (
-        f"{lack} between {files[first].name} and {files[first + 1].name}; the images are taken as successive, so "
+        f"{gap} between {files[first].name} and {files[first + 1].name}; the images count as successive, so "
         "motion across a gap comes out too fast.",
     )
 
@@ -185,7 +165,6 @@ def _load_png(file: Path, page: Page) -> NDArray[Any]:
     if _png_page(file) != page:
         raise OSError(f"{file}: changed since the folder was opened; open it again")
     with library_failures(file, "a PNG"):
-        # Loaded only for PNG.
         from imagecodecs import png_decode
 
         return np.asarray(png_decode(file.read_bytes()))

@@ -1,4 +1,4 @@
-"""Which frames of a recording are measured, and those as a recording of their own."""
+"""The range of frames that is measured."""
 
 from __future__ import annotations
 
@@ -6,14 +6,8 @@ from torchsphere.recording import Recording
 from torchsphere.settings.limits import SettingError
 
 
-def frames(asked: tuple[int | None, int | None], count: int) -> tuple[int, int]:
-    """First frame and the one after the last of a recording of ``count``, as asked for.
-
-    Raises
-    ------
-    ValueError
-        If they are not there, or fewer than two.
-    """
+def resolve_range(asked: tuple[int | None, int | None], count: int) -> tuple[int, int]:
+    """First frame and the frame after the last, of ``count`` frames; raises ValueError for fewer than two frames."""
     if count < 2:
         raise ValueError("the recording has one frame; motion needs two or more")
     start, stop = (0 if asked[0] is None else asked[0]), (count if asked[1] is None else asked[1])
@@ -44,8 +38,8 @@ def frames(asked: tuple[int | None, int | None], count: int) -> tuple[int, int]:
     return start, stop
 
 
-def part(recording: Recording, start: int, stop: int) -> Recording:
-    """The frames ``start`` to ``stop`` as a recording of their own."""
+def restrict(recording: Recording, start: int, stop: int) -> Recording:
+    """The frames ``start`` to ``stop - 1`` as a recording."""
     if (start, stop) == (0, len(recording)):
         return recording
     return Recording(

@@ -15,19 +15,7 @@ ALPHA_NOTE = "The transparency channel was ignored."
 
 
 def to_grey(colour: NDArray[Any], *, reverse: bool = False) -> NDArray[np.float32]:
-    """Weigh the first three channels of the last axis.
-
-    Parameters
-    ----------
-    colour : ndarray, shape (..., c)
-        Red, green, blue and what else there is, which is ignored.
-    reverse : bool
-        The order is blue, green, red.
-
-    Returns
-    -------
-    ndarray of float32, shape (...)
-    """
+    """Grey levels (...) of colours (..., c): red, green, blue and further channels, or blue first if ``reverse``."""
     red, green, blue = REC_601[::-1] if reverse else REC_601
     grey: NDArray[np.float32] = np.multiply(colour[..., 0], np.float32(red), dtype=np.float32)
     grey += np.multiply(colour[..., 1], np.float32(green), dtype=np.float32)

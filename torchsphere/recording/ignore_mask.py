@@ -1,4 +1,4 @@
-"""Regions of the image that are not to be used: from mask images and from polygons."""
+"""Regions of the image that are ignored, from mask images and polygons."""
 
 from __future__ import annotations
 
@@ -12,40 +12,30 @@ from numpy.typing import NDArray
 
 from torchsphere.recording.folder import read_image
 
-#: Share of the ball's disc from which a mask that covers it is taken for one that is inverted.
+#: Covered share of the ball's disc from which a mask counts as inverted (docs/constants.md).
 MOST_OF_BALL = 0.7
 
 
 def read_ignore(texts: Sequence[str], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Union of masks (h, w), True where the image is not to be used.
+    """Union of masks (h, w), True where the image is ignored; raises ValueError or OSError for invalid texts.
 
-    Parameters
-    ----------
-    texts : sequence of str
-        Each the name of a PNG image that is not black where the recording is to be ignored, or a polygon as
-        ``x,y x,y x,y``; several polygons in one text are parted by semicolons.
-    shape : tuple of int
-        (h, w) of the recording's images.
-
-    Raises
-    ------
-    ValueError, OSError
-        If a text is neither, the image has another size, or nothing of the recording is left.
+    Each text names a mask image, which is not black where the recording is ignored, or holds polygons as
+    ``x,y x,y x,y``, separated by semicolons.
     """
     mask = np.zeros(shape, dtype=bool)
     for text in texts:
         mask |= _region(text, shape)
     if mask.all():
         raise ValueError(
-            f"ignore {', '.join(texts)}: leaves nothing of the recording's images; what is not black in a mask, or "
-            "within a polygon, is not used, and a mask's transparency is not read; if it is inverted, invert it again"
+            f"ignore {', '.join(texts)}: leaves nothing of the recording's images; pixels that are not black in a mask "
+            "or lie within a polygon, are ignored, and a mask's transparency is not read; invert an inverted mask again"
         )
     return mask
 
 
 def without_effect(texts: Sequence[str], shape: tuple[int, ...]) -> tuple[str, ...]:
-    """Sentences on those of the texts that leave out no pixel of the images (h, w)."""
-    black = "; what is not black in a mask is ignored, and its transparency is not read: paint the region white"
+    """Sentences on the texts that ignore no pixel of the images (h, w)."""
+    black = "; pixels that are not black in a mask are ignored, its transparency is not read: paint the region white"
     return tuple(
         f"Given and without effect: --ignore {text!r} covers no pixel of the {shape[1]} x {shape[0]} px"
         f"{black if _is_image(text) else ''}."
@@ -55,7 +45,7 @@ def without_effect(texts: Sequence[str], shape: tuple[int, ...]) -> tuple[str, .
 
 
 def hides_ball(ignore: NDArray[np.bool_] | None, x: float, y: float, radius: float, frame: int) -> tuple[str, ...]:
-    """A sentence where a mask (h, w) covers most of the ball's disc, px, in a ``frame``, as an inverted one does."""
+    """A sentence if the mask (h, w) covers most of the ball's disc (px) in a frame, as an inverted mask does."""
     if ignore is None:
         return ()
     rows, columns = np.indices(ignore.shape)
@@ -64,8 +54,8 @@ def hides_ball(ignore: NDArray[np.bool_] | None, x: float, y: float, radius: flo
     if share < MOST_OF_BALL:
         return ()
     return (
-        f"--ignore covers {100 * share:.0f} % of the ball in frame {frame}; what is not black in a mask is ignored, so "
-        "invert one that shows the ball in white.",
+        f"--ignore covers {100 * share:.0f} % of the ball in frame {frame}; pixels that are not black in a mask are "
+        "ignored, so invert a mask that shows the ball in white.",
     )
 
 

@@ -1,4 +1,4 @@
-"""Find out what a file is and open it with the reader of its format."""
+"""Open a recording with the reader of its format."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from torchsphere.recording.refusal import looks_like
 from torchsphere.recording.tiff import open_tiff
 from torchsphere.recording.video import open_video
 
-# Suffix: how to open it, and what its first bytes must look like (nothing for headerless data).
+# Suffix: the function that opens the file, and the type of its first bytes (empty where the reader checks).
 _FORMATS: dict[str, tuple[Callable[[Path], Recording], str]] = {
     ".tif": (open_tiff, "a TIFF image"),
     ".tiff": (open_tiff, "a TIFF image"),
@@ -68,17 +68,15 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
         raise ValueError(f"{place}: is neither a file nor a folder; expected a recording")
     if place.stat().st_size == 0:
         raise ValueError(f"{place}: is empty; expected a recording, copy it again")
+    with place.open("rb") as file:
+        look = looks_like(file.read(64))
     if place.suffix.lower() not in _FORMATS:
-        with place.open("rb") as file:
-            look = looks_like(file.read(64))
         single = "; put single images into a folder and open that" if look in ("a PNG image", "a JPEG image") else ""
         raise ValueError(
             f"{place}: looks like {look}; expected a folder of TIFF or PNG images, "
             f"or one of {', '.join(_FORMATS)}{single}"
         )
     opener, expected = _FORMATS[place.suffix.lower()]
-    with place.open("rb") as file:
-        look = looks_like(file.read(64))
     if expected and look != expected:
         raise ValueError(
             f"{place}: looks like {look}, expected {expected} after its name; "
@@ -91,8 +89,7 @@ def _as_path(path: object) -> Path:
     try:
         return Path(path)  # type: ignore[arg-type]
     except TypeError as error:
-        # Images, or a recording that is open already.
-        usable = bool(getattr(path, "shape", ()))
+        usable = bool(getattr(path, "shape", ()))  # images, or an open recording
         raise TypeError(
             f"open_recording: expected the path of a recording or of a folder of images, got {type(path).__name__}; "
             f"{'give it to torchsphere.track as it is' if usable else 'give text or a pathlib.Path'}"

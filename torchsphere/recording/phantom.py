@@ -1,13 +1,14 @@
 """Phantom CINE files.
 
-The layout (three fixed structures, a table of offsets, images each behind an annotation) is public; the offsets below
-were checked on real files of three software versions. Rows of unpacked images run from the bottom up as in a Windows
-bitmap of positive height, rows of packed images from the top down: the readers of FFmpeg, pims and pycine agree.
+The layout is public: three fixed structures, a table of offsets, images each behind an annotation. Real files of three
+software versions confirm the offsets below. As in FFmpeg, pims and pycine, rows of unpacked images run from the bottom
+up (as in a Windows bitmap of positive height), rows of packed images from the top down.
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -16,15 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.recording.grey import GREY_NOTE, to_grey
-from torchsphere.recording.linearisation import TABLE_NOTE, linear_12_bit
-from torchsphere.recording.packed import unpack_10, unpack_12
+from torchsphere.recording.packed import TABLE_NOTE, linear_12_bit, unpack_10, unpack_12
 from torchsphere.recording.recording import MAX_PIXELS, Reader, Recording
 from torchsphere.recording.refusal import looks_like
 
 _FILE_HEADER = struct.Struct("<2sHHHiIiIIII")  # Type ... OffImageOffsets; the trigger's date follows
 _BITMAP_HEADER = struct.Struct("<IiiHHII")  # biSize ... biSizeImage
 _PACKED_10, _PACKED_12 = 256, 1024  # biCompression
-_UNINTERPOLATED = 2  # Compression of the file header: colours still in their mosaic
+_UNINTERPOLATED = 2  # Compression in the file header: the colours are a mosaic
 
 # Fields of SETUP: offset in bytes, format.
 _MARK, _LENGTH = (140, "2s"), (142, "H")
@@ -36,7 +36,7 @@ _SETUP_BYTES = 1572
 
 @dataclass(frozen=True)
 class _Images:
-    """How the images lie in the file."""
+    """Layout of the images in the file."""
 
     path: Path
     shape: tuple[int, int, int]
@@ -48,29 +48,16 @@ class _Images:
     top_down: bool
 
     @property
+    def is_colour(self) -> bool:
+        return self.bits in (24, 48)
+
+    @property
     def image_bytes(self) -> int:
         return self.row_bytes * self.shape[1]
 
 
 def open_phantom(path: Path) -> Recording:
-    """Open a CINE file.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    Recording
-        10-bit packed images are linearised to 12 bit; colour images become grey.
-
-    Raises
-    ------
-    ValueError
-        Where the file is no CINE, or is of a kind that is not supported (JPEG inside, colour mosaic).
-    OSError
-        Where the file is cut or damaged.
-    """
+    """Open a CINE file; 10-bit packed images are linearised to 12 bit, colour images become grey."""
     size = path.stat().st_size
     with path.open("rb") as file:
         head = _at(path, file, 0, _FILE_HEADER.size)
@@ -86,29 +73,29 @@ def open_phantom(path: Path) -> Recording:
             )
         images = _layout(path, n, bitmap, table_at, "<u8" if version == 1 else "<u4")
         _require_whole(images, file, size)
-    if compression == _UNINTERPOLATED and setup(_MOSAIC, 0) & 0xFFFFFF:
+    if compression == _UNINTERPOLATED and setup(_MOSAIC) & 0xFFFFFF:
         raise ValueError(
             f"{path}: holds the colour mosaic of the sensor, expected grey or interpolated colour; "
             "save it from the camera's software with the colours interpolated, or as grey"
         )
-    depth, depth_origin = _depth(images, setup(_REAL_BITS, 0))
-    rate = setup(_RATE, 0) or setup(_RATE_16, 0)
-    exposure = setup(_SHUTTER_NS, 0) / 1e9 or (setup(_SHUTTER_US, 0) or setup(_SHUTTER_16_US, 0)) / 1e6
-    origins = {
-        "bit_depth": depth_origin,
-        "frame_rate": "CINE SETUP FrameRate" if rate else "",
-        "exposure_s": ("CINE SETUP ShutterNs" if setup(_SHUTTER_NS, 0) else "CINE SETUP Shutter") if exposure else "",
-        "trigger_offset_frames": "CINE FirstImageNo",
-    }
+    depth, depth_origin = _depth(images, setup(_REAL_BITS))
+    rate = float(setup(_RATE) or setup(_RATE_16)) or None
+    exposure = setup(_SHUTTER_NS) / 1e9 or (setup(_SHUTTER_US) or setup(_SHUTTER_16_US)) / 1e6 or None
+    origins = {"bit_depth": depth_origin, "trigger_offset_frames": "CINE FirstImageNo"}
+    if rate:
+        origins["frame_rate"] = "CINE SETUP FrameRate"
+    if exposure:
+        origins["exposure_s"] = "CINE SETUP ShutterNs" if setup(_SHUTTER_NS) else "CINE SETUP Shutter"
+    packed, colour = " packed" if images.compression else "", ", colour" if images.is_colour else ""
     return Recording(
         path=path,
-        kind=_kind(images),
+        kind=f"Phantom CINE, {images.bits} bit{packed}{colour}",
         shape=images.shape,
         bit_depth=depth,
-        frame_rate=float(rate) or None,
-        exposure_s=exposure or None,
+        frame_rate=rate,
+        exposure_s=exposure,
         trigger_offset_frames=first,
-        origins={key: origin for key, origin in origins.items() if origin},
+        origins=origins,
         notes=_notes(images, setup),
         files=(path,),
         _reader=_reader(images),
@@ -125,27 +112,22 @@ def _at(path: Path, file: BinaryIO, offset: int, count: int) -> bytes:
     return data
 
 
-class _Setup:
-    """The camera's settings; a field that a shorter, older SETUP does not reach gives the default."""
-
-    def __init__(self, data: bytes, length: int) -> None:
-        self._data, self._length = data, min(length, len(data))
-
-    def __call__(self, place: tuple[int, str], default: int) -> int:
-        offset, code = place
-        if offset + struct.calcsize("<" + code) > self._length:
-            return default
-        return int(struct.unpack_from("<" + code, self._data, offset)[0])
-
-
-def _setup(path: Path, file: BinaryIO, offset: int) -> _Setup:
+def _setup(path: Path, file: BinaryIO, offset: int) -> Callable[[tuple[int, str]], int]:
+    """The function that reads a field of the camera's settings, 0 where an older, shorter SETUP ends before it."""
     file.seek(offset)
     data = file.read(_SETUP_BYTES)
     if data[_MARK[0] : _MARK[0] + 2] != b"ST" or len(data) < 144:
         raise OSError(
             f"{path}: has no camera settings (SETUP) where the CINE header places them; it is damaged, copy it again"
         )
-    return _Setup(data, int(struct.unpack_from("<" + _LENGTH[1], data, _LENGTH[0])[0]))
+    length = min(len(data), struct.unpack_from("<" + _LENGTH[1], data, _LENGTH[0])[0])
+
+    def field(place: tuple[int, str]) -> int:
+        offset, code = place
+        is_there = offset + struct.calcsize("<" + code) <= length
+        return int(struct.unpack_from("<" + code, data, offset)[0]) if is_there else 0
+
+    return field
 
 
 def _layout(path: Path, n: int, bitmap: tuple[int, ...], table_at: int, pointer: str) -> _Images:
@@ -163,7 +145,7 @@ def _layout(path: Path, n: int, bitmap: tuple[int, ...], table_at: int, pointer:
             f"{path}: images with {bits} bits and compression code {compression}; expected 8 or 16 bits grey, "
             "24 or 48 bits colour, or packed 10 or 12 bits; save the recording as one of these"
         )
-    # Packed images run on over the ends of rows; bitmaps may pad rows to four bytes.
+    # Packed images have no padding; bitmaps may pad rows to four bytes.
     row = width * bits // 8
     padded = -(-row // 4) * 4
     if width * height * bits % 8 == 0 and stated in (0, width * height * bits // 8) and (width * bits % 8 == 0):
@@ -200,31 +182,26 @@ def _require_whole(images: _Images, file: BinaryIO, size: int) -> None:
 def _depth(images: _Images, real_bits: int) -> tuple[int, str]:
     if images.compression == _PACKED_10:
         return 12, "12 bit after the table for packed 10-bit CINE"
-    channel_bits = images.bits // 3 if images.bits in (24, 48) else images.bits
+    channel_bits = images.bits // 3 if images.is_colour else images.bits
     if 1 <= real_bits <= channel_bits:
         return real_bits, "CINE SETUP RealBPP"
     return channel_bits, "CINE biBitCount"
 
 
-def _kind(images: _Images) -> str:
-    colour = ", colour" if images.bits in (24, 48) else ""
-    return f"Phantom CINE, {images.bits} bit{' packed' if images.compression else ''}{colour}"
-
-
-def _notes(images: _Images, setup: _Setup) -> tuple[str, ...]:
+def _notes(images: _Images, setup: Callable[[tuple[int, str]], int]) -> tuple[str, ...]:
     notes = []
     if images.compression == _PACKED_10:
         notes.append(TABLE_NOTE)
-    if images.bits in (24, 48):
+    if images.is_colour:
         notes.append(GREY_NOTE)
-    flags = {"bFlipH": setup(_FLIP_H, 0), "bFlipV": setup(_FLIP_V, 0), "Rotate": setup(_ROTATE, 0)}
+    flags = {"bFlipH": setup(_FLIP_H), "bFlipV": setup(_FLIP_V), "Rotate": setup(_ROTATE)}
     if any(flags.values()):
         stated = ", ".join(f"{name} = {value}" for name, value in flags.items() if value)
         notes.append(
             f"The camera's software shows these images flipped or rotated (SETUP {stated}); "
-            "here they are as the sensor gave them."
+            "here they stay as the sensor gave them."
         )
-    if 1 <= setup(_RATE_STEPS, 0) <= 16:
+    if 1 <= setup(_RATE_STEPS) <= 16:
         notes.append(
             "The frame rate changed during the recording (SETUP FRPSteps); frame_rate is its main setting only."
         )
@@ -242,7 +219,7 @@ def _reader(images: _Images) -> Reader:
             return (table[codes] if images.bits == 10 else codes).reshape(height, width)
         rows = data.reshape(height, images.row_bytes)[:, : width * images.bits // 8]
         levels = np.ascontiguousarray(rows).view("<u2" if images.bits in (16, 48) else "u1")
-        return to_grey(levels.reshape(height, width, 3), reverse=True) if images.bits in (24, 48) else levels
+        return to_grey(levels.reshape(height, width, 3), reverse=True) if images.is_colour else levels
 
     def read(start: int, stop: int) -> NDArray[Any]:
         path, result = images.path, np.empty((stop - start, height, width), np.float32)

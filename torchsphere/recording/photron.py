@@ -18,12 +18,12 @@ from torchsphere.recording.recording import Reader, Recording
 from torchsphere.recording.refusal import library_failures, looks_like
 
 HEADER_SUFFIXES = (".cihx", ".cih")
-# Headers are 10 to 20 kB, more with thumbnails; a larger file is not one.
+# Headers have 10 to 20 kB, more with thumbnails.
 _MAX_HEADER_BYTES = 16 * 2**20
-# Unpacking in pieces of this many bytes stays in the cache.
+#: Bytes that are unpacked at once (docs/constants.md).
 _CHUNK_BYTES = 3 * 2**17
 
-# What is needed, as the text header calls it and where the XML header has it.
+# Fields of the header: name in a text header, path in an XML header.
 _FIELDS = {
     "format": ("File Format", "imageFileInfo/fileFormat"),
     "width": ("Image Width", "imageDataInfo/resolution/width"),
@@ -50,7 +50,7 @@ class _Header:
     names: Mapping[str, str] = field(repr=False)
 
     def whole(self, key: str) -> int:
-        """Give a whole number that must be there."""
+        """A required whole number."""
         text = self.values.get(key, "")
         if not re.fullmatch(r"[+-]?\d{1,18}", text):
             raise ValueError(
@@ -60,7 +60,7 @@ class _Header:
         return int(text)
 
     def number(self, key: str) -> float | None:
-        """Give a positive number, or None where the header has none."""
+        """A positive number, or None."""
         try:
             value = float(self.values.get(key, ""))
         except ValueError:
@@ -69,24 +69,7 @@ class _Header:
 
 
 def open_photron(path: Path) -> Recording:
-    """Open a Photron recording by its header or its raw file.
-
-    Parameters
-    ----------
-    path : Path
-        A .cih, .cihx or .mraw file; the partner of the same name must lie beside it.
-
-    Returns
-    -------
-    Recording
-
-    Raises
-    ------
-    ValueError
-        Where the header is not one, or describes what is not supported (colour, another file format).
-    OSError
-        Where one of the two files is missing or does not fit the other.
-    """
+    """Open a Photron recording by its header or its raw file; the other file lies beside it with the same name."""
     header_path = path if path.suffix.lower() in HEADER_SUFFIXES else _partner(path, HEADER_SUFFIXES)
     header = _read_header(header_path)
     _require_grey_mraw(header)
@@ -99,31 +82,28 @@ def open_photron(path: Path) -> Recording:
             "save the recording with one of these"
         )
     shift = bits - depth if header.values.get("side", "").lower() == "higher" else 0
-    rate = header.number("rate")
+    _require_size(raw_path, header_path, shape, bits)
     exposure, exposure_origin = _exposure(header)
     offset, trigger_notes = _trigger_offset(header)
-    known = {
-        "bit_depth": header.names["depth"],
-        "frame_rate": header.names["rate"],
-        "exposure_s": exposure_origin,
-        "trigger_offset_frames": header.names["start"],
+    facts = {
+        "bit_depth": (depth, header.names["depth"]),
+        "frame_rate": (header.number("rate"), header.names["rate"]),
+        "exposure_s": (exposure, exposure_origin),
+        "trigger_offset_frames": (offset, header.names["start"]),
     }
-    values = {"bit_depth": depth, "frame_rate": rate, "exposure_s": exposure, "trigger_offset_frames": offset}
-    recording = Recording(
+    return Recording(
         path=path,
         kind=f"Photron MRAW, {bits} bit{' packed' if bits == 12 else ''}",
         shape=shape,
         bit_depth=depth,
-        frame_rate=rate,
+        frame_rate=header.number("rate"),
         exposure_s=exposure,
         trigger_offset_frames=offset,
-        origins={key: known[key] for key, value in values.items() if value is not None},
-        notes=trigger_notes + _step_notes(header, rate),
+        origins={key: origin for key, (value, origin) in facts.items() if value is not None},
+        notes=trigger_notes + _step_notes(header),
         files=(header_path, raw_path),
         _reader=_reader(raw_path, shape, bits, shift),
     )
-    _require_size(raw_path, header_path, shape, bits)
-    return recording
 
 
 def _partner(path: Path, suffixes: tuple[str, ...]) -> Path:
@@ -152,7 +132,7 @@ def _read_header(path: Path) -> _Header:
             "'#Camera Information Header'; check the name"
         )
     pairs = (line.split(":", 1) for line in data.decode("latin-1").splitlines() if ":" in line)
-    # The first mention counts: later sections repeat names.
+    # Later sections repeat names; the first value counts.
     found: dict[str, str] = {}
     for name, value in pairs:
         found.setdefault(name.strip(), value.strip())
@@ -182,7 +162,7 @@ def _require_grey_mraw(header: _Header) -> None:
             "open the folder or the file with the images instead of the header"
         )
     colour = header.values.get("colour", "Mono")
-    # Raw is said of monochrome cameras too; the C of the type ("type 1100K-C-64GB") tells a colour mosaic.
+    # Monochrome cameras may say "raw", too; the C in the type ("type 1100K-C-64GB") marks a colour mosaic.
     mosaic = colour.lower() == "raw" and re.search(r"\d+K-C\b", header.values.get("camera", ""))
     if colour.lower() not in ("mono", "raw") or mosaic:
         raise ValueError(
@@ -197,7 +177,7 @@ def _exposure(header: _Header) -> tuple[float | None, str]:
         return nanoseconds / 1e9, header.names["shutter_ns"]
     text = header.values.get("shutter", "")
     fraction = re.fullmatch(r"1\s*/\s*(\d+(?:\.\d*)?)(?:\s*s(?:ec)?)?", text)
-    # The XML header holds the reciprocal alone: 50000 means 1/50000 s.
+    # The XML header holds the reciprocal: 50000 means 1/50000 s.
     reciprocal = float(fraction[1]) if fraction else None
     if reciprocal is None and header.path.suffix.lower() == ".cihx":
         reciprocal = header.number("shutter")
@@ -209,7 +189,7 @@ def _trigger_offset(header: _Header) -> tuple[int | None, tuple[str, ...]]:
     if not re.fullmatch(r"[+-]?\d{1,9}", text):
         return None, ()
     mode = header.values.get("trigger", "")
-    # With the trigger at the start image 0 is the trigger; a negative number can be nothing else than before it.
+    # With trigger mode "start", image 0 is the trigger; negative numbers always count from the trigger.
     if mode.lower() == "start" or int(text) < 0:
         return int(text), ()
     note = (
@@ -219,12 +199,12 @@ def _trigger_offset(header: _Header) -> tuple[int | None, tuple[str, ...]]:
     return None, (note,)
 
 
-def _step_notes(header: _Header, rate: float | None) -> tuple[str, ...]:
-    step = header.number("step")
+def _step_notes(header: _Header) -> tuple[str, ...]:
+    step, rate = header.number("step"), header.number("rate")
     if step is None or step <= 1 or rate is None:
         return ()
     note = (
-        f"The header says that every {step:g}th recorded image was saved ({header.names['step']}); where that is so, "
+        f"The header says that every {step:g}th recorded image was saved ({header.names['step']}); if this is true, "
         f"the images are {step:g} recording intervals apart and the frame rate to use is {rate / step:g}."
     )
     return (note,)
@@ -260,11 +240,9 @@ def _reader(raw: Path, shape: tuple[int, int, int], bits: int, shift: int) -> Re
         if data.size != (stop - start) * image_bytes:
             raise OSError(f"{raw}: became shorter while it was read; copy it again")
         if bits == 12:
-            levels: NDArray[Any] = _unpack(data, shift)
-        else:
-            levels = data if bits == 8 else data.view("<u2")
-            levels = levels >> shift if shift else levels
-        return levels.reshape(stop - start, height, width)
+            return _unpack(data, shift).reshape(stop - start, height, width)
+        levels: NDArray[Any] = data if bits == 8 else data.view("<u2")
+        return (levels >> shift if shift else levels).reshape(stop - start, height, width)
 
     return read
 

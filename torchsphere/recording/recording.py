@@ -1,4 +1,4 @@
-"""A recording: what the file knows about itself, and its images, read when they are asked for."""
+"""A recording: the facts that its file states, and its images, read on request."""
 
 from __future__ import annotations
 
@@ -15,12 +15,8 @@ from numpy.typing import NDArray
 
 Reader = Callable[[int, int], NDArray[Any]]
 
-# One image of 2**28 pixels is 1 GiB as float32; no camera makes one, a damaged header easily does.
+# Larger images (1 GiB as float32) come from damaged headers, not from cameras.
 MAX_PIXELS = 2**28
-
-
-def _nothing() -> None:
-    return None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, weakref_slot=True)
@@ -65,7 +61,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     files: tuple[Path, ...] = ()
     _reader: Reader = field(repr=False, compare=False)
-    _closer: Callable[[], None] = field(default=_nothing, repr=False, compare=False)
+    _closer: Callable[[], None] = field(default=lambda: None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         n, height, width = self.shape
@@ -74,8 +70,7 @@ class Recording:
                 f"{self.path}: {n} images of {width} x {height} px are stated, which no recording has; "
                 "the header is damaged, export the file again"
             )
-
-        # A recording that is dropped without being closed lets go of its file, too.
+        # Also releases the file of a recording that is dropped without being closed.
         weakref.finalize(self, self._closer)
 
     def __len__(self) -> int:
@@ -120,8 +115,7 @@ class Recording:
             bad = first + int(np.flatnonzero(~np.isfinite(grey).all(axis=(1, 2)))[0])
             raise ValueError(
                 f"{self.path}: image {bad} holds values that are not finite; "
-                "expected plain grey levels, so replace them in the file (even where a mask is to leave them out: it "
-                "comes after reading)"
+                "expected plain grey levels, so replace them in the file (a mask comes after reading and does not help)"
             )
         return grey
 
@@ -138,7 +132,7 @@ class Recording:
         return first, last
 
     def close(self) -> None:
-        """Let go of the file; reading again may fail or reopen it, depending on the format."""
+        """Release the file; reading again may fail or open the file again, depending on the format."""
         self._closer()
 
     def __enter__(self) -> Self:

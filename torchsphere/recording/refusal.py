@@ -1,4 +1,4 @@
-"""Say in one sentence why a file cannot be read: what it looks like, and failures of libraries put into plain words."""
+"""Reasons why a file cannot be read: the type of its content, and failures of decoding libraries."""
 
 from __future__ import annotations
 
@@ -17,12 +17,7 @@ _SIGNATURES: tuple[tuple[int, bytes, str], ...] = (
     (0, b"PK\x03\x04", "a ZIP archive (NPZ)"),
     (0, b"PK\x05\x06", "an empty ZIP archive"),
     (8, b"AVI ", "an AVI video"),
-    (4, b"ftyp", "an MP4 or MOV video"),
-    (4, b"moov", "an MP4 or MOV video"),
-    (4, b"mdat", "an MP4 or MOV video"),
-    (4, b"wide", "an MP4 or MOV video"),
-    (4, b"free", "an MP4 or MOV video"),
-    (4, b"skip", "an MP4 or MOV video"),
+    *((4, magic, "an MP4 or MOV video") for magic in (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")),
     (0, b"\x1aE\xdf\xa3", "a Matroska or WebM video"),
     (0, b"#Camera Information Header", "a Photron header (CIH)"),
     (0, b"\xef\xbb\xbf#Camera Information Header", "a Photron header (CIH)"),
@@ -37,13 +32,7 @@ _SIGNATURES: tuple[tuple[int, bytes, str], ...] = (
 
 
 def looks_like(head: bytes) -> str:
-    """Name what the first bytes of a file look like, with its article.
-
-    Parameters
-    ----------
-    head : bytes
-        The first bytes, a few dozen or more.
-    """
+    """Name, with article, the type of a file by its first bytes (a few dozen)."""
     for offset, magic, name in _SIGNATURES:
         if head[offset : offset + len(magic)] == magic:
             return name
@@ -59,11 +48,10 @@ class LibraryMissingError(OSError):
 
 @contextmanager
 def library_failures(path: Path, expected: str) -> Iterator[None]:
-    """Turn whatever a decoding library raises into one ``OSError`` about the file.
+    """Turn any exception of a decoding library into one ``OSError`` about the file.
 
-    Decoders of damaged files raise nearly every type there is (struct.error, KeyError, zlib.error, EOFError), so
-    only a broad net keeps the promise that callers meet ValueError and OSError alone. It goes around calls of
-    libraries, not around this package's own checks.
+    Decoders of damaged files raise nearly every type (struct.error, KeyError, zlib.error, EOFError). Only calls of
+    libraries stand within this context, not the checks of this package.
     """
     try:
         yield

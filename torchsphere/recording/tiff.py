@@ -1,4 +1,4 @@
-"""Multi-page TIFF, and the pages of single TIFF images for folders."""
+"""Multi-page TIFF, and the pages of single TIFF images."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from torchsphere.recording.refusal import library_failures
 
 _TIME_UNITS_S = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6, "ns": 1e-9}
 _GREY, _RGB, _YCBCR = (0, 1), 2, 6  # PhotometricInterpretation
-# Deflate cannot do better than 1032 to 1; a header that needs more than this claims images that are not there.
+# Deflate compresses 1032 to 1 at most; a header that needs more than this ratio states missing images.
 _MAX_RATIO = 5000
 
 
 @dataclass(frozen=True)
 class Page:
-    """What must be the same for every image of a recording."""
+    """Properties that all images of a recording share."""
 
     height: int
     width: int
@@ -40,35 +40,22 @@ class Page:
 
 
 def open_tiff(path: Path) -> Recording:
-    """Open a multi-page TIFF.
+    """Open a multi-page TIFF, also an ImageJ stack over 4 GB, which has one page for all images.
 
-    Parameters
-    ----------
-    path : Path
-        Pages of one size and kind. ImageJ's stacks over 4 GB, with one page for all images, are understood.
-
-    Returns
-    -------
-    Recording
-        Without a frame rate, unless ImageJ's ``finterval`` states one with its unit of time.
-
-    Raises
-    ------
-    ValueError
-        Where pages differ, or are of a kind that is not supported.
-    OSError
-        Where the file is cut or damaged.
+    The frame rate is known only where ImageJ's ``finterval`` states it with a unit of time.
     """
     size = path.stat().st_size
-    count = count_pages(path)
+    count = tiff_chain.count_pages(path)
     with library_failures(path, "a TIFF"):
-        # OME files may name other files; only this one is opened.
+        # OME files may name other files, which stay closed.
         tif = tifffile.TiffFile(path, _multifile=False)
     try:
         page = describe(path, tif, 0)
-        imagej = _imagej(tif)
+        with library_failures(path, "a TIFF"):
+            imagej = dict(tif.imagej_metadata or {})
         n, read = _stack(path, tif, page, count, size)
-        channels = _whole(imagej.get("channels"))
+        stated = imagej.get("channels")
+        channels = stated if isinstance(stated, int) else 1
         if channels > 1 and n > channels:
             raise ValueError(
                 f"{path}: holds {channels} channels of {n // channels} images, expected one channel; "
@@ -79,11 +66,11 @@ def open_tiff(path: Path) -> Recording:
         raise
     rate, notes = _frame_rate(imagej)
     if channels > 1:
-        notes += (f"ImageJ's header calls the {channels} images channels; they are taken as images in order.",)
-    origins = {"bit_depth": "TIFF BitsPerSample"} | ({"frame_rate": "ImageJ finterval"} if rate else {})
+        notes += (f"ImageJ's header calls the {channels} images channels; here they are images in order.",)
     depth = page.bits if page.dtype[0] == "u" else None
-    if depth is None:
-        del origins["bit_depth"]
+    origins = {"bit_depth": "TIFF BitsPerSample"} if depth else {}
+    if rate:
+        origins["frame_rate"] = "ImageJ finterval"
     return Recording(
         path=path,
         kind=f"multi-page TIFF, {page.bits} bit{', colour' if page.samples >= 3 else ''}",
@@ -98,21 +85,8 @@ def open_tiff(path: Path) -> Recording:
     )
 
 
-def count_pages(path: Path) -> int:
-    """Number of pages, by the chain that leads from each to the next; raises as `tiff_chain.pages` does."""
-    return tiff_chain.count(path)
-
-
 def describe(path: Path, tif: tifffile.TiffFile, number: int) -> Page:
-    """Give the properties of one page, and refuse those that cannot be a grey or colour image of this file.
-
-    Raises
-    ------
-    ValueError
-        Where the page is a palette image or of another unsupported kind.
-    OSError
-        Where its size does not fit the file.
-    """
+    """The properties of a page; raises ValueError for unsupported kinds, OSError where the size does not fit."""
     with library_failures(path, "a TIFF"):
         page = tif.pages[number].aspage()
         dtype, photometric = page.dtype, int(page.photometric)
@@ -140,21 +114,21 @@ def describe(path: Path, tif: tifffile.TiffFile, number: int) -> Page:
 
 
 def page_notes(page: Page) -> tuple[str, ...]:
-    """Give the sentences that follow from the kind of a page."""
-    notes: tuple[str, ...] = ()
-    if page.samples >= 3:
-        notes += (GREY_NOTE,)
-    if page.samples in (2, 4):
-        notes += (ALPHA_NOTE,)
-    if page.photometric == 0:
-        notes += ("The file says that 0 is white; the levels are as stored.",)
-    if page.dtype[0] == "u" and page.bits == 16:
-        notes += ("The levels are stored in 16 bits; the camera's own depth may be lower.",)
-    return notes
+    """Sentences on the grey levels of a page."""
+    conditions = (
+        (page.samples >= 3, GREY_NOTE),
+        (page.samples in (2, 4), ALPHA_NOTE),
+        (page.photometric == 0, "The file says that 0 is white; the levels are as stored."),
+        (
+            page.dtype[0] == "u" and page.bits == 16,
+            "The levels are stored in 16 bits; the camera's own depth may be lower.",
+        ),
+    )
+    return tuple(note for applies, note in conditions if applies)
 
 
 def page_image(page: Page, data: NDArray[Any]) -> NDArray[Any]:
-    """Bring a decoded page to one grey image of shape (h, w)."""
+    """The grey image (h, w) of a decoded page."""
     if page.planar:
         data = np.moveaxis(data.reshape(page.samples, page.height, page.width), 0, -1)
     data = data.reshape(page.height, page.width, page.samples)
@@ -201,8 +175,7 @@ def _plain_reader(path: Path, page: Page, dtype: np.dtype[Any], offsets: NDArray
     def read(start: int, stop: int) -> NDArray[Any]:
         images = _empty(stop - start, page, dtype)
         data = np.empty(page.height * page.width * page.samples, dtype)
-        # Neither mapped, which takes twice the time, nor kept open: nothing stays with the process. Read in place: a
-        # copy, and a check of what cannot be infinite, took half of the time.
+        # A mapping takes twice the time; reading in place saves a copy. No memory or open file stays with the process.
         with library_failures(path, "a TIFF"), path.open("rb") as file:
             for image, at in zip(images, offsets[start:stop].tolist(), strict=True):
                 into = image if whole else data
@@ -223,8 +196,7 @@ def _decoding_reader(path: Path, tif: tifffile.TiffFile, page: Page) -> Reader:
         images = _empty(stop - start, page, np.dtype(page.dtype))
         with library_failures(path, "a TIFF"):
             for number, image in enumerate(images, start):
-                # The open file has one position.
-                with lock:
+                with lock:  # threads share the position in the file
                     data = np.asarray(tif.pages[number].aspage().asarray(maxworkers=1))
                 image[:] = page_image(page, data)
         return images
@@ -233,17 +205,8 @@ def _decoding_reader(path: Path, tif: tifffile.TiffFile, page: Page) -> Reader:
 
 
 def _empty(count: int, page: Page, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Room for images (n, h, w) in the levels of the file, or in those that colour becomes."""
+    """Memory for images (n, h, w), of the file's type or, for colour, float32."""
     return np.empty((count, page.height, page.width), np.float32 if page.samples >= 3 else dtype)
-
-
-def _imagej(tif: tifffile.TiffFile) -> dict[str, Any]:
-    with library_failures(Path(tif.filename), "a TIFF"):
-        return dict(tif.imagej_metadata or {})
-
-
-def _whole(value: object) -> int:
-    return value if isinstance(value, int) else 1
 
 
 def _frame_rate(imagej: dict[str, Any]) -> tuple[float | None, tuple[str, ...]]:

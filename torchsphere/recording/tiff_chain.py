@@ -1,7 +1,6 @@
-"""The chain of a TIFF's pages, read as bytes: how many there are, and where the images of a plain stack lie.
+"""The chain of a TIFF's pages: their number, and the places of the images in a plain stack.
 
-A library decodes every page in full, 1 ms each: the tenth of a second that a track of 100 frames takes. In a camera's
-stack one page differs from the next in the place of its image alone.
+The library takes 1 ms to decode a page. In a camera's stack only the place of the image differs between pages.
 """
 
 from __future__ import annotations
@@ -16,23 +15,23 @@ from numpy.typing import NDArray
 
 from torchsphere.recording.refusal import TIFF_SIGNATURES, looks_like
 
-#: Tags that say nothing of how an image is stored: description, maker, model, resolution, software, date, artist, host.
+#: Tags without effect on the storage of an image: description, maker, model, resolution, software, date, artist, host.
 _FREE_TAGS = frozenset((270, 271, 272, 282, 283, 296, 305, 306, 315, 316))
 _STRIP_OFFSETS = 273
 
-#: Code of the types that a place in the file may have: 16, 32 and 64 bit.
+#: Codes of the types of a place in the file: 16, 32 and 64 bit.
 _WHOLE = {3: "H", 4: "I", 16: "Q"}
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """How a file writes its numbers: byte order, and the formats of counts of tags, of pointers, and sizes in bytes."""
+    """Formats of the numbers of a file, as in `struct`."""
 
     order: str
     tag_count: str
     pointer: str
     tag_bytes: int
-    head: int
+    first_at: int  # byte of the pointer to the first page
 
     @classmethod
     def of(cls, head: bytes) -> _Layout:
@@ -41,14 +40,9 @@ class _Layout:
 
 
 def pages(path: Path) -> Iterator[tuple[bytes, _Layout]]:
-    """Follow the chain of pages to its end, giving each page's tags; a library would stop quietly where a file is cut.
+    """Tags of each page; raises ValueError for other files, and OSError where the chain leaves the file.
 
-    Raises
-    ------
-    ValueError
-        Where the file is no TIFF.
-    OSError
-        Where the chain leaves the file.
+    The library stops without an error where a file is cut.
     """
     size = path.stat().st_size
     seen: set[int] = set()
@@ -58,7 +52,7 @@ def pages(path: Path) -> Iterator[tuple[bytes, _Layout]]:
             raise ValueError(f"{path}: looks like {looks_like(head)}, expected a TIFF; check the name")
         layout = _Layout.of(head)
         try:
-            (offset,) = struct.unpack_from(layout.order + layout.pointer, head, layout.head)
+            (offset,) = struct.unpack_from(layout.order + layout.pointer, head, layout.first_at)
             while offset:
                 if offset in seen or offset >= size:
                     raise OSError(
@@ -76,19 +70,16 @@ def pages(path: Path) -> Iterator[tuple[bytes, _Layout]]:
         except struct.error:
             raise OSError(f"{path}: ends within page {max(0, len(seen) - 1)}; the TIFF is cut, copy it again") from None
     if not seen:
-        raise OSError(f"{path}: is a TIFF without a page; it was not finished when it was saved, export it again")
+        raise OSError(f"{path}: is an incomplete TIFF without a page; export it again")
 
 
-def count(path: Path) -> int:
+def count_pages(path: Path) -> int:
     """Number of pages; raises as `pages` does."""
     return sum(1 for _ in pages(path))
 
 
 def places_alike(path: Path) -> NDArray[np.int64] | None:
-    """Where the image of each page begins, byte; None unless the pages are stored alike, each as one piece.
-
-    Raises as `pages` does.
-    """
+    """First byte of each page's image; None unless all pages are stored alike, each in one piece; raises as `pages`."""
     first: dict[int, bytes] = {}
     places = []
     for block, layout in pages(path):
@@ -102,7 +93,7 @@ def places_alike(path: Path) -> NDArray[np.int64] | None:
 
 
 def _tags(block: bytes, layout: _Layout) -> dict[int, bytes]:
-    """Type, count and value of each tag that matters, by its code."""
+    """Type, count and value of each tag that affects storage, by its code."""
     step = layout.tag_bytes
     entries = (block[i : i + step] for i in range(0, len(block), step))
     tags = {int(struct.unpack_from(layout.order + "H", entry)[0]): entry[2:] for entry in entries}
@@ -110,7 +101,7 @@ def _tags(block: bytes, layout: _Layout) -> dict[int, bytes]:
 
 
 def _single_place(entry: bytes, layout: _Layout) -> int | None:
-    """The place that a tag of one value states, or None."""
+    """The place that a tag states; None for several places."""
     if not entry:
         return None
     kind, count = struct.unpack_from(layout.order + "H" + layout.pointer, entry)

@@ -76,7 +76,7 @@ def calibrate_circle(source: Source, found: Circle, ignore: Tensor | None, optio
         # exact model leads the radius astray.
         options = dataclasses.replace(options, model="rigid", finite_from_deg=GRADIENT_FROM_DEG)
     stop = min(found.frame + FRAMES, source.count)
-    source = source.keeping(found.frame, stop)
+    source = source.cached(found.frame, stop)
     followed = Follower(source, found, ignore, options, searches=SEARCHES).run(stop)
     frames = np.flatnonzero(followed.status[:stop] == "ok")
     if len(frames) < 3:

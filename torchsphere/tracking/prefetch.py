@@ -10,7 +10,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from torchsphere.recording.frame_source import KEPT_BYTES, Source
+from torchsphere.recording.frame_source import CACHE_BYTES, Source
 from torchsphere.runtime import threads
 from torchsphere.runtime.threads import Begun
 from torchsphere.tracking.prediction import BallState, linear_trend
@@ -52,7 +52,7 @@ class Prefetcher:
         large to keep. Nor for a ball that stays in place and comes nearer: its radius would go astray.
         """
         steps, near = last.coarse.iterations, last.coarse.q.to("cpu", torch.float64)
-        if count < 1 or last.images.nbytes > KEPT_BYTES or not bool((last.coarse.converged & (steps > 0)).all()):
+        if count < 1 or last.images.nbytes > CACHE_BYTES or not bool((last.coarse.converged & (steps > 0)).all()):
             return
         if self._setup.in_place and near.shape[-1] == 6:
             return
@@ -70,8 +70,8 @@ class Prefetcher:
     def _prepare(self, state: BallState, count: int) -> PreparedBatch:
         # The last image is read once more: to put it in front of the others would copy all of them.
         stop = state.frame + 1 + count
-        if self._source.fills_rooms:
-            images = self._source.images_in(self._buffer(state.image, count + 1), state.frame, stop)
+        if self._source.fills_buffers:
+            images = self._source.images_into(self._buffer(state.image, count + 1), state.frame, stop)
         else:
             images = self._source.images(state.frame, stop)
         expected, circles = state.predict(count, self._setup.in_place)
