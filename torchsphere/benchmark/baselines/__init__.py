@@ -1,4 +1,4 @@
-"""Other trackers behind one signature, each with its honest best settings, to set torchsphere beside."""
+"""Other ball trackers behind one signature, each with the best settings found, to compare torchsphere with."""
 
 from torchsphere.benchmark.baselines.baseline import Baseline, Tracker
 from torchsphere.benchmark.baselines.ecc import ecc
@@ -7,10 +7,11 @@ from torchsphere.benchmark.baselines.hough import hough
 from torchsphere.benchmark.baselines.kornia_registrator import kornia_registrator
 from torchsphere.benchmark.baselines.lucas_kanade import lucas_kanade
 from torchsphere.benchmark.baselines.phase_correlation import phase_correlation
-from torchsphere.benchmark.baselines.published import published
-from torchsphere.benchmark.baselines.translation_only import translation_only
+from torchsphere.benchmark.baselines.reduced_models import published, translation_only
 
-#: Every rival by its name, which the benchmark's command line resolves once.
+__all__ = ["TRACKERS", "Baseline", "hough"]
+
+#: Every baseline by the name that the command line takes.
 TRACKERS: dict[str, Tracker] = {
     "translation_only": translation_only,
     "published": published,
@@ -21,17 +22,3 @@ TRACKERS: dict[str, Tracker] = {
     "edge_fit": edge_fit,
     "kornia_registrator": kornia_registrator,
 }
-
-__all__ = [
-    "TRACKERS",
-    "Baseline",
-    "Tracker",
-    "ecc",
-    "edge_fit",
-    "hough",
-    "kornia_registrator",
-    "lucas_kanade",
-    "phase_correlation",
-    "published",
-    "translation_only",
-]

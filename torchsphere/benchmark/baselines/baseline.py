@@ -1,7 +1,8 @@
-"""What every rival tracker returns, whatever it measures, and the signature that all of them share."""
+"""What the baselines share: the result, the signature, the import of optional libraries, and 8 bit images."""
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -9,56 +10,57 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+#: Brightest grey level of the 8 bit images that OpenCV's functions take.
+WHITE = 255.0
+
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """Motion of the ball over n frames as another tracker measures it, px and rad, image and camera frame.
+    """Motion of the ball over n frames as another tracker measures it, in the image and camera frame.
 
-    Attributes
-    ----------
-    position : ndarray
-        Centre in each image (n, 2) as (x, y), px; NaN where the tracker failed.
-    increment : ndarray
-        Motion (n - 1, 5) from each frame to the next as (dx, dy, wx, wy, wz), px and rad; NaN for what the method does
-        not measure at all, and where it failed.
-    status : ndarray
-        Strings (n,), each one of `result.STATUSES`; row i speaks of frame i and of the increment that
-        leads to it. A frame found again after a gap is "lost" with a position: no increment leads to it.
-    seconds : float
-        Wall time of the call, reading of the images included and the import of the method's library not.
-    settings : dict
-        Every setting used, the method's name first.
+    A frame found again after a gap has the status "lost" and a position, because no increment leads to the frame.
     """
 
-    position: NDArray[np.float64]
-    increment: NDArray[np.float64]
-    status: NDArray[np.str_]
-    seconds: float
-    settings: dict[str, Any]
+    position: NDArray[np.float64]  # centre (n, 2) as (x, y), px; NaN where the tracker failed
+    increment: NDArray[np.float64]  # (n - 1, 5) as (dx, dy, wx, wy, wz), px and rad; NaN where not measured
+    status: NDArray[np.str_]  # (n,), of `result.STATUSES`; for frame i and the increment that leads to frame i
+    seconds: float  # wall time with the reading of the images, without the import of libraries
+    settings: dict[str, Any]  # every setting, the method's name first
 
 
 class Tracker(Protocol):
     """A ball tracker: images and the first outline in, motion out."""
 
     def __call__(self, images: Any, circle: Any, *, progress: Progress | None = None) -> Baseline:
-        """Follow the ball.
+        """Follow the ball; raises if the circle does not fit the first image, or if a library is missing.
 
-        Parameters
-        ----------
-        images : Recording or array_like
-            Images (n, h, w), NumPy or torch, or a `Recording`, which is read as it is needed.
-        circle : tuple of float or Circle
-            Outline (x, y, radius) of the ball in the first image, px.
-        progress : callable, optional
-            Called as ``progress(done, total)`` with numbers of frames.
-
-        Raises
-        ------
-        ValueError
-            If there are fewer than two images or the circle does not fit the first of them.
-        ModuleNotFoundError
-            If a library of the extra ``baselines`` is missing.
+        ``images`` (n, h, w) are a `Recording` or an array; ``circle`` is the outline (x, y, radius) in the first image,
+        px. ``progress(done, total)`` is called with numbers of frames.
         """
         ...
+
+
+def load(module: str) -> Any:
+    """Import ``module`` of the extra ``baselines``; raises ModuleNotFoundError if it is not installed."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise ModuleNotFoundError(
+            f"this baseline tracker needs {module.partition('.')[0]}, which is not installed: "
+            "pip install torchsphere[baselines]",
+            name=module,
+        ) from error
+
+
+def eight_bit_gain(image: NDArray[np.float32]) -> float:
+    """Factor that scales grey levels to 8 bit; 1 for 8 bit images, so that they are not rounded twice."""
+    brightest = float(image.max())
+    # Below a quarter of the range, rounding would cost an 8 bit image more than its own noise.
+    return 1.0 if WHITE / 4 < brightest <= WHITE else WHITE / max(brightest, 1e-12)
+
+
+def eight_bit(image: NDArray[np.float32], gain: float) -> NDArray[np.uint8]:
+    """``gain * image`` rounded to whole levels from 0 to 255."""
+    return np.clip(np.rint(gain * image), 0, WHITE).astype(np.uint8)

@@ -7,181 +7,121 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.benchmark.baselines import extras
-from torchsphere.benchmark.baselines.baseline import Baseline, Progress
-from torchsphere.benchmark.baselines.stepwise import NO_ROTATION, NOWHERE, Array, Image, Pair, follow, opened, result
+from torchsphere.benchmark.baselines.baseline import Baseline, Progress, eight_bit, eight_bit_gain, load
+from torchsphere.benchmark.baselines.frame_loop import Array, Image, Pair, failure, follow, opened, result
 
-#: Tukey's constant for 95 % efficiency under Gaussian errors; rounds of reweighting.
-TUKEY, ROUNDS = 4.685, 16
+#: Radius of the disc of points as a share of the ball's, and the distance of the points, px (docs/constants.md).
+ROI, SPACING_PX = 0.95, 4.0
 
-#: Fewest points that a motion is believed from: with less, five unknowns fit anything.
-MIN_POINTS = 12
+#: Enlargement of the crops by cubic interpolation, and the blur before the enlargement, px (docs/constants.md).
+ENLARGED, BLUR_PX = 2, 0.7
 
-#: Scatter of the points about the fit, px, above which they do not move as one body: it is 0.02 on a ball.
-MAX_SCATTER_PX = 0.5
+#: Side of a point's window, px of the enlarged crop, and pyramid levels above the crop (docs/constants.md).
+WINDOW_PX, LEVELS = 15, 2
 
-#: Farthest that a point may end from its start after the way there and back, px.
-MAX_RETURN_PX = 0.5
-
-#: Steps per point and level, and the step at which they end, px.
+#: Largest number of steps per point and level, and the length of the last step, px.
 STEPS, LAST_STEP_PX = 50, 1e-3
 
+#: Tukey's constant for 95 % efficiency under Gaussian errors, and the number of reweighted fits.
+TUKEY, ROUNDS = 4.685, 16
 
-def lucas_kanade(
-    images: Any,
-    circle: Any,
-    *,
-    roi: float = 0.95,
-    spacing_px: float = 4.0,
-    enlarged: int = 2,
-    blur_px: float = 0.7,
-    window_px: int = 15,
-    levels: int = 2,
-    progress: Progress | None = None,
-) -> Baseline:
-    """Follow the ball by the flow of a grid of points and the rigid motion through them; measures all five.
+#: Smallest number of points in a fit of five unknowns (docs/constants.md).
+MIN_POINTS = 12
 
-    The settings are the best of those measured (25 pairs each of the example shot, R = 50 px, and of a ball without
-    rotation; standard deviation of dx and dy):
+#: Largest standard deviation of the points about a rigid motion, px (docs/constants.md).
+MAX_SCATTER_PX = 0.5
 
-    - ``enlarged`` 2, ``blur_px`` 0.7: 0.006 and 0.006 px (0.006 and 0.005 without rotation). On the images as they are
-      it is 0.041 and 0.024: OpenCV's bilinear samples of 8 bit images draw the points to whole px. Blur alone 0.030,
-      enlargement alone 0.007 with twice the bias, three times 0.007.
-    - ``roi`` 0.95: bias 0.010 px without blur, 0.012 at 0.9, 0.04 at 0.8. Corners instead of a grid have a bias of
-      0.027 px, because they prefer some parts of the ball.
-    - ``window_px`` 15 in the enlarged image; ``spacing_px`` from 2 to 6, ``levels`` from 0 to 3 and the mean of both
-      directions change nothing that can be seen.
+#: Largest distance of a point from its start after flow forward and back, px (docs/constants.md).
+MAX_RETURN_PX = 0.5
 
-    Parameters
-    ----------
-    images, circle, progress
-        As in `Tracker`.
-    roi : float
-        Radius of the disc of points as a fraction of the ball's.
-    spacing_px : float
-        Of the points, px.
-    enlarged : int
-        How many times the crops are enlarged, by cubic interpolation.
-    blur_px : float
-        Standard deviation of the Gaussian that blurs the crops first, px; 0 for none.
-    window_px : int
-        Side of the points' windows, px of the enlarged crop.
-    levels : int
-        Levels of the pyramid above the crop.
-    """
-    cv2, (source, first) = extras.load("cv2"), opened(images, circle)
+
+def lucas_kanade(images: Any, circle: Any, *, progress: Progress | None = None) -> Baseline:
+    """Follow the ball by the flow of a grid of points and the rigid motion through them; measures all five."""
+    cv2, (source, first) = load("cv2"), opened(images, circle)
     began = time.perf_counter()
-    flow = _Flow(
-        cv2=cv2,
-        gain=extras.eight_bit_gain(source.images(0, 1)[0].numpy()),
-        offsets=_grid(roi * first.radius, spacing_px),
-        enlarged=enlarged,
-        blur_px=blur_px,
-        options={
-            "winSize": (window_px, window_px),
-            "maxLevel": levels,
-            "criteria": (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, STEPS, LAST_STEP_PX * enlarged),
-            "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
-        },
-    )
-    half = math.ceil(1.05 * first.radius) + window_px
-    measured = follow(source, first, flow.measured, half=half, progress=progress)
-    settings = {"roi": roi, "spacing_px": spacing_px, "enlarged": enlarged, "blur_px": blur_px}
-    settings |= {"window_px": window_px, "levels": levels}
+    gain, grid = eight_bit_gain(source.images(0, 1)[0].numpy()), _grid(ROI * first.radius)
+
+    def measure(pair: Pair) -> tuple[Array, Array, str]:
+        after, valid = _flow(cv2, pair, grid, gain)
+        if valid.sum() < MIN_POINTS:
+            return failure("lost")
+        q, scatter, used = rigid_fit(grid[valid], after[valid] - pair.centre_f, pair.radius)
+        if used < MIN_POINTS or not scatter < MAX_SCATTER_PX:
+            return failure("low_correlation")
+        return pair.centre_f + q[:2], q[2:], "ok"
+
+    half = math.ceil(1.05 * first.radius) + WINDOW_PX
+    measured = follow(source, first, measure, half=half, progress=progress)
+    settings = {"roi": ROI, "spacing_px": SPACING_PX, "enlarged": ENLARGED, "blur_px": BLUR_PX}
+    settings |= {"window_px": WINDOW_PX, "levels": LEVELS}
     return result(began, measured, "OpenCV calcOpticalFlowPyrLK and a rigid fit", first, **settings)
 
 
-@dataclass(frozen=True)
-class _Flow:
-    """How the flow of points, `offsets` (m, 2) px from the ball's centre, is measured; `options` are OpenCV's."""
-
-    cv2: Any
-    gain: float
-    offsets: Array
-    enlarged: int
-    blur_px: float
-    options: dict[str, Any]
-
-    def measured(self, pair: Pair) -> tuple[Array, Array, str]:
-        """Centre, rotation and status of the second image."""
-        after, good = self._points(pair)
-        if good.sum() < MIN_POINTS:
-            return NOWHERE, NO_ROTATION, "lost"
-        q, scatter, used = rigid_fit(self.offsets[good], after[good] - pair.centre_f, pair.radius)
-        if used < MIN_POINTS or not scatter < MAX_SCATTER_PX:
-            return NOWHERE, NO_ROTATION, "low_correlation"
-        return pair.centre_f + q[:2], q[2:], "ok"
-
-    def _points(self, pair: Pair) -> tuple[Array, NDArray[np.bool_]]:
-        """Places (m, 2) of the points in the second image, px, and which came back to their start."""
-        f, g = (_prepared(self.cv2, image, self.gain, self.enlarged, self.blur_px) for image in (pair.f, pair.g))
-        before = self.offsets + pair.centre_f
-        guess = pair.centre_g + self.offsets + _swept(self.offsets, pair.turn, pair.radius)
-        # Pixel i of the crop is the mean of the pixels i enlarged to (i + 1) enlarged - 1 of the enlarged one.
-        start, expected = ((((p + 0.5) * self.enlarged - 0.5)[:, None]).astype(np.float32) for p in (before, guess))
-        after, there, _ = self.cv2.calcOpticalFlowPyrLK(f, g, start, expected.copy(), **self.options)
-        back, again, _ = self.cv2.calcOpticalFlowPyrLK(g, f, after, start.copy(), **self.options)
-        returned = np.abs(back - start)[:, 0].max(-1) < MAX_RETURN_PX * self.enlarged
-        good = (there[:, 0] == 1) & (again[:, 0] == 1) & returned
-        return (after[:, 0].astype(np.float64) + 0.5) / self.enlarged - 0.5, good
+def _flow(cv2: Any, pair: Pair, grid: Array, gain: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Places (m, 2) in ``g`` of the points ``grid`` (m, 2), px, and which of them return to their start."""
+    options = {
+        "winSize": (WINDOW_PX, WINDOW_PX),
+        "maxLevel": LEVELS,
+        "criteria": (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, STEPS, LAST_STEP_PX * ENLARGED),
+        "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
+    }
+    f, g = (_enlarged(cv2, image, gain) for image in (pair.f, pair.g))
+    before = grid + pair.centre_f
+    guess = pair.centre_g + grid + _rotation_shift(grid, pair.rotation, pair.radius)
+    # Pixel i of the crop covers the pixels from i ENLARGED to (i + 1) ENLARGED - 1 of the enlarged crop.
+    start, expected = ((((p + 0.5) * ENLARGED - 0.5)[:, None]).astype(np.float32) for p in (before, guess))
+    after, found, _ = cv2.calcOpticalFlowPyrLK(f, g, start, expected.copy(), **options)
+    back, found_back, _ = cv2.calcOpticalFlowPyrLK(g, f, after, start.copy(), **options)
+    returned = np.abs(back - start)[:, 0].max(-1) < MAX_RETURN_PX * ENLARGED
+    valid = (found[:, 0] == 1) & (found_back[:, 0] == 1) & returned
+    return (after[:, 0].astype(np.float64) + 0.5) / ENLARGED - 0.5, valid
 
 
 def rigid_fit(before: Array, after: Array, radius: float) -> tuple[Array, float, int]:
-    """Rigid motion of an orthographic sphere from points (m, 2) relative to the centre before the motion, px.
+    """Rigid motion (5,) of an orthographic sphere from points (m, 2), px relative to the centre before the motion.
 
     With the mean ``M`` of a surface point's places before and after (each from its own centre), the displacement of a
-    finite rotation is exactly ``2 c x M``, ``c`` the axis times the tangent of half the angle (Cayley's form). The
-    centre after the motion enters ``M``, so the fit is repeated; Tukey's biweight takes care of points gone astray.
-
-    Returns
-    -------
-    q : ndarray
-        (5,) as (dx, dy, wx, wy, wz), px and rad.
-    scatter : float
-        Robust standard deviation of the points about the fit, px.
-    used : int
-        Points with a weight.
+    finite rotation is exactly ``2 c x M``, ``c`` the axis times the tangent of half the angle (Cayley's form). ``M``
+    depends on the centre after the motion, so the fit is repeated, with Tukey's biweight against outliers. The other
+    values are the robust standard deviation of the points about the fit, px, and the number of points with a weight.
     """
     q, weights = np.zeros(5), np.ones(len(before))
     moved = after - before
     q[:2] = np.median(moved, axis=0)
     for _ in range(ROUNDS):
-        there = after - q[:2]
-        x, y = (0.5 * (before + there)).T
-        s = 0.5 * (_depth(before, radius) + _depth(there, radius))
+        centred = after - q[:2]
+        x, y = (0.5 * (before + centred)).T
+        s = 0.5 * (_depth(before, radius) + _depth(centred, radius))
         one, none = np.ones_like(x), np.zeros_like(x)
         along_x = np.stack((one, none, none, -2 * s, -2 * y), -1)
         along_y = np.stack((none, one, 2 * s, none, 2 * x), -1)
         root = np.sqrt(weights)
         design = np.concatenate((root[:, None] * along_x, root[:, None] * along_y))
         q = np.linalg.lstsq(design, np.concatenate((root * moved[:, 0], root * moved[:, 1])), rcond=None)[0]
-        rest = np.hypot(moved[:, 0] - along_x @ q, moved[:, 1] - along_y @ q)
+        residual = np.hypot(moved[:, 0] - along_x @ q, moved[:, 1] - along_y @ q)
         # Median of the length of a two-dimensional Gaussian: 1.1774 standard deviations.
-        scatter = float(np.median(rest)) / 1.1774
-        weights = np.clip(1 - (rest / (TUKEY * max(scatter, 1e-3))) ** 2, 0, None) ** 2
+        scatter = float(np.median(residual)) / 1.1774
+        weights = np.clip(1 - (residual / (TUKEY * max(scatter, 1e-3))) ** 2, 0, None) ** 2
     half_tangent = float(np.linalg.norm(q[2:]))
     q[2:] *= 2 * math.atan(half_tangent) / half_tangent if half_tangent > 0 else 2.0
     return q, scatter, int((weights > 0).sum())
 
 
-def _prepared(cv2: Any, image: Image, gain: float, enlarged: int, blur: float) -> Any:
-    """The crop blurred and enlarged, 8 bit; rounded last, so that the blur's finer levels are not lost twice."""
-    image = cv2.GaussianBlur(image, (0, 0), blur) if blur > 0 else image
-    if enlarged > 1:
-        image = cv2.resize(image, None, fx=enlarged, fy=enlarged, interpolation=cv2.INTER_CUBIC)
-    return extras.eight_bit(image, gain)
+def _enlarged(cv2: Any, image: Image, gain: float) -> Any:
+    """The crop blurred, enlarged and then rounded to 8 bit, so that the finer levels of the blur are kept."""
+    image = cv2.GaussianBlur(image, (0, 0), BLUR_PX)
+    return eight_bit(cv2.resize(image, None, fx=ENLARGED, fy=ENLARGED, interpolation=cv2.INTER_CUBIC), gain)
 
 
-def _grid(radius: float, spacing: float) -> Array:
-    """Points (m, 2) of a square grid within ``radius`` of its middle point, px."""
-    steps = np.arange(-math.floor(radius / spacing), math.floor(radius / spacing) + 1) * spacing
-    x, y = np.meshgrid(steps, steps)
+def _grid(radius: float) -> Array:
+    """Points (m, 2) of a square grid within ``radius`` of its centre, px."""
+    count = math.floor(radius / SPACING_PX)
+    x, y = np.meshgrid(*2 * [np.arange(-count, count + 1) * SPACING_PX])
     inside = np.hypot(x, y) <= radius
     return np.stack((x[inside], y[inside]), -1)
 
@@ -191,7 +131,8 @@ def _depth(points: Array, radius: float) -> Array:
     return np.sqrt(np.clip(radius**2 - (points**2).sum(-1), 0, None))
 
 
-def _swept(points: Array, turn: Array, radius: float) -> Array:
-    """Displacement (m, 2) of the points by a small rotation, px."""
+def _rotation_shift(points: Array, rotation: Array, radius: float) -> Array:
+    """Displacement (m, 2) of the points by a small rotation (3,), px."""
     s = _depth(points, radius)
-    return np.stack((-s * turn[1] - points[:, 1] * turn[2], s * turn[0] + points[:, 0] * turn[2]), -1)
+    x_shift = -s * rotation[1] - points[:, 1] * rotation[2]
+    return np.stack((x_shift, s * rotation[0] + points[:, 0] * rotation[2]), -1)
