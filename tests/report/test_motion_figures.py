@@ -1,4 +1,4 @@
-"""Figures over time: what is drawn on which axis, with which unit, and what an empty panel says."""
+"""Figures over time: curves, axes and units, and the text in an empty panel."""
 
 import dataclasses
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from result_folders import in_px
 
-from torchsphere.report import explanations, motion_figures, path_figure
+from torchsphere.report import explanations, image_figures, motion_figures
 from torchsphere.results.reader import ResultFolder
 
 
@@ -24,7 +24,7 @@ def test_motion_is_drawn_in_si_units_with_its_band_of_two_standard_deviations(re
     assert band.min() == pytest.approx((result.motion.velocity_m_s[:, 0] - widest).min())
 
 
-def test_below_each_panel_stands_its_standard_deviation_in_the_same_unit(result: ResultFolder) -> None:
+def test_a_strip_below_each_panel_shows_its_standard_deviation_in_the_same_unit(result: ResultFolder) -> None:
     axes = motion_figures.motion_figure(result).axes
     assert result.motion is not None
     assert result.motion.sd_force_N is not None
@@ -35,7 +35,7 @@ def test_below_each_panel_stands_its_standard_deviation_in_the_same_unit(result:
         (axes[7], result.motion.sd_spin_rad_s),
     ):
         np.testing.assert_allclose(np.stack([line.get_ydata() for line in axis.lines], 1), sd)
-        # All of it can be seen, from zero.
+        # The whole curve is visible, from zero.
         low, high = axis.get_ylim()
         assert low == 0
         assert np.nanmax(sd) < high < 1.5 * np.nanmax(sd)
@@ -44,7 +44,7 @@ def test_below_each_panel_stands_its_standard_deviation_in_the_same_unit(result:
         assert 0 < above.get_position().y0 - below.get_position().y1 < 0.02
 
 
-def test_the_contact_is_shaded_where_it_was_measured(result: ResultFolder) -> None:
+def test_the_measured_contact_is_shaded(result: ResultFolder) -> None:
     assert result.contact_s is not None
     for axis in motion_figures.motion_figure(result).axes:
         low, high = axis.patches[0].get_extents().transformed(axis.transData.inverted()).intervalx
@@ -54,7 +54,7 @@ def test_the_contact_is_shaded_where_it_was_measured(result: ResultFolder) -> No
 def test_without_a_scale_motion_is_drawn_in_px_and_frames(result: ResultFolder) -> None:
     axes = motion_figures.motion_figure(in_px(result)).axes
     labels = ["position (px)", "step (px per frame)", "rotation (deg per frame)"]
-    # No standard deviation is stated of positions in px.
+    # Positions in px have no stated standard deviation.
     assert [axis.get_ylabel() for axis in axes] == [*labels, "sd", "sd"]
     assert axes[-1].get_xlabel() == "frame"
     # The diameter was given.
@@ -80,7 +80,7 @@ def test_frames_that_were_not_measured_are_shaded(result: ResultFolder) -> None:
     np.testing.assert_allclose(extents, [[3.5, 5.5], [8.5, 9.5]])
 
 
-def test_nothing_measured_is_said_on_the_axes_instead_of_left_blank(result: ResultFolder) -> None:
+def test_axes_without_measurements_give_the_reason(result: ResultFolder) -> None:
     nothing = {
         name: np.full_like(getattr(result, name), np.nan)
         for name in ("position", "radius", "increment", "sd_increment", "zncc", "quaternion")
@@ -90,7 +90,7 @@ def test_nothing_measured_is_said_on_the_axes_instead_of_left_blank(result: Resu
     for figure in (motion_figures.motion_figure(lost), motion_figures.rotation_figure(lost)):
         for axis in figure.axes:
             (text,) = axis.texts
-            # Why, in how many frames, and which option helps; nothing that looks like a measurement.
+            # The reason, the number of frames and the option that helps, without ticks.
             assert text.get_text().startswith(f"not measured: lost in {len(lost.status)} of {len(lost.status)} frames")
             assert "check the circle that was given, choose frames" in text.get_text()
             assert len(axis.get_yticks()) == 0
@@ -100,11 +100,11 @@ def test_nothing_measured_is_said_on_the_axes_instead_of_left_blank(result: Resu
     assert "give the ball with --circle" in explanations.why_empty(dataclasses.replace(lost, summary=found), "position")
     labels = ["position (px)", "step (px per frame)", "rotation (deg per frame)"]
     assert [axis.get_title(loc="left") for axis in motion_figures.motion_figure(lost).axes] == labels
-    assert any("not measured" in text.get_text() for text in path_figure.path_figure(lost).texts)
+    assert any("not measured" in text.get_text() for text in image_figures.path_figure(lost).texts)
     motion_figures.quality_figure(lost)
 
 
-def test_an_empty_panel_among_others_says_why_and_keeps_the_time(result: ResultFolder) -> None:
+def test_an_empty_panel_among_others_gives_the_reason_and_keeps_the_time_axis(result: ResultFolder) -> None:
     assert result.motion is not None
     nothing = np.full_like(result.motion.spin_rad_s, np.nan)
     motion = dataclasses.replace(result.motion, spin_rad_s=nothing, sd_spin_rad_s=nothing)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from torchsphere.report.overlay import axes_of, draw_frame, write_overlay
+from torchsphere.report.overlay import ball_axes, draw_frame, write_overlay
 from torchsphere.results.reader import ResultFolder
 from torchsphere.results.sampled_frames import NO_RESIDUAL, Sampled
 
@@ -48,7 +48,7 @@ def seen(path: Path) -> ResultFolder:
 def test_a_quarter_turn_about_y_points_x_at_the_viewer_and_z_to_the_right() -> None:
     # Front to the left: what pointed right comes to the front, what pointed away comes to the right.
     turned = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-    x, y, z = axes_of(np.array([60.0, 40.0]), 20.0, turned)
+    x, y, z = ball_axes(np.array([60.0, 40.0]), 20.0, turned)
     np.testing.assert_allclose(x.tip, [60, 40], atol=1e-12)
     assert x.in_front
     np.testing.assert_allclose(y.tip, [60, 58], atol=1e-12)
@@ -56,11 +56,11 @@ def test_a_quarter_turn_about_y_points_x_at_the_viewer_and_z_to_the_right() -> N
 
 
 def test_an_axis_that_points_away_is_behind() -> None:
-    assert [arrow.in_front for arrow in axes_of(np.zeros(2), 1.0, np.eye(3))] == [True, True, False]
+    assert [arrow.in_front for arrow in ball_axes(np.zeros(2), 1.0, np.eye(3))] == [True, True, False]
 
 
 def test_without_a_rotation_no_axes_are_drawn() -> None:
-    assert axes_of(np.zeros(2), 1.0, np.full((3, 3), np.nan)) == []
+    assert ball_axes(np.zeros(2), 1.0, np.full((3, 3), np.nan)) == []
 
 
 def test_the_circle_is_drawn_where_the_ball_is_and_nowhere_when_it_is_lost(tmp_path: Path) -> None:

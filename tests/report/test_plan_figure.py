@@ -30,13 +30,13 @@ def made() -> Plan:
 
 
 def test_both_panels_of_a_flight_have_one_time() -> None:
-    upper, lower = plan_figure.drawn(made()).axes[:2]
+    upper, lower = plan_figure.plan_figure(made()).axes[:2]
     assert upper.get_xlabel() == lower.get_xlabel() == "time (ms)"
     assert upper.get_xlim() == lower.get_xlim() == (0, pytest.approx(21e3 / SETUP.frame_rate))
 
 
 def test_what_should_be_zero_is_drawn_about_zero_below_its_legend() -> None:
-    for axis, unit in zip(plan_figure.drawn(made()).axes[:2], ("m/s", "kN"), strict=True):
+    for axis, unit in zip(plan_figure.plan_figure(made()).axes[:2], ("m/s", "kN"), strict=True):
         most = max(float(np.abs(line.get_ydata()).max()) for line in axis.lines)
         low, high = axis.get_ylim()
         assert low == pytest.approx(-1.1 * most)
@@ -47,7 +47,7 @@ def test_what_should_be_zero_is_drawn_about_zero_below_its_legend() -> None:
 
 def test_the_error_of_the_force_has_a_panel_of_its_own_with_the_stated_band() -> None:
     plan = made()
-    axis = plan_figure.drawn(plan).axes[3]
+    axis = plan_figure.plan_figure(plan).axes[3]
     found = plan.rehearsal
     assert found is not None
     error = -1e-3 * (found.force_along_N - found.true_force_N)
@@ -59,7 +59,7 @@ def test_the_error_of_the_force_has_a_panel_of_its_own_with_the_stated_band() ->
 
 
 def test_a_factor_has_one_height_in_velocity_and_force() -> None:
-    left, right = plan_figure.drawn(made()).axes[4:6]
+    left, right = plan_figure.plan_figure(made()).axes[4:6]
     assert [axis.get_ylabel() for axis in (left, right)] == ["sd of velocity (m/s)", "sd of force (kN)"]
     spans = [math.log(axis.get_ylim()[1] / axis.get_ylim()[0]) for axis in (left, right)]
     assert spans[0] == pytest.approx(spans[1])
@@ -71,7 +71,7 @@ def test_a_factor_has_one_height_in_velocity_and_force() -> None:
 
 
 def test_without_a_rehearsal_a_sentence_stands_in_place_of_empty_axes() -> None:
-    axis = plan_figure.drawn(replace(made(), rehearsal=None)).axes[2]
+    axis = plan_figure.plan_figure(replace(made(), rehearsal=None)).axes[2]
     assert axis.texts[0].get_text().startswith("not rehearsed: more than 60 frames in contact")
     assert len(axis.get_xticks()) == len(axis.get_yticks()) == 0
 
@@ -81,7 +81,7 @@ def test_a_contact_between_two_frames_is_drawn_with_the_frames_next_to_it(frames
     plan = made()
     target = Target(frames / SETUP.frame_rate, 0.3, "given")
     brief = replace(plan, target=target, rehearsal=rehearse(plan.covariance, SETUP, target))
-    axis = plan_figure.drawn(brief).axes[3]
+    axis = plan_figure.plan_figure(brief).axes[3]
     low, high = axis.get_xlim()
     assert ((axis.lines[0].get_xdata() > low) & (axis.lines[0].get_xdata() < high)).sum() == 2
     assert np.isfinite(axis.get_ylim()).all()
@@ -91,7 +91,7 @@ def test_a_contact_between_two_frames_is_told_in_words_and_not_as_nan() -> None:
     plan = made()
     target = Target(0.2 / SETUP.frame_rate, 0.3, "given")
     brief = replace(plan, target=target, rehearsal=rehearse(plan.covariance, SETUP, target))
-    figure = plan_figure.drawn(brief)
+    figure = plan_figure.plan_figure(brief)
     assert figure.axes[2].get_title().endswith("the contact falls between two frames")
     for axis in figure.axes[4:6]:
         assert [text.get_text() for text in axis.texts][-1] == "no frame\nin contact"

@@ -64,7 +64,7 @@ def run(options: dict[str, Any]) -> int:
     with atomic_output.atomic_folder(out, overwrite) as folder:
         writer.write_summary(folder, table.as_table(made))
         (folder / "summary.json").rename(folder / "plan.json")
-        plan_figure.plan_figure(folder / "plan.png", made)
+        plan_figure.plan_figure(made).savefig(folder / "plan.png")
     if not quiet:
         print(f"{plan_text.text(made)}\nresult  {out}")
     return 0

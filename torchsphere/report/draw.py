@@ -1,11 +1,10 @@
-"""Draw figures, thumbnail and report of a result from its folder alone."""
+"""Draws figures, thumbnail and report of a result from its folder alone."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import multiprocessing
-import shutil
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -14,7 +13,7 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from torchsphere.report import image_figures, motion_figures, path_figure, report_page
+from torchsphere.report import image_figures, motion_figures, report_page
 from torchsphere.report.figure_style import new_figure
 from torchsphere.results.reader import ResultFolder, read
 from torchsphere.runtime import signals
@@ -22,18 +21,18 @@ from torchsphere.runtime import signals
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Figures by the names of their files: of the tables, and of the images that a result keeps.
-OF_NUMBERS: dict[str, Callable[[ResultFolder], Figure]] = {
+#: Figures of the tables, and of the images that a result keeps, by the names of their files.
+NUMBER_FIGURES: dict[str, Callable[[ResultFolder], Figure]] = {
     "motion": motion_figures.motion_figure,
     "rotation": motion_figures.rotation_figure,
     "quality": motion_figures.quality_figure,
 }
-OF_IMAGES: dict[str, Callable[[ResultFolder], Figure]] = {
-    "path": path_figure.path_figure,
+IMAGE_FIGURES: dict[str, Callable[[ResultFolder], Figure]] = {
+    "path": image_figures.path_figure,
     "residuals": image_figures.residual_figure,
 }
 
-#: Compression of PNG and PDF. Compared with level 6, drawing takes a tenth less time and files are a tenth larger.
+#: Compression level of PNG and PDF (docs/constants.md).
 COMPRESSION = 1
 
 Result = TypeVar("Result")
@@ -59,7 +58,7 @@ def drawing_process(wanted: bool = True) -> Iterator[Executor | None]:
 
 
 def begin(pool: Executor | None, function: Callable[..., Result], *arguments: Any) -> Future[Result] | None:
-    """Call a function in the process of `drawing_process`; None if there is no process, or it has died."""
+    """Call a function in the process of `drawing_process`; None if there is no process, or if the process has died."""
     try:
         return None if pool is None else pool.submit(function, *arguments)
     except BrokenProcessPool:
@@ -69,41 +68,31 @@ def begin(pool: Executor | None, function: Callable[..., Result], *arguments: An
 def begin_figures(folder: Path, pool: Executor | None) -> Future[None] | None:
     """Begin to draw the figures of numbers of the result in ``folder``, whose tables are written."""
     (folder / "figures").mkdir()
-    return begin(pool, draw_figures, folder, folder / "figures", tuple(OF_NUMBERS))
+    return begin(pool, draw_figures, folder, folder / "figures", tuple(NUMBER_FIGURES))
 
 
 def draw(folder: Path, pool: Executor | None = None, begun: Future[None] | None = None) -> None:
-    """Draw figures and report of the result in ``folder``, and replace earlier ones; tables stay as they are.
+    """Draw figures and report of the result in ``folder`` and replace earlier ones; tables stay as they are.
 
-    Every file appears whole or not at all. A ``pool`` draws the figures beside the report; ``begun`` is the call that
-    draws the figures of numbers already. If such a call fails, its figures are drawn here.
-
-    Raises
-    ------
-    ValueError
-        If ``folder`` is not a result folder, or is damaged.
+    Every file appears whole or not at all. The process of ``pool`` draws the figures of images while this process
+    makes the report; ``begun`` is the call that draws the figures of numbers. This process draws the figures of a call
+    that fails. Raises ValueError if ``folder`` is not a result folder, or is damaged.
     """
     with _DRAWING:
-        _draw(folder, pool, begun)
-
-
-def _draw(folder: Path, pool: Executor | None, begun: Future[None] | None) -> None:
-    result = read(folder)
-    new = Path(tempfile.mkdtemp(prefix=".drawing.", dir=folder))
-    try:
-        figures = new / "figures"
-        figures.mkdir()
-        beside = begin(pool, draw_figures, folder, figures, tuple(OF_IMAGES))
-        (new / "report.html").write_text(report_page.report_html(result), encoding="utf-8")
-        if result.sampled is not None:
-            (figures / "thumbnail.webp").write_bytes(image_figures.thumbnail(result))
-        calls = ((OF_NUMBERS, begun), (OF_IMAGES, beside))
-        draw_figures(folder, figures, [name for names, call in calls if failed(call) for name in names])
-        (folder / "figures").mkdir(exist_ok=True)
-        for path in [*figures.iterdir(), new / "report.html"]:
-            path.replace(folder / path.relative_to(new))
-    finally:
-        shutil.rmtree(new)
+        result = read(folder)
+        with tempfile.TemporaryDirectory(prefix=".drawing.", dir=folder) as name:
+            new = Path(name)
+            figures = new / "figures"
+            figures.mkdir()
+            beside = begin(pool, draw_figures, folder, figures, tuple(IMAGE_FIGURES))
+            (new / "report.html").write_text(report_page.report_html(result), encoding="utf-8")
+            if result.sampled is not None:
+                (figures / "thumbnail.webp").write_bytes(image_figures.thumbnail(result))
+            calls = ((NUMBER_FIGURES, begun), (IMAGE_FIGURES, beside))
+            draw_figures(folder, figures, [name for names, call in calls if failed(call) for name in names])
+            (folder / "figures").mkdir(exist_ok=True)
+            for path in [*figures.iterdir(), new / "report.html"]:
+                path.replace(folder / path.relative_to(new))
 
 
 def failed(call: Future[Any] | None) -> bool:
@@ -112,23 +101,20 @@ def failed(call: Future[Any] | None) -> bool:
 
 
 def draw_figures(result_folder: Path, folder: Path, names: Sequence[str]) -> None:
-    """Draw figures of a result, by their ``names``, into ``folder`` as PNG and PDF.
-
-    Figures of images are left out if the result keeps no images.
-    """
+    """Draw figures of a result into ``folder`` as PNG and PDF; a result without images has no figures of images."""
     from matplotlib import rc_context
 
     result = read(result_folder)
-    available = OF_NUMBERS | (OF_IMAGES if result.sampled is not None else {})
+    available = NUMBER_FIGURES | (IMAGE_FIGURES if result.sampled is not None else {})
     for name in available.keys() & set(names):
         figure = available[name](result)
         figure.savefig(folder / f"{name}.png", pil_kwargs={"compress_level": COMPRESSION})
-        # The layout is known by now; computing it again takes a tenth of the time of drawing.
+        # The layout is known; computing it again takes a tenth of the drawing time.
         figure.set_layout_engine("none")
-        # Without the date, so that the same result gives the same file.
+        # The same result gives the same file, so that the date is left out.
         with rc_context({"pdf.compression": COMPRESSION}):
             figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
-        # The parts of a figure refer to each other; clear() frees their memory, 10 to 20 MB, at once.
+        # The parts of a figure refer to each other: clear() frees their 10 to 20 MB at once.
         figure.clear()
 
 

@@ -1,4 +1,4 @@
-"""Sentences on a result: which frames and quantities were measured, which were not, why, and what to do."""
+"""Sentences on a result: which frames and quantities were measured or not, the reason, and the remedy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from torchsphere.results.reader import ALL_KNOWN, ResultFolder
 
-#: Meaning of each status, and what to do.
+#: Meaning and remedy of each status.
 STATUSES: dict[str, tuple[str, str]] = {
     "ok": ("translation and rotation were measured", ""),
     "weak_texture": (
@@ -37,7 +37,7 @@ STATUSES: dict[str, tuple[str, str]] = {
     ),
 }
 
-#: What to do if the circle was given already.
+#: Remedies if the circle was given.
 REMEDIES_WITH_CIRCLE = {
     "not_converged": "The ball may turn or move too far from one frame to the next, or blur too much: raise the frame "
     "rate, or shorten the exposure. Check below that the circle that was given is the ball's outline.",
@@ -45,7 +45,7 @@ REMEDIES_WITH_CIRCLE = {
     "at a frame that shows the whole ball.",
 }
 
-#: Meaning of "weak_texture", and what to do, if the model has no rotation.
+#: Meaning and remedy of "weak_texture" if the model has no rotation.
 WITHOUT_ROTATION = (
     "the translation was measured; the rotation was not, as the model 'translation' knows none",
     "Track again with --model rigid for the rotation, and for a translation that it does not bias.",
@@ -66,7 +66,7 @@ NO_IMPACT = "No impact is reported: "
 
 @dataclass(frozen=True)
 class Problem:
-    """A status other than "ok": the frames that have it, its meaning, and what to do."""
+    """A status other than "ok": its frames, meaning and remedy."""
 
     frames: str
     meaning: str
@@ -74,13 +74,13 @@ class Problem:
 
 
 def verdict(result: ResultFolder) -> str:
-    """How much was measured, in one sentence."""
+    """A sentence on the number of measured frames."""
     n, good, located = len(result.status), int(np.isin(result.status, ALL_KNOWN).sum()), int(result.known.sum())
     if good == n:
         return f"All {n} frames were measured."
     if good == 0 and located == 0:
         return f"Nothing was measured: in none of the {n} frames was the ball found."
-    # The frame in which the ball is first found is "ok" although no step leads to it.
+    # The first frame with the ball is "ok" although no step leads to this frame.
     if good <= 1 and not result.has_steps:
         return f"No motion was measured: the ball was found in {_count(located, 'frame')} of {n}, but not followed."
     if good == 0:
@@ -100,7 +100,7 @@ def problems(result: ResultFolder) -> list[Problem]:
 
 
 def meaning_and_remedy(result: ResultFolder, status: str) -> tuple[str, str]:
-    """Meaning of a status in this result, and what to do."""
+    """Meaning and remedy of a status in this result."""
     if result.without_rotation and status == "weak_texture":
         return WITHOUT_ROTATION
     meaning, remedy = STATUSES[status]
@@ -108,7 +108,7 @@ def meaning_and_remedy(result: ResultFolder, status: str) -> tuple[str, str]:
 
 
 def missing_inputs(result: ResultFolder) -> list[str]:
-    """A sentence for each input that is missing: what the result lacks, and the option that gives the input."""
+    """A sentence for each missing input: the quantity that lacks it, and the option that gives the input."""
     sentences = []
     if result.summary.get("frame_rate") is None:
         sentences.append("Velocities and times are not measured: the frame rate is not known. Give it with --fps.")
@@ -126,18 +126,15 @@ def missing_inputs(result: ResultFolder) -> list[str]:
 
 def warnings(result: ResultFolder) -> list[str]:
     """Warnings of the summary, except those that `verdict`, `problems` and `missing_inputs` repeat."""
-    repeated: tuple[str, ...] = ("The frame rate is not known", "No scale was given")
-    if not result.has_steps:
-        repeated = (*repeated, NO_IMPACT)
-    return [
-        sentence
-        for sentence in result.summary.get("warnings", [])
-        if not sentence.startswith(repeated) and "frames were not fully measured" not in sentence
+    repeated = ["The frame rate is not known", "No scale was given", *([] if result.has_steps else [NO_IMPACT])]
+    sentences = [
+        sentence for sentence in result.summary.get("warnings", []) if not sentence.startswith(tuple(repeated))
     ]
+    return [sentence for sentence in sentences if "frames were not fully measured" not in sentence]
 
 
 def why_empty(result: ResultFolder, key: str) -> str:
-    """Why the time series ``key`` is empty, by the most frequent status other than "ok"."""
+    """The reason why the time series ``key`` is empty, by the most frequent status other than "ok"."""
     if key in ("spin", "turned") and result.without_rotation:
         return "not measured: the model 'translation' knows no rotation;\ngive --model rigid"
     counts = {name: int((result.status == name).sum()) for name in REASONS}
@@ -150,7 +147,7 @@ def why_empty(result: ResultFolder, key: str) -> str:
 
 
 def missing_for_si(result: ResultFolder) -> str:
-    """The options that SI units, or the force, still need; empty if none is missing."""
+    """The missing options for SI units, or for the force; empty if none is missing."""
     if result.motion is not None:
         return "" if result.motion.force_N is not None else "for the force give --mass-g"
     options = []

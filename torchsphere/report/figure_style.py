@@ -21,6 +21,12 @@ STATUS_COLOURS = {
     "lost": "#D55E00",
 }
 
+#: Colours of the contact and of frames that were not measured.
+CONTACT, MISSING = "#F0E442", "0.87"
+
+#: Style of a legend above its axes.
+LEGEND: dict[str, Any] = {"fontsize": 8, "frameon": False, "borderaxespad": 0.1}
+
 #: Dots per inch of a PNG, which is for screens; the PDF beside it is for print.
 DPI = 120
 

@@ -1,34 +1,43 @@
-"""Images and residual maps of a few frames, for the result folder: a report can then be drawn again.
+"""Images and residual maps of a few frames, for the result folder: a report can be drawn from them again.
 
-The number of frames has a limit, whatever the length of the recording. Images are read a few at a time, so that memory
-stays constant.
+A residual map is the image minus the image before it, moved with the ball. The number of frames has a limit, whatever
+the length of the recording. Images are read a few at a time, so that memory stays constant.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
+import torch.nn.functional as F  # noqa: N812  (torch's convention)
 from numpy.typing import NDArray
 from torch import Tensor
 
+from torchsphere.correlation import znssd
+from torchsphere.correlation.options import Options, margin
+from torchsphere.correlation.reference import Filtered, build_reference
+from torchsphere.correlation.warp import warp
+from torchsphere.geometry import motion_models
+from torchsphere.geometry.camera import Camera
+from torchsphere.imaging import crop, interlacing, interpolation
 from torchsphere.recording.frame_source import Source
-from torchsphere.report.residual_maps import Pairs, bin_size, options_of, residual_maps
 from torchsphere.results.reader import TRANSLATION_KNOWN
 from torchsphere.results.sampled_frames import NO_RESIDUAL, Sampled, encode_webp, rows_to_keep
 from torchsphere.runtime import threads
 from torchsphere.tracking.follow import BATCH
 from torchsphere.tracking.track import Track
 
-#: Bytes of all images together: with residual maps and numbers, a report stays below 3 MB.
+#: Size of all images together, bytes (docs/constants.md).
 BUDGET_BYTES = 1_150_000
 
 #: Longest side and area of an image at most, px.
 LONGEST_PX, AREA_PX = 640, 160_000
 
-#: WebP's quality at first, and the least quality, below which images are made smaller instead.
+#: First and least quality of WebP; at the least quality images are made smaller instead.
 QUALITY, LEAST_QUALITY = 60, 25
 
 #: Half the width of the part that is kept around the ball's path, radii.
@@ -37,10 +46,24 @@ PATH_MARGIN = 1.5
 #: Number of images that give the range of grey levels, and the share of their pixels below and above the range, %.
 LEVEL_IMAGES, LEVEL_TAIL = 5, 0.2
 
-#: Unit of residual maps, share of the range of grey levels: 1/4 level of 256, so that int8 reaches to 32 levels.
+#: Unit of residual maps, share of the range of grey levels: 1/4 of 254 levels, so that int8 reaches to 32 levels.
 RESIDUAL_STEP = 1 / 1016
 
-Array = NDArray[np.float64]
+#: Largest radius of a ball whose map has the pixels of the images, px.
+MAX_FULL_RADIUS_PX = 72.0
+
+#: Radius of a larger ball in its map, whose pixels are binned, px (docs/constants.md).
+BINNED_RADIUS_PX = 48.0
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """m pairs of images (h, w) of the ball; all values are finite."""
+
+    before: Sequence[Tensor]
+    after: Sequence[Tensor]
+    circles: Tensor  # (x, y, radius) of the ball (m, 3) in the first image, px
+    motion: Tensor  # (dx, dy, wx, wy, wz, growth) to the second image (m, 6), px, rad and a share of the radius
 
 
 def sample(recording: object, track: Track, ignore: Tensor | None = None) -> Sampled:
@@ -90,26 +113,23 @@ def _grey_levels(source: Source, rows: NDArray[np.int64]) -> tuple[float, float]
 
 @dataclass(frozen=True)
 class _Encoding:
-    """How an image becomes a small WebP: part (x0, y0, x1, y1), range of grey levels, size and quality."""
+    """Encoding of an image as a small WebP."""
 
-    box: tuple[int, int, int, int]
-    levels: tuple[float, float]
+    box: tuple[int, int, int, int]  # part of the image: x0, y0, x1, y1
+    levels: tuple[float, float]  # grey levels that become black and white
     size: tuple[int, int]
     quality: int
     budget: float  # bytes per image
 
     def within_budget(self, images: list[NDArray[np.float32]]) -> _Encoding:
         """An encoding that keeps the ``images`` within the budget: first of lower quality, then smaller."""
-        encoding = self
-        while sum(len(encoding.webp(image)) for image in images) > len(images) * self.budget:
-            if min(encoding.size) <= 32:
-                break
-            if encoding.quality > LEAST_QUALITY:
-                encoding = dataclasses.replace(encoding, quality=max(encoding.quality - 15, LEAST_QUALITY))
-            else:
-                smaller = round(0.85 * encoding.size[0]), round(0.85 * encoding.size[1])
-                encoding = dataclasses.replace(encoding, size=smaller)
-        return encoding
+        if min(self.size) <= 32 or sum(len(self.webp(image)) for image in images) <= len(images) * self.budget:
+            return self
+        if self.quality > LEAST_QUALITY:
+            smaller = dataclasses.replace(self, quality=max(self.quality - 15, LEAST_QUALITY))
+        else:
+            smaller = dataclasses.replace(self, size=(round(0.85 * self.size[0]), round(0.85 * self.size[1])))
+        return smaller.within_budget(images)
 
     def webp(self, image: NDArray[np.float32]) -> bytes:
         from PIL import Image
@@ -144,11 +164,11 @@ def _read(source: Source, rows: NDArray[np.int64]) -> dict[int, Tensor]:
 def _maps(
     images: dict[int, Tensor], rows: NDArray[np.int64], track: Track, ignore: Tensor | None, step: float
 ) -> NDArray[np.int8]:
-    """Residual maps (m, s, s) of the rows in units of ``step``; empty if the increment was not measured."""
+    """Residual maps (m, s, s) of the rows in units of ``step``; `NO_RESIDUAL` if the increment was not measured."""
     q = np.concatenate((np.full((1, 5), np.nan), track.increment))[rows]
     before = np.maximum(rows - 1, 0)
     growth = track.radius[rows] / track.radius[before] - 1
-    # The rotation of the model "translation" is 0. With every other model, NaN means that it is not known.
+    # The rotation of the model "translation" is 0. With other models, NaN means an unknown rotation.
     if track.settings["model"] == "translation":
         q[:, 2:] = np.where(np.isfinite(q[:, :1]), 0.0, q[:, 2:])
     motion = np.concatenate((q, growth[:, None]), 1)
@@ -175,3 +195,61 @@ def _padded(maps: NDArray[np.int8], side: int) -> NDArray[np.int8]:
     spare = side - maps.shape[-1]
     width = (spare // 2, spare - spare // 2)
     return np.pad(maps, ((0, 0), width, width), constant_values=NO_RESIDUAL)
+
+
+def bin_size(radius: float) -> int:
+    """Side of the squares of pixels that are binned, px; 1 for none."""
+    return 1 if radius <= MAX_FULL_RADIUS_PX else round(radius / BINNED_RADIUS_PX)
+
+
+def options_of(settings: dict[str, Any]) -> Options:
+    """Options of the correlation, from the ``settings`` of a `Track`."""
+    names = set(Options.__dataclass_fields__)
+    known = {name: value for name, value in settings.items() if name in names}
+    camera = known.get("camera")
+    return Options(**known | {"camera": Camera(**camera) if isinstance(camera, dict) else camera})
+
+
+def residual_maps(pairs: Pairs, ignore: Tensor | None, options: Options) -> NDArray[np.float32]:
+    """Second image minus first image (m, s, s) within the region of interest, grey levels.
+
+    The middle of a map is the ball's centre in the first image, rounded to whole pixels. Pixels outside the region and
+    unusable pixels are NaN. Gain and offset are matched as in the ZNSSD, equation (3) of the paper. Images are blurred
+    as in the correlation.
+    """
+    radius = float(pairs.circles[:, 2].max())
+    k, half = bin_size(radius), crop.half_size(radius, margin(options))
+    crops_f = crop.cut(pairs.before, pairs.circles[:, :2], half, ignore)
+    crops_g = crop.cut(pairs.after, pairs.circles[:, :2] + pairs.motion[:, :2].to(pairs.circles), half, ignore)
+    if interlacing.is_interlaced(crops_f):
+        crops_f, crops_g = interlacing.one_field(crops_f), interlacing.one_field(crops_g)
+    crops_f, crops_g = _binned(crops_f, k), _binned(crops_g, k)
+    circles = pairs.circles.clone()
+    circles[:, :2] = (circles[:, :2] - (k - 1) / 2) / k
+    circles[:, 2] /= k
+    camera = None if options.camera is None else options.camera.reduced(k)
+    # The pattern is finer in binned pixels: without this blur the aliasing dominates the residual.
+    pre_blur = max(options.pre_blur, interpolation.PRE_BLUR_PX) if k > 1 else options.pre_blur
+    filtered = Filtered.of(crops_f, pre_blur)
+    reference = build_reference(filtered, circles, options.roi, pre_blur, camera, blurred_every=None)
+    c_g = interpolation.coefficients(crops_g.images, pre_blur)
+    model = motion_models.MODELS["finite" if options.model == "rigid" else options.model]
+    q = pairs.motion[:, : motion_models.degrees_of_freedom(model)].clone()
+    q[:, :2] /= k
+    shift = (circles[:, :2] - crops_g.origin).to(c_g)
+    warped, weights = warp(reference, c_g, shift, q.to(c_g), model)
+    difference = -znssd.residual(reference.values, warped, weights)
+    difference = torch.where(weights > 0, difference, torch.nan)
+    maps = torch.full((len(difference), reference.side * reference.side), torch.nan)
+    maps[:, reference.places.cpu()] = difference.float().cpu()
+    return maps.unflatten(-1, (reference.side, reference.side)).numpy()
+
+
+def _binned(crops: crop.Crops, k: int) -> crop.Crops:
+    """The crops with ``k`` x ``k`` pixels binned to their mean; the origin is in binned pixels."""
+    if k == 1:
+        return crops
+    usable = crops.usable
+    if usable is not None:
+        usable = F.max_pool2d((~usable)[:, None].to(crops.images), k)[:, 0] == 0
+    return crop.Crops(F.avg_pool2d(crops.images[:, None], k)[:, 0], usable, crops.origin / k)

@@ -14,32 +14,19 @@ from urllib.parse import quote
 from torchsphere.report.templating import page
 from torchsphere.results.atomic_output import atomic_file
 
-#: Columns of the table that stand first, in this order; all others follow in the order of the rows.
-FIRST = ("recording", "state", "reason", "frames", "ok")
+#: First columns of the table; all others follow in the order of the rows.
+FIRST_COLUMNS = ("recording", "state", "reason", "frames", "ok")
 
-#: Columns that may hold the path of the result folder, relative to the index; they are not shown.
-RESULT = ("result", "out")
-
-#: Path of the thumbnail in a result folder.
-THUMBNAIL = "figures/thumbnail.webp"
+#: Columns with the path of the result folder, relative to the index; the page does not show them.
+RESULT_COLUMNS = ("result", "out")
 
 
 def write_index(out_dir: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
-    """Write ``index.html`` for the results of a batch, whole or not at all.
+    """Write ``index.html`` for the results of a batch, whole or not at all, and return its path.
 
-    Parameters
-    ----------
-    out_dir : Path
-        Folder of the batch, which has the result folders.
-    rows : sequence of mapping
-        A row per recording: "recording", "state" ("done", "failed" or "pending"), "reason", "frames", "ok", "result"
-        (path of the result folder, relative to ``out_dir`` or absolute), and further numbers with units in their
-        names. A cell that is None, empty or NaN is shown as "not measured".
-
-    Returns
-    -------
-    Path
-        Path of the page.
+    A row per recording has "recording", "state" ("done", "failed" or "pending"), "reason", "frames", "ok", "result"
+    (the result folder, relative to ``out_dir`` or absolute), and further numbers with units in their names. The page
+    shows "not measured" in a cell that is None, empty or NaN.
     """
     columns = _columns(rows)
     states = Counter(str(row.get("state", "")) for row in rows)
@@ -63,18 +50,21 @@ def read_rows(out_dir: Path) -> list[dict[str, str]]:
 
 
 def result_folder(out_dir: Path, row: Mapping[str, Any]) -> Path | None:
-    """The result folder of a row; None if it has none."""
-    folders = (out_dir / str(row[name]) for name in (*RESULT, "recording") if row.get(name))
+    """The result folder of a row; None if there is none."""
+    folders = (out_dir / str(row[name]) for name in (*RESULT_COLUMNS, "recording") if row.get(name))
     return next((folder for folder in folders if (folder / "summary.json").is_file()), None)
 
 
 def _columns(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     seen = dict.fromkeys(name for row in rows for name in row)
-    return [*(name for name in FIRST if name in seen), *(name for name in seen if name not in (*FIRST, *RESULT))]
+    return [
+        *(name for name in FIRST_COLUMNS if name in seen),
+        *(name for name in seen if name not in (*FIRST_COLUMNS, *RESULT_COLUMNS)),
+    ]
 
 
 def _cells(out_dir: Path, row: Mapping[str, Any], columns: Sequence[str]) -> dict[str, Any]:
-    """A row for the script of the page: its values, and the relative addresses of report and thumbnail, or None."""
+    """A row for the page's script: values, and relative addresses of report and thumbnail, None if they are missing."""
     folder = result_folder(out_dir, row)
 
     def address(name: str) -> str | None:
@@ -82,11 +72,11 @@ def _cells(out_dir: Path, row: Mapping[str, Any], columns: Sequence[str]) -> dic
         return quote(Path(os.path.relpath(path, out_dir)).as_posix()) if path is not None and path.is_file() else None
 
     cells = [_cell(row.get(name)) for name in columns]
-    return {"cells": cells, "report": address("report.html"), "picture": address(THUMBNAIL)}
+    return {"cells": cells, "report": address("report.html"), "picture": address("figures/thumbnail.webp")}
 
 
 def _cell(value: Any) -> Any:
-    """A number, also from its text, or a text; None if the cell is empty or not finite."""
+    """A number, which may be given as text, or a text; None if the cell is empty or not finite."""
     if isinstance(value, bool):
         return str(value).lower()
     try:

@@ -20,7 +20,7 @@ from torchsphere.results.sampled_frames import Sampled
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-#: Least longer side of the video, px, at which its text is readable; frames per second; H.264's constant rate factor.
+#: Least length of the video's longer side, px, for readable text; frames per second; H.264's constant rate factor.
 SIDE_PX, FRAMES_PER_S, RATE_FACTOR = 720, 25, "20"
 
 #: Colours of Okabe and Ito for the circle, the path and the axes x, y, z of the ball.
@@ -34,17 +34,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Arrow:
-    """An axis of the ball with its ``tip`` (2,), px of the recording, in front of the image plane or behind it."""
+    """An axis of the ball with its ``tip`` (2,), px of the recording, before or behind the image plane."""
 
     name: str
     tip: Array
     in_front: bool
 
 
-def axes_of(centre: Array, radius: float, orientation: Array) -> list[Arrow]:
-    """The axes of the ball at an orientation (3, 3) since the first frame; none if the orientation is NaN.
+def ball_axes(centre: Array, radius: float, orientation: Array) -> list[Arrow]:
+    """Axes of the ball at an orientation (3, 3) since the first frame, in which they are those of the camera.
 
-    In the first frame they are the axes of the camera.
+    The list is empty if the orientation is NaN.
     """
     if not np.isfinite(orientation).all():
         return []
@@ -59,16 +59,10 @@ def check_library() -> None:
 
 
 def write_overlay(result: ResultFolder) -> Path:
-    """Write ``overlay.mp4`` into the result folder, from the images that it keeps, and return its path.
+    """Write ``overlay.mp4`` into the result folder, from the images in this folder, and return its path.
 
-    The video is H.264 with 4:2:0 colours, which browsers play. The file appears whole or not at all.
-
-    Raises
-    ------
-    ValueError
-        If the result keeps no images.
-    LibraryMissingError
-        If PyAV is not installed.
+    The video is H.264 with 4:2:0 colours, which browsers play. The file appears whole or not at all. Raises ValueError
+    if the result keeps no images, and LibraryMissingError if PyAV is not installed.
     """
     sampled = kept_images(result)
     check_library()
@@ -98,21 +92,21 @@ def draw_frame(result: ResultFolder, sampled: Sampled, k: int) -> Image:
     picture.paste(image, (0, 2 * LINE_PX))
     draw = ImageDraw.Draw(picture)
 
-    def at(point: Array) -> tuple[float, float]:
+    def pixel(point: Array) -> tuple[float, float]:
         x, y = (point - (left, top)) * (size[0] / width, size[1] / height)
         return float(x), float(y) + 2 * LINE_PX
 
     row = int(sampled.row[k])
     before = result.position[: row + 1]
     for part in np.split(before, np.flatnonzero(~np.isfinite(before[:, 0]))):
-        line = [at(p) for p in part if np.isfinite(p).all()]
+        line = [pixel(p) for p in part if np.isfinite(p).all()]
         if len(line) > 1:
             draw.line(line, fill=PATH, width=2)
     if result.known[row]:
         centre, radius = result.position[row], float(result.radius[row])
-        draw.ellipse((*at(centre - radius), *at(centre + radius)), outline=CIRCLE, width=2)
-        for arrow in axes_of(centre, radius, matrices(result.quaternion[row : row + 1])[0]):
-            _arrow(draw, at(centre), at(arrow.tip), arrow, AXES["xyz".index(arrow.name)])
+        draw.ellipse((*pixel(centre - radius), *pixel(centre + radius)), outline=CIRCLE, width=2)
+        for arrow in ball_axes(centre, radius, matrices(result.quaternion[row : row + 1])[0]):
+            _arrow(draw, pixel(centre), pixel(arrow.tip), arrow, AXES["xyz".index(arrow.name)])
     _text(draw, result, row)
     return picture
 
@@ -120,14 +114,14 @@ def draw_frame(result: ResultFolder, sampled: Sampled, k: int) -> Image:
 def _arrow(draw: Any, start: tuple[float, float], tip: tuple[float, float], arrow: Arrow, colour: str) -> None:
     """A line to a dot with the letter of the axis; thin and hollow if the axis points away from the camera."""
     draw.line((start, tip), fill=colour, width=4 if arrow.in_front else 1)
-    spot = (tip[0] - 5, tip[1] - 5, tip[0] + 5, tip[1] + 5)
-    draw.ellipse(spot, fill=colour if arrow.in_front else "black", outline=colour, width=2)
-    # White: a letter in the colour of the axis cannot be read on the pattern.
+    dot = (tip[0] - 5, tip[1] - 5, tip[0] + 5, tip[1] + 5)
+    draw.ellipse(dot, fill=colour if arrow.in_front else "black", outline=colour, width=2)
+    # White, because a letter in the colour of the axis cannot be read on the pattern.
     draw.text((tip[0] + 8, tip[1] - 10), arrow.name, fill="white", font=_font(20), stroke_width=2, stroke_fill="black")
 
 
 def _text(draw: Any, result: ResultFolder, row: int) -> None:
-    """Two lines above the image: the numbers of the frame; the axes, and whether the frame was measured in full."""
+    """Two lines above the image: the numbers of the frame, and the axes with the frame's status."""
     motion, status = result.motion, str(result.status[row])
     parts = [f"frame {result.frame[row]}"]
     if np.isfinite(result.time_s[row]):

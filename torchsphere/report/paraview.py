@@ -1,7 +1,7 @@
 """A result as a ParaView series: the ball at its pose, and velocity, force and spin at its centre.
 
-The files are polygons in VTK's XML format (``.vtp``) with an index over time (``.pvd``). Arrays are zlib-compressed
-blocks in base64: see "VTK XML Formats" in the documentation of VTK.
+The files are polygons in VTK's XML format (``.vtp``), whose arrays are compressed blocks in base64, and an index over
+time (``.pvd``): see "VTK XML Formats" in the documentation of VTK.
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ from torchsphere.geometry.orientation import matrices
 from torchsphere.results.atomic_output import atomic_folder
 from torchsphere.results.reader import ResultFolder
 
-#: Parallels and meridians of the ball's mesh. The first meridian comes again as the last, as its texture coordinate is
-#: both 0 and 1.
+#: Parallels and meridians of the ball's mesh. The last meridian repeats the first, whose texture coordinate is 0 and 1.
 PARALLELS, MERIDIANS = 19, 37
 
 #: VTK's name and the byte layout of an array, by NumPy's kind of its values.
@@ -43,14 +42,9 @@ def write_paraview(result: ResultFolder) -> Path:
 
     Lengths are in m and times in s, in the frame of `ResultFolder.motion`, if scale and frame rate are known;
     otherwise in px and frames, camera frame. The ball (part 0) has texture coordinates and the displacement of its
-    points since the first frame with a pose; a frame without rotation lacks it. The centre (part 1) has velocity,
-    force and spin as far as they are known; a frame in which the ball was not seen lacks it. An earlier series is
-    replaced as a whole.
-
-    Raises
-    ------
-    ValueError
-        If the ball was seen in no frame.
+    points since the first frame with a pose; frames without rotation lack this part. The centre (part 1) has velocity,
+    force and spin as far as they are known; frames without the ball lack this part. The whole series replaces an
+    earlier one. Raises ValueError if the ball was seen in no frame.
     """
     if not result.known.any():
         raise ValueError(f"{result.path}: the ball was seen in no frame, so there is nothing to show in ParaView")
@@ -80,13 +74,13 @@ def _write(result: ResultFolder, folder: Path) -> None:
         entries.append((times[i], 1, f"centre_{number}.vtp"))
     rows = "".join(f'<DataSet timestep="{t:.12g}" part="{part}" file="{file}"/>\n' for t, part, file in entries)
     (folder / "ball.pvd").write_text(
-        f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="1.0" byte_order="LittleEndian">\n'
+        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="1.0" byte_order="LittleEndian">\n'
         f"<Collection>\n{rows}</Collection>\n</VTKFile>\n"
     )
 
 
 def sphere_mesh() -> Mesh:
-    """A unit sphere with its poles on the y axis of the ball."""
+    """Unit sphere with its poles on the y axis of the ball."""
     polar, around = np.meshgrid(np.linspace(0, np.pi, PARALLELS), np.linspace(0, 2 * np.pi, MERIDIANS), indexing="ij")
     points = np.stack((np.sin(polar) * np.sin(around), -np.cos(polar), -np.sin(polar) * np.cos(around)), -1)
     texture = np.stack((around / (2 * np.pi), 1 - polar / np.pi), -1)
@@ -117,14 +111,12 @@ def polygons(points: Array, cells: NDArray[np.int32], vectors: dict[str, Array],
 
 
 def _array(name: str, values: NDArray[np.float64] | NDArray[np.int32]) -> str:
-    """An array as one compressed block.
-
-    Its header has the number of blocks, their size, the size of a shorter last block (none), and the compressed size.
-    """
+    """An array as one compressed block."""
     width = values.shape[1] if values.ndim == 2 else 1
     kind, layout = TYPES[values.dtype.kind]
     raw = values.astype(layout).tobytes()
     packed = zlib.compress(raw)
+    # Number of blocks, size of a block, size of a shorter last block (none), compressed size.
     header = struct.pack("<4I", 1, len(raw), 0, len(packed))
     text = (base64.b64encode(header) + base64.b64encode(packed)).decode()
     return (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,13 +33,10 @@ LEGEND_ROOM = 0.3
 #: Letters in a line of the heading.
 HEADING_LETTERS = 130
 
-
-def plan_figure(path: Path, plan: Plan) -> None:
-    """Write the figure of a plan as PNG."""
-    drawn(plan).savefig(path)
+Values = NDArray[np.floating]
 
 
-def drawn(plan: Plan) -> Figure:
+def plan_figure(plan: Plan) -> Figure:
     """The figure of a plan.
 
     Left: the image of the ball and the cost of blur, or velocity and force of a measured flight. Right: the expected
@@ -48,15 +44,12 @@ def drawn(plan: Plan) -> Figure:
     """
     figure = new_figure(figsize=(11.0, 8.0), dpi=130)
     grid = figure.add_gridspec(2, 2)
+    upper, lower = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0])
     if plan.flight is not None:
-        upper, lower = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0])
-        _velocity(upper, plan.flight)
-        _scatter_of_force(lower, plan.flight)
-        upper.set_xlim(0, 1e3 * (len(plan.flight.increment) + 1) / plan.flight.setup.frame_rate)
-        lower.set_xlim(upper.get_xlim())
+        _flight(upper, lower, plan.flight)
     else:
-        _image(figure.add_subplot(grid[0, 0]), plan)
-        _blur(figure.add_subplot(grid[1, 0]), plan)
+        _image(upper, plan)
+        _blur(lower, plan)
     _force(figure, grid[0, 1], plan)
     if plan.assessments:
         _modes(figure.add_subplot(grid[1, 1]), plan)
@@ -100,9 +93,9 @@ def _blur(axis: Axes, plan: Plan) -> None:
 def _force(figure: Figure, place: SubplotSpec, plan: Plan) -> None:
     """The rehearsed force, and below it its error on a scale of its own."""
     found = plan.rehearsal
-    title = "The force along the flight, rehearsed with the expected errors"
-    if found is not None and found.is_between_frames:
-        title = "The force along the flight: the contact falls between two frames"
+    is_between = found is not None and found.is_between_frames
+    end = ": the contact falls between two frames" if is_between else ", rehearsed with the expected errors"
+    title = f"The force along the flight{end}"
     if found is None:
         axis = figure.add_subplot(place, xticks=[], yticks=[])
         axis.set_title(title, fontsize=9)
@@ -124,11 +117,10 @@ def _force(figure: Figure, place: SubplotSpec, plan: Plan) -> None:
     axis.legend(fontsize=8, loc="upper left", ncols=2)
     axis.grid(alpha=0.3)
     axis.tick_params(labelbottom=False)
-    error = figure.add_subplot(parts[1], sharex=axis)
-    _error_of_force(error, found)
+    _force_error(figure.add_subplot(parts[1], sharex=axis), found)
 
 
-def _error_of_force(axis: Axes, found: Rehearsal) -> None:
+def _force_error(axis: Axes, found: Rehearsal) -> None:
     time = 1e6 * found.time_s
     error, sd = -1e-3 * (found.force_along_N - found.true_force_N), 1e-3 * found.sd_force_along_N
     axis.fill_between(time, -2 * sd, 2 * sd, color=COLOURS[0], alpha=0.25, lw=0, label="2 sd as stated")
@@ -142,7 +134,7 @@ def _error_of_force(axis: Axes, found: Rehearsal) -> None:
 
 
 def _methods(figure: Figure, place: SubplotSpec, plan: Plan) -> None:
-    """Standard deviations by method of differentiation, of velocity and force; decades have the same height in both."""
+    """Standard deviations of velocity and force by method of differentiation; a decade has the same height in both."""
     found, plain = plan.rehearsal, plan.differences
     names = ["differences"]
     velocity, force = [float(plain.velocity_m_s[:2].max())], [1e-3 * float(plain.force_N[:2].max())]
@@ -151,7 +143,7 @@ def _methods(figure: Figure, place: SubplotSpec, plan: Plan) -> None:
             names.append(f"smoother,\n{where}")
             velocity.append(float(found.velocity_m_s[k].max()))
             force.append(1e-3 * float(found.force_N[k].max()))
-    # At least two decades, so that the axis of a single bar is readable.
+    # Two decades or more, so that the axis of a single bar is readable.
     span = max(100.0, *(np.nanmax(heights) / np.nanmin(heights) for heights in (velocity, force)))
     parts = place.subgridspec(1, 2)
     source = "" if plan.flight is None else "recording's, "
@@ -201,27 +193,22 @@ def _modes(axis: Axes, plan: Plan) -> None:
     axis.grid(alpha=0.3)
 
 
-def _velocity(axis: Axes, flight: Flight) -> None:
-    time = 1e3 * (np.arange(len(flight.increment)) + 0.5) / flight.setup.frame_rate
-    velocity = flight.velocity_m_s
+def _flight(upper: Axes, lower: Axes, flight: Flight) -> None:
+    """Velocity and force of a free flight over time; the force should be zero."""
+    rate, velocity, force = flight.setup.frame_rate, flight.velocity_m_s, 1e-3 * flight.force_N
     mean = np.nanmean(velocity, axis=0)
     names = [f"$v_{axis}$ - {m:.2f} m/s" for axis, m in zip("xy", mean, strict=False)]
-    _scatter(axis, time, velocity[:, :2] - mean[:2], names, "m/s")
-    axis.set_ylabel("velocity from its mean (m/s)")
-    axis.set_title("Free flight, from one frame to the next", fontsize=9)
+    _scatter(upper, 1e3 * (np.arange(len(velocity)) + 0.5) / rate, velocity[:, :2] - mean[:2], names, "m/s")
+    upper.set_ylabel("velocity from its mean (m/s)")
+    upper.set_title("Free flight, from one frame to the next", fontsize=9)
+    _scatter(lower, 1e3 * (np.arange(len(force)) + 1) / rate, force[:, :2], ["$F_x$", "$F_y$"], "kN")
+    lower.set_ylabel("force (kN)")
+    lower.set_title("Force by plain differences, where there is none", fontsize=9)
+    for axis in (upper, lower):
+        axis.set_xlim(0, 1e3 * (len(velocity) + 1) / rate)
 
 
-def _scatter_of_force(axis: Axes, flight: Flight) -> None:
-    force = 1e-3 * flight.force_N
-    time = 1e3 * (np.arange(len(force)) + 1) / flight.setup.frame_rate
-    _scatter(axis, time, force[:, :2], ["$F_x$", "$F_y$"], "kN")
-    axis.set_ylabel("force (kN)")
-    axis.set_title("Force by plain differences, where there is none", fontsize=9)
-
-
-def _scatter(
-    axis: Axes, time: NDArray[np.floating], values: NDArray[np.float64], names: Sequence[str], unit: str
-) -> None:
+def _scatter(axis: Axes, time: Values, values: Values, names: Sequence[str], unit: str) -> None:
     """Two components that should be zero, with their standard deviations in the legend."""
     for k, name in enumerate(names):
         label = f"{name}: sd {np.nanstd(values[:, k], ddof=1):.2g} {unit}"

@@ -1,4 +1,4 @@
-"""``report.html``: one file that works from disk and loads nothing else."""
+"""``report.html``: a single file that works from disk and loads no other file."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from torchsphere.report.time_series import TimeSeries, abscissa, time_series
 from torchsphere.results.reader import ResultFolder
 from torchsphere.results.sampled_frames import NO_RESIDUAL, Sampled, encode_webp, rows_to_keep
 
-#: Frames that are plotted at most. A longer recording has this many at even distances, and all frames with an image.
+#: Most frames at even distances in a plot of a longer recording, besides all frames with an image (docs/constants.md).
 MAX_PLOTTED = 2000
 
 #: Longest side of a residual map in the page, px, and its WebP quality.
 MAP_PX, MAP_QUALITY = 72, 75
 
-#: Grey level of a residual of 0, and grey levels from there to the limit. Level 0 means "no residual"; the compression
-#: blurs its edges, so that no residual lies near it.
+#: Grey level of a residual of 0, and grey levels from there to the limit. Level 0 means "no residual": no residual lies
+#: near it, because the compression blurs its edges.
 MAP_MIDDLE, MAP_REACH = 148, 100
 
 
@@ -51,35 +51,39 @@ def report_html(result: ResultFolder) -> str:
 
 def _settings(summary: dict[str, Any]) -> dict[str, str]:
     """Settings, facts of the input, versions and the method of differentiation: names and texts."""
-    sections = {name: summary.get(name) or {} for name in ("settings", "input", "versions", "differentiation")}
-    return {f"{section}.{name}": _text(v) for section, values in sections.items() for name, v in values.items()}
 
+    def text(value: Any) -> str:
+        if value is None:
+            return "not given"
+        return json.dumps(value, ensure_ascii=False) if isinstance(value, (dict, list)) else str(value)
 
-def _text(value: Any) -> str:
-    if value is None:
-        return "not given"
-    return json.dumps(value, ensure_ascii=False) if isinstance(value, (dict, list)) else str(value)
+    sections = ("settings", "input", "versions", "differentiation")
+    return {f"{name}.{key}": text(v) for name in sections for key, v in (summary.get(name) or {}).items()}
 
 
 def _script_data(result: ResultFolder) -> dict[str, Any]:
-    """Everything that the page's scripts draw; unknown numbers are None."""
+    """Data for the page's scripts; unknown numbers are None."""
     sampled = result.sampled
     with_image = rows_to_keep(result.status, result.zncc) if sampled is None else sampled.row
-    rows = _plotted_rows(len(result.frame), with_image)
-    where, contact = abscissa(result), result.contact_s
+    rows = np.arange(len(result.frame))
+    if len(rows) > MAX_PLOTTED:
+        rows = np.union1d(np.linspace(0, len(rows) - 1, MAX_PLOTTED).round().astype(np.int64), with_image)
+    time, contact = abscissa(result), result.contact_s
+    spin = result.increment[:, 2:] if result.motion is None else result.motion.spin_rad_s * result.axis_signs
     statuses = list(STATUS_COLOURS)
     return {
         "frame": result.frame[rows].tolist(),
-        "where": _numbers(where.values[rows], 9),
-        "abscissa": {"title": where.title, "unit": where.unit},
-        "contact": None if contact is None or where.per_second is None else [where.per_second * t for t in contact],
+        "where": _numbers(time.values[rows], 9),
+        "abscissa": {"title": time.title, "unit": time.unit},
+        "contact": None if contact is None or time.per_second is None else [time.per_second * t for t in contact],
         "status": [statuses.index(status) for status in result.status[rows]],
         "statuses": [_status(result, name) for name in statuses],
         "position": _numbers(result.position[rows], 7),
         "radius": _numbers(result.radius[rows], 7),
         "quaternion": _numbers(result.quaternion[rows], 7),
         "zncc": _numbers(result.zncc[rows], 6),
-        "spin": _numbers(_camera_spin(result)[rows], 6),
+        # In the camera frame, rad/s or rad per frame: the page shows the direction alone.
+        "spin": _numbers(spin[rows], 6),
         "lab": result.lab_frame,
         "panels": [_panel(result, series, rows) for series in time_series(result)],
         # Rows at which the page can stop: the rows with an image, or all rows if no images were kept.
@@ -87,12 +91,6 @@ def _script_data(result: ResultFolder) -> dict[str, Any]:
         "total": len(result.frame),
         "images": None if sampled is None else _images(sampled),
     }
-
-
-def _plotted_rows(count: int, with_image: NDArray[np.int64]) -> NDArray[np.int64]:
-    if count <= MAX_PLOTTED:
-        return np.arange(count)
-    return np.union1d(np.linspace(0, count - 1, MAX_PLOTTED).round().astype(np.int64), with_image)
 
 
 def _status(result: ResultFolder, name: str) -> dict[str, Any]:
@@ -114,13 +112,6 @@ def _panel(result: ResultFolder, series: TimeSeries, rows: NDArray[np.int64]) ->
         "values": _numbers(series.values[rows].T, 7),
         "sd": None if series.sd is None else _numbers(series.sd[rows].T, 3),
     }
-
-
-def _camera_spin(result: ResultFolder) -> NDArray[np.float64]:
-    """Spin (n, 3) in the camera frame, rad/s or rad per frame: the page shows its direction."""
-    if result.motion is None:
-        return result.increment[:, 2:]
-    return result.motion.spin_rad_s * result.axis_signs
 
 
 def _images(sampled: Sampled) -> dict[str, Any]:
@@ -154,7 +145,7 @@ def _uri(webp: bytes) -> str:
 
 
 def _numbers(values: NDArray[Any], digits: int) -> list[Any]:
-    """Nested lists of numbers with that many digits; None for NaN and infinity."""
+    """Nested lists of numbers with so many digits; None for NaN and infinity."""
     if values.ndim > 1:
         return [_numbers(row, digits) for row in values]
     return [float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in values.tolist()]

@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.report.explanations import NO_IMPACT
 from torchsphere.results.reader import ResultFolder
@@ -38,7 +37,7 @@ IMPACT: tuple[tuple[str, str, str, float], ...] = (
     ("energy_given", "Energy given to the target", "J", 1),
 )
 
-#: Numbers of an impact that are shown as "not measured" without the ball's mass; others are left out.
+#: Numbers of an impact that are "not measured" without the ball's mass; the table omits other missing numbers.
 ALWAYS_SHOWN = ("peak_force", "energy_given")
 
 Row = tuple[str, str]
@@ -46,11 +45,7 @@ Row = tuple[str, str]
 
 def sections(result: ResultFolder) -> list[tuple[str, list[Row]]]:
     """Headings, each with its rows of a name and a value."""
-    return [
-        ("Impact", _impact(result)),
-        ("Mean motion", _mean_motion(result)),
-        ("Ball and camera", _setup(result)),
-    ]
+    return [("Impact", _impact(result)), ("Mean motion", _mean_motion(result)), ("Ball and camera", _setup(result))]
 
 
 def _impact(result: ResultFolder) -> list[Row]:
@@ -66,7 +61,7 @@ def _impact(result: ResultFolder) -> list[Row]:
 
 
 def _no_impact(result: ResultFolder) -> str:
-    """Why there is no impact."""
+    """The reason why there is no impact."""
     if not result.has_steps:
         return f"{NOT_MEASURED}: no motion was measured"
     for sentence in result.summary.get("warnings", []):
@@ -84,13 +79,13 @@ def _mean_motion(result: ResultFolder) -> list[Row]:
         value, sd = means.get(key), means.get(f"sd_{key}")
         return with_sd(value and value[part], sd and sd[part], unit, factor)
 
-    rows = []
-    if "velocity_m_s" in means:
-        rows.append(("Mean velocity (x, y)", mean("velocity_m_s", slice(2), "m/s")))
-        rows.append(("Mean spin (x, y, z)", mean("spin_rad_s", slice(3), "rad/s")))
-    rows.append(("Mean step (x, y)", mean("increment_px_rad", slice(2), "px per frame")))
-    turn = mean("increment_px_rad", slice(2, 5), "deg per frame", math.degrees(1))
-    return [*rows, ("Mean rotation (x, y, z)", turn)]
+    rows = [
+        ("Mean velocity (x, y)", mean("velocity_m_s", slice(2), "m/s")),
+        ("Mean spin (x, y, z)", mean("spin_rad_s", slice(3), "rad/s")),
+        ("Mean step (x, y)", mean("increment_px_rad", slice(2), "px per frame")),
+        ("Mean rotation (x, y, z)", mean("increment_px_rad", slice(2, 5), "deg per frame", math.degrees(1))),
+    ]
+    return rows if "velocity_m_s" in means else rows[2:]
 
 
 def _setup(result: ResultFolder) -> list[Row]:
@@ -128,21 +123,16 @@ def _pixel_size(result: ResultFolder) -> str:
 def with_sd(value: Any, sd: Any, unit: str, factor: float = 1.0) -> str:
     """Value and standard deviation times ``factor``, as in "71.623 ± 0.049 m/s"; vectors are in brackets.
 
-    "not measured" if the value, or a component, is None or NaN.
+    The text is "not measured" if the value, or a component, is None or NaN.
     """
-    values = _vector(value) * factor
+    values = np.atleast_1d(np.asarray(value, dtype=np.float64)) * factor
     if not np.isfinite(values).all():
         return NOT_MEASURED
-    sds = np.full_like(values, np.nan) if sd is None else _vector(sd) * factor
+    sds = np.full_like(values, np.nan) if sd is None else np.atleast_1d(np.asarray(sd, dtype=np.float64)) * factor
     pairs = zip(*map(_rounded, values, sds), strict=True)
     number, spread = (texts[0] if len(texts) == 1 else f"({', '.join(texts)})" for texts in pairs)
     known = bool((np.isfinite(sds) & (sds > 0)).all())
     return f"{number}{f' ± {spread}' if known else ''}{f' {unit}' if unit else ''}"
-
-
-def _vector(value: Any) -> NDArray[np.float64]:
-    """A number, or a list of numbers, as (k,); NaN for None."""
-    return np.atleast_1d(np.asarray(value, dtype=np.float64))
 
 
 def _rounded(value: float, sd: float) -> tuple[str, str]:

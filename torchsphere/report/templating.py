@@ -1,6 +1,6 @@
 """HTML pages from the Jinja templates in ``templates/``.
 
-Styles and scripts there are included as templates, too, so that ``{{``, ``{%`` and ``{#`` have Jinja's meaning in them.
+Styles and scripts are templates, too: ``{{``, ``{%`` and ``{#`` have Jinja's meaning in them.
 """
 
 from __future__ import annotations
@@ -15,12 +15,9 @@ if TYPE_CHECKING:
 
 
 def page(template: str, **values: Any) -> str:
-    """The page that ``template`` makes of ``values``; the template escapes them, in its scripts as well.
+    """The page of a ``template``, which escapes all ``values``, in its scripts as well.
 
-    Raises
-    ------
-    ValueError
-        If ``data`` for a script holds NaN or infinity, which JSON does not have.
+    Raises ValueError if ``data`` for a script holds NaN or infinity, which JSON does not have.
     """
     return _environment().get_template(template).render(values)
 

@@ -1,4 +1,4 @@
-"""The quantities of a result over time, in the units that figures and the report show."""
+"""Quantities of a result over time, in the units of figures and report."""
 
 from __future__ import annotations
 
@@ -16,28 +16,14 @@ XY, XYZ = ("x", "y"), ("x", "y", "z")
 
 @dataclass(frozen=True)
 class TimeSeries:
-    """One quantity over n frames.
+    """One quantity over n frames, with k components."""
 
-    Attributes
-    ----------
-    key : str
-        "position", "velocity", "force", "acceleration", "spin", "turned" or "zncc".
-    title, unit : str
-        Name for people, and the unit, empty for pure numbers.
-    components : tuple of str
-        Names of the k components.
-    values : ndarray
-        (n, k), NaN where not measured.
-    sd : ndarray or None
-        Standard deviations (n, k); None if none are stated.
-    """
-
-    key: str
+    key: str  # "position", "velocity", "force", "acceleration", "spin", "turned" or "zncc"
     title: str
-    unit: str
+    unit: str  # empty for pure numbers
     components: tuple[str, ...]
-    values: Array
-    sd: Array | None = None
+    values: Array  # (n, k), NaN where not measured
+    sd: Array | None = None  # standard deviations (n, k); None if none are stated
 
     @property
     def is_empty(self) -> bool:
@@ -107,7 +93,7 @@ def _in_si(m: SIMotion) -> list[TimeSeries]:
 
 
 def _prefixed(key: str, unit: str, values: Array, sd: Array) -> TimeSeries:
-    """The quantity in its unit, or in thousands of the unit if its largest value is beyond 1000."""
+    """The quantity in its unit, or in thousands of the unit if its largest value is 1000 or more."""
     largest = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
     if largest < 1000:
         return TimeSeries(key, key, unit, XY, values, sd)
