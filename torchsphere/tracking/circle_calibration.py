@@ -1,15 +1,15 @@
 """Improve a found circle, its radius and its centre, by the first frames of the recording.
 
 The ball's path tells the still background from the ball, and so its limb better than one image does. Where the ball
-turns, the correlation tells the radius too: a wrong radius means a wrong depth of the surface, which leaves a residual.
-Both values are combined by their uncertainties. Later frames tell the radius alone, where no target takes the limb's
-light: the path drifts from the centre.
+turns, a wrong radius means a wrong depth of the surface and leaves a residual of the correlation. Both values are
+combined by their uncertainties. Later frames improve the radius alone: the path drifts from the centre.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -23,14 +23,13 @@ from torchsphere.correlation.reference import Filtered
 from torchsphere.correlation.solve import GRADIENT_FROM_DEG
 from torchsphere.detection import limb_fit, outline_fit
 from torchsphere.detection.detect import at_limb
-from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import background, crop
 from torchsphere.recording.frame_source import Source
 from torchsphere.tracking.follow import Follower
 from torchsphere.tracking.record import Record
 
-#: Frames used: to follow the ball, and to tell where the ball hides the background in all of them.
+#: Largest number of frames that are followed, and largest number that tell radius and hidden background.
 FRAMES, PLACES = 65, 16
 
 #: Failed searches for the ball after which the remaining frames are left out.
@@ -42,27 +41,55 @@ LIMB_REACH_PX = 16.0
 #: Bias of the interpolation, px, that the residuals cannot tell from a radius (docs/constants.md).
 SYSTEMATIC_RESIDUAL_PX = 0.001
 
-#: Pre-blur with which the radius is estimated, px: blur in the image is no blur on the sphere and makes the ball look
-#: larger (docs/constants.md).
+#: Pre-blur with which the radius is estimated, px: more blur makes the ball look larger (docs/constants.md).
 PRE_BLUR_PX = 0.7
 
-#: Largest change of the outline's radius that the correlation may make, as a share of it.
+#: Largest change of the outline's radius by the correlation, as a share of it (docs/constants.md).
 MAX_CHANGE = 0.03
 
 #: Change of the radius, as a share of it, from which the frames are followed anew (docs/constants.md).
 FOLLOWED_ANEW = 5e-4
 
-#: How often the correlation is asked for the radius: the second time with the increments that belong to it.
+#: Number of estimates of the radius by the correlation; the second has the increments of the first one's radius.
 ROUNDS = 2
 
-#: Ratio of standard deviations, against the frame in which the ball was found, from which a frame's radius is left out.
+#: Standard deviation of a frame's radius, over that of the first, from which it is left out (docs/constants.md).
 WORSE = 1.2
 
-#: Fewest pairs that tell a scatter.
+#: Smallest number of pairs or frames that have a scatter.
 FEWEST_PAIRS = 3
 
-#: Pairs taken at once.
+#: Pairs correlated at once.
 BATCH = 16
+
+
+@dataclass(frozen=True)
+class _Flight:
+    """The first frames of a recording, and the path of the ball in them."""
+
+    source: Source
+    ignore: Tensor | None  # (h, w), True where the images are not to be used
+    options: Options
+    followed: Record
+
+    @property
+    def frames(self) -> NDArray[np.int64]:
+        """Frames that were measured."""
+        return np.flatnonzero(self.followed.status == "ok")
+
+    @property
+    def even_frames(self) -> NDArray[np.int64]:
+        """Measured frames without an object that takes light from one side of the ball."""
+        return self.frames[~self.followed.uneven_light[self.frames]]
+
+    def relative_size(self, circle: Circle, frames: NDArray[np.int64]) -> Tensor:
+        """Size (m,) of the ball in the given frames relative to its size in the frame of ``circle``."""
+        return torch.from_numpy(self.followed.size[frames] / self.followed.size[circle.frame])
+
+    def circles(self, circle: Circle, frames: NDArray[np.int64]) -> Tensor:
+        """Circles (m, 3) on the path in the given frames, with the radius of ``circle`` in its frame."""
+        radii = circle.radius * self.relative_size(circle, frames)
+        return torch.cat((torch.from_numpy(self.followed.position[frames]), radii[:, None]), -1)
 
 
 def calibrate_circle(source: Source, found: Circle, ignore: Tensor | None, options: Options) -> Circle:
@@ -77,16 +104,18 @@ def calibrate_circle(source: Source, found: Circle, ignore: Tensor | None, optio
         options = dataclasses.replace(options, model="rigid", finite_from_deg=GRADIENT_FROM_DEG)
     stop = min(found.frame + FRAMES, source.count)
     source = source.cached(found.frame, stop)
-    followed = Follower(source, found, ignore, options, searches=SEARCHES).run(stop)
-    frames = np.flatnonzero(followed.status[:stop] == "ok")
-    if len(frames) < 3:
+
+    def follow(circle: Circle) -> _Flight:
+        return _Flight(source, ignore, options, Follower(source, circle, ignore, options, searches=SEARCHES).run(stop))
+
+    flight = follow(found)
+    if len(flight.frames) < 3:
         return found
-    found = _at_limb_before_background(source, found, followed, ignore, options.camera)
-    by_outline = radius = _radius_over_frames(source, found, followed, frames, ignore, options.camera)
+    found = _fit_limb(flight, found)
+    by_outline = radius = _radius_over_frames(flight, found)
     sd = found.sd_radius
-    for turn in range(ROUNDS):
-        tried = dataclasses.replace(found, radius=radius)
-        correction, sd_correction = _radius_correction(source, followed, frames, tried, ignore, options)
+    for number in range(ROUNDS):
+        correction, sd_correction = _radius_correction(flight, dataclasses.replace(found, radius=radius))
         # Two independent values of the radius: the outline's and the correlation's.
         share = sd**2 / (sd**2 + sd_correction**2)
         combined = by_outline + share * (radius + correction - by_outline)
@@ -96,69 +125,59 @@ def calibrate_circle(source: Source, found: Circle, ignore: Tensor | None, optio
             break
         radius = combined
         # After the last round the positions are not used any more.
-        if turn < ROUNDS - 1 and abs(radius - followed.radius) > FOLLOWED_ANEW * radius:
-            anew = dataclasses.replace(found, radius=radius)
-            followed = Follower(source, anew, ignore, options, searches=SEARCHES).run(stop)
-            frames = np.flatnonzero(followed.status[:stop] == "ok")
+        if number < ROUNDS - 1 and abs(radius - flight.followed.radius) > FOLLOWED_ANEW * radius:
+            flight = follow(dataclasses.replace(found, radius=radius))
     return dataclasses.replace(found, radius=radius, sd_radius=1 / math.hypot(1 / sd, 1 / sd_correction))
 
 
-def _at_limb_before_background(
-    source: Source, found: Circle, followed: Record, ignore: Tensor | None, camera: Camera | None
-) -> Circle:
+def _fit_limb(flight: _Flight, found: Circle) -> Circle:
     """The circle at the ball's limb, with and without the still background taken out, whichever is more certain."""
-    image = source.images(found.frame, found.frame + 1)[0].cpu()
+    image = flight.source.images(found.frame, found.frame + 1)[0].cpu()
     if outline_fit.is_plain(image, torch.tensor([found.x, found.y, found.radius], dtype=torch.float64)):
         return found
-    still = _background_near(source, found, followed, image)
-    hidden = _hidden(followed, found, image.shape)
-    if ignore is not None:
-        # The image and its background are on the CPU, wherever the pairs are measured.
-        ignore = ignore.cpu()
-        hidden = hidden | ignore
+    # Image and background are on the CPU, wherever the pairs are measured.
+    ignore = None if flight.ignore is None else flight.ignore.cpu()
+    hidden = _hidden_background(flight, found, image.shape)
     fits = (
-        at_limb(image[None], found, ignore, camera),
-        at_limb((image - still).to(image)[None], found, hidden, camera),
+        at_limb(image[None], found, ignore, flight.options.camera),
+        at_limb(
+            (image - _still_background(flight, found, image)).to(image)[None],
+            found,
+            hidden if ignore is None else hidden | ignore,
+            flight.options.camera,
+        ),
     )
     return min(fits, key=lambda circle: math.hypot(circle.sd_x, circle.sd_y, circle.sd_radius))
 
 
-def _background_near(source: Source, found: Circle, followed: Record, image: Tensor) -> Tensor:
+def _still_background(flight: _Flight, found: Circle, image: Tensor) -> Tensor:
     """The still background (h, w) around the ball in its frame; the ``image`` itself elsewhere."""
     reach = found.radius + LIMB_REACH_PX
     left, top = (max(0, math.floor(v - reach)) for v in (found.x, found.y))
     part = slice(top, math.ceil(found.y + reach) + 1), slice(left, math.ceil(found.x + reach) + 1)
 
     def read(start: int, stop: int) -> Tensor:
-        return source.images(start, stop)[:, part[0], part[1]]
+        return flight.source.images(start, stop)[:, part[0], part[1]]
 
-    near = dataclasses.replace(source, read=read, is_file=False)
+    around = dataclasses.replace(flight.source, read=read, is_file=False)
     still = image.double().clone()
-    still[part] = background.background(near, followed.position - [left, top], found.radius)
+    still[part] = background.background(around, flight.followed.position - [left, top], found.radius)
     return still
 
 
-def _radius_over_frames(
-    source: Source,
-    found: Circle,
-    followed: Record,
-    frames: NDArray[np.int64],
-    ignore: Tensor | None,
-    camera: Camera | None,
-) -> float:
+def _radius_over_frames(flight: _Flight, found: Circle) -> float:
     """Median radius over several frames; that of ``found`` where later frames are less certain than its own."""
-    even = frames[~followed.uneven_light[frames]]
-    if len(even) < FEWEST_PAIRS:
+    if len(flight.even_frames) < FEWEST_PAIRS:
         return found.radius
-    chosen = _spread(even)
-    circles = _circles(followed, found, chosen)
-    images = torch.cat([source.images(int(i), int(i) + 1) for i in chosen])
-    fitted, covariance = limb_fit.fit(images, circles, ignore=ignore, camera=camera)
+    chosen = _spread(flight.even_frames)
+    circles = flight.circles(found, chosen)
+    images = torch.cat([flight.source.images(int(i), int(i) + 1) for i in chosen])
+    fitted, covariance = limb_fit.fit(images, circles, ignore=flight.ignore, camera=flight.options.camera)
     good = ((fitted - circles).abs() < 0.5 * MAX_CHANGE * found.radius).all(-1)
     good &= covariance[:, 2, 2] < (WORSE * found.sd_radius) ** 2
     if int(good.sum()) < FEWEST_PAIRS:
         return found.radius
-    return float((fitted[:, 2] / _relative_size(followed, found, chosen))[good].median())
+    return float((fitted[:, 2] / flight.relative_size(found, chosen))[good].median())
 
 
 def _spread(frames: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -166,84 +185,56 @@ def _spread(frames: NDArray[np.int64]) -> NDArray[np.int64]:
     return frames[np.unique(np.linspace(0, len(frames) - 1, PLACES).round().astype(int))]
 
 
-def _hidden(followed: Record, found: Circle, shape: torch.Size) -> Tensor:
-    """True (h, w) where the ball hides the background in all frames looked at except that of ``found``.
+def _hidden_background(flight: _Flight, found: Circle, shape: torch.Size) -> Tensor:
+    """True (h, w) where the ball hides the background in all chosen frames except that of ``found``.
 
-    A pixel seen in that frame alone is taken for the background there, whatever it shows.
+    A pixel that is visible in that frame alone is taken for the background there, whatever it shows.
     """
-    known = np.flatnonzero(np.isfinite(followed.position[:, 0]))
-    known = known[known != found.frame]
-    chosen = _spread(known)
+    known = np.flatnonzero(np.isfinite(flight.followed.position[:, 0]))
+    chosen = _spread(known[known != found.frame])
     rows, columns = (torch.arange(size, dtype=torch.float64) for size in shape)
     hidden, limit = torch.ones(shape, dtype=torch.bool), (found.radius + background.CLEARANCE_PX) ** 2
-    for x, y in followed.position[chosen].tolist():
+    for x, y in flight.followed.position[chosen].tolist():
         hidden &= (columns - x).square() < (limit - (rows - y).square())[:, None]
     return hidden
 
 
-def _relative_size(followed: Record, found: Circle, frames: NDArray[np.int64]) -> Tensor:
-    """Size (m,) of the ball in the given frames relative to the frame in which it was found."""
-    return torch.from_numpy(followed.size[frames] / followed.size[found.frame])
-
-
-def _circles(followed: Record, circle: Circle, frames: NDArray[np.int64]) -> Tensor:
-    """Followed circles (m, 3) in the given frames, with the radius of ``circle`` in its frame."""
-    radii = circle.radius * _relative_size(followed, circle, frames)
-    return torch.cat((torch.from_numpy(followed.position[frames]), radii[:, None]), -1)
-
-
-def _radius_correction(
-    source: Source,
-    followed: Record,
-    frames: NDArray[np.int64],
-    tried: Circle,
-    ignore: Tensor | None,
-    options: Options,
-) -> tuple[float, float]:
+def _radius_correction(flight: _Flight, tried: Circle) -> tuple[float, float]:
     """Correction of the ``tried`` radius by the residuals of successive frames, and its standard deviation, px.
 
     The increments may have been found with another radius; they adapt. Pairs with uneven light are left out: a target
-    that takes light leaves a larger residual than a wrong radius (docs/constants.md).
+    that takes light leaves a larger residual than a wrong radius.
     """
-    scores, informations = [], []
-    even = frames[~followed.uneven_light[frames]]
+    even, increment = flight.even_frames, flight.followed.increment
     # Pairs next to those that show the uneven light have some of it: both frames must be without.
     second = even[np.isin(even - 1, even)]
     if len(second) < FEWEST_PAIRS:
         return 0.0, math.inf
-    for some in np.array_split(second, max(1, math.ceil(len(second) / BATCH))):
-        pairs = _pairs(source, followed, some, tried, ignore, options)
-        score, information = radius_score(pairs, torch.from_numpy(followed.increment[some - 1]), options)
-        scores.append(score)
-        informations.append(information)
-    score, information = torch.cat(scores), torch.cat(informations)
+    evidence = [
+        radius_score(_pairs(flight, tried, some), torch.from_numpy(increment[some - 1]), flight.options)
+        for some in np.array_split(second, max(1, math.ceil(len(second) / BATCH)))
+    ]
+    score, information = (torch.cat(values) for values in zip(*evidence, strict=True))
     total = float(information.sum())
     if total <= 0:
         return 0.0, math.inf
     correction = float(score.sum()) / total
     # The pairs' own scatter holds errors that the noise model lacks; the systematic residual is common to all pairs.
     scatter = float((score - information * correction).square().sum().sqrt()) / total
-    turn = np.sqrt(np.mean(np.sum(followed.increment[second - 1, 2:4] ** 2, axis=1)))
-    return correction, math.hypot(scatter, SYSTEMATIC_RESIDUAL_PX / max(float(turn), 1e-6))
+    rotation = np.sqrt(np.mean(np.sum(increment[second - 1, 2:4] ** 2, axis=1)))
+    return correction, math.hypot(scatter, SYSTEMATIC_RESIDUAL_PX / max(float(rotation), 1e-6))
 
 
-def _pairs(
-    source: Source,
-    followed: Record,
-    second: NDArray[np.int64],
-    tried: Circle,
-    ignore: Tensor | None,
-    options: Options,
-) -> Pairs:
+def _pairs(flight: _Flight, tried: Circle, second: NDArray[np.int64]) -> Pairs:
     """The frames ``second`` (m,), each with the frame before; each image is filtered once, for both its pairs."""
     shown = np.union1d(second - 1, second)
-    circles = _circles(followed, tried, shown)
-    half = crop.half_size(float(circles[:, 2].max()), margin(options))
+    circles = flight.circles(tried, shown)
+    half = crop.half_size(float(circles[:, 2].max()), margin(flight.options))
     runs = np.split(shown, np.flatnonzero(np.diff(shown) > 1) + 1)
-    images = [source.images(int(run[0]), int(run[-1]) + 1) for run in runs]
-    # One run of frames, as there mostly is, needs no copy.
-    crops = crop.cut(images[0] if len(images) == 1 else torch.cat(images), circles[:, :2], half, ignore)
-    filtered = Filtered.of(crops, options.pre_blur)
+    images = [flight.source.images(int(run[0]), int(run[-1]) + 1) for run in runs]
+    # A single run of frames, the usual case, needs no copy.
+    crops = crop.cut(images[0] if len(images) == 1 else torch.cat(images), circles[:, :2], half, flight.ignore)
+    filtered = Filtered.of(crops, flight.options.pre_blur)
     if len(runs) == 1:
         return Pairs(filtered.rows(0, len(second)), filtered.rows(1, len(shown)), circles[:-1])
     first = torch.from_numpy(np.searchsorted(shown, second - 1))

@@ -1,4 +1,4 @@
-"""Absolute poses without drift: when a map of the ball is made, and how its poses enter the track."""
+"""Absolute poses without drift: the cases in which a map of the ball is made, and its poses in the track."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from torchsphere.tracking.record import Record
 
 Array = NDArray[np.float64]
 
-#: Turn of a ball in the whole recording, rad, from which a map is made without being asked for: an error of 0.1 px in a
-#: radius of 50 px alone is then 0.4 deg.
+#: Turn of the ball in the whole recording, rad, from which a map is made by default (docs/constants.md).
 MAP_FROM = np.radians(90.0)
 
-#: Effect of an uncertain radius on a step, px, from which a map is made without being asked for; and the step per px of
-#: error and rad of rotation (docs/constants.md).
-RADIUS_MATTERS_PX, STEP_PER_RADIUS = 0.01, 3.0
+#: Error of a step by the uncertain radius, px, from which a map is made by default (docs/constants.md).
+RADIUS_MATTERS_PX = 0.01
 
-#: Share of the steps with light that changes unevenly over the ball, from which no map is made unless asked for
-#: (docs/constants.md).
+#: Error of a step, px, per px of error of the radius and rad of rotation (docs/constants.md).
+STEP_PER_RADIUS = 3.0
+
+#: Share of the steps with uneven light from which no map is made by default (docs/constants.md).
 MOST_UNEVEN = 0.25
 
 #: Models of a rigid motion in an orthographic view, which a map replaces.
@@ -64,13 +64,15 @@ def absolute_motion(
     """The ``measured`` motion, on a map of the ball where a map is ``asked`` for or, by None, needed."""
     known = np.isfinite(measured.position[:, 0])
     chained = orientation.chain(measured.rotation, known)
-    turns = np.linalg.norm(measured.rotation, axis=1)
-    reason = _reason_without_map(turns, circle, asked, options.model) or _reason_by_light(measured, asked)
+    reason = _reason_without_map(measured, circle, asked, options.model)
     about = {"used": False, "reason": reason}
     plain = AbsoluteMotion(measured.position, measured.increment, measured.covariance, chained, circle, about)
     if reason:
         return plain
-    noise = _noise_share(measured.zncc, options.pre_blur)
+    known = measured.zncc[np.isfinite(measured.zncc)]
+    lack = float(np.median(1 - known)) if len(known) else 0.0
+    # Variance of the images' noise over that of their grey levels.
+    noise = lack / noise_gains(options.pre_blur)[0]
     try:
         found = poses.poses_on_map(source, measured.position, chained, noise, circle, ignore, progress)
     except (np.linalg.LinAlgError, torch.linalg.LinAlgError):  # type: ignore[attr-defined]
@@ -82,31 +84,19 @@ def absolute_motion(
     return _merged(measured, chained, found)
 
 
-def _noise_share(zncc: Array, pre_blur: float) -> float:
-    """Variance of the images' noise over that of their grey levels, from the pairs' coefficients (n,)."""
-    known = zncc[np.isfinite(zncc)]
-    lack = float(np.median(1 - known)) if len(known) else 0.0
-    value_gain, _ = noise_gains(pre_blur)
-    return lack / value_gain
-
-
-def _reason_without_map(turns: Array, circle: Circle, asked: bool | None, model: str) -> str:
-    """Why no map is made of a ball that turns by ``turns`` (n,), rad, in words; empty where a map is made."""
+def _reason_without_map(measured: Record, circle: Circle, asked: bool | None, model: str) -> str:
+    """Why no map of the ball is made, in words; empty where a map is made."""
     if asked is False:
         return "not needed: it was not asked for"
     prefix = "" if asked else "not needed: "
+    turns = np.linalg.norm(measured.rotation, axis=1)
     if model not in ON_MAP:
         return f"{prefix}a map of the ball takes a rigid motion in an orthographic view, which {model!r} is not"
     if not np.isfinite(turns).any():
         return f"{prefix}no rotation was measured, so no map of the ball can be made"
-    of_radius = STEP_PER_RADIUS * float(np.nanmedian(turns)) * np.nan_to_num(circle.sd_radius)
-    if asked is None and np.nansum(turns) < MAP_FROM and of_radius < RADIUS_MATTERS_PX:
+    by_radius = STEP_PER_RADIUS * float(np.nanmedian(turns)) * np.nan_to_num(circle.sd_radius)
+    if asked is None and np.nansum(turns) < MAP_FROM and by_radius < RADIUS_MATTERS_PX:
         return f"not needed: the ball turns by {np.degrees(np.nansum(turns)):.0f} deg in all, and its radius is known"
-    return ""
-
-
-def _reason_by_light(measured: Record, asked: bool | None) -> str:
-    """Why the light makes the steps better than a map that was not asked for, in words; empty where it does not."""
     steps, uneven = int(np.isfinite(measured.increment[:, 0]).sum()), int(measured.uneven_light.sum())
     if asked is None and uneven > MOST_UNEVEN * steps:
         return (
@@ -120,10 +110,11 @@ def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion
     """Poses of the map; a frame that is not on the map follows from its neighbour by the step between them."""
     position, turned = found.position.copy(), found.orientation.copy()
     on_map = np.isfinite(position[:, 0])
+    mapped = np.flatnonzero(on_map)
     for i in np.flatnonzero(np.isfinite(measured.position[:, 0]) & ~on_map):
-        near = _nearest(on_map, int(i))
-        position[i] = position[near] + measured.position[i] - measured.position[near]
-        turned[i] = chained[i] @ chained[near].T @ turned[near]
+        nearest = mapped[np.abs(mapped - i).argmin()]
+        position[i] = position[nearest] + measured.position[i] - measured.position[nearest]
+        turned[i] = chained[i] @ chained[nearest].T @ turned[nearest]
     steps: NDArray[np.bool_] = np.isfinite(measured.increment)
     between = np.swapaxes(turned[:-1], 1, 2)
     whole = np.asarray(steps.all(axis=1))
@@ -140,8 +131,3 @@ def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion
         "residual_over_noise": found.misfit**0.5,
     }
     return AbsoluteMotion(position, increment, covariance, turned, found.circle, about)
-
-
-def _nearest(on_map: NDArray[np.bool_], frame: int) -> int:
-    frames = np.flatnonzero(on_map)
-    return int(frames[np.abs(frames - frame).argmin()])

@@ -1,8 +1,7 @@
 """Light of the background that blur carries over the outline into the region of interest of a small ball.
 
-The border of this light moves with the ball and does not turn with it. Beside a texture of little contrast it pulls the
-steps along the weak combination of step and rotation: the rotation comes out too large, and so does the step along the
-motion of the front.
+The border of this light moves with the ball and does not turn with it. Next to a texture of little contrast the
+rotation and the step along the motion of the front come out too large.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from torchsphere.imaging import crop
 #: Error of a step over the motion of the front, per squared leakage in contrasts of the texture (docs/constants.md).
 ERROR_PER_LEAKAGE = 0.4
 
-#: Blur of a pixel and of the spline, px, beside the pre-blur.
+#: Blur of a pixel and of the spline, px, in addition to the pre-blur.
 SHARP_PX = 0.5
 
 #: Largest share that is stated (docs/constants.md).
@@ -30,15 +29,17 @@ LARGEST_SHARE = 0.6
 #: Radii within which the texture is taken, and distances from the outline, px, between which the background is taken.
 INNER, BACKGROUND_PX = 0.9, (2.0, 5.0)
 
-#: Share from which the region is made smaller, distance of its border from the outline, px, and smallest region
-#: (docs/constants.md).
-NOTABLE, ROOM_PX, LEAST_ROI = 0.02, 2.5, 0.7
+#: Leakage from which the region is made smaller, and distance of its border from the outline, px (docs/constants.md).
+NOTABLE, ROOM_PX = 0.02, 2.5
+
+#: Smallest region of interest by default, share of the radius.
+LEAST_ROI = 0.7
 
 
 def background_contrast(image: Tensor, circle: Circle, ignore: Tensor | None = None) -> float:
     """Root mean square of background minus mean of the ball, over the contrast of the ball's texture.
 
-    ``image`` (h, w); ``ignore`` (h, w), True where it is not to be used. 0 where ball or background are not seen.
+    ``image`` and ``ignore`` (h, w). 0 where ball or background are not visible.
     """
     centre = torch.tensor([[circle.x, circle.y]], dtype=torch.float64)
     crops = crop.cut(image[None], centre, crop.half_size(circle.radius, BACKGROUND_PX[1]), ignore)
@@ -65,7 +66,7 @@ def leakage_share(contrast: float, radius: float, options: Options) -> float:
 
 
 def suited_to_ball(options: Options, given: Container[str], radius: float, contrast: float) -> Options:
-    """The options with the pre-blur, and under strong leakage the region, that suit a ball; ``given`` options stay."""
+    """The options with pre-blur and, under strong leakage, region adapted to the ball; ``given`` options stay."""
     found = options if "pre_blur" in given else adapt_pre_blur(options, radius)
     if "roi" in given or leakage_share(contrast, radius, found) < NOTABLE:
         return found

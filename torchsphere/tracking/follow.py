@@ -1,8 +1,7 @@
 """Follow the ball from frame to frame: predict, correlate in batches, recover frames that a batch cannot confirm.
 
-The ball is expected to go on as it did (`prediction`), so that a batch of pairs is correlated at once from the last
-increment (`successive_pairs`), and confirmed pairs are stored (`record`). Where a batch fails, at an impact, at the
-start, in a blank image, the next frame is measured by itself (`recovery`).
+A batch of pairs is correlated at once from the predicted increments (`prediction`, `successive_pairs`), and confirmed
+pairs are stored (`record`). Where a batch fails, the next frame is measured by itself (`recovery`).
 """
 
 from __future__ import annotations
@@ -38,29 +37,23 @@ from torchsphere.tracking.successive_pairs import (
 #: Pairs correlated at once (docs/constants.md).
 BATCH = 32
 
-#: Pairs of a batch from which the trend of the increments is used: of fewer, a tremble of 0.3 px would be extrapolated.
+#: Number of pairs of a batch from which the trend of the increments is extrapolated (docs/constants.md).
 TREND_FROM = 16
 
-#: Error of the reference's centre times the rotation, px rad, from which a pair is correlated again around the right
-#: centre (docs/constants.md).
+#: Error of the centre times the rotation, px rad, from which a pair is correlated again (docs/constants.md).
 CENTRE_TOLERANCE_PX_RAD = 0.005
 
-#: Weight of an error of the radius against one of the centre.
-RADIUS_COUNTS = 10.0
+#: Weight of an error of the radius relative to one of the centre.
+RADIUS_WEIGHT = 10.0
 
-#: Frames since the ball was last seen from which its outline alone is enough to go on.
+#: Number of frames without the ball from which its outline alone is enough to go on.
 RESTART_AFTER = 3
 
 Progress = Callable[[int, int], None]
 
 
 class Follower:
-    """One pass over a recording: the results so far, and the last frame in which the ball was seen.
-
-    Attributes
-    ----------
-    record : Record
-    """
+    """One pass over a recording: its ``record`` so far, and the last frame in which the ball was seen."""
 
     def __init__(
         self,
@@ -98,7 +91,7 @@ class Follower:
                 else:
                     self._recover(at)
                     confirmed = 1
-                    # After a frame that was not measured there is no pair of successive images to go on from.
+                    # After a frame that failed there is no pair of successive images to continue from.
                     size = 2 if self.record.status[at] == "ok" else 1
                 at += confirmed
                 if self._progress is not None:
@@ -118,15 +111,15 @@ class Follower:
         believed = ~(has_strayed.numpy() | repeats_previous(images, state))
         good = count_leading((found.status == "ok") & believed)
         error = actual[:-1] - regions[:-1]
-        off = error[:, :2].norm(dim=-1) + RADIUS_COUNTS * error[:, 2].abs()
-        turn = found.q[:, 2:].norm(dim=-1).double().cpu().clamp_min(0.01)
-        if good and float((off * turn)[:good].max()) > CENTRE_TOLERANCE_PX_RAD:
+        error_px = error[:, :2].norm(dim=-1) + RADIUS_WEIGHT * error[:, 2].abs()
+        rotation = found.q[:, 2:].norm(dim=-1).double().cpu().clamp_min(0.01)
+        if good and float((error_px * rotation)[:good].max()) > CENTRE_TOLERANCE_PX_RAD:
             start, images = found.q[:good].double().cpu(), images[: good + 1]
             batch = prepare(images, actual[: good + 1], start, self._setup, is_exact=True)
             found, _ = correlate_successive(batch, state.circle, self._setup)
             good = count_leading(found.status == "ok")
         if good:
-            # A copy: the memory of the batch is used again.
+            # A copy, since the memory of the batch is used again.
             self._accept(found, good, images[good : good + 1].clone())
         return good
 
@@ -170,8 +163,7 @@ class Follower:
         elif status == "ok":
             self._resume_after_gap(at, target, found)
         elif status == "weak_texture":
-            # A ball with a pattern does not lose the pattern: it is hidden, or absent. A ball that is not plain must
-            # look like itself.
+            # A patterned ball that seems plain is hidden or absent: only its own look confirms it.
             is_alike = self._is_plain or float(found.zncc[0]) >= self._setup.options.min_zncc
             if is_alike and not (record.status[1:] == "ok").any():
                 self._step_by_outlines(at, pair, place)
@@ -198,7 +190,7 @@ class Follower:
         return recovery.correlate_by_search(pair, state, setup) or found
 
     def _resume_after_gap(self, at: int, image: Tensor, found: Correlation) -> None:
-        """Go on after a gap: position and orientation are known again, the increment that leads here is not."""
+        """Go on after a gap: position and orientation are known again, the increment from the frame before is not."""
         state, motion = self._state, found.q[0].double().cpu()
         centre = state.centre if self._setup.in_place else state.centre + motion[:2]
         self.record.place(at, centre.numpy(), state.radius * (1 + float(found.growth[0])))
@@ -214,15 +206,16 @@ class Follower:
         record.status[at] = "lost"
         if found is None:
             return
+        step, covariance = found
         increment = np.full(5, np.nan)
-        increment[:2] = found.step.numpy()
+        increment[:2] = step.numpy()
         if at == state.frame + 1:
             record.increment[at - 1] = increment
-            record.covariance[at - 1, :2, :2] = found.covariance.numpy()
+            record.covariance[at - 1, :2, :2] = covariance.numpy()
             record.status[at] = "weak_texture"
         if state.frame == self._first:
             record.status[self._first] = "weak_texture"
-        centre = state.centre if self._setup.in_place else state.centre + found.step
+        centre = state.centre if self._setup.in_place else state.centre + step
         record.place(at, centre.numpy(), state.radius)
         self._state = self._state_in(at, pair[1:], increment / (at - state.frame))
 

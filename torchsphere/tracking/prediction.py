@@ -1,7 +1,6 @@
-"""Prediction of the ball's motion from its last known state, and images that repeat the image before.
+"""Prediction of the ball's motion from its last known state, and detection of repeated images.
 
-The ball is expected to go on as it moved last. An image that repeats the one before although the ball moves is a copy
-and no measurement.
+An image that repeats the image before, although the ball moves, is a copy and no measurement.
 """
 
 from __future__ import annotations
@@ -17,13 +16,13 @@ from torch import Tensor
 #: Motion of the ball's front per frame, px, from which two images of it cannot be the same bit for bit.
 MOVES_PX = 0.05
 
-#: Every how many rows two images are compared first: images that differ do so in some of these rows.
+#: Distance of the rows in which two images are compared first.
 SPARSE = 16
 
 
 @dataclass(frozen=True)
 class BallState:
-    """The ball in the last frame in which it was seen, and its expected motion from there."""
+    """The ball in the last frame that shows it, and its expected motion from there."""
 
     frame: int
     image: Tensor  # of that frame (1, h, w)
@@ -40,7 +39,7 @@ class BallState:
 
     @property
     def is_moving(self) -> bool:
-        """Whether the expected motion is so large that no image of the ball repeats the one before."""
+        """Whether the expected motion is so large that no image of the ball can repeat the image before."""
         dx, dy, wx, wy, wz = self.increment.tolist()
         front = math.hypot(dx - self.radius * wy, dy + self.radius * wx, self.radius * wz)
         return max(front, math.hypot(dx, dy)) > MOVES_PX
@@ -77,7 +76,7 @@ def circle_path(first: Tensor, steps: Tensor, growth: Tensor) -> Tensor:
 
 
 def repeats_previous(images: Tensor, state: BallState) -> NDArray[np.bool_]:
-    """True (m,) for images (m + 1, h, w), after the first, that repeat the one before while the ball moves."""
+    """True (m,) for images (m + 1, h, w), after the first, that repeat the image before while the ball moves."""
     if not state.is_moving:
         return np.zeros(len(images) - 1, dtype=bool)
     same = (images[1:, ::SPARSE] == images[:-1, ::SPARSE]).flatten(1).all(-1)

@@ -1,8 +1,7 @@
-"""The next batch of images is prepared in the background while the present one is measured.
+"""Preparation of the next batch of images in the background, while the present batch is measured.
 
-A coarse look at one batch tells where the next one begins to within some hundredths of a px. A second core can
-therefore read, cut, filter and coarsely correlate the next batch in the meantime. Without a second core the same work
-is done later, with the same numbers.
+The coarse solution of a batch tells the start of the next batch to some hundredths of a px. A second core can therefore
+read, cut, filter and coarsely correlate the next batch. Without a second core the same work is done later.
 """
 
 from __future__ import annotations
@@ -18,19 +17,19 @@ from torchsphere.tracking.successive_pairs import PREDICTION_TOLERANCE, PairSetu
 
 
 class Prefetcher:
-    """Prepares batch after batch of a recording; to be closed, since one may be under way."""
+    """Prepares batch after batch of a recording; `close` waits for the call that is under way."""
 
     def __init__(self, source: Source, setup: PairSetup) -> None:
         self._source, self._setup = source, setup
         #: First frame, number of pairs and call of the batch that is prepared in the background.
         self._begun: tuple[int, int, Begun[PreparedBatch]] | None = None
-        #: Memory for the images of this batch and of the next, in turns.
+        #: Memory for the images of this batch and of the next, used in turns.
         self._buffers = torch.empty(0), torch.empty(0)
 
     def get(self, state: BallState, count: int) -> PreparedBatch:
-        """The next ``count`` pairs from ``state`` on; a batch that `prefetch` prepared for these frames is taken.
+        """The next ``count`` pairs from ``state`` on: those of `prefetch`, if it prepared these frames.
 
-        A batch prepared for other frames is dropped. The images of a batch stay until the next one.
+        A batch prepared for other frames is dropped. The images of a batch stay valid until the next batch.
         """
         begun, self._begun = self._begun, None
         if begun is not None:
@@ -39,17 +38,17 @@ class Prefetcher:
                 try:
                     return call.result()
                 except BaseException:
-                    # An interrupt, perhaps: no thread may read on while the recording is closed.
+                    # After an interrupt no thread may read on while the recording is closed.
                     call.settle()
                     raise
             call.settle()
         return self._prepare(state, count)
 
     def prefetch(self, state: BallState, last: PreparedBatch, count: int) -> None:
-        """Begin to prepare ``count`` pairs behind the ``last`` batch, which began at ``state``.
+        """Begin to prepare ``count`` pairs after the ``last`` batch, which began at ``state``.
 
-        Nothing is begun where the last batch may have gone astray or found nothing, or where two batches are too
-        large to keep. Nor for a ball that stays in place and comes nearer: its radius would go astray.
+        Nothing is begun where the last batch is unreliable, where two batches are too large to keep, or for a ball
+        that stays in place and comes nearer, whose radius would drift.
         """
         steps, near = last.coarse.iterations, last.coarse.q.to("cpu", torch.float64)
         if count < 1 or last.images.nbytes > CACHE_BYTES or not bool((last.coarse.converged & (steps > 0)).all()):
@@ -68,7 +67,7 @@ class Prefetcher:
         self._begun = frame, count, threads.beside(self._source.device, self._prepare, at_end, count)
 
     def _prepare(self, state: BallState, count: int) -> PreparedBatch:
-        # The last image is read once more: to put it in front of the others would copy all of them.
+        # The last image is read a second time: joined to the others, all images would be copied.
         stop = state.frame + 1 + count
         if self._source.fills_buffers:
             images = self._source.images_into(self._buffer(state.image, count + 1), state.frame, stop)
@@ -78,7 +77,7 @@ class Prefetcher:
         return prepare(images, circles, expected, self._setup)
 
     def _buffer(self, image: Tensor, count: int) -> Tensor:
-        """Memory for so many images like ``image`` (1, h, w), apart from that of the last batch."""
+        """Memory for ``count`` images like ``image`` (1, h, w), separate from that of the last batch."""
         last, buffer = self._buffers
         if len(buffer) < count:
             buffer = image.new_empty(count, *image.shape[1:])

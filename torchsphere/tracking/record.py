@@ -1,4 +1,4 @@
-"""Results per frame, which following the ball fills row by row."""
+"""Results per frame, filled row by row while the ball is followed."""
 
 from __future__ import annotations
 
@@ -29,9 +29,8 @@ class Record:
     size: Array  # radius (n,) of the ball in each frame, px; constant except with the model `pinhole6`
     sd_growth: Array  # standard deviation (n - 1,) of its relative change from each frame to the next
     uneven_light: NDArray[np.bool_]  # (n,), True for a frame into which an object took light from one side of the ball
-    rotation: Array  # rotation vector (n, 3) of each frame since the frame in which the ball was seen before, rad
-    # Frames that repeat the image before them although the ball moves.
-    repeated: list[int] = field(default_factory=list)
+    rotation: Array  # rotation vector (n, 3) of each frame since the last frame that showed the ball, rad
+    repeated: list[int] = field(default_factory=list)  # frames that repeat the image before although the ball moves
 
     @classmethod
     def empty(cls, count: int, first: Circle) -> Record:
@@ -54,7 +53,7 @@ class Record:
 
     @property
     def radius(self) -> float:
-        """Radius of the ball in the last frame in which it was seen, px."""
+        """Radius of the ball in the last frame that shows it, px."""
         return float(self.size[np.isfinite(self.size)][-1])
 
     def is_placed(self, frame: int) -> bool:
@@ -68,7 +67,7 @@ class Record:
     def is_confirmed(self, first: int) -> bool:
         """Whether a later frame was measured against the ``first`` frame."""
         later = np.flatnonzero(np.isfinite(self.position[first + 1 :, 0])) + first + 1
-        # A ball found anew by its outline alone has no rotation since the frame before.
+        # A ball found again by its outline alone has no rotation since the frame before.
         return len(later) > 0 and (self.status[first] != "ok" or bool(np.isfinite(self.rotation[later[0], 0])))
 
     def without(self, frame: int) -> Record:

@@ -1,14 +1,13 @@
 """Measure a frame by itself where a batch failed: at an impact, at the start, after a blank image.
 
-The ball is sought over the whole image, and the correlation tries several first guesses, refined on small images. If
-none of them succeeds, rotations are searched through. Where nothing correlates, the outline may still show a ball that
-has no pattern, or that shows another side by now.
+The ball is searched for in the whole image, and the correlation starts from the best of several first guesses. If all
+guesses fail, a search over rotations follows (`rotation_search`). Where nothing correlates, the outline may still show
+a ball without a pattern, or a ball that shows another side by now.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F  # noqa: N812  (torch's own custom)
@@ -25,59 +24,43 @@ from torchsphere.tracking import rotation_search
 from torchsphere.tracking.prediction import BallState
 from torchsphere.tracking.successive_pairs import PairSetup, correlate_one
 
-#: Radius that the images are reduced to for the first guesses, px.
+#: Radius of the ball in the small images on which first guesses are refined, px.
 SMALL_RADIUS_PX = 25.0
 
-#: Iterations and tolerance, px, on the small images, and the coefficient below which a guess is dropped: low, because a
-#: part of the ball may be hidden.
-STEPS, TOLERANCE_PX, LEAST_ZNCC = 20, 0.01, 0.2
+#: Largest number of iterations on the small images, and their tolerance, px.
+STEPS, TOLERANCE_PX = 20, 0.01
 
-#: First guesses of a search over rotations that are tried at full size.
+#: Correlation coefficient on the small images below which a guess is dropped: a part of the ball may be hidden.
+LEAST_ZNCC = 0.2
+
+#: Number of first guesses of a search over rotations that are tried at full size.
 TRIED = 3
 
-#: Failed searches from which the next one waits, and for which share of the frames since: a search takes up to
-#: seconds, and a recording without a ball would have one in every frame.
+#: Number of failed searches from which further ones wait, and the wait as a share of the frames since the first one.
 PATIENT, WAITS = 4, 0.25
 
-#: Height of the outline's step, as a share of that in the last frame, below which the ball is not believed to be there.
+#: Height of the outline's step, as a share of that in the last frame, below which no ball is assumed there.
 MIN_CONTRAST = 0.4
 
-#: Error of the radius, as a share, up to which a ball found by its outline alone is the same ball.
+#: Relative error of the radius up to which a ball found by its outline alone is the same ball.
 RESTART_RADIUS = 0.06
 
 #: Share of the disc in the image below which a ball that was not measured counts as out of the frame.
 MIN_IN_FRAME = 0.5
 
 
-class OutlineStep(NamedTuple):
-    """Step of the centre (2,), px, by the outlines of two images, and its covariance (2, 2)."""
-
-    step: Tensor
-    covariance: Tensor
-
-
 def locate(pair: Tensor, state: BallState, setup: PairSetup) -> Tensor:
-    """Where (2,) the second of two images (2, h, w) looks most like the ball in the first, px."""
+    """Centre (2,), px, at which the second of two images (2, h, w) is most similar to the ball in the first."""
     if setup.in_place:
         return state.centre
     return template_matching.best_match(pair[0], pair[1], state.centre, state.radius, setup.ignore)
 
 
 def rank_guesses(pair: Tensor, state: BallState, starts: Tensor, ignore: Tensor | None, options: Options) -> Tensor:
-    """First guesses (m, 5), refined on small images, the best first; guesses that fail are left out.
+    """First guesses ``starts`` (k, 5) of the increment, refined on small images: (m, 5), the best first.
 
-    Parameters
-    ----------
-    pair : Tensor
-        The two images (2, h, w).
-    state : BallState
-        The ball in the first of them.
-    starts : Tensor
-        First guesses (k, 5) of the increment, px and rad, float64.
-    ignore : Tensor, optional
-        (h, w), True where the images are not to be used.
-    options : Options
-        Of the correlation that is to start from there.
+    Guesses that fail are left out. ``pair`` (2, h, w); ``state`` of the ball in its first image; ``options`` of the
+    correlation that starts from the guesses.
     """
     factor = max(1, round(state.radius / SMALL_RADIUS_PX))
     unit = torch.tensor([factor, factor, 1, 1, 1], dtype=torch.float64)
@@ -122,12 +105,12 @@ def is_worth_a_search(found: Correlation, state: BallState, expected: Tensor, is
 
 
 def is_search_due(frame: int, failed: list[int]) -> bool:
-    """Whether to search in ``frame``, after searches that ``failed`` in other frames since the ball was seen."""
+    """Whether to search in ``frame``, after searches that ``failed`` in earlier frames since the ball was seen."""
     return len(failed) < PATIENT or frame - failed[-1] >= WAITS * (failed[-1] - failed[0])
 
 
 def correlate_by_search(pair: Tensor, state: BallState, setup: PairSetup) -> Correlation | None:
-    """Correlate the pair from the likeliest of all rotations; None where all of them fail."""
+    """Correlate the pair from the most similar rotations of a search; None where all of them fail."""
     guesses = rotation_search.find_guesses(pair[0], pair[1], state.centre, state.radius, setup.ignore)
     if setup.in_place:
         guesses[:, :2] = 0
@@ -142,8 +125,8 @@ def correlate_by_search(pair: Tensor, state: BallState, setup: PairSetup) -> Cor
 
 def step_by_outlines(
     pair: Tensor, state: BallState, place: Tensor, is_plain: bool, setup: PairSetup
-) -> OutlineStep | None:
-    """Translation to about ``place`` (2,) of a ball whose texture cannot carry the modes; None if no ball is there."""
+) -> tuple[Tensor, Tensor] | None:
+    """Step (2,), px, of the centre to about ``place`` (2,) by the outlines, and its covariance; None without a ball."""
     centres = torch.stack((state.centre, place))
     fit = outline_fit.refine(
         pair,
@@ -155,7 +138,7 @@ def step_by_outlines(
         camera=setup.options.camera,
     )
     is_there = (fit.support >= MIN_SUPPORT).all() and fit.contrast[1] > MIN_CONTRAST * fit.contrast[0]
-    return OutlineStep(*outline_fit.centre_step(fit)) if bool(is_there) else None
+    return outline_fit.centre_step(fit) if bool(is_there) else None
 
 
 def find_by_outline(image: Tensor, state: BallState, setup: PairSetup) -> Tensor | None:

@@ -1,7 +1,7 @@
-"""Place and rotation of the ball without a first guess: rotated templates over small, blurred images.
+"""Position and rotation of the ball without a first guess: rotated templates over small, blurred images.
 
-Every rotation of a grid turns the ball of one image; each such template is matched over the whole other image. The best
-matches are first guesses of a correlation, good to half a step of the grid.
+Each rotation of a grid turns the ball of one image, and this template is matched over the whole other image. The best
+matches are first guesses for a correlation, right to half a step of the grid.
 """
 
 from __future__ import annotations
@@ -17,58 +17,42 @@ from torch import Tensor
 
 from torchsphere.imaging import interpolation
 
-#: Radius of the ball in the small images, and their blur, px: spots are then as wide as half a grid step moves them.
+#: Radius of the ball in the small images, and their blur, px (docs/constants.md).
 SMALL_RADIUS_PX, BLUR_PX = 12.5, 1.0
 
-#: Step and reach of the grid of rotation vectors, degrees.
+#: Step and largest angle of the grid of rotation vectors, degrees.
 STEP_DEG, REACH_DEG = 6.0, 36.0
 
-#: Share of the radius that is matched: beyond, the texture is too foreshortened to be turned.
+#: Share of the radius that is matched: further out, the texture is too foreshortened to be turned.
 TEMPLATE = 0.9
 
 #: Correlation coefficient below which a template has no match (docs/constants.md).
 LEAST_SCORE = 0.6
 
-#: Pixels of the scores that are held at once: those of all rotations over 1024 x 1024 px would take 4 GB.
+#: Pixels of the scores in memory at once: those of all rotations over 1024 x 1024 px would take 4 GB.
 AT_ONCE = 2_000_000
 
 #: Energy of the texture at a place, as a share of the ball's own, below which noise alone may match.
 LEAST_POWER = 0.1
 
+#: Largest number of guesses.
+MAX_GUESSES = 16
 
-@functools.lru_cache(maxsize=4)
-def rotation_vectors(step_deg: float = STEP_DEG, reach_deg: float = REACH_DEG) -> Tensor:
+
+@functools.cache
+def _rotation_vectors() -> Tensor:
     """Grid of rotation vectors (m, 3) within a ball, rad, float64; the smallest first."""
-    count = math.floor(reach_deg / step_deg)
-    steps = torch.arange(-count, count + 1, dtype=torch.float64) * step_deg
+    count = math.floor(REACH_DEG / STEP_DEG)
+    steps = torch.arange(-count, count + 1, dtype=torch.float64) * STEP_DEG
     grid = torch.cartesian_prod(steps, steps, steps)
-    size = grid.norm(dim=-1)
-    kept = grid[size <= reach_deg + 1e-9]
+    kept = grid[grid.norm(dim=-1) <= REACH_DEG + 1e-9]
     return torch.deg2rad(kept[kept.norm(dim=-1).argsort(stable=True)])
 
 
-def find_guesses(
-    f: Tensor, g: Tensor, centre: Tensor, radius: float, ignore: Tensor | None = None, keep: int = 16
-) -> Tensor:
-    """The likeliest increments of the ball from ``f`` (h, w) to ``g`` (h, w), the best first.
+def find_guesses(f: Tensor, g: Tensor, centre: Tensor, radius: float, ignore: Tensor | None = None) -> Tensor:
+    """First guesses (m, 5) of the increment from ``f`` to ``g`` (h, w), px and rad, float64, CPU; the best first.
 
-    Parameters
-    ----------
-    f, g : Tensor
-        Grey levels (h, w).
-    centre : Tensor
-        Centre (2,) of the ball in ``f``, px.
-    radius : float
-        Radius of the ball, px.
-    ignore : Tensor, optional
-        (h, w), True where the images are not to be used.
-    keep : int
-        Most increments to return.
-
-    Returns
-    -------
-    Tensor
-        (m, 5), px and rad, float64 on the CPU; none where nothing looks like the ball.
+    ``centre`` (2,) and ``radius`` of the ball in ``f``, px; ``ignore`` (h, w). No rows where nothing matches the ball.
     """
     factor = max(1, round(radius / SMALL_RADIUS_PX))
     if ignore is not None:
@@ -76,10 +60,10 @@ def find_guesses(
     small_f, small_g = (_shrunk(image, factor) for image in (f, g))
     # Pixel i of the small image is the mean of the pixels from i factor on.
     place = (centre.to("cpu", torch.float64) + 0.5) / factor - 0.5
-    vectors = rotation_vectors()
+    vectors = _rotation_vectors()
     templates, disc = _templates(small_f, place, radius / factor, vectors)
     best, at = (values.cpu() for values in _match(small_g, templates, disc))
-    best, chosen = best.topk(min(keep, len(best)))
+    best, chosen = best.topk(min(MAX_GUESSES, len(best)))
     chosen = chosen[best > LEAST_SCORE]
     at = at[chosen]
     matched = torch.stack((at % small_g.shape[-1], at // small_g.shape[-1]), -1).double()
@@ -108,13 +92,10 @@ def _templates(image: Tensor, place: Tensor, radius: float, vectors: Tensor) -> 
 
 
 def _match(image: Tensor, templates: Tensor, disc: Tensor) -> tuple[Tensor, Tensor]:
-    """Highest correlation coefficient (m,) of each template (m, s, s) with the disc around any place of ``image``.
-
-    The second tensor (m,) says where, as the number of the place's pixel.
-    """
+    """Highest correlation coefficient (m,) of each template (m, s, s) over ``image``, and number (m,) of its pixel."""
     height, width = image.shape
     reach = disc.shape[-1] // 2
-    # Lengths without large prime factors: twice as fast.
+    # Lengths without large prime factors are twice as fast.
     size = tuple(scipy.fft.next_fast_len(length + 2 * reach, real=True) for length in (height, width))
 
     def spectrum(values: Tensor) -> Tensor:
@@ -130,7 +111,6 @@ def _match(image: Tensor, templates: Tensor, disc: Tensor) -> tuple[Tensor, Tens
     count = summed(spectrum(torch.ones_like(image)), disc).clamp_min(1)
     mean = summed(levels, disc) / count
     energy = templates.square().sum((1, 2)).clamp_min(1e-6)
-    # A place with much less texture than the ball's is background, where noise alone may match.
     least = LEAST_POWER * float(energy.max())
     power = (summed(spectrum(level.square()), disc) - count * mean.square()).clamp_min(least).rsqrt()
     some = max(1, AT_ONCE // (size[0] * size[1]))

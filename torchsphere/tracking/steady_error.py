@@ -1,16 +1,9 @@
-"""The error that all steps of a flight have in common: no scatter shows it, so that the tracker states it.
+"""The error that all steps of a flight have in common: no scatter shows this error, so that the tracker states it.
 
-Two causes do not depend on the images' noise. Texture finer than two pixels aliases, and the interpolation adds images
-of texture that is hardly coarser: a shift by d px errs by a multiple of ``sin(2 pi d)``, alike in all frames where d
-is. `torchsphere.imaging.interpolation` balances both on average over textures; what is left belongs to each texture and
-falls with the radius. A turn about the line of sight shifts each place of the ball by its own part of a pixel, and errs
-by the average of these. And a ball that turns out of the image's plane shows its texture in another view: the step errs
-along the motion of the front, the more the finer the texture; beyond a degree per frame all five components err. Both
-hardly move the front but the weak combination of step and rotation, so that the rotation about the other axis errs by
-the step's error over the radius, and by a fifth more.
-
-A target near the ball adds what its light does to the steps, and the background of a small ball adds its leakage over
-the outline (`edge_leakage`).
+Two causes do not depend on noise. Texture finer than two pixels aliases, and the interpolation adds its own images: a
+shift by d px errs by a multiple of ``sin(2 pi d)``. A ball that turns out of the image's plane shows its texture in
+another view: the step errs along the motion of the front, the more the finer the texture. Both act on the weak
+combination of step and rotation. Uneven light near a target and leakage over the outline (`edge_leakage`) add to this.
 """
 
 from __future__ import annotations
@@ -27,41 +20,43 @@ from torchsphere.correlation.reference import Filtered, build_reference
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import crop, interpolation
 
-# The evidence of all constants stands in docs/constants.md.
-
-#: Error of a step by d px over ``sin(2 pi d)``, times the radius, px^2.
+#: Error of a step by d px over ``sin(2 pi d)``, times the radius, px^2 (docs/constants.md).
 ALIASED_PX2 = 0.0005 * 50.0
 
-#: Error of a step per turn about the axis across it, px per rad, over the square of the `texture_fineness`; and the
-#: turn, rad, up to which it grows: beyond, `FAST_PX3` takes over.
-TURNED_PX, GROWS_UP_TO = 0.0115 / math.radians(1.0), math.radians(1.0)
+#: Error of a step per turn about the axis across it, px/rad, over the squared fineness (docs/constants.md).
+TURNED_PX = 0.0115 / math.radians(1.0)
 
-#: Error along the motion of the front per turn out of the image's plane beyond `GROWS_UP_TO`, times the square of the
-#: radius, px^3 per rad; and the turn, rad, up to which it grows.
-FAST_PX3, FAST_UP_TO = 0.0010 * 50.0**2 / math.radians(1.0), math.radians(8.0)
+#: Turn per frame, rad, up to which that error grows; `FAST_PX3` continues from there (docs/constants.md).
+GROWS_UP_TO = math.radians(1.0)
 
-#: Error across that motion, and error about z times the radius, as shares of the error along it.
+#: Error along the front's motion per turn out of the plane, times the squared radius, px^3/rad (docs/constants.md).
+FAST_PX3 = 0.0010 * 50.0**2 / math.radians(1.0)
+
+#: Turn per frame, rad, up to which the error by fast turns grows (docs/constants.md).
+FAST_UP_TO = math.radians(8.0)
+
+#: Errors by fast turns across that motion, and about z times the radius, as shares (docs/constants.md).
 FAST_ACROSS, FAST_ABOUT_Z = 0.3, 0.2
 
-#: Error of a ball at rest, times the radius, px^2; and about z, times its square, rad px^2.
+#: Error of a ball at rest, times the radius, px^2; and about z, times its square, rad px^2 (docs/constants.md).
 LEFT_PX2, LEFT_Z_PX2 = 0.00035 * 50.0, math.radians(0.37)
 
-#: Error of the shift of each place of a ball that turns about z, over the sine of that shift, px.
+#: Error of the shift of each point of a ball that turns about z, over the sine of that shift, px (docs/constants.md).
 ALIASED_Z_PX = 0.00017
 
-#: Errors by leakage across the motion of the front, and about z times the radius, as shares of the error along it.
+#: Errors by leakage across the motion of the front, and about z times the radius, as shares (docs/constants.md).
 LEAKED_ACROSS, LEAKED_ABOUT_Z = 0.3, 0.08
 
-#: Error of a rotation about x or y times the radius, over the error of the step along the other axis.
+#: Error of a rotation about x or y times the radius, over that of the step along the other axis (docs/constants.md).
 ROTATION_PER_STEP = 1.2
 
-#: Error of steps with uneven light, px, and px over the radius for a turn about z.
+#: Error of steps with uneven light, px, and px over the radius for a turn about z (docs/constants.md).
 UNEVEN_LIGHT_PX, UNEVEN_LIGHT_Z_PX = 0.0021, 0.0003
 
-#: Error on a map of the ball as a share of that of the same texture by pairs.
+#: Error on a map of the ball as a share of the error of the same texture by pairs (docs/constants.md).
 SHARE_ON_MAP = 1.2
 
-#: Places across the ball, of its radius, and the share of its area at each.
+#: Positions across the ball, radii, and the share of the ball's area at each.
 ACROSS = (np.arange(32) + 0.5) / 16 - 1
 SHARES = np.sqrt(1 - ACROSS**2) / np.sqrt(1 - ACROSS**2).sum()
 
@@ -75,10 +70,9 @@ Array = NDArray[np.float64]
 
 
 def texture_fineness(image: Tensor, circle: Circle, ignore: Tensor | None = None) -> float:
-    """Mean square of the gradient over the variance of the pre-blurred ball, 1/px^2.
+    """Mean square of the gradient over the variance of the pre-blurred ball, 1/px^2; `TYPICAL` where not finite.
 
-    About ``5 / d^2`` to ``9 / d^2`` for sharp spots of d = 3 to 6 px. ``image`` (h, w); ``ignore`` (h, w), True where
-    it is not to be used. `TYPICAL` where the image holds no finite values.
+    About ``5 / d^2`` to ``9 / d^2`` for sharp spots of d = 3 to 6 px. ``image`` and ``ignore`` (h, w).
     """
     circles = torch.tensor([[circle.x, circle.y, circle.radius]], dtype=torch.float64)
     blur = interpolation.PRE_BLUR_PX
@@ -102,20 +96,9 @@ def sd_steady(
 ) -> Array:
     """Standard deviation (5,) of the error that all steps of a flight have in common, px and rad.
 
-    Parameters
-    ----------
-    increment : ndarray
-        The steps (n, 5), px and rad, NaN where not measured.
-    radius : float
-        Of the ball, px.
-    fineness : float
-        `texture_fineness` of the ball.
-    on_map : bool
-        Whether the steps come from a map of the ball, which knows background and light.
-    uneven_light : float
-        Share of the steps with light that changes unevenly over the ball.
-    leakage : float
-        Error of a step as a share of the front's motion, see `edge_leakage`.
+    ``increment`` (n, 5), px and rad, NaN where not measured; ``radius``, px; ``fineness`` by `texture_fineness`.
+    ``uneven_light`` is the share of steps with uneven light, ``leakage`` a share of the front's motion. A map of the
+    ball (``on_map``) knows background and light, so that neither counts there.
     """
     known = np.isfinite(increment)
     steps = np.where(known, increment, 0.0)
@@ -127,9 +110,9 @@ def sd_steady(
     fast = np.zeros(3) if on_map else (_fast_turn_errors(steps, radius) ** 2).sum(0) / counted
     leak = np.zeros(3) if on_map else (_leakage_errors(steps, radius, leakage) ** 2).sum(0) / counted
     step = np.sqrt(squares + fast[:2] + leak[:2] + (LEFT_PX2 / radius) ** 2 + light * UNEVEN_LIGHT_PX**2)
-    local = (_aliased_about_z(steps, radius)[known[:, 0]] ** 2).sum() / counted
+    aliased_z = (_aliased_about_z(steps, radius)[known[:, 0]] ** 2).sum() / counted
     about_z = np.sqrt(
-        local + fast[2] + leak[2] + (LEFT_Z_PX2 / radius**2) ** 2 + light * (UNEVEN_LIGHT_Z_PX / radius) ** 2
+        aliased_z + fast[2] + leak[2] + (LEFT_Z_PX2 / radius**2) ** 2 + light * (UNEVEN_LIGHT_Z_PX / radius) ** 2
     )
     turn = ROTATION_PER_STEP / radius * step[::-1]
     return (SHARE_ON_MAP if on_map else 1.0) * np.concatenate((step, turn, [about_z]))
@@ -155,11 +138,10 @@ def _leakage_errors(steps: Array, radius: float, leakage: float) -> Array:
 
 
 def _aliased_about_z(steps: Array, radius: float) -> Array:
-    """Turn (n,), rad, that the aliasing of each place's own shift by the ``steps`` (n, 5) adds up to.
+    """Turn (n,), rad, that least squares find in the aliasing of each point's own shift by the ``steps`` (n, 5).
 
-    A ball that turns by w about z moves the places at the distance x from its axis by ``d + w x``. Least squares take
-    ``<x sin> / <x^2>`` of the errors ``sin 2 pi (d + w x)``, means over the ball, for a turn. This turn grows with w,
-    has the sign of ``cos 2 pi d``, and vanishes once the limb moves by a pixel.
+    A turn by w about z moves the points at distance x from the axis by ``d + w x``. The errors ``sin 2 pi (d + w x)``
+    pass for a turn by ``<x sin> / <x^2>``, means over the ball, which vanishes once the limb moves by a pixel.
     """
     local = np.sin(2 * np.pi * (steps[:, :2, None] + steps[:, 4, None, None] * radius * ACROSS))
     turn = (SHARES * ACROSS * local).sum(-1) / (SHARES * ACROSS**2).sum()

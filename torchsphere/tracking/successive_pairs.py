@@ -27,7 +27,7 @@ PREDICTION_TOLERANCE = 0.1
 
 @dataclass(frozen=True)
 class PairSetup:
-    """What all pairs of a recording are measured with."""
+    """Settings that all pairs of a recording share."""
 
     options: Options
     ignore: Tensor | None  # (h, w), True where the images are not to be used
@@ -45,9 +45,7 @@ class PreparedBatch:
     filtered: Filtered  # the images around the circles, by one of their fields where ``interlaced``
     interlaced: bool
     coarse: CoarseSolution  # coarse solution of the increments
-    # Circles and start are already better than a coarse solution, which an occluder deceives by a px and more:
-    # ``coarse`` is the start.
-    is_exact: bool
+    is_exact: bool  # circles and start are better than a coarse solution, which errs by a px and more at an occluder
 
     def circles_from(self, first: Tensor) -> Tensor:
         """Circles (m + 1, 3) that the coarse solution leads to from ``first`` (3,), px, float64."""
@@ -58,15 +56,19 @@ class PreparedBatch:
 def prepare(
     images: Tensor, circles: Tensor, start: Tensor, setup: PairSetup, *, is_exact: bool = False
 ) -> PreparedBatch:
-    """Prepare successive ``images`` (m + 1, h, w) of a ball expected at ``circles`` (m + 1, 3), moving by ``start``.
-
-    With ``is_exact`` no coarse solution is sought: see `PreparedBatch.is_exact`.
-    """
+    """Prepare successive ``images`` (m + 1, h, w) of a ball expected at ``circles`` (m + 1, 3), moving by ``start``."""
     crops = _cut(images, circles, setup)
     interlaced = interlacing.is_interlaced(crops)
     filtered = _filter(crops, setup, interlaced)
     start = start.to(filtered.c)
-    coarse = CoarseSolution.none(start) if is_exact else _solve_coarsely(_pairs(filtered, circles), start, setup)
+    if is_exact:
+        return PreparedBatch(images, circles, start, filtered, interlaced, CoarseSolution.none(start), is_exact)
+    pairs = _pairs(filtered, circles)
+
+    def solve_rows(a: int, b: int) -> CoarseSolution:
+        return solve_coarsely(pairs.rows(a, b), start[a:b], setup.options)
+
+    coarse = CoarseSolution.joined(setup.shared(solve_rows, len(start)))
     return PreparedBatch(images, circles, start, filtered, interlaced, coarse, is_exact)
 
 
@@ -125,9 +127,9 @@ def _filter(crops: crop.Crops, setup: PairSetup, interlaced: bool) -> Filtered:
 def _filter_where_off(
     filtered: Filtered, images: Tensor, circles: Tensor, expected: Tensor, setup: PairSetup, *, interlaced: bool
 ) -> Filtered:
-    """``filtered`` images around ``expected`` circles (m + 1, 3), filtered anew from the first that is off.
+    """``filtered`` images around ``expected`` circles (m + 1, 3), filtered anew from the first misplaced circle on.
 
-    Images that were ``interlaced`` stay so: both images of a pair are taken by a field, or neither.
+    Images that were ``interlaced`` stay so: both images of a pair are reduced to a field, or neither.
     """
     off = (circles - expected).abs().amax(-1) > SLACK_PX
     first = count_leading(~off.numpy())
@@ -146,23 +148,14 @@ def _pairs(images: Filtered, circles: Tensor) -> Pairs:
     return Pairs(images.rows(0, m), images.rows(1, m + 1), circles[:-1])
 
 
-def _solve_coarsely(pairs: Pairs, start: Tensor, setup: PairSetup) -> CoarseSolution:
-    """From ``start`` (m, 5) to near the increments sought."""
-
-    def solve_rows(a: int, b: int) -> CoarseSolution:
-        return solve_coarsely(pairs.rows(a, b), start[a:b], setup.options)
-
-    return CoarseSolution.joined(setup.shared(solve_rows, len(start)))
-
-
 def _count_plausible(coarse: CoarseSolution, off: Tensor, radius: float) -> int:
-    """Number of a batch's first pairs that may be confirmed, the circles being ``off`` (m + 1, 3) the expected ones.
+    """Number of a batch's first pairs that may be confirmed; ``off`` (m + 1, 3) of the circles from the expected ones.
 
-    Behind an impact no circle is where it was expected: to solve those pairs takes most of the time of a short shot,
-    only to give them up.
+    After an impact no circle is at its expected place. To solve those pairs, only to discard them, would take most of
+    the time of a short shot.
     """
     on_path = (off[:-1, :2].norm(dim=-1) < PREDICTION_TOLERANCE * radius).numpy()
-    # The first pair that does not converge is tried: an occluder may be the cause, which the full solution leaves out.
+    # The first pair that does not converge is tried: the full solution leaves out an occluder that may be the cause.
     return min(count_leading(on_path), 1 + count_leading(coarse.converged.cpu().numpy()), len(on_path))
 
 
@@ -170,7 +163,7 @@ def _measure(pairs: Pairs, near: Tensor, start: Tensor, targets: Tensor, setup: 
     """Motion of the pairs from ``near``, both ways where they turn fast; ``targets`` (m, 3) in the images g."""
     found = solve(pairs, near, setup.options, start)
     if not setup.in_place:
-        # The measured centre, not the expected one: an error of 2 px made errors of 0.06 px on the way back.
+        # The measured centre: an error of 2 px in the expected one makes errors of 0.06 px on the way back.
         centre = pairs.circles[:, :2] + found.q[:, :2].to(pairs.circles)
         size = pairs.circles[:, 2:] * (1 + found.growth[:, None].to(pairs.circles))
         arrived = torch.cat((centre, size), -1)

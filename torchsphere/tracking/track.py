@@ -1,6 +1,6 @@
-"""A whole recording, from its images to the ball's motion in px and rad: `track`, in four phases.
+"""`track`: from a recording to the ball's motion in px and rad.
 
-Initial circle -> follow from frame to frame -> absolute poses -> assemble.
+Its phases are: initial circle -> follow from frame to frame -> absolute poses -> assemble.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from torchsphere.tracking.initial_circle import find_initial_circle, shows_outli
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.steady_error import sd_steady, texture_fineness
 
-#: Change of the radius by the map, as a share of it, from which frames that were not measured are tried again.
+#: Change of the radius by the map, as a share of it, from which failed frames are tried again (docs/constants.md).
 WRONG_RADIUS = 0.004
 
 
@@ -86,12 +86,11 @@ class Track:
 
 @dataclass(frozen=True)
 class _Task:
-    """What `track` was asked for, checked."""
+    """The arguments of `track`, checked; the fields are those of `track`."""
 
     source: Source
-    circle: Any  # as given
-    ignore: Tensor | None  # (h, w), True where the images are not to be used
-    # refine, in_place, sphere_map, progress: as for `track`.
+    circle: Any
+    ignore: Tensor | None
     refine: bool
     in_place: bool
     sphere_map: bool | None
@@ -100,12 +99,12 @@ class _Task:
 
 @dataclass(frozen=True)
 class _Start:
-    """Result of the first phase: the circle, its image, and the options that suit the ball."""
+    """Result of the first phase."""
 
     circle: Circle
     image: Tensor  # grey levels (h, w) of the circle's frame
     contrast: float  # of the background against the ball, see `background_contrast`
-    options: Options
+    options: Options  # adapted to the ball
 
 
 @threads.one_each()
@@ -167,8 +166,8 @@ def track(
     TypeError
         If there is no such option.
     """
-    for name, switch in (("refine", refine), ("in_place", in_place)):
-        require_switch(name, switch)
+    require_switch("refine", refine)
+    require_switch("in_place", in_place)
     require_switch("sphere_map", sphere_map, "True, False or None")
     settings = options_for(track, options)
     source = Source.open(recording, device, dtype)
@@ -178,25 +177,25 @@ def track(
     task = _Task(source, circle, mask, refine, in_place, asked, progress)
 
     start = _initial_circle(task, settings, options)
-    measured = _follow(task, start)
-    motion = _absolute_motion(task, start, measured)
-    if _radius_was_wrong(start, measured, motion):
+    measured, motion = _follow(task, start)
+    change = abs(motion.circle.radius - start.circle.radius)
+    if change > WRONG_RADIUS * start.circle.radius and bool((measured.status != "ok").any()):
+        # Frames failed with a radius that the map has corrected since.
         start = dataclasses.replace(start, circle=dataclasses.replace(motion.circle, frame=start.circle.frame))
-        measured = _follow(task, start)
-        motion = _absolute_motion(task, start, measured)
+        measured, motion = _follow(task, start)
     return _assemble(task, start, measured, motion)
 
 
 def _initial_circle(task: _Task, settings: Options, given: dict[str, Any]) -> _Start:
-    """Phase 1: find or check the circle, and suit the options to the ball; options that were ``given`` stay."""
+    """Phase 1: find or check the circle, and adapt the options to the ball; options that were ``given`` stay."""
     circle, settings = find_initial_circle(task.source, task.circle, task.ignore, task.refine, settings)
     image = task.source.images(circle.frame, circle.frame + 1)[0]
     contrast = background_contrast(image, circle, task.ignore)
     return _Start(circle, image, contrast, suited_to_ball(settings, given, circle.radius, contrast))
 
 
-def _follow(task: _Task, start: _Start) -> Record:
-    """Phase 2: measure the motion from frame to frame."""
+def _follow(task: _Task, start: _Start) -> tuple[Record, AbsoluteMotion]:
+    """Phases 2 and 3: the motion from frame to frame, and the poses on a map of the ball where a map is made."""
     first, options = start.circle, start.options
     follower = Follower(task.source, first, task.ignore, options, progress=task.progress, in_place=task.in_place)
     measured = follower.run(task.source.count)
@@ -204,20 +203,11 @@ def _follow(task: _Task, start: _Start) -> Record:
     if task.circle is not None and not is_confirmed and not shows_outline(task.source, first, options):
         # Neither its own image nor any other supports the given circle.
         measured = measured.without(first.frame)
-    return measured.without_rotation() if options.model == "translation" else measured
-
-
-def _absolute_motion(task: _Task, start: _Start, measured: Record) -> AbsoluteMotion:
-    """Phase 3: poses without drift, from a map of the ball where one is asked for or needed."""
-    return absolute_motion(
-        task.source, measured, start.circle, task.ignore, task.sphere_map, start.options, progress=task.progress
+    if options.model == "translation":
+        measured = measured.without_rotation()
+    return measured, absolute_motion(
+        task.source, measured, first, task.ignore, task.sphere_map, options, progress=task.progress
     )
-
-
-def _radius_was_wrong(start: _Start, measured: Record, motion: AbsoluteMotion) -> bool:
-    """Whether frames were given up with a radius that the map has corrected since."""
-    change = abs(motion.circle.radius - start.circle.radius)
-    return change > WRONG_RADIUS * start.circle.radius and bool((measured.status != "ok").any())
 
 
 def _assemble(task: _Task, start: _Start, measured: Record, motion: AbsoluteMotion) -> Track:
@@ -275,7 +265,7 @@ def track_many(
     Returns
     -------
     list of Track or Exception
-        In the order of the recordings; in place of a track what `track` raised.
+        In the order of the recordings; in place of a track the error that `track` raised.
 
     Raises
     ------
