@@ -16,7 +16,7 @@ author = "The torchsphere developers"
 project_copyright = author
 version = release = __version__
 
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "myst_parser", "mathml", "command_line"]
+extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "myst_parser", "mathml", "command_line", "fields"]
 exclude_patterns = ["_build", "tables"]  # pages include the tables
 
 myst_enable_extensions = ["dollarmath", "colon_fence"]
@@ -24,7 +24,7 @@ myst_heading_anchors = 3
 
 autodoc_typehints = "none"  # the docstrings say types and shapes
 autodoc_member_order = "bysource"
-autodoc_class_signature = "separated"  # the fields are listed once, as attributes
+autodoc_class_signature = "mixed"
 napoleon_google_docstring = False
 napoleon_use_ivar = True
 napoleon_use_rtype = False

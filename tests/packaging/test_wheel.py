@@ -111,6 +111,16 @@ def test_the_version_is_one(wheel: Path) -> None:
     assert re.findall(r"^version: (\S+)$", citation, re.MULTILINE) == [torchsphere.__version__]
 
 
+def test_the_description_on_the_package_index_has_no_link_that_leads_nowhere_there(wheel: Path) -> None:
+    (info,) = wheel.glob("*.dist-info")
+    description = email.message_from_string((info / "METADATA").read_text(encoding="utf-8")).get_payload()
+    assert description.startswith("# torchsphere")
+    assert "Limits has all of them" in description
+    targets = re.findall(r"\]\(([^)]*)\)", description)
+    assert all(target.startswith("https://") for target in targets)
+    assert "![" not in description
+
+
 def test_every_module_of_the_installed_renderer_imports_under_its_new_name(wheel: Path, tmp_path: Path) -> None:
     script = """
 import importlib, pkgutil
