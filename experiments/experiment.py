@@ -1,6 +1,8 @@
-"""What the experiments share: their folders, what they keep between runs, and the rows of their results.
+"""What the experiments share: their folders, the cache between runs, the style of figures, and tables of results.
 
-Every experiment of the paper has a function ``rows() -> list[Row]``; `experiments.paper.all` joins these in RESULTS.md.
+An experiment has ``compute()``, which measures and caches, ``plot(found)``, which only draws, and ``main()``, which
+joins both. Those of the paper also have ``rows(found)``, a list of `Row`; `experiments.paper.all` joins these in
+RESULTS.md.
 """
 
 from __future__ import annotations
@@ -8,31 +10,43 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
 import torchsphere as ts
 
+Array = NDArray[np.float64]
+
 HERE = Path(__file__).parent
-#: Measured values and rendered shots; figures of the paper in RESULTS.md; figures that no page shows; the pages.
+#: Measured values and rendered shots; figures of RESULTS.md; figures that no page shows; the pages; their tables.
 CACHE, FIGURES, OUTPUT, DOCS = HERE / "cache", HERE / "figures", HERE / "output", HERE.parent / "docs"
+TABLES = DOCS / "tables"
+
+#: Style of all figures.
+STYLE = {"axes.grid": True, "grid.alpha": 0.3, "legend.fontsize": 8}
 
 
 @dataclass(frozen=True)
 class Row:
-    """What one experiment says about one claim."""
+    """The result of one experiment for one claim."""
 
     experiment: str  #: name of the module: "fig02", "table1"
-    claim: str  #: what the paper says, in one sentence
+    claim: str  #: of the paper, in one sentence
     paper: str  #: numbers with their units, or a few words
     ours: str
-    holds: bool  #: whether ours confirms the claim
+    holds: bool  #: whether our numbers confirm the claim
 
 
 def cached(name: str, settings: Any, measure: Callable[[], Any]) -> Any:
-    """What ``measure`` returns, from the cache if it was measured with the same settings and version before."""
+    """The result of ``measure``, from the cache if the same settings and version were measured before."""
     key = json.dumps([name, settings, ts.__version__], sort_keys=True)
     path = CACHE / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:16]}.json"
     if not path.exists():
@@ -41,3 +55,34 @@ def cached(name: str, settings: Any, measure: Callable[[], Any]) -> Any:
         CACHE.mkdir(exist_ok=True)
         path.write_text(json.dumps(found))
     return json.loads(path.read_text())
+
+
+@contextmanager
+def saved_figure(path: Path, size: tuple[float, float], dpi: int = 100) -> Iterator[Figure]:
+    """A figure of that size in inches, in the common style; saved as ``path`` at the end."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=size, layout="constrained")
+        yield figure
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=dpi)
+
+
+def table(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
+    """A Markdown table; a bar or a line break within a cell does not end the cell."""
+    cells = ([" ".join(str(cell).replace("|", "\\|").split()) for cell in row] for row in rows)
+    lines = (head, ["---"] * len(head), *cells)
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def claims(rows: Iterable[Row]) -> str:
+    """Rows as a Markdown table."""
+    cells = ((row.experiment, row.claim, row.paper, row.ours, "yes" if row.holds else "**no**") for row in rows)
+    return table(("experiment", "claim", "paper", "ours", "holds"), cells)
+
+
+def publish(name: str, module: str, *parts: str) -> None:
+    """Write ``docs/tables/<name>.md``, which the pages include, with the command that measures it; and print it."""
+    text = "\n".join((f"*Measured by `python -m experiments.{module}`.*\n", *parts))
+    TABLES.mkdir(exist_ok=True)
+    (TABLES / f"{name}.md").write_text(text, encoding="utf-8")
+    print(text)

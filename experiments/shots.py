@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 import torchsphere as ts
-from experiments.experiment import CACHE
+from experiments.experiment import CACHE, Array
 from render import preset
 from render.frames import render_frames
 from render.shot import Shot
@@ -30,7 +30,6 @@ from render.trajectory import Table
 from render.truth import truth
 from torchsphere.benchmark.baselines import TRACKERS, Baseline
 
-Array = NDArray[np.float64]
 Circle = tuple[float, float, float]
 
 

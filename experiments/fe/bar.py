@@ -30,20 +30,14 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from experiments.experiment import OUTPUT, Row, cached
+from experiments.experiment import OUTPUT, Array, Row, cached, claims, saved_figure, table
 from experiments.fe.cases import BarCase
 from experiments.fe.read import Motion, force_peaks
 from experiments.fe.run import NotInstalledError, Run, run
 from experiments.paper.bar.history import Peak
 from experiments.paper.bar.impact import simulate
 from experiments.paper.bar.setup import Setup
-
-Array = NDArray[np.float64]
-
-OUT = OUTPUT / "fe_bar.png"
 
 #: Section 5.1.
 FRAME_RATE_HZ = 36_000
@@ -183,18 +177,15 @@ def _draw_convergence(axis: Axes, result: Result) -> None:
 
 def plot(result: Result) -> None:
     """Velocity, force as seen, and the first peak over the size of the elements."""
-    figure = Figure(figsize=(15, 4.4), layout="constrained")
-    velocity, force, convergence = figure.subplots(1, 3)
-    _draw_velocity(velocity, result)
-    _draw_force(force, result)
-    _draw_convergence(convergence, result)
-    OUT.parent.mkdir(exist_ok=True)
-    figure.savefig(OUT, dpi=110)
+    with saved_figure(OUTPUT / "fe_bar.png", (15, 4.4), dpi=110) as figure:
+        velocity, force, convergence = figure.subplots(1, 3)
+        _draw_velocity(velocity, result)
+        _draw_force(force, result)
+        _draw_convergence(convergence, result)
 
 
-def rows(result: Result | None = None) -> list[Row]:
+def rows(result: Result) -> list[Row]:
     """The paper's claims beside the finest mesh that has what they need; none where there is no ``ccx``."""
-    result = compute() if result is None else result
     if not result.forces:
         return []
     finest, whole = result.forces[-1], result.whole
@@ -222,15 +213,16 @@ def rows(result: Result | None = None) -> list[Row]:
 
 
 def _print_first_peaks(result: Result) -> None:
-    moments = " | ".join(f"v at {moment} us (m/s)" for moment in MOMENTS_US)
-    print(f"| model | nodes | steps | up to (us) | took (s) | first peak as seen (kN) | at (us) | {moments} |")
-    print("|---" * (7 + len(MOMENTS_US)) + "|")
-    sizes = [f"{r.nodes} | {r.increments} | {r.case.length_us:g} | {r.wall_s:.0f}" for r in result.runs]
-    for force, size in zip((result.beam, *result.forces), ("- | - | - | -", *sizes), strict=True):
+    head = ("model", "nodes", "steps", "up to (us)", "took (s)", "first peak as seen (kN)", "at (us)")
+    moments = (f"v at {moment} us (m/s)" for moment in MOMENTS_US)
+    sizes = [(r.nodes, r.increments, f"{r.case.length_us:g}", f"{r.wall_s:.0f}") for r in result.runs]
+    lines = []
+    for force, size in zip((result.beam, *result.forces), (("-",) * 4, *sizes), strict=True):
         top = force.peaks[0]
         heights = f"{1e-3 * force.lowest_N:.1f} to {1e-3 * top.force_N:.1f}"
-        speeds = " | ".join(f"{force.velocity_m_s(moment):.1f}" for moment in MOMENTS_US)
-        print(f"| {force.name} | {size} | {heights} | {1e6 * top.time_s:.0f} | {speeds} |")
+        speeds = (f"{force.velocity_m_s(moment):.1f}" for moment in MOMENTS_US)
+        lines.append((force.name, *size, heights, f"{1e6 * top.time_s:.0f}", *speeds))
+    print(table((*head, *moments), lines))
 
 
 def main() -> None:
@@ -247,8 +239,7 @@ def main() -> None:
         for done in computed((case,)):
             top = seen(name, done.motion).peaks[0]
             print(f"{case.size_mm:g} mm, {name}: first peak as seen {1e-3 * top.force_N:.1f} kN")
-    for row in rows(result):
-        print(f"{'holds' if row.holds else 'DOES NOT HOLD'}: {row.claim}: paper {row.paper}, here {row.ours}")
+    print(claims(rows(result)))
 
 
 if __name__ == "__main__":

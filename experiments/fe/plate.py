@@ -32,16 +32,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from experiments.experiment import OUTPUT, Row
+from experiments.experiment import OUTPUT, Array, Row, claims, saved_figure, table
 from experiments.fe.cases import PlateCase
 from experiments.fe.run import NotInstalledError, Run, run
-
-Array = NDArray[np.float64]
-
-OUT = OUTPUT / "fe_plate.png"
 
 #: Section 6.
 FRAME_RATE_HZ = 20_000
@@ -162,19 +156,16 @@ def _draw(axis: Axes, impacts: tuple[Impact, ...], what: str) -> None:
 
 def plot(impacts: tuple[Impact, ...]) -> None:
     """Velocities, and the force as the camera sees it, as in figure 14."""
-    figure = Figure(figsize=(12, 4.4), layout="constrained")
-    velocity, force = figure.subplots(1, 2)
-    _draw(velocity, impacts, "v")
-    velocity.set_ylabel("the ball's velocity (m/s)")
-    _draw(force, impacts, "F")
-    force.set_ylabel(f"force as seen at {FRAME_RATE_HZ} frames per second (kN)")
-    OUT.parent.mkdir(exist_ok=True)
-    figure.savefig(OUT, dpi=110)
+    with saved_figure(OUTPUT / "fe_plate.png", (12, 4.4), dpi=110) as figure:
+        velocity, force = figure.subplots(1, 2)
+        _draw(velocity, impacts, "v")
+        velocity.set_ylabel("the ball's velocity (m/s)")
+        _draw(force, impacts, "F")
+        force.set_ylabel(f"force as seen at {FRAME_RATE_HZ} frames per second (kN)")
 
 
-def rows(impacts: tuple[Impact, ...] | None = None) -> list[Row]:
+def rows(impacts: tuple[Impact, ...]) -> list[Row]:
     """The paper's claims beside the longest computation; none where there is no ``ccx``."""
-    impacts = compute() if impacts is None else impacts
     if not impacts:
         return []
     name, whole = "fe_plate", max(impacts, key=lambda impact: impact.run.case.length_us)
@@ -203,24 +194,21 @@ def main() -> None:
     if not impacts:
         return
     plot(impacts)
-    print(
-        "| mesh | nodes | steps | time (s) | contact until (ms) | peak force as seen (kN) | at (ms) "
-        "| speed along kept | off the plate, over before | turned (deg) |"
-    )
-    print("|---" * 10 + "|")
+    head = ("mesh", "nodes", "steps", "time (s)", "contact until (ms)", "peak force as seen (kN)", "at (ms)")
+    head += ("speed along kept", "off the plate, over before", "turned (deg)")
+    lines = []
     for impact in impacts:
         size = np.linalg.norm(impact.seen_N, axis=1)
         top, done = int(size.argmax()), impact.run
-        print(
-            f"| {impact.name} | {done.nodes} | {done.increments} | {done.wall_s:.0f} | {1e3 * impact.contact_s:.3f} "
-            f"| {1e-3 * size[top]:.2f} | {1e3 * impact.seen_s[top]:.3f} | {100 * impact.along_kept:.1f} % "
-            f"| {impact.restitution:.2f} | {impact.turned_deg:.1f} |"
-        )
+        work = (impact.name, done.nodes, done.increments, f"{done.wall_s:.0f}", f"{1e3 * impact.contact_s:.3f}")
+        force = (f"{1e-3 * size[top]:.2f}", f"{1e3 * impact.seen_s[top]:.3f}")
+        kept = (f"{100 * impact.along_kept:.1f} %", f"{impact.restitution:.2f}", f"{impact.turned_deg:.1f}")
+        lines.append((*work, *force, *kept))
+    print(table(head, lines))
     for impact in impacts:
         speeds = [f"{own:.1f} ({theory:.1f})" for own, theory in map(impact.off_m_s, MOMENTS_US)]
         print(f"{impact.name}: m/s off the plate (infinite elastic plate) at {MOMENTS_US} us: " + ", ".join(speeds))
-    for row in rows(impacts):
-        print(f"{'holds' if row.holds else 'DOES NOT HOLD'}: {row.claim}: paper {row.paper}, here {row.ours}")
+    print(claims(rows(impacts)))
 
 
 if __name__ == "__main__":

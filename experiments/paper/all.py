@@ -10,21 +10,17 @@ An experiment that fails does not stop the others: it gets a row that says why, 
 from __future__ import annotations
 
 import argparse
-import contextlib
 import importlib
-import io
-import shutil
 import sys
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from types import ModuleType
 
-from experiments.experiment import FIGURES, HERE, Row
+from experiments.experiment import FIGURES, HERE, Row, claims
 
 OUT = HERE / "RESULTS.md"
 
-#: In the paper's order. Each has ``rows()``, and ``main()``, which draws and prints.
+#: In the paper's order.
 NAMES = (
     *("fig02", "fig03", "table1", "fig04", "fig05", "table2", "fig06"),
     *("table3", "fig08", "fig09", "fig11", "fig12", "fig14", "fig15"),
@@ -42,38 +38,20 @@ motion is known exactly: "true" and "off" refer to that. How each was done is at
 
 
 def run(name: str) -> list[Row]:
-    """Draw and print one experiment, and give its rows; one that fails gives a single row that says why."""
+    """Measure and draw one experiment, and return its rows; a failed one returns a single row that says why."""
     try:
         module = importlib.import_module(f"experiments.paper.{name}")
-        with contextlib.redirect_stdout(io.StringIO()):
-            module.main()
-        rows = list(module.rows())
-        keep_figure(module, FIGURES)
+        found = module.compute()
+        if hasattr(module, "plot"):
+            module.plot(found)
+        return list(module.rows(found))
     except Exception as error:  # the others still run; the row and the exit status tell
         return [failed(name, error)]
-    return rows
 
 
 def failed(name: str, error: Exception) -> Row:
     """The row of an experiment that could not be run."""
     return Row(name, "The experiment runs.", "-", f"failed: {type(error).__name__}: {error}", False)
-
-
-def keep_figure(module: ModuleType, folder: Path) -> None:
-    """Copy the figure that an experiment drew elsewhere to where the results show it."""
-    drawn = getattr(module, "OUT", None)
-    if isinstance(drawn, Path) and drawn.suffix == ".png" and drawn.parent != folder:
-        folder.mkdir(exist_ok=True)
-        shutil.copyfile(drawn, folder / drawn.name)
-
-
-def table(rows: Iterable[Row]) -> str:
-    """Rows as a Markdown table."""
-    lines = ["| experiment | claim | paper | ours | holds |", "|---|---|---|---|---|"]
-    for row in rows:
-        cells = (row.experiment, row.claim, row.paper, row.ours, "yes" if row.holds else "**no**")
-        lines.append("| " + " | ".join(" ".join(cell.replace("|", "\\|").split()) for cell in cells) + " |")
-    return "\n".join(lines) + "\n"
 
 
 def gallery(names: Iterable[str], folder: Path) -> str:
@@ -86,7 +64,7 @@ def page(rows: Sequence[Row], folder: Path) -> str:
     """The whole of RESULTS.md."""
     held = sum(row.holds for row in rows)
     count = f"{held} of {len(rows)} claims hold.\n\n"
-    return HEAD + count + table(rows) + gallery(dict.fromkeys(row.experiment for row in rows), folder)
+    return HEAD + count + claims(rows) + gallery(dict.fromkeys(row.experiment for row in rows), folder)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -104,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"[{i + 1}/{len(chosen)}] {name}: {time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
     print(f"{time.perf_counter() - begin:.0f} s in all", file=sys.stderr)
     if names:
-        print(table(rows), end="")
+        print(claims(rows), end="")
     else:
         OUT.write_text(page(rows, FIGURES), encoding="utf-8")
         print(f"{OUT}: {sum(row.holds for row in rows)} of {len(rows)} claims hold")

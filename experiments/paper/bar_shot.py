@@ -17,10 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 import torchsphere as ts
-from experiments.experiment import CACHE
+from experiments.experiment import CACHE, Array
 from experiments.paper.bar.history import History
 from experiments.paper.bar.impact import simulate
 from experiments.paper.bar.setup import Setup
@@ -29,8 +28,6 @@ from experiments.shots import Footage, rendered, rival, tracked
 from render import preset
 from render.trajectory import Table
 from torchsphere.benchmark.baselines import Baseline
-
-Array = NDArray[np.float64]
 
 #: Time of the first frame before first touch, and where the bar's axis is struck: chosen so that the ball, which
 #: follows the bar as it gives way, is wholly in the picture in all frames.

@@ -34,12 +34,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 import torchsphere as ts
-from experiments.experiment import OUTPUT, Row, cached
+from experiments.experiment import FIGURES, Array, Row, cached, claims, saved_figure, table
 from experiments.paper.still_ball import (
     MARGIN_PX,
     RADIUS_PX,
@@ -52,10 +50,6 @@ from experiments.paper.still_ball import (
     rendered,
     still_image,
 )
-
-Array = NDArray[np.float64]
-
-OUT = OUTPUT / "fig02.png"
 
 ANGLES_DEG = (0.0, 0.05, 0.1, 0.25, 0.5, 0.75, 1.0)
 RADII_PX = tuple(float(radius) for radius in range(10, 55, 5))
@@ -156,26 +150,23 @@ def compute() -> Result:
 
 def plot(result: Result) -> None:
     """Bias over the rotation by kind of images, and over the radius."""
-    figure = Figure(figsize=(17, 4.6), layout="constrained")
-    axes = figure.subplots(1, 4, sharey=True)
-    for axis, (kind, errors) in zip(axes, result.rotation.items(), strict=False):
-        for way, color in COLORS.items():
-            axis.plot(ANGLES_DEG, bias(errors[way]), "o-", color=color, label=way)
-        axis.set_title(kind)
-        axis.set_xlabel("rotation about y (deg)")
-    for kind, line in ((BY_PRINTED, "s:"), (RENDERED, "o-")):
-        for way in (TRANSLATION, PRINTED, RIGID):
-            axes[3].plot(RADII_PX, bias(result.radius[kind][way]), line, color=COLORS[way], mfc="white")
-    axes[3].set_title("no rotation; dotted: advected, full: rendered")
-    axes[3].set_xlabel("radius (px)")
-    axes[0].set_ylabel("bias of x (px)")
-    # The last panel has the room.
-    axes[3].legend(*axes[0].get_legend_handles_labels(), fontsize=8, loc="upper right")
-    for axis in axes:
-        axis.set_yscale("log")
-        axis.grid(alpha=0.3)
-    OUT.parent.mkdir(exist_ok=True)
-    figure.savefig(OUT, dpi=100)
+    with saved_figure(FIGURES / "fig02.png", (17, 4.6)) as figure:
+        axes = figure.subplots(1, 4, sharey=True)
+        for axis, (kind, errors) in zip(axes, result.rotation.items(), strict=False):
+            for way, color in COLORS.items():
+                axis.plot(ANGLES_DEG, bias(errors[way]), "o-", color=color, label=way)
+            axis.set_title(kind)
+            axis.set_xlabel("rotation about y (deg)")
+        for kind, line in ((BY_PRINTED, "s:"), (RENDERED, "o-")):
+            for way in (TRANSLATION, PRINTED, RIGID):
+                axes[3].plot(RADII_PX, bias(result.radius[kind][way]), line, color=COLORS[way], mfc="white")
+        axes[3].set_title("no rotation; dotted: advected, full: rendered")
+        axes[3].set_xlabel("radius (px)")
+        axes[0].set_ylabel("bias of x (px)")
+        # The last panel has the room.
+        axes[3].legend(*axes[0].get_legend_handles_labels(), loc="upper right")
+        for axis in axes:
+            axis.set_yscale("log")
 
 
 def _row(claim: str, paper: str, ours: str, holds: bool) -> Row:
@@ -202,9 +193,8 @@ def _rows_of_rotation(result: Result) -> list[Row]:
     return found
 
 
-def rows() -> list[Row]:
+def rows(result: Result) -> list[Row]:
     """What the figure says of the paper's claims."""
-    result = compute()
     found = _rows_of_rotation(result)
     for kind in (BY_PRINTED, RENDERED):
         alone, five = (bias(result.rotation[kind][way])[0] for way in (TRANSLATION, PRINTED))
@@ -223,15 +213,14 @@ def main() -> None:
     plot(result)
     for over, values in (("rotation", ANGLES_DEG), ("radius", RADII_PX)):
         head = "bias of x, px (its signed mean; mean rotation, deg)"
-        print(f"\n| images | way | {head}, {over} " + " | ".join(f"{v:g}" for v in values) + " |")
-        print("|" + (2 + len(values)) * "---|")
+        lines = []
         for kind, errors in getattr(result, over).items():
             for way in WAYS:
                 triples = zip(bias(errors[way]), *mean(errors[way]), strict=True)
-                cells = (f"{b:.5f} ({m:+.5f}; {turn:.4f})" for b, m, turn in triples)
-                print(f"| {kind} | {way} | " + " | ".join(cells) + " |")
-    for row in rows():
-        print(row)
+                lines.append((kind, way, *(f"{b:.5f} ({m:+.5f}; {turn:.4f})" for b, m, turn in triples)))
+        first, *others = (f"{v:g}" for v in values)
+        print(table(("images", "way", f"{head}, {over} {first}", *others), lines))
+    print(claims(rows(result)))
 
 
 if __name__ == "__main__":

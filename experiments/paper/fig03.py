@@ -24,18 +24,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy import ndimage
 from tqdm import tqdm
 
 import torchsphere as ts
-from experiments.experiment import OUTPUT, Row, cached
+from experiments.experiment import FIGURES, Array, Row, cached, claims, saved_figure, table
 from experiments.paper.still_ball import RADIUS_PX, SAMPLES, SHIFTS_PX, Circle, ball, rendered
-
-Array = NDArray[np.float64]
-
-OUT = OUTPUT / "fig03.png"
 
 PATTERNS = (0, 1)
 BLURS_PX = tuple(range(0, 22, 2))
@@ -173,29 +167,25 @@ def compute() -> Result:
 
 def plot(result: Result) -> None:
     """Both errors over the width of the blur."""
-    figure = Figure(figsize=(12, 4.4), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    for kind, color in zip(NOISE_KINDS, COLORS[::2], strict=False):
-        left.plot(BLURS_PX, result.sensitivity(kind), "o-", color=color, label=kind)
-    left.set_title("noise of 1 to 8 grey levels")
-    left.set_ylabel("rms error of x (px)")
-    left.set_ylim(bottom=0)
-    for kind, color in zip(INTERPOLATIONS, COLORS, strict=True):
-        right.plot(BLURS_PX, result.bias(kind), "o-", color=color, label=kind)
-    right.set_title("shift of 0 to 1 px, no noise")
-    right.set_ylabel("mean absolute error of x (px)")
-    right.set_yscale("log")
-    for axis in (left, right):
-        axis.set_xlabel("motion blur (px)")
-        axis.grid(alpha=0.3)
-        axis.legend(fontsize=8)
-    OUT.parent.mkdir(exist_ok=True)
-    figure.savefig(OUT, dpi=110)
+    with saved_figure(FIGURES / "fig03.png", (12, 4.4), dpi=110) as figure:
+        left, right = figure.subplots(1, 2)
+        for kind, color in zip(NOISE_KINDS, COLORS[::2], strict=False):
+            left.plot(BLURS_PX, result.sensitivity(kind), "o-", color=color, label=kind)
+        left.set_title("noise of 1 to 8 grey levels")
+        left.set_ylabel("rms error of x (px)")
+        left.set_ylim(bottom=0)
+        for kind, color in zip(INTERPOLATIONS, COLORS, strict=True):
+            right.plot(BLURS_PX, result.bias(kind), "o-", color=color, label=kind)
+        right.set_title("shift of 0 to 1 px, no noise")
+        right.set_ylabel("mean absolute error of x (px)")
+        right.set_yscale("log")
+        for axis in (left, right):
+            axis.set_xlabel("motion blur (px)")
+            axis.legend()
 
 
-def rows() -> list[Row]:
+def rows(result: Result) -> list[Row]:
     """What the figure says of the paper's claims."""
-    result = compute()
     found = []
     for kind in NOISE_KINDS:
         error = result.sensitivity(kind)[1:]
@@ -220,16 +210,13 @@ def main() -> None:
     """Measure, draw, and print the table."""
     result = compute()
     plot(result)
-    print("| error of x (px) at a blur of (px) | " + " | ".join(map(str, BLURS_PX)) + " |")
-    print("|" + (1 + len(BLURS_PX)) * "---|")
-    for kind in NOISE_KINDS:
-        print(f"| {kind} | " + " | ".join(f"{v:.4f}" for v in result.sensitivity(kind)) + " |")
+    lines = [[kind, *(f"{v:.4f}" for v in result.sensitivity(kind))] for kind in NOISE_KINDS]
     for kind in INTERPOLATIONS:
         pairs = zip(result.bias(kind), result.measured(kind), strict=True)
         cells = (f"{error:.5f}" + ("" if share == 1 else f" ({100 * share:.0f} % measured)") for error, share in pairs)
-        print(f"| interpolation: {kind} | " + " | ".join(cells) + " |")
-    for row in rows():
-        print(row)
+        lines.append([f"interpolation: {kind}", *cells])
+    print(table(("error of x (px) at a blur of (px)", *map(str, BLURS_PX)), lines))
+    print(claims(rows(result)))
 
 
 if __name__ == "__main__":

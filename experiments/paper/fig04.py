@@ -12,12 +12,9 @@ Here: the signals and velocities of `table1`; the delay is known exactly.
 from __future__ import annotations
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from experiments.experiment import FIGURES, Row
+from experiments.experiment import FIGURES, Row, claims, saved_figure
 from experiments.paper.table1 import PAPER, SPACING_M, Shot, compute
-
-OUT = FIGURES / "fig04.png"
 
 SHOWN_BAR = 2.8
 FIRST, SECOND = "#0072B2", "#D55E00"
@@ -25,10 +22,10 @@ FIRST, SECOND = "#0072B2", "#D55E00"
 WITHIN, ALLOWED_DELAY = 3.0, 0.001
 
 
-def rows() -> list[Row]:
+def rows(shots: dict[float, Shot]) -> list[Row]:
     """The claims of the figure."""
     found = []
-    for pressure, shot in compute().items():
+    for pressure, shot in shots.items():
         delay, true = shot.gate.delay_s, SPACING_M / shot.true_m_s
         off, sd = delay - true, shot.gate.sd_delay_s
         found.append(
@@ -53,7 +50,7 @@ def _draw_signals(axis: Axes, shot: Shot) -> None:
     axis.set_xlabel("time (us)")
     axis.set_ylabel("voltage of the receiver (V)")
     axis.set_title(f"{SHOWN_BAR} bar: delay {1e6 * shot.gate.delay_s:.2f} ± {1e6 * shot.gate.sd_delay_s:.2f} us")
-    axis.legend(fontsize=8)
+    axis.legend()
 
 
 def _draw_velocities(axis: Axes, shots: dict[float, Shot]) -> None:
@@ -74,25 +71,22 @@ def _draw_velocities(axis: Axes, shots: dict[float, Shot]) -> None:
     axis.set_xticks(range(len(shots)), [f"{pressure} bar, {PAPER[pressure][0]} m/s" for pressure in shots])
     axis.set_xlim(-0.6, len(shots) - 0.4)
     axis.set_ylabel("velocity against the paper's gate (%)")
-    axis.grid(axis="y", alpha=0.3)
-    axis.legend(fontsize=8)
+    axis.legend()
 
 
 def plot(shots: dict[float, Shot]) -> None:
     """Signals on the left, velocities on the right."""
-    figure = Figure(figsize=(11, 4.2), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    _draw_signals(left, shots[SHOWN_BAR])
-    _draw_velocities(right, shots)
-    OUT.parent.mkdir(exist_ok=True)
-    figure.savefig(OUT, dpi=80)
+    with saved_figure(FIGURES / "fig04.png", (11, 4.2), dpi=80) as figure:
+        left, right = figure.subplots(1, 2)
+        _draw_signals(left, shots[SHOWN_BAR])
+        _draw_velocities(right, shots)
 
 
 def main() -> None:
     """Measure, draw, and print the claims."""
-    plot(compute())
-    for row in rows():
-        print(f"{row.claim} Paper: {row.paper}. Here: {row.ours}. {'Holds' if row.holds else 'Does not hold'}.")
+    found = compute()
+    plot(found)
+    print(claims(rows(found)))
 
 
 if __name__ == "__main__":

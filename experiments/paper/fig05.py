@@ -18,20 +18,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 import torchsphere as ts
-from experiments.experiment import FIGURES, Row
+from experiments.experiment import FIGURES, Array, Row, claims, saved_figure
 from experiments.shots import Footage, rendered, tracked
 from render import preset
 from render.trajectory import DropWeight
 from torchsphere.instruments.signals import Alignment, align
-
-Array = NDArray[np.float64]
-
-OUT = FIGURES / "fig05.png"
 
 #: Of the accelerometer; not in the paper, which calls it "quite noisy".
 SAMPLING_HZ, GAIN, OFFSET_M_S2, NOISE, RINGING, RING_HZ, DECAY_S = 50e3, 1.01, 15.0, 0.05, 0.1, 7e3, 1.5e-3
@@ -105,9 +99,8 @@ def lobe(time_s: Array, values: Array) -> tuple[float, float]:
     return float(curve[at]), float(fine[last] - fine[first])
 
 
-def rows() -> list[Row]:
+def rows(drop: Drop) -> list[Row]:
     """The claims of the figure."""
-    drop = compute()
     both, shot = drop.alignment, drop.footage.shot
     gravity = float(getattr(shot.trajectory, "gravity_m_s2", 9.81))
     true = lobe(both.time_s, -shot.trajectory.state(both.time_s).acceleration_m_s2[:, 1] + gravity)
@@ -144,32 +137,31 @@ def rows() -> list[Row]:
 
 def plot(drop: Drop) -> None:
     """A picture of the weight, and both accelerations."""
-    figure = Figure(figsize=(10, 4.4), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(1, 3.4))
-    shot, both = drop.footage.shot, drop.alignment
-    left.imshow(drop.footage.images[0], cmap="gray", vmin=0, vmax=255)
-    left.set_xticks([])
-    left.set_yticks([])
-    time = np.linspace(0, shot.times_s[-1], 1000)
-    signal = drop.sensor_m_s2 - np.median(drop.sensor_m_s2)
-    frames, sd = 1e3 * drop.motion.time_s, drop.motion.sd_acceleration_m_s2[:, 1]
-    upwards = drop.motion.acceleration_m_s2[:, 1] + 9.81
-    right.plot(1e3 * (drop.sensor_time_s - both.delay_s), signal, color="0.75", lw=0.5, label="accelerometer")
-    right.plot(1e3 * time, 9.81 - shot.trajectory.state(time).acceleration_m_s2[:, 1], color="#009E73", label="true")
-    right.errorbar(frames, upwards, sd, fmt=".", color="black", ms=4, lw=0.8, label="images")
-    right.set_xlabel("time (ms)")
-    right.set_ylabel("acceleration without weight (m/s²)")
-    right.grid(alpha=0.3)
-    right.legend()
-    OUT.parent.mkdir(exist_ok=True)
-    figure.savefig(OUT, dpi=80)
+    with saved_figure(FIGURES / "fig05.png", (10, 4.4), dpi=80) as figure:
+        left, right = figure.subplots(1, 2, width_ratios=(1, 3.4))
+        shot, both = drop.footage.shot, drop.alignment
+        left.imshow(drop.footage.images[0], cmap="gray", vmin=0, vmax=255)
+        left.set_xticks([])
+        left.set_yticks([])
+        time = np.linspace(0, shot.times_s[-1], 1000)
+        signal = drop.sensor_m_s2 - np.median(drop.sensor_m_s2)
+        frames, sd = 1e3 * drop.motion.time_s, drop.motion.sd_acceleration_m_s2[:, 1]
+        upwards = drop.motion.acceleration_m_s2[:, 1] + 9.81
+        right.plot(1e3 * (drop.sensor_time_s - both.delay_s), signal, color="0.75", lw=0.5, label="accelerometer")
+        right.plot(
+            1e3 * time, 9.81 - shot.trajectory.state(time).acceleration_m_s2[:, 1], color="#009E73", label="true"
+        )
+        right.errorbar(frames, upwards, sd, fmt=".", color="black", ms=4, lw=0.8, label="images")
+        right.set_xlabel("time (ms)")
+        right.set_ylabel("acceleration without weight (m/s²)")
+        right.legend()
 
 
 def main() -> None:
     """Measure, draw, and print the claims."""
-    plot(compute())
-    for row in rows():
-        print(f"{row.claim} Paper: {row.paper}. Here: {row.ours}. {'Holds' if row.holds else 'Does not hold'}.")
+    found = compute()
+    plot(found)
+    print(claims(rows(found)))
 
 
 if __name__ == "__main__":

@@ -16,17 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from experiments.experiment import OUTPUT, Row
+from experiments.experiment import FIGURES, Array, Row, claims, saved_figure
 from experiments.paper import table2
 from experiments.paper.flight import FRAME_RATE_HZ, Rates
 from experiments.shots import Footage
-
-Array = NDArray[np.float64]
-
-OUT = OUTPUT / "fig06.png"
 
 TEXTURE = ("background.kind=texture", "background.level=0.3", "background.contrast=0.4")
 BACKGROUNDS = {"uniform": (), "still texture": TEXTURE}
@@ -76,29 +70,25 @@ def _draw(axis: Axes, curves: dict[str, Curve], k: int) -> None:
         label = f"{name}: std {curve.std()[k]:.2f} m/s"
         axis.plot(time_ms, curve.rates.velocity_m_s[:, k], ".-", lw=1, color=WAYS[name][1], label=label)
     axis.set_ylabel(f"v{'xy'[k]} (m/s)")
-    axis.grid(alpha=0.3)
-    axis.legend(fontsize=8)
+    axis.legend()
 
 
 def plot(result: dict[str, dict[str, Curve]]) -> None:
     """A picture of either ball, and the velocities, a column per background."""
-    figure = Figure(figsize=(13, 8), layout="constrained")
-    grid = figure.subplots(4, 2, height_ratios=(1, 1, 2, 2))
-    for column, (background, curves) in zip(grid.T, result.items(), strict=True):
-        for axis, curve in zip(column[:2], curves.values(), strict=True):
-            axis.imshow(curve.footage.images[12], cmap="gray", vmin=0, vmax=255)
-            axis.set_axis_off()
-        column[0].set_title(f"background: {background}")
-        for k, axis in enumerate(column[2:]):
-            _draw(axis, curves, k)
-        column[3].set_xlabel("time (ms)")
-    OUT.parent.mkdir(exist_ok=True)
-    figure.savefig(OUT, dpi=100)
+    with saved_figure(FIGURES / "fig06.png", (13, 8)) as figure:
+        grid = figure.subplots(4, 2, height_ratios=(1, 1, 2, 2))
+        for column, (background, curves) in zip(grid.T, result.items(), strict=True):
+            for axis, curve in zip(column[:2], curves.values(), strict=True):
+                axis.imshow(curve.footage.images[12], cmap="gray", vmin=0, vmax=255)
+                axis.set_axis_off()
+            column[0].set_title(f"background: {background}")
+            for k, axis in enumerate(column[2:]):
+                _draw(axis, curves, k)
+            column[3].set_xlabel("time (ms)")
 
 
-def rows() -> list[Row]:
+def rows(result: dict[str, dict[str, Curve]]) -> list[Row]:
     """What the figure says of the paper's claims."""
-    result = compute()
     hough, ours = result["uniform"].values()
     text = "; ".join(f"{name} {c.std()[0]:.2f}, {c.std()[1]:.2f} m/s" for name, c in result["uniform"].items())
     claim = "the velocity (x, y) is more scattered by Hough than by the five modes"
@@ -112,10 +102,10 @@ def rows() -> list[Row]:
 
 
 def main() -> None:
-    """Measure, draw, and print the rows."""
-    plot(compute())
-    for row in rows():
-        print(row)
+    """Measure, draw, and print the claims."""
+    found = compute()
+    plot(found)
+    print(claims(rows(found)))
 
 
 if __name__ == "__main__":

@@ -13,17 +13,12 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from experiments.experiment import FIGURES, Row
+from experiments.experiment import FIGURES, Array, Row, claims, saved_figure
 from experiments.paper.bar_shot import MODEL, OURS, TRANSLATION, Impact, compute, shade
 from experiments.shots import frames_of
-
-Array = NDArray[np.float64]
-
-OUT = FIGURES / "fig08.png"
 
 #: As in the paper.
 SHOWN = 12
@@ -44,9 +39,8 @@ def slow_m_s(impact: Impact) -> float:
     return float(np.nanmean(steps[part.start :])) * impact.footage.m_per_px * impact.frame_rate_hz
 
 
-def rows() -> list[Row]:
+def rows(impact: Impact) -> list[Row]:
     """The claims of the figure."""
-    impact = compute()
     error = {name: np.linalg.norm(values, axis=1) for name, values in errors_px(impact).items()}
     radius, m_per_px = impact.footage.circle[2], impact.footage.m_per_px
     ours, lost = error["five modes"], impact.translation_only.status != "ok"
@@ -106,32 +100,29 @@ def _draw_frame(axis: Axes, impact: Impact, frame: int) -> None:
 
 def plot(impact: Impact) -> None:
     """Twelve frames with the circles, and the errors over time."""
-    figure = Figure(figsize=(9, 10), layout="constrained")
-    upper, lower = np.asarray(figure.subfigures(2, 1, height_ratios=(2.3, 1)))
-    frames = list(frames_of(SHOWN, len(impact.time_s)))
-    grid: NDArray[np.object_] = np.asarray(upper.subplots(SHOWN // 2, 2))
-    for axis, frame in zip(grid.T.ravel(), frames, strict=True):
-        _draw_frame(axis, impact, frame)
-    upper.suptitle("white dashed: five modes; orange: translations alone; green: true", fontsize=9)
-    axis = lower.subplots()
-    shade(axis, impact.history)
-    colors = {"five modes": OURS, "translation only": TRANSLATION}
-    for name, error in errors_px(impact).items():
-        axis.plot(1e3 * impact.time_s, error[:, 0], color=colors[name], label=f"{name}: x")
-        axis.plot(1e3 * impact.time_s, error[:, 1], ":", color=colors[name], label=f"{name}: y")
-    axis.set_xlabel("time since first touch (ms); in contact where shaded")
-    axis.set_ylabel("error of the position (px)")
-    axis.grid(alpha=0.3)
-    axis.legend(fontsize=8)
-    OUT.parent.mkdir(exist_ok=True)
-    figure.savefig(OUT, dpi=80)
+    with saved_figure(FIGURES / "fig08.png", (9, 10), dpi=80) as figure:
+        upper, lower = np.asarray(figure.subfigures(2, 1, height_ratios=(2.3, 1)))
+        frames = list(frames_of(SHOWN, len(impact.time_s)))
+        grid: NDArray[np.object_] = np.asarray(upper.subplots(SHOWN // 2, 2))
+        for axis, frame in zip(grid.T.ravel(), frames, strict=True):
+            _draw_frame(axis, impact, frame)
+        upper.suptitle("white dashed: five modes; orange: translations alone; green: true", fontsize=9)
+        axis = lower.subplots()
+        shade(axis, impact.history)
+        colors = {"five modes": OURS, "translation only": TRANSLATION}
+        for name, error in errors_px(impact).items():
+            axis.plot(1e3 * impact.time_s, error[:, 0], color=colors[name], label=f"{name}: x")
+            axis.plot(1e3 * impact.time_s, error[:, 1], ":", color=colors[name], label=f"{name}: y")
+        axis.set_xlabel("time since first touch (ms); in contact where shaded")
+        axis.set_ylabel("error of the position (px)")
+        axis.legend()
 
 
 def main() -> None:
     """Measure, draw, and print the claims."""
-    plot(compute())
-    for row in rows():
-        print(f"{row.claim} Paper: {row.paper}. Here: {row.ours}. {'Holds' if row.holds else 'Does not hold'}.")
+    found = compute()
+    plot(found)
+    print(claims(rows(found)))
 
 
 if __name__ == "__main__":

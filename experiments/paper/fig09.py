@@ -14,16 +14,10 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 import torchsphere as ts
-from experiments.experiment import FIGURES, Row
+from experiments.experiment import FIGURES, Array, Row, claims, saved_figure
 from experiments.paper.bar_shot import BEFORE_S, SMOOTH, Impact, compute, dense, shade
-
-Array = NDArray[np.float64]
-
-OUT = FIGURES / "fig09.png"
 
 #: By axis: x, y, z.
 COLORS = ("#0072B2", "#D55E00", "#009E73")
@@ -55,9 +49,8 @@ def spins(impact: Impact) -> dict[str, tuple[Array, Array]]:
     }
 
 
-def rows() -> list[Row]:
+def rows(impact: Impact) -> list[Row]:
     """The claims of the figure."""
-    impact = compute()
     found = spins(impact)
     (before, true_before), (after, true_after) = found["before"], found["after"]
     rate, true_rate = (float(np.linalg.norm(v)) for v in (after, true_after))
@@ -96,33 +89,30 @@ def _draw_spin(axis: Axes, impact: Impact, motion: ts.Kinematics) -> None:
 def plot(impact: Impact) -> None:
     """Angles on the left, spins on the right."""
     motion = impact.kinematics(impact.track, "smoother")
-    figure = Figure(figsize=(11, 4.2), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    measured, exact = angles_deg(impact.track.increment), angles_deg(impact.exact.increment)
-    for k, color in enumerate(COLORS):
-        left.plot(1e3 * impact.time_s, exact[:, k], color=color, lw=1, alpha=0.6)
-        left.plot(1e3 * impact.time_s, measured[:, k], ".", color=color, ms=4, label=f"about {'xyz'[k]}")
-    left.set_ylabel("angle (deg)")
-    _draw_spin(right, impact, motion)
-    for axis in (left, right):
-        shade(axis, impact.history)
-        axis.set_xlabel("time since first touch (ms)")
-        axis.grid(alpha=0.3)
-        if motion.contact_s is not None and motion.sd_contact_s is not None:
-            for edge, sd in zip(motion.contact_s - BEFORE_S, motion.sd_contact_s, strict=True):
-                axis.axvline(1e3 * edge, color=SMOOTH, lw=0.8, ls="--")
-                axis.axvspan(1e3 * (edge - sd), 1e3 * (edge + sd), color=SMOOTH, alpha=0.2, lw=0)
-        axis.legend(loc="upper left", fontsize=8)
-    figure.suptitle("dots: torchsphere; lines: true; grey: true contacts; dashed: contact found", fontsize=9)
-    OUT.parent.mkdir(exist_ok=True)
-    figure.savefig(OUT, dpi=80)
+    with saved_figure(FIGURES / "fig09.png", (11, 4.2), dpi=80) as figure:
+        left, right = figure.subplots(1, 2)
+        measured, exact = angles_deg(impact.track.increment), angles_deg(impact.exact.increment)
+        for k, color in enumerate(COLORS):
+            left.plot(1e3 * impact.time_s, exact[:, k], color=color, lw=1, alpha=0.6)
+            left.plot(1e3 * impact.time_s, measured[:, k], ".", color=color, ms=4, label=f"about {'xyz'[k]}")
+        left.set_ylabel("angle (deg)")
+        _draw_spin(right, impact, motion)
+        for axis in (left, right):
+            shade(axis, impact.history)
+            axis.set_xlabel("time since first touch (ms)")
+            if motion.contact_s is not None and motion.sd_contact_s is not None:
+                for edge, sd in zip(motion.contact_s - BEFORE_S, motion.sd_contact_s, strict=True):
+                    axis.axvline(1e3 * edge, color=SMOOTH, lw=0.8, ls="--")
+                    axis.axvspan(1e3 * (edge - sd), 1e3 * (edge + sd), color=SMOOTH, alpha=0.2, lw=0)
+            axis.legend(loc="upper left")
+        figure.suptitle("dots: torchsphere; lines: true; grey: true contacts; dashed: contact found", fontsize=9)
 
 
 def main() -> None:
     """Measure, draw, and print the claims."""
-    plot(compute())
-    for row in rows():
-        print(f"{row.claim} Paper: {row.paper}. Here: {row.ours}. {'Holds' if row.holds else 'Does not hold'}.")
+    found = compute()
+    plot(found)
+    print(claims(rows(found)))
 
 
 if __name__ == "__main__":

@@ -16,17 +16,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 import torchsphere as ts
-from experiments.experiment import FIGURES, Row
+from experiments.experiment import FIGURES, Array, Row, claims, saved_figure
+from experiments.paper import bar_shot
 from experiments.paper.bar.history import Peak, peaks
-from experiments.paper.bar_shot import MODEL, OURS, SMOOTH, Impact, compute, dense, shade
-
-Array = NDArray[np.float64]
-
-OUT = FIGURES / "fig11.png"
+from experiments.paper.bar_shot import MODEL, OURS, SMOOTH, Impact, dense, shade
 
 #: Largest error of the peak force allowed, and standard deviations that count as within the stated uncertainty.
 ALLOWED, WITHIN = 0.03, 2.0
@@ -46,9 +41,9 @@ class Result:
         return -np.nan_to_num(motion.force_N[:, 0])
 
 
-def differentiated() -> Result:
+def compute() -> Result:
     """The impact with its kinematics."""
-    impact, ways = compute(), ("differences", "smoother")
+    impact, ways = bar_shot.compute(), ("differences", "smoother")
     measured, exact = ({way: impact.kinematics(track, way) for way in ways} for track in (impact.track, impact.exact))
     return Result(impact, measured, exact)
 
@@ -77,9 +72,8 @@ def _peak_row(result: Result, way: str) -> Row:
     )
 
 
-def rows() -> list[Row]:
+def rows(result: Result) -> list[Row]:
     """The claims of the figure."""
-    result = differentiated()
     impact, motion = result.impact, result.measured["differences"]
     history, frame = impact.history, 1 / impact.frame_rate_hz
     found = peaks(impact.time_s, result.push_N(motion))
@@ -120,46 +114,43 @@ def rows() -> list[Row]:
 def plot(result: Result) -> None:
     """Velocity on the left, force on the right."""
     impact = result.impact
-    figure = Figure(figsize=(11, 4.2), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    time, velocity, _ = dense(impact.history, impact.time_s[0], impact.time_s[-1])
-    frames = 1e3 * impact.time_s
-    left.plot(1e3 * time, velocity[:, 0], color=MODEL, label="true")
-    left.plot(frames, result.measured["differences"].velocity_m_s[:, 0], ".", color=OURS, ms=4, label="differences")
-    left.plot(frames, result.measured["smoother"].velocity_m_s[:, 0], color=SMOOTH, lw=0.8, label="smoother")
-    left.set_ylabel("velocity along x (m/s)")
-    right.plot(1e3 * impact.history.time_s, 1e-3 * impact.history.normal_N, color="0.75", lw=1, label="true")
-    seen_time, seen = impact.history.seen(1 / impact.frame_rate_hz)
-    right.plot(1e3 * seen_time, 1e-3 * seen, color=MODEL, label="true, as seen at this frame rate")
-    for way, color, mark in (("smoother", SMOOTH, "x"), ("differences", OURS, ".")):
-        motion = result.measured[way]
-        assert motion.sd_force_N is not None
-        right.errorbar(
-            frames,
-            1e-3 * result.push_N(motion),
-            1e-3 * motion.sd_force_N[:, 0],
-            fmt=mark,
-            ms=4,
-            lw=0.8,
-            color=color,
-            label=way,
-        )
-    right.set_ylabel("force against the path (kN)")
-    right.set_xlim(-0.15, 1.0)
-    for axis in (left, right):
-        shade(axis, impact.history)
-        axis.set_xlabel("time since first touch (ms); in contact where shaded")
-        axis.grid(alpha=0.3)
-        axis.legend(fontsize=8)
-    OUT.parent.mkdir(exist_ok=True)
-    figure.savefig(OUT, dpi=80)
+    with saved_figure(FIGURES / "fig11.png", (11, 4.2), dpi=80) as figure:
+        left, right = figure.subplots(1, 2)
+        time, velocity, _ = dense(impact.history, impact.time_s[0], impact.time_s[-1])
+        frames = 1e3 * impact.time_s
+        left.plot(1e3 * time, velocity[:, 0], color=MODEL, label="true")
+        left.plot(frames, result.measured["differences"].velocity_m_s[:, 0], ".", color=OURS, ms=4, label="differences")
+        left.plot(frames, result.measured["smoother"].velocity_m_s[:, 0], color=SMOOTH, lw=0.8, label="smoother")
+        left.set_ylabel("velocity along x (m/s)")
+        right.plot(1e3 * impact.history.time_s, 1e-3 * impact.history.normal_N, color="0.75", lw=1, label="true")
+        seen_time, seen = impact.history.seen(1 / impact.frame_rate_hz)
+        right.plot(1e3 * seen_time, 1e-3 * seen, color=MODEL, label="true, as seen at this frame rate")
+        for way, color, mark in (("smoother", SMOOTH, "x"), ("differences", OURS, ".")):
+            motion = result.measured[way]
+            assert motion.sd_force_N is not None
+            right.errorbar(
+                frames,
+                1e-3 * result.push_N(motion),
+                1e-3 * motion.sd_force_N[:, 0],
+                fmt=mark,
+                ms=4,
+                lw=0.8,
+                color=color,
+                label=way,
+            )
+        right.set_ylabel("force against the path (kN)")
+        right.set_xlim(-0.15, 1.0)
+        for axis in (left, right):
+            shade(axis, impact.history)
+            axis.set_xlabel("time since first touch (ms); in contact where shaded")
+            axis.legend()
 
 
 def main() -> None:
     """Measure, draw, and print the claims."""
-    plot(differentiated())
-    for row in rows():
-        print(f"{row.claim} Paper: {row.paper}. Here: {row.ours}. {'Holds' if row.holds else 'Does not hold'}.")
+    found = compute()
+    plot(found)
+    print(claims(rows(found)))
 
 
 if __name__ == "__main__":

@@ -24,18 +24,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from experiments.experiment import OUTPUT, Row, cached
+from experiments.experiment import FIGURES, Array, Row, cached, claims, saved_figure, table
 from experiments.paper.bar.beam import free_roots, frequencies_hz, symmetric_shape
 from experiments.paper.bar.history import peaks
 from experiments.paper.bar.impact import simulate
 from experiments.paper.bar.setup import Setup
-
-Array = NDArray[np.float64]
-
-OUT = OUTPUT / "fig12.png"
 
 #: Section 5.1.
 FRAME_RATE_HZ = 36_000
@@ -141,17 +135,14 @@ def _draw_force(axis: Axes, result: Result) -> None:
 
 def plot(result: Result) -> None:
     """The mode shapes, and the force with the lapses between its peaks."""
-    figure = Figure(figsize=(12, 4.4), layout="constrained")
-    shapes, force = figure.subplots(1, 2)
-    _draw_shapes(shapes, result.theory_hz, Setup().bar_length_m)
-    _draw_force(force, result)
-    OUT.parent.mkdir(exist_ok=True)
-    figure.savefig(OUT, dpi=110)
+    with saved_figure(FIGURES / "fig12.png", (12, 4.4), dpi=110) as figure:
+        shapes, force = figure.subplots(1, 2)
+        _draw_shapes(shapes, result.theory_hz, Setup().bar_length_m)
+        _draw_force(force, result)
 
 
-def rows() -> list[Row]:
+def rows(result: Result) -> list[Row]:
     """The paper's estimates of the eigenfrequencies, from its peaks and from the model's as a camera sees them."""
-    result = compute()
     found = []
     for mode, (theory, lapse, frequency) in PAPER.items():
         own, seen = result.theory_hz[mode], result.seen
@@ -173,24 +164,22 @@ def main() -> None:
     """Measure, draw, and print the table."""
     result = compute()
     plot(result)
-    print(
-        "| mode | by theory (Hz) | paper's theory (Hz) | from the peaks | peaks 1 to | lapse (ms) | Hz | off theory |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
+    head = ("mode", "by theory (Hz)", "paper's theory (Hz)", "from the peaks", "peaks 1 to", "lapse (ms)", "Hz", "off")
+    lines = []
     for mode, (theory, lapse, frequency) in PAPER.items():
         own = result.theory_hz[mode]
-        rows = [("paper", lapse, frequency, frequency / theory - 1)]
+        estimates = [("paper", lapse, frequency, frequency / theory - 1)]
         for name, force in (("true force", result.true), ("as seen", result.seen)):
-            rows.append((name, force.lapse_s(mode), force.frequency_hz(mode), force.frequency_hz(mode) / own - 1))
-        for name, time, found, off in rows:
-            partner = PARTNER[mode] + 1
-            print(
-                f"| {mode} | {own:.0f} | {theory:.0f} | {name} | {partner} | {1e3 * time:.3f} | {found:.0f} "
-                f"| {100 * off:+.1f} % |"
-            )
+            found = force.frequency_hz(mode)
+            estimates.append((name, force.lapse_s(mode), found, found / own - 1))
+        for name, time, found, off in estimates:
+            known = (mode, f"{own:.0f}", f"{theory:.0f}", name, PARTNER[mode] + 1)
+            lines.append((*known, f"{1e3 * time:.3f}", f"{found:.0f}", f"{100 * off:+.1f} %"))
+    print(table(head, lines))
     for name, force in (("true force", result.true), ("as seen", result.seen)):
         tops = zip(force.peak_s, force.peak_N, strict=True)
         print(f"peaks, {name}: " + ", ".join(f"{1e-3 * top:.1f} kN at {1e3 * time:.3f} ms" for time, top in tops))
+    print(claims(rows(result)))
 
 
 if __name__ == "__main__":

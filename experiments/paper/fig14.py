@@ -17,18 +17,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import torchsphere as ts
-from experiments.experiment import FIGURES, Row
+from experiments.experiment import FIGURES, Array, Row, claims, saved_figure
 from experiments.shots import Footage, rendered, tracked
 from render import preset
 from render.trajectory import ObliqueImpact
-
-Array = NDArray[np.float64]
-
-OUT = FIGURES / "fig14.png"
 
 #: By axis: x, y.
 COLORS = ("#0072B2", "#D55E00")
@@ -91,9 +86,8 @@ def compute() -> Oblique:
     return Oblique(footage, tracked(footage, footage.circle, sphere_map=False))
 
 
-def rows() -> list[Row]:
+def rows(found: Oblique) -> list[Row]:
     """The claims of the figure."""
-    found = compute()
     (velocity, exact_velocity), (force, exact) = found.velocity_m_s(), found.force_N()
     state = found.footage.shot.trajectory.state(np.array([0.0, found.footage.shot.times_s[-1]]))
     before, after = np.linalg.norm(state.velocity_m_s, axis=1).tolist()
@@ -133,40 +127,39 @@ def rows() -> list[Row]:
 
 def plot(found: Oblique) -> None:
     """Velocities on the left, forces on the right."""
-    figure = Figure(figsize=(11, 4.2), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    shot, smooth = found.footage.shot, found.kinematics()
-    time = np.linspace(0, shot.times_s[-1], 600)
-    state = shot.trajectory.state(time)
-    middles, frames = 1e3 * (shot.times_s[1:] + shot.times_s[:-1]) / 2, 1e3 * shot.times_s
-    velocity, (force, exact) = found.velocity_m_s()[0], found.force_N()
-    assert smooth.force_N is not None
-    assert smooth.sd_force_N is not None
-    for k, color in enumerate(COLORS):
-        name = "xy"[k]
-        left.plot(1e3 * time, state.velocity_m_s[:, k], color=color, lw=1, alpha=0.6, label=f"{name}: true")
-        left.plot(middles, velocity[:, k], ".", color=color, ms=5, label=f"{name}: from frame to frame")
-        right.plot(1e3 * time, 1e-3 * state.force_N[:, k], color=color, lw=1, alpha=0.6, label=f"{name}: true")
-        right.plot(frames[1:-1], 1e-3 * exact[:, k], "_", color=color, ms=7, label=f"{name}: exact positions")
-        right.plot(frames[1:-1], 1e-3 * force[:, k], ".", color=color, ms=5, label=f"{name}: differences")
-        value, sd = 1e-3 * smooth.force_N[:, k], 1e-3 * smooth.sd_force_N[:, k]
-        right.fill_between(frames, value - sd, value + sd, color=color, alpha=0.2, lw=0, label=f"{name}: smoother ± sd")
-    left.set_ylabel("velocity (m/s), y down")
-    right.set_ylabel("force (kN), y down")
-    for axis in (left, right):
-        axis.axvspan(*(1e3 * edge for edge in found.contact_s), color="0.93", lw=0, zorder=0)
-        axis.set_xlabel("time (ms); in contact where shaded")
-        axis.grid(alpha=0.3)
-        axis.legend(fontsize=7)
-    OUT.parent.mkdir(exist_ok=True)
-    figure.savefig(OUT, dpi=80)
+    with saved_figure(FIGURES / "fig14.png", (11, 4.2), dpi=80) as figure:
+        left, right = figure.subplots(1, 2)
+        shot, smooth = found.footage.shot, found.kinematics()
+        time = np.linspace(0, shot.times_s[-1], 600)
+        state = shot.trajectory.state(time)
+        middles, frames = 1e3 * (shot.times_s[1:] + shot.times_s[:-1]) / 2, 1e3 * shot.times_s
+        velocity, (force, exact) = found.velocity_m_s()[0], found.force_N()
+        assert smooth.force_N is not None
+        assert smooth.sd_force_N is not None
+        for k, color in enumerate(COLORS):
+            name = "xy"[k]
+            left.plot(1e3 * time, state.velocity_m_s[:, k], color=color, lw=1, alpha=0.6, label=f"{name}: true")
+            left.plot(middles, velocity[:, k], ".", color=color, ms=5, label=f"{name}: from frame to frame")
+            right.plot(1e3 * time, 1e-3 * state.force_N[:, k], color=color, lw=1, alpha=0.6, label=f"{name}: true")
+            right.plot(frames[1:-1], 1e-3 * exact[:, k], "_", color=color, ms=7, label=f"{name}: exact positions")
+            right.plot(frames[1:-1], 1e-3 * force[:, k], ".", color=color, ms=5, label=f"{name}: differences")
+            value, sd = 1e-3 * smooth.force_N[:, k], 1e-3 * smooth.sd_force_N[:, k]
+            right.fill_between(
+                frames, value - sd, value + sd, color=color, alpha=0.2, lw=0, label=f"{name}: smoother ± sd"
+            )
+        left.set_ylabel("velocity (m/s), y down")
+        right.set_ylabel("force (kN), y down")
+        for axis in (left, right):
+            axis.axvspan(*(1e3 * edge for edge in found.contact_s), color="0.93", lw=0, zorder=0)
+            axis.set_xlabel("time (ms); in contact where shaded")
+            axis.legend(fontsize=7)
 
 
 def main() -> None:
     """Measure, draw, and print the claims."""
-    plot(compute())
-    for row in rows():
-        print(f"{row.claim} Paper: {row.paper}. Here: {row.ours}. {'Holds' if row.holds else 'Does not hold'}.")
+    found = compute()
+    plot(found)
+    print(claims(rows(found)))
 
 
 if __name__ == "__main__":

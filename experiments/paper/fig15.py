@@ -11,16 +11,10 @@ Nothing tells the tracker where the plate is.
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from numpy.typing import NDArray
 
-from experiments.experiment import FIGURES, Row
+from experiments.experiment import FIGURES, Array, Row, claims, saved_figure
 from experiments.paper.fig14 import Oblique, compute
-
-Array = NDArray[np.float64]
-
-OUT = FIGURES / "fig15.png"
 
 #: Time in the recording at which the paper shows the circle, s.
 SHOWN_S = 0.65e-3
@@ -46,10 +40,9 @@ def hidden(found: Oblique) -> Array:
     return hidden_share(below / found.footage.shot.setup.ball.radius_m)
 
 
-def rows() -> list[Row]:
+def rows(found: Oblique) -> list[Row]:
     """The claims of the figure."""
-    found, radius = compute(), compute().footage.circle[2]
-    true, share = found.footage.true("x_px", "y_px"), hidden(compute())
+    radius, true, share = found.footage.circle[2], found.footage.true("x_px", "y_px"), hidden(found)
     error = np.linalg.norm(found.track.position - true, axis=1)
     steps = found.track.increment[:, :2] - found.footage.true("dx_px", "dy_px")[1:]
     covered = (share[1:] > HIDDEN) & (share[:-1] > HIDDEN)
@@ -79,30 +72,28 @@ def rows() -> list[Row]:
 
 def plot(found: Oblique) -> None:
     """The frame at 0.65 ms and the one with most of the ball hidden, with the path."""
-    figure = Figure(figsize=(10, 3.0), layout="constrained")
-    share, radius = hidden(found), found.footage.circle[2]
-    shown = (round(SHOWN_S * found.footage.shot.frame_rate_hz), int(share.argmax()))
-    for axis, frame in zip(figure.subplots(1, 2), shown, strict=True):
-        axis.imshow(found.footage.images[frame], cmap="gray", vmin=0, vmax=180)
-        x, y = found.track.position.T
-        axis.plot(x, y, "+", color="#D55E00", ms=5)
-        axis.add_patch(Circle((x[frame], y[frame]), radius, fill=False, color="white", lw=1))
-        axis.set_title(
-            f"{1e3 * found.footage.shot.times_s[frame]:.2f} ms, {100 * share[frame]:.0f} % of the ball hidden",
-            fontsize=9,
-        )
-        axis.set_ylim(460, 200)
-        axis.set_xticks([])
-        axis.set_yticks([])
-    OUT.parent.mkdir(exist_ok=True)
-    figure.savefig(OUT, dpi=80)
+    with saved_figure(FIGURES / "fig15.png", (10, 3.0), dpi=80) as figure:
+        share, radius = hidden(found), found.footage.circle[2]
+        shown = (round(SHOWN_S * found.footage.shot.frame_rate_hz), int(share.argmax()))
+        for axis, frame in zip(figure.subplots(1, 2), shown, strict=True):
+            axis.imshow(found.footage.images[frame], cmap="gray", vmin=0, vmax=180)
+            x, y = found.track.position.T
+            axis.plot(x, y, "+", color="#D55E00", ms=5)
+            axis.add_patch(Circle((x[frame], y[frame]), radius, fill=False, color="white", lw=1))
+            axis.set_title(
+                f"{1e3 * found.footage.shot.times_s[frame]:.2f} ms, {100 * share[frame]:.0f} % of the ball hidden",
+                fontsize=9,
+            )
+            axis.set_ylim(460, 200)
+            axis.set_xticks([])
+            axis.set_yticks([])
 
 
 def main() -> None:
     """Measure, draw, and print the claims."""
-    plot(compute())
-    for row in rows():
-        print(f"{row.claim} Paper: {row.paper}. Here: {row.ours}. {'Holds' if row.holds else 'Does not hold'}.")
+    found = compute()
+    plot(found)
+    print(claims(rows(found)))
 
 
 if __name__ == "__main__":

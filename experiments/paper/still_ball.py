@@ -8,18 +8,17 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
+from experiments.experiment import Array
 from render import preset
 from render.frames import render_frames, render_radiance
 from render.pose import Motion, Poses
 from render.scene import Setup
 from torchsphere.geometry import motion_models
 
-Array = NDArray[np.float64]
 Circle = tuple[float, float, float]
 
 #: Shifts of 0 to 1 px: the paper's number of them.

@@ -20,16 +20,13 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 import torchsphere as ts
-from experiments.experiment import Row
+from experiments.experiment import Array, Row, claims, table
 from experiments.shots import rendered, spread, tracked
 from render import preset
 from torchsphere.instruments.signals import GateVelocity, light_gate
-
-Array = NDArray[np.float64]
 
 #: Section 4.1 and table 1, by pressure in bar: velocity by the gate, mean and standard deviation by the images, m/s.
 PAPER = {2.8: (63.63, 63.99, 0.79), 4.5: (99.12, 99.70, 1.05)}
@@ -126,10 +123,10 @@ def compute() -> dict[float, Shot]:
     return {pressure: measure(pressure) for pressure in PAPER}
 
 
-def rows() -> list[Row]:
+def rows(shots: dict[float, Shot]) -> list[Row]:
     """The lines of the table."""
     found = []
-    for pressure, shot in compute().items():
+    for pressure, shot in shots.items():
         gate, images, std = PAPER[pressure]
         mean, own = shot.images_m_s
         found.append(
@@ -148,14 +145,21 @@ def rows() -> list[Row]:
 
 def main() -> None:
     """Measure, and print the table."""
-    print("| pressure (bar) | gate (m/s) | delay (us) | images (m/s) | off gate | off truth |\n|" + 6 * "---|")
-    for pressure, shot in compute().items():
+    shots, lines = compute(), []
+    for pressure, shot in shots.items():
         (mean, std), gate = shot.images_m_s, shot.gate
-        print(
-            f"| {pressure} | {gate.velocity_m_s:.3f} ± {gate.sd_velocity_m_s:.3f} "
-            f"| {1e6 * gate.delay_s:.3f} ± {1e6 * gate.sd_delay_s:.3f} | {mean:.4f} ± {std:.4f} "
-            f"| {100 * shot.discrepancy:+.3f} % | {100 * (mean / shot.true_m_s - 1):+.4f} % |"
+        lines.append(
+            (
+                pressure,
+                f"{gate.velocity_m_s:.3f} ± {gate.sd_velocity_m_s:.3f}",
+                f"{1e6 * gate.delay_s:.3f} ± {1e6 * gate.sd_delay_s:.3f}",
+                f"{mean:.4f} ± {std:.4f}",
+                f"{100 * shot.discrepancy:+.3f} %",
+                f"{100 * (mean / shot.true_m_s - 1):+.4f} %",
+            )
         )
+    print(table(("pressure (bar)", "gate (m/s)", "delay (us)", "images (m/s)", "off gate", "off truth"), lines))
+    print(claims(rows(shots)))
 
 
 if __name__ == "__main__":

@@ -31,15 +31,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
-from experiments.experiment import Row, cached
+from experiments.experiment import Array, Row, cached, claims, table
 from experiments.paper.flight import Rates, flight, pooled_std
 from experiments.shots import Footage, rendered, rival, tracked
 from torchsphere.benchmark.baselines import hough
-
-Array = NDArray[np.float64]
 
 #: std of vx, vy, m/s, and of ax, ay, m/s per frame.
 PAPER = {"hough": (3.62, 2.90, 6.11, 5.02), "five modes": (1.05, 0.68, 0.99, 0.68)}
@@ -145,9 +142,8 @@ def _numbers(values: Any) -> str:
     return ", ".join(f"{v:.3g}" for v in values)
 
 
-def rows() -> list[Row]:
+def rows(result: Result) -> list[Row]:
     """What the table says of the paper's claims."""
-    result = compute()
     paper_ratio = np.divide(PAPER["hough"], PAPER["five modes"])
     found = []
     for way in (HOUGH, ON_SPECKLE):
@@ -169,16 +165,16 @@ def rows() -> list[Row]:
 def main() -> None:
     """Measure and print the table."""
     result = compute()
-    print("| way | std vx, vy (m/s) | std ax, ay (m/s per frame) | a / v | times the five modes' |\n|" + 5 * "---|")
+    head = ("way", "std vx, vy (m/s)", "std ax, ay (m/s per frame)", "a / v", "times the five modes'")
     printed = {f"paper: {way}": np.array(std) for way, std in PAPER.items()}
     own = {way: result.std(way) for way in result.rates}
+    lines = []
     for part, five in ((printed, printed["paper: five modes"]), (own, own[OURS])):
         for way, std in part.items():
-            cells = (std[:2], std[2:], std[2:] / std[:2], std / five)
-            print(f"| {way} | " + " | ".join(_numbers(c) for c in cells) + " |")
-    print(f"Hough was given {result.settings}")
-    for row in rows():
-        print(row)
+            lines.append((way, *map(_numbers, (std[:2], std[2:], std[2:] / std[:2], std / five))))
+    print(table(head, lines))
+    print(f"Hough was given {result.settings}\n")
+    print(claims(rows(result)))
 
 
 if __name__ == "__main__":

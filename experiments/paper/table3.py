@@ -27,17 +27,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 import torchsphere as ts
-from experiments.experiment import OUTPUT, Row
+from experiments.experiment import FIGURES, Array, Row, claims, saved_figure, table
 from experiments.paper.flight import DIAMETER_M, FRAME_RATE_HZ, MASS_KG, Rates, flight, pooled_std
 from experiments.shots import Footage, rendered, rival, tracked
-
-Array = NDArray[np.float64]
-
-OUT = OUTPUT / "table3.png"
 
 #: Mean and standard deviation: vx, vy in m/s, Fx, Fy in kN.
 PAPER = {"vx": (72.32, 0.36), "vy": (0.72, 0.27), "Fx": (0.0728, 0.900), "Fy": (0.018, 0.643)}
@@ -117,41 +111,37 @@ class Spread:
         mean = np.concatenate([np.nanmean(np.concatenate(part), 0) for part in parts])
         return cls(mean, np.concatenate([pooled_std(part) for part in parts]))
 
-    def cells(self) -> str:
+    def cells(self) -> list[str]:
         """Cells of a table."""
-        return " | ".join(f"{m:.3f} ± {s:.3f}" for m, s in zip(self.mean, self.std, strict=True))
+        return [f"{m:.3f} ± {s:.3f}" for m, s in zip(self.mean, self.std, strict=True)]
 
 
 def plot(flights: dict[str, list[Flight]]) -> None:
     """Velocity and force over time, of one shot under each light."""
-    figure = Figure(figsize=(12, 6), layout="constrained")
-    grid = figure.subplots(2, 2, sharex=True)
-    for name, color in zip(list(VARIANTS)[:2], ("#0072B2", "#D55E00"), strict=True):
-        one = flights[name][0]
-        true = one.true_velocity_m_s.mean(0)
-        time_ms = 1e3 * one.footage.shot.times_s
-        # The scale's error is a constant factor; the figure is about the scatter.
-        scale = one.track.circle.radius / one.footage.circle[2]
-        for k in (0, 1):
-            grid[0, k].plot(time_ms[1:], one.steps.velocity_m_s[:, k] * scale, ".-", color=color, label=name)
-            grid[1, k].plot(time_ms[1:-1], one.steps.force_kN[:, k], ".-", color=color)
-            grid[0, k].axhline(true[k], color="0.6", lw=0.8)
-            grid[0, k].axhspan(*(true[k] + s * list(PAPER.values())[k][1] for s in (-1, 1)), color="0.92", zorder=0)
-            grid[1, k].axhspan(*(s * list(PAPER.values())[k + 2][1] for s in (-1, 1)), color="0.92", zorder=0)
-            grid[1, k].set_xlabel("time (ms)")
-    for axis, label in zip(grid.flat, ("vx (m/s)", "vy (m/s)", "Fx (kN)", "Fy (kN)"), strict=True):
-        axis.set_ylabel(label)
-        axis.grid(alpha=0.3)
-    grid[0, 0].legend(fontsize=8)
-    figure.suptitle("Free flight from the increments alone; grey: the paper's standard deviation around the truth")
-    OUT.parent.mkdir(exist_ok=True)
-    figure.savefig(OUT, dpi=100)
+    with saved_figure(FIGURES / "table3.png", (12, 6)) as figure:
+        grid = figure.subplots(2, 2, sharex=True)
+        for name, color in zip(list(VARIANTS)[:2], ("#0072B2", "#D55E00"), strict=True):
+            one = flights[name][0]
+            true = one.true_velocity_m_s.mean(0)
+            time_ms = 1e3 * one.footage.shot.times_s
+            # The scale's error is a constant factor; the figure is about the scatter.
+            scale = one.track.circle.radius / one.footage.circle[2]
+            for k in (0, 1):
+                grid[0, k].plot(time_ms[1:], one.steps.velocity_m_s[:, k] * scale, ".-", color=color, label=name)
+                grid[1, k].plot(time_ms[1:-1], one.steps.force_kN[:, k], ".-", color=color)
+                grid[0, k].axhline(true[k], color="0.6", lw=0.8)
+                grid[0, k].axhspan(*(true[k] + s * list(PAPER.values())[k][1] for s in (-1, 1)), color="0.92", zorder=0)
+                grid[1, k].axhspan(*(s * list(PAPER.values())[k + 2][1] for s in (-1, 1)), color="0.92", zorder=0)
+                grid[1, k].set_xlabel("time (ms)")
+        for axis, label in zip(grid.flat, ("vx (m/s)", "vy (m/s)", "Fx (kN)", "Fy (kN)"), strict=True):
+            axis.set_ylabel(label)
+        grid[0, 0].legend()
+        figure.suptitle("Free flight from the increments alone; grey: the paper's standard deviation around the truth")
 
 
-def rows() -> list[Row]:
-    """What the table says of the paper's claims."""
+def rows(flights: dict[str, list[Flight]]) -> list[Row]:
+    """The claims of the table."""
     found = []
-    flights = compute()
     everywhere, spots, unblurred = VARIANTS
     spread, lit, still = (Spread.of([f.steps for f in flights[name]]) for name in (everywhere, spots, unblurred))
     for (what, (mean, std)), our_mean, our_std in zip(PAPER.items(), spread.mean, spread.std, strict=True):
@@ -178,26 +168,25 @@ def main() -> None:
     """Measure, draw, and print the tables."""
     flights = compute()
     plot(flights)
-    print("| shots | way | vx (m/s) | vy (m/s) | Fx (kN) | Fy (kN) |\n|" + 6 * "---|")
-    print("| paper | five modes | " + " | ".join(f"{m:.3f} ± {s:.3f}" for m, s in PAPER.values()) + " |")
+    lines = [["paper", "five modes", *(f"{m:.3f} ± {s:.3f}" for m, s in PAPER.values())]]
     for name, shots in flights.items():
-        print(f"| {name} | torchsphere, increments alone | {Spread.of([f.steps for f in shots]).cells()} |")
-        for other in ("published", "translation_only", "edge_fit"):
-            print(f"| {name} | {other}, true circle | {Spread.of(rivals(shots, other)).cells()} |")
-    print("\n| shots | radius found (px) of 54 | stated sd of vx, vy | smoother: rms error of v (m/s), of F (kN) |")
-    print("|" + 4 * "---|")
+        lines.append([name, "torchsphere, increments alone", *Spread.of([f.steps for f in shots]).cells()])
+        others = ("published", "translation_only", "edge_fit")
+        lines += [[name, f"{other}, true circle", *Spread.of(rivals(shots, other)).cells()] for other in others]
+    print(table(("shots", "way", "vx (m/s)", "vy (m/s)", "Fx (kN)", "Fy (kN)"), lines))
+    head = ("shots", "radius found (px) of 54", "stated sd of vx, vy", "smoother: rms error of v (m/s), of F (kN)")
+    lines = []
     for name, shots in flights.items():
         for one in shots:
             circle = one.track.circle
             sd = np.sqrt(np.diagonal(one.track.covariance, axis1=1, axis2=2)[:, :2].mean(0))
             stated = sd * one.smoothed.scale.m_per_px * FRAME_RATE_HZ
             velocity, force = one.smoother_error()
-            print(
-                f"| {name} | {circle.radius:.2f} ± {circle.sd_radius:.2f} | {stated[0]:.3f}, {stated[1]:.3f} "
-                f"| {velocity[0]:.4f}, {velocity[1]:.4f}; {force[0]:.5f}, {force[1]:.5f} |"
-            )
-    for row in rows():
-        print(row)
+            smoother = f"{velocity[0]:.4f}, {velocity[1]:.4f}; {force[0]:.5f}, {force[1]:.5f}"
+            radius = f"{circle.radius:.2f} ± {circle.sd_radius:.2f}"
+            lines.append([name, radius, f"{stated[0]:.3f}, {stated[1]:.3f}", smoother])
+    print(table(head, lines))
+    print(claims(rows(flights)))
 
 
 if __name__ == "__main__":

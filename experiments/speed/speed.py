@@ -25,7 +25,7 @@ import torch
 from numpy.typing import NDArray
 
 import torchsphere as ts
-from experiments.experiment import Row
+from experiments.experiment import Row, claims, publish, table
 from experiments.speed.files import Run, measured
 from experiments.speed.rivals import ecc, lucas_kanade, plain_gauss_newton
 from experiments.validation.accuracy import Case, Shot, make_shot
@@ -39,6 +39,9 @@ PAIRS, FEWEST_PAIRS = 128, 4
 
 #: What the issue asks: ms per pair, share of the rivals' time, frames per second, MiB, and growth of the memory.
 PAIR_MS, SHARE, FRAMES_PER_S, PEAK_MIB, GROWTH = 0.5, 0.25, 500.0, 1536.0, 1.10
+
+#: Suffixes of recordings with the names of their formats.
+FORMATS = {"tif": "TIFF", "cih": "MRAW", "mp4": "MP4 (H.264)"}
 
 #: Frames of the recordings by format, and those whose memory is compared.
 FILES, LENGTHS = (("tif", 2000), ("cih", 2000), ("mp4", 2000)), (500, 1000, 2000, 5000, 20000)
@@ -164,37 +167,43 @@ def rows(found: dict[str, Any]) -> list[Row]:
     return results
 
 
-def _line(label: str, run: Run) -> str:
+def _line(label: str, run: Run) -> list[str]:
     stages = (run.import_s, run.open_s, run.circle_s, run.follow_s, run.rest_s)
     cells = [f"{run.wall_s:.1f}", f"{run.frames / run.wall_s:.0f}", *(f"{s:.1f}" for s in stages)]
-    return f"| {label} | {' | '.join(cells)} | {run.peak_mib:.0f} | {run.ok} |"
+    return [label, *cells, f"{run.peak_mib:.0f}", str(run.ok)]
+
+
+def tables(found: dict[str, Any]) -> list[str]:
+    """Tables of the times by radius, by batch and by recording, each with a sentence before."""
+    times, batches = found["radius"], found["batch"].items()
+    lines = [[name, *(f"{t[name].wall_ms:.2f} ({t[name].cpu_ms:.2f})" for t in times.values())] for name in times[50]]
+    by_radius = table(("way", *(f"R = {radius} px" for radius in times)), lines)
+    by_batch = table(("pairs at once", "ms"), [(n, f"{t.wall_ms:.2f} ({t.cpu_ms:.2f})") for n, t in batches])
+    runs = [_line(f"{run.frames:,} frames, {FORMATS[kind]}", run) for kind, run in found["files"].items()]
+    runs += [_line(f"{count:,} frames, MRAW", run) for count, run in found["lengths"].items()]
+    head = ("recording", "s", "frames/s", "load", "open", "find", "follow", "the rest", "peak MiB", "frames ok")
+    return [
+        f"A pair of images, ms; the processor's time in brackets:\n\n{by_radius}",
+        f"Pairs of R = 50 px on one thread, by the number of pairs at once:\n\n{by_batch}",
+        f"A whole `track`, in a process of its own:\n\n{table(head, runs)}",
+    ]
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="R = 50 px alone, and no long recordings")
-    found = compute(parser.parse_args().quick, torch.get_num_threads())
-    print("| way | " + " | ".join(f"R = {radius} px" for radius in found["radius"]) + " |")
-    for name in found["radius"][50]:
-        cells = [f"{t[name].wall_ms:.2f} ({t[name].cpu_ms:.2f})" for t in found["radius"].values()]
-        print(f"| {name} | {' | '.join(cells)} |")
-    print(
-        "ms per pair on the wall, in brackets of the processor\n\n| pairs at once, R = 50 px, 1 thread | ms per pair |"
-    )
-    for n, timing in found["batch"].items():
-        print(f"| {n} | {timing.wall_ms:.2f} ({timing.cpu_ms:.2f}) |")
-    print("\n| recording | s | frames/s | import | open | circle | follow | rest | peak MiB | ok |")
-    for kind, run in found["files"].items():
-        print(_line(f"{run.frames} frames, {kind}", run))
-    for count, run in found["lengths"].items():
-        print(_line(f"{count} frames, MRAW", run))
+    options = parser.parse_args()
+    found = compute(options.quick, torch.get_num_threads())
+    if options.quick:
+        print("\n".join(tables(found)))
+    else:
+        publish("speed", "speed.speed", *tables(found))
     counts = np.array(list(found["lengths"]))
     seconds = np.array([run.follow_s for run in found["lengths"].values()])
     slope = np.polyfit(np.log(counts), np.log(seconds), 1)[0]
     print(f"\nThe time to follow goes with the number of frames to the power {slope:.2f}.\n")
-    for result in rows(found):
-        print(f"{'holds' if result.holds else 'FAILS'}: {result.claim}: asked {result.paper}, found {result.ours}")
+    print(claims(rows(found)))
 
 
 if __name__ == "__main__":

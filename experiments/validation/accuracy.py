@@ -35,23 +35,18 @@ from typing import Any
 
 import numpy as np
 import torch
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import torchsphere as ts
-from experiments.experiment import DOCS, cached
+from experiments.experiment import DOCS, Array, cached, publish, saved_figure, table
 from torchsphere.synthetic import ray_caster
-
-Array = NDArray[np.float64]
 
 TRANSLATION, ROTATION = slice(0, 2), slice(2, 5)
 HEADER = (
-    "bias dx, dy (px) | std dx, dy (px) | bias wx, wy, wz (deg) | std wx, wy, wz (deg) "
-    "| actual/stated dx, dy, wx, wy, wz"
+    *("bias dx, dy (px)", "std dx, dy (px)", "bias wx, wy, wz (deg)", "std wx, wy, wz (deg)"),
+    "actual/stated dx, dy, wx, wy, wz",
 )
 
-OUT = DOCS / "accuracy.png"
 PATTERNS, MARGIN_PX, SUBSAMPLES, SUB_FRAMES = (0, 1, 2), 20, 8, 8
 AXIS = np.array([0.2, 0.5, 0.2]) / math.sqrt(0.33)
 
@@ -178,8 +173,13 @@ def measure(case: Case, sphere_map: bool) -> list[list[Any]]:
     return [[part.tolist() for part in pattern] for pattern in found]
 
 
-def compute(way: str) -> Results:
-    """Errors by property and value, measured by ``way``: "pairs" or "map"."""
+def compute() -> dict[str, Results]:
+    """Errors by way, "pairs" or "map"."""
+    return {way: errors_by(way) for way in ("pairs", "map")}
+
+
+def errors_by(way: str) -> Results:
+    """Errors by property and value."""
     results = {}
     for name, _, _, values in SERIES:
         for value in values if way == "pairs" else WITH_MAP[name]:
@@ -208,57 +208,58 @@ def _draw(axes: Array, values: tuple[float, ...], results: list[Errors], color: 
         axes[2].plot(values, [r.honesty(k) for r in results], marker + line, color=color, label=f"{way}: {name}")
 
 
-def plot(pairs: Results, on_map: Results) -> None:
+def plot(results: dict[str, Results]) -> None:
     """One column per series; translation, rotation, and actual over stated error."""
-    figure = Figure(figsize=(16, 8.5), layout="constrained")
-    grid = figure.subplots(3, len(SERIES), sharex="col", sharey="row")
-    for axes, (name, label, logarithmic, values) in zip(grid.T, SERIES, strict=True):
-        _draw(axes, values, [pairs[name, v] for v in values], "#0072B2", "pairs")
-        _draw(axes, WITH_MAP[name], [on_map[name, v] for v in WITH_MAP[name]], "#D55E00", "map")
-        axes[2].axhspan(0.85, 1.15, color="0.9", zorder=0)
-        axes[2].set_xlabel(label)
-        for axis in axes:
-            axis.grid(alpha=0.3)
-            if logarithmic:
-                axis.set_xscale("log")
-                axis.set_xticks(values, [f"{v:g}" for v in values])
-                axis.minorticks_off()
-    for axis, label in zip(grid[:, 0], ("translation (px)", "rotation (deg)", "actual / stated error"), strict=True):
-        axis.set_ylabel(label)
-        axis.set_yscale("log")
-    ratios = (0.3, 0.5, 0.7, 1, 1.5, 2, 3)
-    grid[2, 0].set_yticks(ratios, [f"{v:g}" for v in ratios])
-    grid[2, 0].minorticks_off()
-    for axis in grid[:2, 0]:
-        axis.set_ylim(2e-5, 0.4)
-    for axis in (grid[0, 2], grid[2, 2]):
-        axis.legend(fontsize=8, ncols=2)
-    figure.suptitle("Error of the step from frame to frame, rms of the components; 3 patterns of 30 frames each")
-    figure.savefig(OUT, dpi=100)
+    with saved_figure(DOCS / "accuracy.png", (16, 8.5)) as figure:
+        grid = figure.subplots(3, len(SERIES), sharex="col", sharey="row")
+        for axes, (name, label, logarithmic, values) in zip(grid.T, SERIES, strict=True):
+            _draw(axes, values, [results["pairs"][name, v] for v in values], "#0072B2", "pairs")
+            _draw(axes, WITH_MAP[name], [results["map"][name, v] for v in WITH_MAP[name]], "#D55E00", "map")
+            axes[2].axhspan(0.85, 1.15, color="0.9", zorder=0)
+            axes[2].set_xlabel(label)
+            for axis in axes:
+                if logarithmic:
+                    axis.set_xscale("log")
+                    axis.set_xticks(values, [f"{v:g}" for v in values])
+                    axis.minorticks_off()
+        for axis, label in zip(
+            grid[:, 0], ("translation (px)", "rotation (deg)", "actual / stated error"), strict=True
+        ):
+            axis.set_ylabel(label)
+            axis.set_yscale("log")
+        ratios = (0.3, 0.5, 0.7, 1, 1.5, 2, 3)
+        grid[2, 0].set_yticks(ratios, [f"{v:g}" for v in ratios])
+        grid[2, 0].minorticks_off()
+        for axis in grid[:2, 0]:
+            axis.set_ylim(2e-5, 0.4)
+        for axis in (grid[0, 2], grid[2, 2]):
+            axis.legend(ncols=2)
+        figure.suptitle("Error of the step from frame to frame, rms of the components; 3 patterns of 30 frames each")
 
 
-def row(found: Errors) -> str:
+def cells(found: Errors) -> list[str]:
     """Cells of a table: bias, standard deviation, actual over stated error."""
     (bias, error), std = found.bias(), found.std()
-    cells = []
+    text = []
     for part in (range(2), range(2, 5)):
-        cells.append(", ".join(f"{bias[k]:+.4f} ± {error[k]:.4f}" for k in part))
-        cells.append(", ".join(f"{std[k]:.4f}" for k in part))
-    cells.append(", ".join(f"{found.honesty(slice(k, k + 1)):.2f}" for k in range(5)))
-    return " | ".join(cells)
+        text.append(", ".join(f"{bias[k]:+.4f} ± {error[k]:.4f}" for k in part))
+        text.append(", ".join(f"{std[k]:.4f}" for k in part))
+    text.append(", ".join(f"{found.honesty(slice(k, k + 1)):.2f}" for k in range(5)))
+    return text
 
 
 def main() -> None:
     """Measure, draw, and print the table."""
-    results = {way: compute(way) for way in ("pairs", "map")}
-    plot(results["pairs"], results["map"])
-    print("| case | way | measured (%) | " + HEADER + " |\n|" + 8 * "---|")
+    results = compute()
+    plot(results)
+    lines = []
     for name, label, _, values in SERIES:
         for value in values:
             for way, found in results.items():
                 if (name, value) in found:
                     errors = found[name, value]
-                    print(f"| {label} {value:.3g} | {way} | {100 * errors.measured:.0f} | {row(errors)} |")
+                    lines.append((f"{label} {value:.3g}", way, f"{100 * errors.measured:.0f}", *cells(errors)))
+    publish("accuracy", "validation.accuracy", table(("case", "way", "measured (%)", *HEADER), lines))
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ import tifffile
 import torch
 
 import torchsphere as ts
-from experiments.experiment import OUTPUT
+from experiments.experiment import OUTPUT, publish, table
 from torchsphere.archive import dask_engine, manifest, processes
 from torchsphere.archive.run import Counts, run
 from torchsphere.archive.work import Job, Outcome, settle
@@ -250,32 +250,39 @@ def main() -> None:
     """Run the trials and print the table."""
     found = compute(int(sys.argv[1]) if len(sys.argv) > 1 else COUNT)
     count = found["count"]
-    print(f"\n| {count} recordings | results | failed | measured twice | second run measured | s | holds |")
-    print("|---|---|---|---|---|---|---|")
+    head = (f"{count} recordings", "results", "failed", "measured twice", "second run measured", "s", "holds")
+    lines = []
     for key in ("own processes", "Dask", "parent killed"):
         row = found[key]
-        print(
-            f"| {key} | {row['results']} | {len(row['reasons'])} | {row['measured_twice']} | "
-            f"{row['measured_in_second_run']} | {row['seconds']:.0f} | {'yes' if holds(row, count) else 'NO'} |"
-        )
+        counts = (row["results"], len(row["reasons"]), row["measured_twice"], row["measured_in_second_run"])
+        lines.append((key, *counts, f"{row['seconds']:.0f}", "yes" if holds(row, count) else "NO"))
+    print("\n" + table(head, lines))
     for recording, reason in sorted(found["own processes"]["reasons"].items()):
         print(f"  {recording}: {reason}")
     own, shot, state = found["own processes"], found["one_shot"], found["state"]
     per = own["seconds"] * WORKERS / own["results"]
-    print("\n| per recording | time | files | kB | memory |\n|---|---|---|---|---|")
-    print(
-        f"| short ({FRAMES} frames, no map, no report), by a worker of {WORKERS} | {per:.2f} s | "
-        f"{own['files_per_result']:.0f} + 1 | {own['kB_per_result']:.0f} | {own['worker_MB']:.0f} MB per worker |"
-    )
-    print(
-        f"| shot of {shot['frames']} frames, one thread | {shot['seconds_map_off']:.2f} s without the map, "
-        f"{shot['seconds_map_on']:.1f} s with it, {shot['seconds_report']:.1f} s the report "
-        f"| {shot['files']} + 1 | {shot['kB']:.0f} | |"
-    )
-    print(
-        f"| manifest and records alone | {state['ms_first']:.2f} ms, {state['ms_second']:.2f} ms in a second run "
-        f"| 1 | | {state['kB']:.1f} kB of the parent |"
-    )
+    whole = f"shot of {shot['frames']} frames, one thread"
+    lines = [
+        (
+            f"short ({FRAMES} frames, no map, no report), by a worker of {WORKERS}",
+            f"{per:.2f} s",
+            f"{own['files_per_result']:.0f} + 1",
+            f"{own['kB_per_result']:.0f}",
+            f"{own['worker_MB']:.0f} MB per worker",
+        ),
+        (f"{whole}, no map, no report", f"{shot['seconds_map_off']:.2f} s", "", "", ""),
+        (f"{whole}, with the map", f"{shot['seconds_map_on']:.1f} s", "", "", ""),
+        ("report and figures", f"{shot['seconds_report']:.1f} s more", f"{shot['files']} + 1", f"{shot['kB']:.0f}", ""),
+        (
+            "manifest and records alone",
+            f"{state['ms_first']:.2f} ms, {state['ms_second']:.2f} ms in a second run",
+            1,
+            "",
+            f"{state['kB']:.1f} kB of the parent",
+        ),
+    ]
+    head = ("per recording", "time", "files", "kB", "memory")
+    publish("archive", "validation.archive_trial", table(head, lines))
 
 
 if __name__ == "__main__":

@@ -9,12 +9,10 @@ import numpy as np
 import torch
 from kornia.geometry.liegroup import So3
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from experiments.experiment import DOCS
+from experiments.experiment import DOCS, saved_figure
 from torchsphere.synthetic import ray_caster
 
-OUT = DOCS / "axes.png"
 RADIUS, SIZE, TURN, STEP = 50.0, 130, 0.45, 14.0
 CENTRE = torch.tensor([[65.0, 65.0]])
 
@@ -74,22 +72,21 @@ def panel(
 
 def main() -> None:
     """Draw the five panels, and the axes themselves, side by side."""
-    figure = Figure(figsize=(12.0, 2.4), layout="constrained")
-    axes = figure.subplots(1, 6)
-    frame = axes[0]
-    image = ray_caster.render(marks(), CENTRE, RADIUS, torch.eye(3)[None], 200.0, shape=(SIZE, SIZE))[0]
-    frame.imshow(image.numpy(), cmap="gray", vmin=0, vmax=255)
-    for end, name in (((45.0, 8.0), "x"), ((8.0, 45.0), "y")):
-        frame.annotate("", end, (8, 8), arrowprops={"arrowstyle": "-|>", "color": "#0072B2", "lw": 2})
-        frame.text(end[0] + 2, end[1] + 4, name, color="#0072B2", fontsize=11)
-    frame.plot(8, 8, "o", color="#0072B2", ms=8, mfc="white")
-    frame.plot(8, 8, "x", color="#0072B2", ms=6)
-    frame.set_title("axes; z into the picture", fontsize=9)
-    frame.set_xticks([])
-    frame.set_yticks([])
-    for axis, (title, step, turn, arrow) in zip(axes[1:], PANELS, strict=True):
-        panel(axis, title, step, turn, arrow)
-    figure.savefig(OUT, dpi=110)
+    with saved_figure(DOCS / "axes.png", (12.0, 2.4), dpi=110) as figure:
+        axes = figure.subplots(1, 6)
+        frame = axes[0]
+        image = ray_caster.render(marks(), CENTRE, RADIUS, torch.eye(3)[None], 200.0, shape=(SIZE, SIZE))[0]
+        frame.imshow(image.numpy(), cmap="gray", vmin=0, vmax=255)
+        for end, name in (((45.0, 8.0), "x"), ((8.0, 45.0), "y")):
+            frame.annotate("", end, (8, 8), arrowprops={"arrowstyle": "-|>", "color": "#0072B2", "lw": 2})
+            frame.text(end[0] + 2, end[1] + 4, name, color="#0072B2", fontsize=11)
+        frame.plot(8, 8, "o", color="#0072B2", ms=8, mfc="white")
+        frame.plot(8, 8, "x", color="#0072B2", ms=6)
+        frame.set_title("axes; z into the picture", fontsize=9)
+        frame.set_xticks([])
+        frame.set_yticks([])
+        for axis, (title, step, turn, arrow) in zip(axes[1:], PANELS, strict=True):
+            panel(axis, title, step, turn, arrow)
 
 
 if __name__ == "__main__":

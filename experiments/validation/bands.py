@@ -21,20 +21,16 @@ in flight to some 8 %.
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import torchsphere as ts
-from experiments.experiment import DOCS
+from experiments.experiment import DOCS, Array, publish, saved_figure, table
 from experiments.shots import Footage, rendered, tracked
 from render import preset
-
-Array = NDArray[np.float64]
 
 SHOTS, SEEDS = ("free-flight", "frontal-impact", "oblique-impact"), tuple(range(61, 69))
 CIRCLES = ("given", "found")
@@ -43,7 +39,6 @@ COLUMNS = ("vx_m_s", "vy_m_s", "fx_N", "fy_N", "wx_rad_s", "wy_rad_s", "wz_rad_s
 LABELS = ("velocity (m/s)", "force (kN)", "spin (rad/s)")
 #: Half width of a band of 95 %, standard deviations.
 BAND = 1.96
-FIGURE = DOCS / "bands.png"
 COLOURS = ("#0072B2", "#D55E00", "#009E73")
 
 
@@ -107,34 +102,38 @@ def shares(shots: list[Shot], contact: bool) -> Array:
 
 def plot(results: dict[tuple[str, str], list[Shot]]) -> None:
     """One shot of each kind with its bands, and the shares of all below."""
-    figure = Figure(figsize=(11, 9.5), layout="constrained")
-    axes = figure.subplots(4, 3, gridspec_kw={"height_ratios": (1, 1, 1, 0.8)})
-    groups = ((0, 2, 1.0), (2, 4, 1e-3), (4, 7, 1.0))
-    for column, name in enumerate(SHOTS):
-        shot = results[name, "given"][0]
-        for axis, (first, last, factor), label in zip(axes[:3, column], groups, LABELS, strict=True):
-            for k, colour in zip(range(first, last), COLOURS, strict=False):
-                value, sd, true = (factor * v[:, k] for v in (shot.value, shot.sd, shot.true))
-                middle = np.zeros(len(true)) if label.startswith("force") else true
-                # Velocity and spin less the truth: the bands are a thousandth of the values.
-                axis.fill_between(
-                    1e3 * shot.time_s, value - middle - BAND * sd, value - middle + BAND * sd, color=colour, alpha=0.3
-                )
-                axis.plot(1e3 * shot.time_s, value - middle, color=colour, lw=1.0, label=f"${NAMES[k]}$")
-                axis.plot(1e3 * shot.time_s, true - middle, color="k", lw=0.8, ls=":")
-            if shot.contact.any():
-                axis.axvspan(*(1e3 * shot.time_s[shot.contact][[0, -1]]), color="#F0E442", alpha=0.3, lw=0)
-            axis.grid(alpha=0.3)
-            axis.legend(fontsize=7, ncols=3, loc="upper left", framealpha=0.7)
-            if column == 0:
-                axis.set_ylabel(
-                    label if label.startswith("force") else f"{label.split(' (')[0]} less truth ({label.split('(')[1]}"
-                )
-        axes[0, column].set_title(name.replace("-", " "), fontsize=10)
-        axes[2, column].set_xlabel("time (ms)")
-        _share_bars(axes[3, column], results, name)
-    axes[3, 0].set_ylabel("truth within\n95 % band (%)")
-    figure.savefig(FIGURE, dpi=100)
+    with saved_figure(DOCS / "bands.png", (11, 9.5)) as figure:
+        axes = figure.subplots(4, 3, gridspec_kw={"height_ratios": (1, 1, 1, 0.8)})
+        groups = ((0, 2, 1.0), (2, 4, 1e-3), (4, 7, 1.0))
+        for column, name in enumerate(SHOTS):
+            shot = results[name, "given"][0]
+            for axis, (first, last, factor), label in zip(axes[:3, column], groups, LABELS, strict=True):
+                for k, colour in zip(range(first, last), COLOURS, strict=False):
+                    value, sd, true = (factor * v[:, k] for v in (shot.value, shot.sd, shot.true))
+                    middle = np.zeros(len(true)) if label.startswith("force") else true
+                    # Velocity and spin less the truth: the bands are a thousandth of the values.
+                    axis.fill_between(
+                        1e3 * shot.time_s,
+                        value - middle - BAND * sd,
+                        value - middle + BAND * sd,
+                        color=colour,
+                        alpha=0.3,
+                    )
+                    axis.plot(1e3 * shot.time_s, value - middle, color=colour, lw=1.0, label=f"${NAMES[k]}$")
+                    axis.plot(1e3 * shot.time_s, true - middle, color="k", lw=0.8, ls=":")
+                if shot.contact.any():
+                    axis.axvspan(*(1e3 * shot.time_s[shot.contact][[0, -1]]), color="#F0E442", alpha=0.3, lw=0)
+                axis.legend(fontsize=7, ncols=3, loc="upper left", framealpha=0.7)
+                if column == 0:
+                    axis.set_ylabel(
+                        label
+                        if label.startswith("force")
+                        else f"{label.split(' (')[0]} less truth ({label.split('(')[1]}"
+                    )
+            axes[0, column].set_title(name.replace("-", " "), fontsize=10)
+            axes[2, column].set_xlabel("time (ms)")
+            _share_bars(axes[3, column], results, name)
+        axes[3, 0].set_ylabel("truth within\n95 % band (%)")
 
 
 def _share_bars(axis: Axes, results: dict[tuple[str, str], list[Shot]], name: str) -> None:
@@ -153,17 +152,19 @@ def _share_bars(axis: Axes, results: dict[tuple[str, str], list[Shot]], name: st
 
 
 def main() -> None:
-    """Print a table of shares."""
+    """Measure, draw, and print the shares by quantity and their ranges."""
     results = compute()
     plot(results)
-    print(f"| shot | outline | frames | {' | '.join(NAMES)} |\n|---|---|---|{len(NAMES) * '---|'}")
+    lines, ranges = [], []
     for (name, circle), shots in results.items():
-        for contact in (False, True):
-            share = shares(shots, contact)
-            if np.isfinite(share).any():
-                numbers = " | ".join(f"{100 * v:.0f}" for v in share)
-                print(f"| {name} | {circle} | {'contact' if contact else 'flight'} | {numbers} |")
-    print(f"figure: {FIGURE.name}", file=sys.stderr)
+        parts = {part: 100 * shares(shots, part == "contact") for part in ("flight", "contact")}
+        known = {part: share for part, share in parts.items() if np.isfinite(share).any()}
+        lines += [(name, circle, part, *(f"{v:.0f}" for v in share)) for part, share in known.items()]
+        spread = [f"{share.min():.0f} to {share.max():.0f} %" for share in known.values()]
+        ranges.append((name.replace("-", " "), circle, *spread, *[""] * (2 - len(spread))))
+    print(table(("shot", "outline", "frames", *NAMES), lines))
+    head = ("shot", "outline", "before and after the impact", "in contact")
+    publish("bands", "validation.bands", table(head, ranges))
 
 
 if __name__ == "__main__":

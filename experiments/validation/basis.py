@@ -31,20 +31,15 @@ from typing import Any
 import numpy as np
 import torch
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 import torchsphere as ts
-from experiments.experiment import DOCS, cached
+from experiments.experiment import DOCS, Array, cached, publish, saved_figure, table
 from experiments.validation.projection_errors import WAYS
 from experiments.validation.projection_footage import BASE, NOISE_GREY, Case, Scene, make_scene
 from render.frames import render_radiance
 from torchsphere.geometry.motion_models import Geometry, published
 
-Array = NDArray[np.float64]
-
-OUT = DOCS / "basis.png"
 PATTERNS, TURN_DEG, MODELS = range(6), 0.5, ("published", "rigid")
 CASE = replace(BASE, turn=TURN_DEG, axis=(0.0, 1.0, 0.0), frames=9, samples=64)
 
@@ -171,51 +166,48 @@ def _draw(axis: Axes, results: Results, by_region: bool, recovered: bool) -> Non
         axis.set_xscale("log")
     axis.set_xticks(values, [f"{v:g}" for v in values])
     axis.minorticks_off()
-    axis.grid(alpha=0.3)
     axis.tick_params(labelsize=11)
 
 
 def plot(results: Results) -> None:
     """Leak and share recovered against the region and the radius."""
-    figure = Figure(figsize=(10, 7), layout="constrained")
-    grid = figure.subplots(2, 2, sharex="col", sharey="row")
-    for row, axes in enumerate(grid):
-        for axis, by_region in zip(axes, (True, False), strict=True):
-            _draw(axis, results, by_region, recovered=bool(row))
-    for axis, label in zip(grid[:, 0], ("error of x / (R w) (1)", "rotation measured / true (1)"), strict=True):
-        axis.set_ylabel(label, fontsize=12)
-    grid[1, 0].set_xlabel("radius of the region / R (1)", fontsize=12)
-    grid[1, 1].set_xlabel("R (px)", fontsize=12)
-    grid[0, 0].set_title(f"R = {CASE.radius:g} px", fontsize=12)
-    grid[0, 1].set_title(f"region {REGION:g} R", fontsize=12)
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3, fontsize=11, frameon=False)
-    figure.savefig(OUT, dpi=90)
+    with saved_figure(DOCS / "basis.png", (10, 7), dpi=90) as figure:
+        grid = figure.subplots(2, 2, sharex="col", sharey="row")
+        for row, axes in enumerate(grid):
+            for axis, by_region in zip(axes, (True, False), strict=True):
+                _draw(axis, results, by_region, recovered=bool(row))
+        for axis, label in zip(grid[:, 0], ("error of x / (R w) (1)", "rotation measured / true (1)"), strict=True):
+            axis.set_ylabel(label, fontsize=12)
+        grid[1, 0].set_xlabel("radius of the region / R (1)", fontsize=12)
+        grid[1, 1].set_xlabel("R (px)", fontsize=12)
+        grid[0, 0].set_title(f"R = {CASE.radius:g} px", fontsize=12)
+        grid[0, 1].set_title(f"region {REGION:g} R", fontsize=12)
+        handles, labels = grid[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=3, fontsize=11, frameon=False)
 
 
-def print_table(results: Results) -> None:
+def publish_table(results: Results) -> None:
     """All costs, beside what the fields alone lead to expect and what an earlier measurement says."""
-    print(
-        "| R (px) | region / R | moved by | model | error of x / (R w) | bias of x (px) | rotation measured / true "
-        "| std of x (px) | expected | earlier |\n|" + 10 * "---|"
-    )
+    head = ("R (px)", "region / R", "moved by", "model", "error of x / (R w)", "bias of x (px)")
+    head += ("rotation measured / true", "std of x (px)", "expected", "earlier")
+    lines = []
     for (radius, region, way, model), found in results.items():
         bias = found.leak[0] * radius * math.radians(TURN_DEG)
         beside, known = ", ".join(f"{v + 0.0:.3f}" for v in np.round(expected(region, way, model), 6)), ""
         if way == "rendered" and radius == CASE.radius and region in KNOWN:
             leak, recovered, std = KNOWN[region]
             known = f"{leak:.3f}, {recovered:.3f}" if model == "published" else f"std {std:.3f}"
-        print(
-            f"| {radius:g} | {region:g} | {way} | {model} | {found.leak[0]:+.3f} ± {found.leak[1]:.3f} | {bias:+.4f} "
-            f"| {found.recovered[0]:.3f} ± {found.recovered[1]:.3f} | {found.std_px:.4f} | {beside} | {known} |"
-        )
+        leak, turn = f"{found.leak[0]:+.3f} ± {found.leak[1]:.3f}", "{:.3f} ± {:.3f}".format(*found.recovered)
+        case = (f"{radius:g}", f"{region:g}", way, model)
+        lines.append((*case, leak, f"{bias:+.4f}", turn, f"{found.std_px:.4f}", beside, known))
+    publish("basis", "validation.basis", table(head, lines))
 
 
 def main() -> None:
     """Measure, draw, and print the table."""
     results = compute()
     plot(results)
-    print_table(results)
+    publish_table(results)
 
 
 if __name__ == "__main__":

@@ -8,10 +8,14 @@ reference numbers of a hand-written numpy solver on such a shot are a bias of 0.
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 
 import torchsphere as ts
+from experiments.experiment import Array, publish, table
 from torchsphere.geometry.orientation import chain
 from torchsphere.synthetic import ray_caster
 
@@ -19,7 +23,7 @@ FRAMES, RADIUS, NOISE = 60, 50.0, 2.0
 BACKGROUNDS, PATTERNS = (20.0, 90.0, 230.0), (0, 1, 2)
 
 
-def shot(seed: int, background: float) -> tuple[torch.Tensor, np.ndarray, np.ndarray]:
+def shot(seed: int, background: float) -> tuple[torch.Tensor, Array, Array]:
     """Images (n, h, w), true positions (n, 2) and true increments (n - 1, 5)."""
     rng = np.random.default_rng(seed)
     steps = np.array([1.4, 0.2]) + rng.uniform(-0.3, 0.3, (FRAMES - 1, 2))
@@ -32,29 +36,45 @@ def shot(seed: int, background: float) -> tuple[torch.Tensor, np.ndarray, np.nda
     return (clean + noise).round().clamp(0, 255), position, np.concatenate((steps, turns), 1)
 
 
+@dataclass(frozen=True)
+class Errors:
+    """Radius that was found, px; errors of the increments (n - 1, 5), px and deg; largest error of a position, px."""
+
+    radius: float
+    increment: Array
+    position: float
+
+    def cells(self) -> list[str]:
+        """Cells of a table."""
+        bias, std = self.increment.mean(0), self.increment.std(0)
+        parts = [
+            ", ".join(format(v, form) for v in values[part])
+            for part in (slice(0, 2), slice(2, 5))
+            for values, form in ((bias, "+.4f"), (std, ".4f"))
+        ]
+        return [f"{self.radius:.2f}", *parts, f"{self.position:.2f}"]
+
+
+def measure(seed: int, background: float) -> Errors:
+    """Track one shot; raises if a frame is lost."""
+    images, position, increment = shot(seed, background)
+    track = ts.track(images)
+    if not (track.status == "ok").all():
+        raise RuntimeError(f"not all frames of pattern {seed} over {background:g} grey levels were measured")
+    error = (track.increment - increment) * np.array([1, 1, *3 * [180 / math.pi]])
+    return Errors(track.circle.radius, error, float(np.linalg.norm(track.position - position, axis=1).max()))
+
+
+def compute() -> dict[tuple[float, int], Errors]:
+    """Errors by background and pattern."""
+    return {(background, seed): measure(seed, background) for background in BACKGROUNDS for seed in PATTERNS}
+
+
 def main() -> None:
-    """Print one line per background and pattern."""
-    print("| background | pattern | radius (px) | bias x, y (px) | std x, y (px) ", end="")
-    print("| bias w (deg) | std w (deg) | position (px) |")
-    print("|---|---|---|---|---|---|---|---|")
-    for background in BACKGROUNDS:
-        for seed in PATTERNS:
-            images, position, increment = shot(seed, background)
-            track = ts.track(images)
-            if not (track.status == "ok").all():
-                print(f"| {background:g} | {seed} | not all ok |")
-                continue
-            error = track.increment - increment
-            error[:, 2:] = np.degrees(error[:, 2:])
-            bias, std = error.mean(0), error.std(0)
-            off = np.linalg.norm(track.position - position, axis=1).max()
-            x, y = (f"{bias[k]:+.4f}" for k in (0, 1))
-            turn = ", ".join(f"{v:+.4f}" for v in bias[2:])
-            spread = ", ".join(f"{v:.4f}" for v in std[2:])
-            print(
-                f"| {background:g} | {seed} | {track.circle.radius:.2f} | {x}, {y} | {std[0]:.4f}, {std[1]:.4f} "
-                f"| {turn} | {spread} | {off:.2f} |"
-            )
+    """Measure, and print one line per background and pattern."""
+    head = ("background", "pattern", "radius (px)", "bias x, y (px)", "std x, y (px)", "bias w (deg)", "std w (deg)")
+    lines = [(f"{background:g}", seed, *errors.cells()) for (background, seed), errors in compute().items()]
+    publish("example_shot", "validation.example_shot", table((*head, "position (px)"), lines))
 
 
 if __name__ == "__main__":

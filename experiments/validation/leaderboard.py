@@ -19,12 +19,10 @@ import argparse
 import sys
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.figure import Figure
 
 import torchsphere
-from experiments.experiment import CACHE, DOCS, HERE
+from experiments.experiment import CACHE, DOCS, HERE, publish, saved_figure
 from torchsphere.benchmark import standing, table, trackers
 from torchsphere.benchmark.folder import Benchmark, read_benchmark
 from torchsphere.benchmark.make import make
@@ -117,41 +115,41 @@ suite has one, can be told to torchsphere alone.
     return "\n".join(parts)
 
 
-def plot(scores: Board) -> Figure:
+def plot(scores: Board) -> None:
     """The four errors by suite, a mark per tracker that measures what the panel shows."""
-    figure, axes = plt.subplots(2, 2, figsize=(14, 9.5), sharex=True, layout="constrained")
-    rivals = [name for name in scores.trackers if not f"{name}-".startswith(table.VARIANTS)]
-    shown = [name for name in (table.OWN, "torchsphere-map") if name in scores.trackers] + rivals
-    place = np.arange(len(scores.suites))
-    for k, (axis, title, mean) in enumerate(zip(axes.T.flat, table.TITLES, table.MEANS, strict=True)):
-        for at, name in enumerate(shown):
-            rows = [scores.rows.get((name, suite)) for suite in scores.suites]
-            hidden = [row is None or (k in (1, 3) and row.rotation != standing.MEASURED) for row in rows]
-            values = [np.nan if hide else row.values[mean] for hide, row in zip(hidden, rows, strict=True)]
-            # torchsphere in the middle of its suite, the rivals beside it.
-            own = name not in rivals
-            offset = 0.0 if own else 0.8 * (rivals.index(name) / max(len(rivals) - 1, 1) - 0.5)
-            style = {"marker": "o", "ms": 7} if own else {"marker": "sD^v<>PX*h"[at % 10], "ms": 5}
-            axis.plot(
-                place + offset,
-                values,
-                ls="",
-                color=f"C{at}" if at < 10 else "k",
-                label=name,
-                zorder=3 if own else 2,
-                **style,
+    with saved_figure(FIGURE, (14, 9.5)) as figure:
+        axes = figure.subplots(2, 2, sharex=True)
+        rivals = [name for name in scores.trackers if not f"{name}-".startswith(table.VARIANTS)]
+        shown = [name for name in (table.OWN, "torchsphere-map") if name in scores.trackers] + rivals
+        place = np.arange(len(scores.suites))
+        for k, (axis, title, mean) in enumerate(zip(axes.T.flat, table.TITLES, table.MEANS, strict=True)):
+            for at, name in enumerate(shown):
+                rows = [scores.rows.get((name, suite)) for suite in scores.suites]
+                hidden = [row is None or (k in (1, 3) and row.rotation != standing.MEASURED) for row in rows]
+                values = [np.nan if hide else row.values[mean] for hide, row in zip(hidden, rows, strict=True)]
+                # torchsphere in the middle of its suite, the rivals beside it.
+                own = name not in rivals
+                offset = 0.0 if own else 0.8 * (rivals.index(name) / max(len(rivals) - 1, 1) - 0.5)
+                style = {"marker": "o", "ms": 7} if own else {"marker": "sD^v<>PX*h"[at % 10], "ms": 5}
+                axis.plot(
+                    place + offset,
+                    values,
+                    ls="",
+                    color=f"C{at}" if at < 10 else "k",
+                    label=name,
+                    zorder=3 if own else 2,
+                    **style,
+                )
+            axis.axhline(KINDS[k][2], color="0.6", lw=0.8)
+            for left in place[::2]:
+                axis.axvspan(left - 0.5, left + 0.5, color="0.95", lw=0, zorder=0)
+            axis.set(
+                yscale="log", title=f"{title}: mean error, lost frames at the cap (line)", xlim=(-0.5, len(place) - 0.5)
             )
-        axis.axhline(KINDS[k][2], color="0.6", lw=0.8)
-        for left in place[::2]:
-            axis.axvspan(left - 0.5, left + 0.5, color="0.95", lw=0, zorder=0)
-        axis.set(
-            yscale="log", title=f"{title}: mean error, lost frames at the cap (line)", xlim=(-0.5, len(place) - 0.5)
-        )
-        axis.set_xticks(place, scores.suites, rotation=60, ha="right", fontsize=8)
-        axis.grid(axis="y", alpha=0.3)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=6, fontsize=9)
-    return figure
+            axis.set_xticks(place, scores.suites, rotation=60, ha="right", fontsize=8)
+            axis.grid(visible=False, axis="x")
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=6, fontsize=9)
 
 
 def main() -> None:
@@ -166,9 +164,9 @@ def main() -> None:
     rows = compute(made, options.field)
     scores = table.board(rows)
     standing.write(SCORES, rows)
-    plot(scores).savefig(FIGURE, dpi=100)
+    plot(scores)
     PAGE.write_text(page(made, scores), encoding="utf-8")
-    print(table.summary(scores))
+    publish("leaderboard", "validation.leaderboard", table.summary(scores))
 
 
 if __name__ == "__main__":

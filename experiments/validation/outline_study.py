@@ -33,11 +33,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from matplotlib.figure import Figure
 from torch import Tensor
 
 import torchsphere as ts
-from experiments.experiment import DOCS, cached
+from experiments.experiment import DOCS, cached, publish, saved_figure, table
 from experiments.validation.accuracy import (
     BASE,
     HEADER,
@@ -48,10 +47,10 @@ from experiments.validation.accuracy import (
     Array,
     Errors,
     Shot,
+    cells,
     errors_of,
     make_shot,
     root_mean_square,
-    row,
 )
 from torchsphere.correlation.correlate import correlate_pairs
 from torchsphere.correlation.options import Options
@@ -63,7 +62,6 @@ from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map import projection
 from torchsphere.sphere_map.window import cut_window
 
-OUT = DOCS / "outline.png"
 FRAMES, BEYOND = 60, 1.08
 BOUND_PX, TARGET_PX = 0.0017, 0.0026
 
@@ -177,43 +175,51 @@ def compute() -> dict[tuple[str, str], Errors]:
 
 def plot(results: dict[tuple[str, str], Errors]) -> None:
     """Translation and rotation (filled: standard deviation, open: bias), and actual over stated error."""
-    figure = Figure(figsize=(13, 4.6), layout="constrained")
-    axes = figure.subplots(1, 3, sharey=True)
-    names = list(dict.fromkeys(name for _, name in results))
-    place = np.arange(len(names))
-    for j, (background, color) in enumerate(zip(BACKGROUNDS, ("#0072B2", "#D55E00"), strict=True)):
-        at, rows = place + 0.24 * (j - 0.5), [results[background, name] for name in names]
-        for axis, k in zip(axes, (TRANSLATION, ROTATION), strict=False):
-            std = [root_mean_square(r.std()[k]) for r in rows]
-            bias = [root_mean_square(r.bias()[0][k]) for r in rows]
-            axis.plot(std, at, "o", color=color, label=f"{background}: std")
-            axis.plot(bias, at, "D", color=color, mfc="white", ms=5, label=f"{background}: |bias|")
-        for k, marker, name in ((TRANSLATION, "o", "dx, dy"), (ROTATION, "^", "wx, wy, wz")):
-            axes[2].plot([r.honesty(k) for r in rows], at, marker, color=color, label=f"{background}: {name}")
-    axes[0].axvline(BOUND_PX, ls=":", color="black", lw=1, label="bound, known texture")
-    axes[0].axvline(TARGET_PX, ls="--", color="black", lw=1, label="target of the std")
-    axes[2].axvspan(0.85, 1.15, color="0.9", zorder=0)
-    axes[0].set_yticks(place, names)
-    axes[0].invert_yaxis()
-    for axis, label in zip(axes, ("dx, dy (px)", "wx, wy, wz (deg)", "actual / stated error"), strict=True):
-        axis.set_xscale("log")
-        axis.set_xlabel(label)
-        axis.grid(alpha=0.3)
-    axes[2].set_xticks((0.7, 1, 1.5, 2, 3, 4, 5), ("0.7", "1", "1.5", "2", "3", "4", "5"))
-    axes[2].minorticks_off()
-    axes[0].legend(fontsize=8, loc=(0.02, 0.5))
-    axes[2].legend(fontsize=8)
-    figure.suptitle("Error of the step from frame to frame, rms of the components; 3 patterns of 60 frames each")
-    figure.savefig(OUT, dpi=110)
+    with saved_figure(DOCS / "outline.png", (13, 4.6), dpi=110) as figure:
+        axes = figure.subplots(1, 3, sharey=True)
+        names = list(dict.fromkeys(name for _, name in results))
+        place = np.arange(len(names))
+        for j, (background, color) in enumerate(zip(BACKGROUNDS, ("#0072B2", "#D55E00"), strict=True)):
+            at, rows = place + 0.24 * (j - 0.5), [results[background, name] for name in names]
+            for axis, k in zip(axes, (TRANSLATION, ROTATION), strict=False):
+                std = [root_mean_square(r.std()[k]) for r in rows]
+                bias = [root_mean_square(r.bias()[0][k]) for r in rows]
+                axis.plot(std, at, "o", color=color, label=f"{background}: std")
+                axis.plot(bias, at, "D", color=color, mfc="white", ms=5, label=f"{background}: |bias|")
+            for k, marker, name in ((TRANSLATION, "o", "dx, dy"), (ROTATION, "^", "wx, wy, wz")):
+                axes[2].plot([r.honesty(k) for r in rows], at, marker, color=color, label=f"{background}: {name}")
+        axes[0].axvline(BOUND_PX, ls=":", color="black", lw=1, label="bound, known texture")
+        axes[0].axvline(TARGET_PX, ls="--", color="black", lw=1, label="target of the std")
+        axes[2].axvspan(0.85, 1.15, color="0.9", zorder=0)
+        axes[0].set_yticks(place, names)
+        axes[0].invert_yaxis()
+        for axis, label in zip(axes, ("dx, dy (px)", "wx, wy, wz (deg)", "actual / stated error"), strict=True):
+            axis.set_xscale("log")
+            axis.set_xlabel(label)
+        axes[2].set_xticks((0.7, 1, 1.5, 2, 3, 4, 5), ("0.7", "1", "1.5", "2", "3", "4", "5"))
+        axes[2].minorticks_off()
+        axes[0].legend(loc=(0.02, 0.5))
+        axes[2].legend()
+        figure.suptitle("Error of the step from frame to frame, rms of the components; 3 patterns of 60 frames each")
+
+
+def brief(found: Errors) -> list[str]:
+    """Standard deviation and bias of x and y, and actual over stated error."""
+    (bias, _), std, ratio = found.bias(), found.std(), [found.honesty(slice(k, k + 1)) for k in (0, 1)]
+    return ["{:.4f}, {:.4f}".format(*std), "{:+.4f}, {:+.4f}".format(*bias), "{:.2f}, {:.2f}".format(*ratio)]
 
 
 def main() -> None:
     """Measure, draw, and print the table."""
     results = compute()
     plot(results)
-    print("| background | way | " + HEADER + " |\n|" + 7 * "---|")
-    for (background, way), found in results.items():
-        print(f"| {background} | {way} | {row(found)} |")
+    ways = dict.fromkeys(way for _, way in results)
+    print(table(("background", "way", *HEADER), [(*key, *cells(found)) for key, found in results.items()]))
+    head = ["way"]
+    for background in BACKGROUNDS:
+        head += [f"std x, y (px), {background}", "bias x, y (px)", "actual/stated"]
+    lines = [[way, *(cell for background in BACKGROUNDS for cell in brief(results[background, way]))] for way in ways]
+    publish("outline", "validation.outline_study", table(head, lines))
 
 
 if __name__ == "__main__":

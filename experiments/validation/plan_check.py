@@ -26,17 +26,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
-from experiments.experiment import Row
+from experiments.experiment import Array, Row, claims, table
 from experiments.paper.flight import pooled_std
 from experiments.shots import Footage, rendered, tracked
 from render import preset
 from render.shot import Shot
 from torchsphere.planning.example_image import Example, white_noise
 from torchsphere.planning.expected import Setup, differences, increment_covariance
-
-Array = NDArray[np.float64]
 
 #: Patterns of the recordings, and of the stills that the planner sees.
 SEEDS, STILLS = (8, 9, 10, 11, 12, 13), (108, 109, 110, 111, 112, 113)
@@ -169,9 +166,9 @@ def compute() -> dict[str, tuple[Setup, Array, Array]]:
     return {name: (*expected(plan), found(plan)) for name, plan in PLANS.items()}
 
 
-def rows() -> list[Row]:
-    """What the check says of the claim."""
-    ratios = [sd / planned for _, planned, sd in compute().values()]
+def rows(tests: dict[str, tuple[Setup, Array, Array]]) -> list[Row]:
+    """The claim beside what was found."""
+    ratios = [sd / planned for _, planned, sd in tests.values()]
     worst = max(float(abs(r - 1)) for r in np.concatenate(ratios))
     claim = "expected standard deviations within 20 % of those found, 9 quantities on 3 plans; the largest difference"
     return [Row("plan_check", claim, "-", f"{100 * worst:.0f} %", worst <= AGREED)]
@@ -179,16 +176,16 @@ def rows() -> list[Row]:
 
 def main() -> None:
     """Render, track, and print the table."""
-    for name, (setup, planned, sd) in compute().items():
+    tests = compute()
+    for name, (setup, planned, sd) in tests.items():
         print(
             f"\n{name}: R = {setup.radius_px:.1f} px, noise {setup.noise:.2f} grey levels, {setup.speed_m_s:.0f} m/s, "
             f"blur {setup.blur_px:.2f} px, turn {setup.turn_deg:.2f} deg per frame"
         )
-        print("| quantity | planned sd | found sd | found / planned |\n|---|---|---|---|")
-        for quantity, a, b in zip(NAMES, planned, sd, strict=True):
-            print(f"| {quantity} | {a:.4f} | {b:.4f} | {b / a:.2f} |")
-    for row in rows():
-        print(row)
+        sds = zip(NAMES, planned, sd, strict=True)
+        lines = [(quantity, f"{a:.4f}", f"{b:.4f}", f"{b / a:.2f}") for quantity, a, b in sds]
+        print(table(("quantity", "planned sd", "found sd", "found / planned"), lines))
+    print(claims(rows(tests)))
 
 
 if __name__ == "__main__":

@@ -44,58 +44,72 @@ import textwrap
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from experiments.experiment import DOCS
+from experiments.experiment import DOCS, publish, saved_figure, table
 from experiments.validation.projection_errors import ROTATION, TRANSLATION, WAYS, Errors, Results, compute
 from experiments.validation.projection_footage import BASE, CROSSING, SERIES
-
-OUT = DOCS / "projection.png"
 
 #: Bias that the summary asks for, px and deg.
 LIMIT = 0.005
 
+#: Cases of the table on the pages: property, value and what the table calls the case; and models with their names.
+CASES = (
+    ("rotation", 0.1, "orthographic, 0.1 deg per frame"),
+    ("rotation", BASE.turn, "orthographic, 0.57 deg"),
+    ("rotation", 2.0, "orthographic, 2 deg"),
+    ("rotation", 10.0, "orthographic, 10 deg"),
+    ("distance", 200.0, "camera at 200 radii, 6 px and 0.5 deg per frame"),
+    ("distance", 50.0, "at 50 radii"),
+    ("distance", 10.0, "at 10 radii"),
+    ("distance", 4.0, "at 4 radii"),
+)
+MODELS = {
+    "translation": "translation",
+    "published": "published",
+    "rigid": "linearised rigid",
+    "finite": "finite",
+    "pinhole": "pinhole",
+}
+
 
 def plot(results: Results) -> None:
     """One column per property; bias and standard deviation of translation and of rotation."""
-    figure = Figure(figsize=(13, 12), layout="constrained")
-    grid = figure.subplots(4, len(SERIES), sharex="col", sharey="row")
-    rows = (
-        ("bias of translation (px)", TRANSLATION, False),
-        ("std of translation (px)", TRANSLATION, True),
-        ("bias of rotation (deg)", ROTATION, False),
-        ("std of rotation (deg)", ROTATION, True),
-    )
-    for axes, (name, label, scale, values) in zip(grid.T, SERIES, strict=True):
-        for axis, (_, k, spread) in zip(axes, rows, strict=True):
-            for way, (color, marker) in WAYS.items():
-                found = np.array([results[name, float(v), way].worst(k) for v in values])
-                y, error = (found[:, 2], None) if spread else (found[:, 0], found[:, 1])
-                style: dict[str, Any] = {"color": color, "marker": marker, "ms": 6, "lw": 1.3, "mfc": "none"}
-                axis.errorbar(values, y, error, capsize=2, elinewidth=0.8, label=way, **style)
-            axis.grid(alpha=0.3)
-            axis.set_yscale("log")
-            axis.set_xscale(scale)
-            axis.tick_params(labelsize=11)
-            # The base case stands in the titles.
-            axis.set_xticks(values, ["" if v == BASE.turn else f"{v:g}" for v in values])
-            axis.minorticks_off()
-        axes[-1].set_xlabel(label, fontsize=12)
-    for axis, (label, _, spread) in zip(grid[:, 0], rows, strict=True):
-        axis.set_ylabel(label, fontsize=12)
-        axis.set_ylim((1e-3, 1) if spread else (1e-4, 10))
-    for axis, title in zip(
-        grid[0],
-        ("orthographic, 50 px", "orthographic, 0.57 deg", "pinhole, 0.5 deg, 6 px", "pinhole, 10 radii, 0.5 deg"),
-        strict=True,
-    ):
-        axis.set_title(title, fontsize=12)
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(WAYS), fontsize=12, frameon=False)
-    figure.savefig(OUT, dpi=90)
+    with saved_figure(DOCS / "projection.png", (13, 12), dpi=90) as figure:
+        grid = figure.subplots(4, len(SERIES), sharex="col", sharey="row")
+        rows = (
+            ("bias of translation (px)", TRANSLATION, False),
+            ("std of translation (px)", TRANSLATION, True),
+            ("bias of rotation (deg)", ROTATION, False),
+            ("std of rotation (deg)", ROTATION, True),
+        )
+        for axes, (name, label, scale, values) in zip(grid.T, SERIES, strict=True):
+            for axis, (_, k, spread) in zip(axes, rows, strict=True):
+                for way, (color, marker) in WAYS.items():
+                    found = np.array([results[name, float(v), way].worst(k) for v in values])
+                    y, error = (found[:, 2], None) if spread else (found[:, 0], found[:, 1])
+                    style: dict[str, Any] = {"color": color, "marker": marker, "ms": 6, "lw": 1.3, "mfc": "none"}
+                    axis.errorbar(values, y, error, capsize=2, elinewidth=0.8, label=way, **style)
+                axis.set_yscale("log")
+                axis.set_xscale(scale)
+                axis.tick_params(labelsize=11)
+                # The base case stands in the titles.
+                axis.set_xticks(values, ["" if v == BASE.turn else f"{v:g}" for v in values])
+                axis.minorticks_off()
+            axes[-1].set_xlabel(label, fontsize=12)
+        for axis, (label, _, spread) in zip(grid[:, 0], rows, strict=True):
+            axis.set_ylabel(label, fontsize=12)
+            axis.set_ylim((1e-3, 1) if spread else (1e-4, 10))
+        for axis, title in zip(
+            grid[0],
+            ("orthographic, 50 px", "orthographic, 0.57 deg", "pinhole, 0.5 deg, 6 px", "pinhole, 10 radii, 0.5 deg"),
+            strict=True,
+        ):
+            axis.set_title(title, fontsize=12)
+        handles, labels = grid[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=len(WAYS), fontsize=12, frameon=False)
 
 
-def _cells(found: Errors) -> str:
+def _cells(found: Errors) -> list[str]:
     (bias, error), std = found.bias(), found.std()
     cells = []
     for part in (TRANSLATION, ROTATION):
@@ -104,18 +118,30 @@ def _cells(found: Errors) -> str:
             cells.append(", ".join(f"{v:.4f}" for v in std[part]))
         else:
             cells += ["-", "-"]
-    return " | ".join(cells)
+    return cells
 
 
 def print_table(results: Results) -> None:
     """All errors, bias and standard deviation apart; the uncertainty is that of the least certain component."""
-    print("| case | model | measured (%) | bias dx, dy (px) | std (px) | bias wx, wy, wz (deg) | std (deg) |")
-    print("|" + 7 * "---|")
+    head = ("case", "model", "measured (%)", "bias dx, dy (px)", "std (px)", "bias wx, wy, wz (deg)", "std (deg)")
+    lines = []
     for name, label, _, values in SERIES:
         for value in values:
             for way in WAYS:
                 found = results[name, float(value), way]
-                print(f"| {label} {value:.3g} | {way} | {100 * found.measured:.0f} | {_cells(found)} |")
+                lines.append((f"{label} {value:.3g}", way, f"{100 * found.measured:.0f}", *_cells(found)))
+    print(table(head, lines))
+
+
+def largest(results: Results) -> str:
+    """The largest bias of any component, px and deg, by case and model."""
+    lines = []
+    for name, value, case in CASES:
+        worst = {way: [results[name, value, way].worst(k)[0] for k in (TRANSLATION, ROTATION)] for way in MODELS}
+        lines.append(
+            (case, *(", ".join("none" if math.isnan(v) else f"{round(v, 4):.2g}" for v in worst[way]) for way in MODELS))
+        )
+    return table(("case", *MODELS.values()), lines)
 
 
 def holds(results: Results, name: str, way: str, limits: tuple[float, float]) -> list[float]:
@@ -177,6 +203,7 @@ def main() -> None:
     results = compute()
     plot(results)
     print_table(results)
+    publish("projection", "validation.projection", largest(results))
     print(verdict(results))
     print(acceptance(results))
 

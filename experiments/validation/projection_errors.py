@@ -9,13 +9,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import torchsphere as ts
-from experiments.experiment import cached
+from experiments.experiment import Array, cached
 from experiments.validation.projection_footage import NOISE_GREY, SERIES, Case, Footage, case_of, render_footage
-
-Array = NDArray[np.float64]
 
 PATTERNS = (0, 1, 2)
 

@@ -18,11 +18,9 @@ from pathlib import Path
 import numpy as np
 import torch
 from kornia.geometry.liegroup import So3
-from numpy.typing import NDArray
 
 import torchsphere as ts
-
-Array = NDArray[np.float64]
+from experiments.experiment import Array
 
 #: The recording's field of view, and the change of grey level over time that tells the ball from what is still.
 FIELD_OF_VIEW, MOVING = math.radians(120.0), 6.0

@@ -9,7 +9,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from experiments.experiment import Row
+from experiments import experiment
+from experiments.experiment import Row, claims, saved_figure, table
 from experiments.paper import all as everything
 from experiments.paper.bar.history import Peak
 from experiments.paper.fig05 import accelerometer, lobe
@@ -115,7 +116,7 @@ def test_a_shots_key_changes_with_any_of_its_settings() -> None:
 
 
 def test_a_bar_in_a_cell_does_not_end_it() -> None:
-    assert everything.table([ROW]).splitlines()[-1] == r"| fig00 | It is so. | 1 \| 2 | 3 | yes |"
+    assert claims([ROW]).splitlines()[-1] == r"| fig00 | It is so. | 1 \| 2 | 3 | yes |"
 
 
 def test_an_experiment_that_fails_gets_a_row_that_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -145,12 +146,18 @@ def test_an_unknown_name_is_refused_with_the_known_ones(capsys: pytest.CaptureFi
     assert "'fig99' is no experiment of the paper; expected one of fig02" in capsys.readouterr().err
 
 
-def test_a_figure_drawn_elsewhere_is_shown_with_the_others(tmp_path: Path) -> None:
-    module = ModuleType("drawn")
-    module.OUT = tmp_path / "output.png"  # type: ignore[attr-defined]
-    module.OUT.write_bytes(b"picture")
-    everything.keep_figure(module, tmp_path / "figures")
-    assert (tmp_path / "figures" / "output.png").read_bytes() == b"picture"
+def test_a_figure_makes_its_folder_and_is_saved(tmp_path: Path) -> None:
+    path = tmp_path / "figures" / "fig00.png"
+    with saved_figure(path, (1, 1)) as figure:
+        figure.subplots()
+    assert path.stat().st_size > 0
+
+
+def test_a_published_table_names_the_command_that_measures_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(experiment, "TABLES", tmp_path)
+    experiment.publish("times", "speed.speed", table(("way", "ms"), [("ours", 1)]))
+    text = (tmp_path / "times.md").read_text()
+    assert text == "*Measured by `python -m experiments.speed.speed`.*\n\n| way | ms |\n| --- | --- |\n| ours | 1 |\n"
 
 
 @pytest.mark.parametrize(("place", "name"), [stage[:2] for stage in STAGES])

@@ -341,7 +341,7 @@ def test_without_calculix_and_cache_the_experiment_says_so_and_has_no_rows(
 ):
     monkeypatch.setattr(shutil, "which", lambda _: None)
     monkeypatch.setattr(experiment, "CACHE", tmp_path)
-    assert fe_plate.rows() == []
+    assert fe_plate.rows(fe_plate.compute()) == []
     assert fe_bar.computed((BAR,)) == ()
     assert capsys.readouterr().out.splitlines()[-1] == f"bar, 3 mm: {MISSING}"
 
