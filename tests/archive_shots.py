@@ -1,4 +1,4 @@
-"""Small recordings for archives, and measurements that die, wait or fail as names say, and are counted."""
+"""Small recordings for archives, and measurements that die, wait or fail by the names of recordings."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from torchsphere.synthetic import ray_caster
 from torchsphere.tracking.track import Track, track
 
 RADIUS, FRAMES = 12.0, 5
-#: Every recording has the same circle and frame rate; the map would take a second each.
+#: Settings of all recordings; a map would take a second each.
 COMMON: dict[str, Any] = {"circle": (22.0, 32.3, RADIUS), "fps": 1000.0, "diameter_mm": 30.0, "map": "off"}
 CALLS = "calls.txt"
 #: Grey level of a recording that `pretended` refuses.
 BAD = 255
-#: Limit of every wait for an event, s: far longer than a machine under heavy load needs.
+#: Limit of every wait for an event, s, far above the time under heavy load.
 PATIENCE_S = 900.0
 
 
@@ -58,7 +58,7 @@ GOOD = [name for name in NAMES if "corrupt" not in name and "poison" not in name
 
 
 def step_px(seed: int) -> float:
-    """Steps by which the balls of the recordings move, so that each result tells which recording it is of."""
+    """Step of the ball in each recording, which identifies the recording of a result."""
     return 1.0 + 0.25 * (seed % 12)
 
 
@@ -73,13 +73,13 @@ def write_recording(path: Path, seed: int) -> None:
 
 
 def write_array(path: Path, level: int) -> None:
-    """A recording that can be opened, of one grey level, to be pretended to be measured."""
+    """A recording of one grey level, for the pretended measurement."""
     path.parent.mkdir(parents=True, exist_ok=True)
     np.save(path, np.full((3, 8, 9), level, np.uint8))
 
 
 def write_archive(folder: Path, names: Iterable[str]) -> None:
-    """Recordings of these names; those called corrupt are cut."""
+    """Recordings of these names; a recording called corrupt is cut."""
     for seed, name in enumerate(names):
         path = folder / f"{name}.tif"
         write_recording(path, seed)
@@ -88,7 +88,7 @@ def write_archive(folder: Path, names: Iterable[str]) -> None:
 
 
 def write_result(request: Request, extra: Mapping[str, Path], tracked: Track | None) -> None:
-    """A result folder as `torchsphere.measure.measure` writes it, but for its report, and who was measured."""
+    """A result folder as of `torchsphere.measure.measure`, without a report, and a line in the list of calls."""
     counts = {"ok": 3} if tracked is None else writer.status_counts(tracked)
     step = None if tracked is None else np.nanmean(tracked.increment, 0)
     with atomic_output.atomic_folder(request.out, request.overwrite) as folder:
@@ -104,7 +104,7 @@ def write_result(request: Request, extra: Mapping[str, Path], tracked: Track | N
 
 
 def measured(request: Request, progress: None, extra: Mapping[str, Path]) -> None:
-    """Track a recording; but die on a poisonous one, and wait to be killed on a held one, the first time."""
+    """Track a recording; die on a poisonous recording, and wait on a held recording the first time."""
     name, mark = request.input.stem, request.input.with_suffix(".pid")
     if "poison" in name:
         os.kill(os.getpid(), signal.SIGKILL)
@@ -117,7 +117,7 @@ def measured(request: Request, progress: None, extra: Mapping[str, Path]) -> Non
 
 
 def pretended(request: Request, progress: None, extra: Mapping[str, Path]) -> None:
-    """Write a result folder without tracking; what is of one grey level, `BAD`, fails."""
+    """Write a result folder without tracking; a recording with the grey level `BAD` fails."""
     if np.load(request.input).max() == BAD:
         raise ValueError(f"{request.input}: is bad")
     write_result(request, extra, None)
@@ -144,13 +144,13 @@ def wait_until(has_happened: Callable[[], bool], event: str) -> None:
 
 
 def pid_of(mark: Path) -> int:
-    """The process that holds a recording, as soon as one holds it."""
+    """The process that holds a recording, after a wait for the process."""
     wait_until(mark.exists, f"a process takes up the recording of {mark}")
     return int(mark.read_text())
 
 
 def kill_holder(mark: Path) -> threading.Thread:
-    """Kill the process that holds a recording as soon as it does."""
+    """Kill the process that holds a recording, in a thread."""
     thread = threading.Thread(target=lambda: os.kill(pid_of(mark), signal.SIGKILL), daemon=True)
     thread.start()
     return thread
@@ -184,6 +184,6 @@ def check_the_whole(out: Path, source: Path) -> None:
 
 
 if __name__ == "__main__":
-    # A shell that starts the tests in the background has them ignore Ctrl-C, which processes inherit.
+    # Tests that a shell starts in the background ignore Ctrl-C, and processes inherit this.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.exit(batch.run(arguments(Path(sys.argv[1]), Path(sys.argv[2]), workers=int(sys.argv[3])), measured))

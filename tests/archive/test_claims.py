@@ -1,4 +1,4 @@
-"""Locks on recordings and on the summary, and unfinished folders, which are removed where nobody holds the lock."""
+"""Locks on recordings and on the summary, and the removal of unfinished folders without a lock."""
 
 import errno
 import subprocess
@@ -12,7 +12,7 @@ import pytest
 from torchsphere.archive import claims, folder
 from torchsphere.archive.claims import claims_of
 
-#: Holds the lock of a recording, or that of the summary where no recording is named, until its input ends.
+#: Holds the lock of a recording, or without an argument the lock of the summary, until its input ends.
 HOLDER = """
 import sys
 from pathlib import Path
@@ -26,7 +26,7 @@ with held.claim(sys.argv[2]) if len(sys.argv) > 2 else held.summary_lock() as is
 
 @contextmanager
 def another_process(out: Path, *result: str) -> Iterator[subprocess.Popen[str]]:
-    """A process that holds a lock from the start of the block on."""
+    """A process that holds a lock during the block."""
     command = [sys.executable, "-c", HOLDER, str(out), *result]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -50,7 +50,7 @@ def without_locks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(claims, "_set", refuse)
 
 
-def test_a_recording_is_locked_against_another_process_and_free_once_that_is_killed(out: Path) -> None:
+def test_a_recording_is_locked_against_another_process_until_that_is_killed(out: Path) -> None:
     with another_process(out, "a") as other:
         with claims_of(out).claim("a") as held, claims_of(out).claim("b") as free:
             assert (held, free) == (False, True)
@@ -69,7 +69,7 @@ def test_a_recording_is_locked_against_the_same_process(out: Path) -> None:
         assert is_mine
 
 
-def test_the_summary_is_waited_for(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_waits_for_the_lock_of_the_summary(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pauses: list[float] = []
     with another_process(out) as other:
 
@@ -83,7 +83,7 @@ def test_the_summary_is_waited_for(out: Path, monkeypatch: pytest.MonkeyPatch) -
             assert pauses == [claims.PAUSE_S]
 
 
-def test_whether_locks_work_is_told_even_while_another_process_asks(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_locks_are_supported_even_while_another_process_probes_them(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert claims_of(out).are_supported()
 
     def refuse(*_: int) -> None:
@@ -93,7 +93,7 @@ def test_whether_locks_work_is_told_even_while_another_process_asks(out: Path, m
     assert claims_of(out).are_supported()
 
 
-def test_leftovers_of_the_dead_are_removed_and_those_of_the_living_are_not(out: Path) -> None:
+def test_unfinished_folders_of_dead_processes_alone_are_removed(out: Path) -> None:
     for name in ("a", "b", "deep/c", ".a.abcd1234", ".b.abcd1234", "deep/.c.0_x9zzzz", ".stranger.abcd1234"):
         (out / name).mkdir(parents=True)
     results = ["a", "b", "deep/c", "d"]
@@ -108,7 +108,7 @@ def test_leftovers_of_the_dead_are_removed_and_those_of_the_living_are_not(out: 
 
 
 @pytest.mark.usefixtures("without_locks")
-def test_without_locks_a_run_goes_on_and_leaves_unfinished_folders_alone(out: Path) -> None:
+def test_a_run_without_locks_goes_on_and_leaves_unfinished_folders_alone(out: Path) -> None:
     held = claims_of(out)
     assert not held.are_supported()
     with held.claim("a") as first, held.summary_lock():

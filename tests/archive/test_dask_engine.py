@@ -16,7 +16,7 @@ distributed = pytest.importorskip("distributed", reason="the extra 'dask' is not
 
 @pytest.fixture(autouse=True)
 def patience() -> Iterator[None]:
-    """Dask gives a worker that was killed 15 s to start again; under heavy load, the imports alone may take longer."""
+    """Dask gives a killed worker 15 s to start again; under heavy load, the imports alone may take longer."""
     import dask
 
     names = ("deploy.lost-worker-timeout", "scheduler.worker-ttl", "comm.timeouts.connect", "comm.timeouts.tcp")
@@ -24,7 +24,7 @@ def patience() -> Iterator[None]:
         yield
 
 
-def test_a_cluster_loses_no_more_than_the_recordings_that_kill_it(tmp_path: Path) -> None:
+def test_a_cluster_loses_only_the_recordings_that_kill_its_workers(tmp_path: Path) -> None:
     source, out = tmp_path / "in", tmp_path / "out"
     write_archive(source, NAMES)
     with distributed.LocalCluster(
@@ -40,7 +40,7 @@ def test_a_cluster_loses_no_more_than_the_recordings_that_kill_it(tmp_path: Path
         check_the_whole(out, source)
 
 
-def test_a_cluster_whose_workers_have_several_threads_is_refused(tmp_path: Path) -> None:
+def test_a_cluster_of_workers_with_several_threads_is_refused(tmp_path: Path) -> None:
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None, silence_logs=logging.CRITICAL
     ) as cluster:

@@ -1,4 +1,4 @@
-"""What an archive consists of: recordings found in a folder, or told by a manifest."""
+"""The recordings of an archive, found in a folder or listed by a manifest."""
 
 from pathlib import Path
 from typing import Any
@@ -21,11 +21,11 @@ def found(folder: Path, out: Path | None = None) -> list[str]:
     return [path.relative_to(folder).as_posix() for path in scan.scan(folder, out).recordings]
 
 
-def test_every_kind_that_can_be_opened_is_sought() -> None:
+def test_the_search_has_every_suffix_that_can_be_opened() -> None:
     assert set(scan.SUFFIXES) == set(opener._FORMATS)
 
 
-def test_recordings_are_found_in_all_folders_and_what_is_none_is_not(tmp_path: Path) -> None:
+def test_recordings_alone_are_found_in_all_folders(tmp_path: Path) -> None:
     for name in ("b10.npy", "b9.npy", "x/y/z.CINE", "notes.txt", ".hidden.npy", ".git/a.npy"):
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -59,7 +59,7 @@ def test_single_images_beside_recordings_are_left_out_with_a_note(tmp_path: Path
     assert made.notes == (f"{tmp_path}: 2 single image(s) were left out: they lie beside recordings.",)
 
 
-def test_results_within_the_folder_are_no_recordings(tmp_path: Path) -> None:
+def test_results_within_the_folder_are_not_recordings(tmp_path: Path) -> None:
     for name in ("a.npy", "out/.batch/x.npy", "out/a/figures/1.png", "out/a/figures/2.png", "track/1.png"):
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -99,7 +99,7 @@ def test_a_csv_gives_each_recording_its_settings_over_the_common_ones(tmp_path: 
     }
 
 
-def test_a_spreadsheet_s_semicolons_are_understood(tmp_path: Path) -> None:
+def test_semicolons_of_a_spreadsheet_separate_cells(tmp_path: Path) -> None:
     sheet = tmp_path / "list.csv"
     sheet.write_text("recording;fps\na.npy;100\n")
     assert manifest.read(sheet, {}, tmp_path / "out").items[0].settings == {"fps": 100.0}
@@ -119,7 +119,7 @@ def test_a_toml_gives_settings_for_all_and_for_each(tmp_path: Path) -> None:
     assert (first.result, second.result) == ("a", "a-end")
 
 
-def test_paths_that_lead_out_of_the_manifest_s_folder_keep_their_results_in_the_output_folder(tmp_path: Path) -> None:
+def test_results_of_recordings_outside_the_manifest_s_folder_stay_in_the_output_folder(tmp_path: Path) -> None:
     sheet = tmp_path / "list.csv"
     sheet.write_text("recording\n../far/a.npy\n/data/b.npy\n")
     assert [item.result for item in manifest.read(sheet, {}, tmp_path).items] == ["far/a", "data/b"]
@@ -173,7 +173,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_a_csv_that_cannot_be_used_is_refused_by_row_and_column(case: str, tmp_path: Path) -> None:
+def test_the_refusal_of_a_csv_names_row_and_column(case: str, tmp_path: Path) -> None:
     text, words = BAD[case]
     sheet = tmp_path / "list.csv"
     sheet.write_bytes(text.encode("utf-8", "surrogateescape"))
@@ -183,7 +183,7 @@ def test_a_csv_that_cannot_be_used_is_refused_by_row_and_column(case: str, tmp_p
     assert "\n" not in str(refusal.value)
 
 
-def test_a_comma_that_parts_numbers_is_not_taken_for_a_decimal_sign() -> None:
+def test_a_comma_between_numbers_is_not_taken_for_a_decimal_sign() -> None:
     with pytest.raises(ValueError, match="expected three numbers") as refusal:
         PER_RECORDING["circle"].from_text("12,20")
     assert "decimal" not in str(refusal.value)
@@ -207,7 +207,7 @@ BAD_TOML = {
 
 
 @pytest.mark.parametrize("case", BAD_TOML)
-def test_a_toml_that_cannot_be_used_is_refused(case: str, tmp_path: Path) -> None:
+def test_an_invalid_toml_is_refused(case: str, tmp_path: Path) -> None:
     sheet = tmp_path / "list.toml"
     sheet.write_text(BAD_TOML[case])
     with pytest.raises(ValueError, match=r"list\.toml"):
@@ -215,14 +215,14 @@ def test_a_toml_that_cannot_be_used_is_refused(case: str, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("name", ["nowhere", "shot.tif", "empty"])
-def test_what_is_no_archive_is_refused(name: str, tmp_path: Path) -> None:
+def test_sources_other_than_archives_are_refused(name: str, tmp_path: Path) -> None:
     (tmp_path / "shot.tif").touch()
     (tmp_path / "empty").mkdir()
     with pytest.raises((ValueError, OSError), match="expected a folder of recordings, or a manifest"):
         manifest.read(tmp_path / name, {}, tmp_path / "out")
 
 
-def test_ten_thousand_rows_are_read_lazily_and_share_their_common_settings(tmp_path: Path) -> None:
+def test_ten_thousand_rows_are_read(tmp_path: Path) -> None:
     sheet = tmp_path / "list.csv"
     sheet.write_text("recording\n" + "".join(f"{i // 100}/{i}.npy\n" for i in range(10_000)))
     common: dict[str, Any] = {"fps": 5.0}

@@ -1,4 +1,4 @@
-"""Whole archives by worker processes: one is killed, one dies of its recording, and no other recording suffers."""
+"""Whole archives by worker processes, some of which are killed or die, without harm to other recordings."""
 
 import os
 import signal
@@ -40,7 +40,7 @@ def is_alive(pid: int) -> bool:
     return state != "Z"
 
 
-def test_a_killed_worker_a_poisonous_and_two_corrupt_recordings_cost_only_what_they_must(tmp_path: Path) -> None:
+def test_a_killed_worker_and_bad_recordings_do_not_harm_other_recordings(tmp_path: Path) -> None:
     source, out = tmp_path / "in", tmp_path / "out"
     write_archive(source, NAMES)
     killer = kill_holder(source / "a" / "held2.pid")
@@ -55,7 +55,7 @@ def test_a_killed_worker_a_poisonous_and_two_corrupt_recordings_cost_only_what_t
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="there is no /proc to see whether a process lives")
-def test_after_the_parent_was_killed_its_workers_end_and_the_next_run_goes_on(tmp_path: Path) -> None:
+def test_workers_end_after_their_parent_is_killed_and_the_next_run_continues(tmp_path: Path) -> None:
     source, out = tmp_path / "in", tmp_path / "out"
     names = ["r0", "r1", "held2", "r3"]
     write_archive(source, names)
@@ -72,7 +72,7 @@ def test_after_the_parent_was_killed_its_workers_end_and_the_next_run_goes_on(tm
     assert [row["state"] for row in rows(out).values()] == ["done"] * 4
 
 
-def test_ctrl_c_ends_the_workers_and_the_next_run_goes_on(tmp_path: Path) -> None:
+def test_ctrl_c_ends_the_workers_and_the_next_run_continues(tmp_path: Path) -> None:
     source, out = tmp_path / "in", tmp_path / "out"
     write_archive(source, ["held0", "r1"])
     with start(source, out, 1) as parent:
@@ -86,7 +86,7 @@ def test_ctrl_c_ends_the_workers_and_the_next_run_goes_on(tmp_path: Path) -> Non
     assert batch.run(arguments(source, out, workers=1), measured) == 0
 
 
-def test_two_runs_at_once_share_the_work_and_both_end_with_all_of_it(tmp_path: Path) -> None:
+def test_two_simultaneous_runs_share_the_work_and_both_end_with_all_results(tmp_path: Path) -> None:
     source, out = tmp_path / "in", tmp_path / "out"
     names = [f"r{i}" for i in range(5)]
     write_archive(source, names)
@@ -96,7 +96,7 @@ def test_two_runs_at_once_share_the_work_and_both_end_with_all_of_it(tmp_path: P
     assert [row["state"] for row in rows(out).values()] == ["done"] * 5
 
 
-def test_a_run_without_anything_to_do_starts_no_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_without_new_recordings_starts_no_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source, out = tmp_path / "in", tmp_path / "out"
     write_archive(source, ["r0"])
     assert batch.run(arguments(source, out, **COMMON), measured) == 0

@@ -1,4 +1,4 @@
-"""A run over an archive in one process: what is measured again, what is not, and what the table says."""
+"""A run over an archive in one process: the choice of recordings to measure, and the table."""
 
 import errno
 import math
@@ -19,7 +19,7 @@ from torchsphere.archive.work import Job, Outcome, settle
 
 @pytest.fixture
 def shots(tmp_path: Path) -> Path:
-    """Three recordings that can be pretended to be measured, and one that cannot."""
+    """Three recordings that the pretended measurement accepts, and one that it refuses."""
     source = tmp_path / "shots"
     for name, level in (("a.npy", 1), ("b.npy", 2), ("deep/c.npy", 3), ("d.npy", BAD)):
         write_array(source / name, level)
@@ -53,7 +53,7 @@ def test_a_second_run_measures_nothing(shots: Path, tmp_path: Path) -> None:
     assert calls(shots) == ["a", "b", "c"]
 
 
-def test_only_a_recording_that_is_new_or_changed_is_measured(shots: Path, tmp_path: Path) -> None:
+def test_only_new_or_changed_recordings_are_measured(shots: Path, tmp_path: Path) -> None:
     again(shots, tmp_path / "out")
     write_array(shots / "b.npy", 7)
     write_array(shots / "e.npy", 5)
@@ -65,14 +65,14 @@ def test_a_touched_file_of_the_same_contents_is_not_measured_again(shots: Path, 
     again(shots, tmp_path / "out")
     os.utime(shots / "a.npy", ns=(1, 1))
     assert again(shots, tmp_path / "out").done == 3
-    # Its contents decided, and need not be read a third time: the record has the new time.
+    # The record has the new time, so a third run does not read the contents.
     key = records.read(tmp_path / "out", "a")
     assert again(shots, tmp_path / "out").done == 3
     assert records.read(tmp_path / "out", "a") == key
     assert calls(shots).count("a") == 1
 
 
-def test_a_changed_setting_measures_the_recordings_it_holds_for_again(shots: Path, tmp_path: Path) -> None:
+def test_recordings_with_a_changed_setting_are_measured_again(shots: Path, tmp_path: Path) -> None:
     sheet = shots / "list.csv"
     sheet.write_text("recording,fps\na.npy,100\nb.npy,100\n")
     again(sheet, tmp_path / "out")
@@ -82,12 +82,12 @@ def test_a_changed_setting_measures_the_recordings_it_holds_for_again(shots: Pat
     assert rows(tmp_path / "out")["b.npy"]["frame_rate"] == "200"
 
 
-def test_a_setting_given_as_its_default_changes_nothing(shots: Path, tmp_path: Path) -> None:
+def test_a_setting_with_its_default_value_changes_nothing(shots: Path, tmp_path: Path) -> None:
     again(shots, tmp_path / "out")
     assert again(shots, tmp_path / "out", {"model": "rigid", "map": "auto"}).measured == 0
 
 
-def test_a_changed_mask_image_measures_again(shots: Path, tmp_path: Path) -> None:
+def test_recordings_with_a_changed_mask_image_are_measured_again(shots: Path, tmp_path: Path) -> None:
     mask = tmp_path / "mask.png"
     mask.write_bytes(b"one")
     again(shots, tmp_path / "out", {"ignore": [str(mask)]})
@@ -104,7 +104,7 @@ def test_a_failure_is_repeated_only_on_request_or_when_its_input_changes(shots: 
     assert again(shots, tmp_path / "out") == Counts(done=4, failed=0, pending=0, measured=1)
 
 
-def test_a_recording_that_is_missing_fails_and_is_measured_once_it_is_there(shots: Path, tmp_path: Path) -> None:
+def test_a_missing_recording_fails_and_is_measured_when_present(shots: Path, tmp_path: Path) -> None:
     sheet = shots / "list.csv"
     sheet.write_text("recording\na.npy\nlater.npy\n")
     assert again(sheet, tmp_path / "out").failed == 1
@@ -114,7 +114,7 @@ def test_a_recording_that_is_missing_fails_and_is_measured_once_it_is_there(shot
     assert again(sheet, tmp_path / "out") == Counts(done=2, failed=0, pending=0, measured=1)
 
 
-def test_a_failure_in_the_place_of_an_earlier_result_says_that_it_is_still_there(shots: Path, tmp_path: Path) -> None:
+def test_the_reason_of_a_failure_mentions_an_earlier_result(shots: Path, tmp_path: Path) -> None:
     again(shots, tmp_path / "out")
     write_array(shots / "a.npy", BAD)
     again(shots, tmp_path / "out")
@@ -124,9 +124,7 @@ def test_a_failure_in_the_place_of_an_earlier_result_says_that_it_is_still_there
     assert (row["frames"], row["result"]) == ("", "")
 
 
-def test_a_result_without_its_record_is_taken_over_and_a_record_without_its_result_is_not(
-    shots: Path, tmp_path: Path
-) -> None:
+def test_a_result_without_record_is_accepted_and_a_record_without_result_is_not(shots: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     again(shots, out)
     records.file_of(out, "a").unlink()
@@ -136,11 +134,11 @@ def test_a_result_without_its_record_is_taken_over_and_a_record_without_its_resu
     assert calls(shots) == ["a", "b", "c", "c"]
 
 
-def test_an_output_folder_without_its_state_is_known_by_its_table(shots: Path, tmp_path: Path) -> None:
+def test_an_output_folder_without_its_state_is_recognised_by_its_table(shots: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     again(shots, out)
     shutil.rmtree(out / ".batch")
-    # Results are found again, failures are tried again.
+    # Results are found again, failures are measured again.
     assert again(shots, out) == Counts(done=3, failed=1, pending=0, measured=1)
     shutil.rmtree(out / ".batch")
     (out / "summary.csv").write_text("name,price\n")
@@ -148,7 +146,7 @@ def test_an_output_folder_without_its_state_is_known_by_its_table(shots: Path, t
         again(shots, out)
 
 
-def test_a_result_that_a_power_failure_left_empty_is_measured_again(shots: Path, tmp_path: Path) -> None:
+def test_a_result_emptied_by_a_power_failure_is_measured_again(shots: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     again(shots, out)
     for name in ("summary.json", "batch.json"):
@@ -157,7 +155,7 @@ def test_a_result_that_a_power_failure_left_empty_is_measured_again(shots: Path,
     assert (out / "b" / "summary.json").stat().st_size > 0
 
 
-def test_an_error_that_nobody_foresaw_is_a_failure_with_its_trace(shots: Path, tmp_path: Path) -> None:
+def test_an_unforeseen_error_is_a_failure_with_its_trace(shots: Path, tmp_path: Path) -> None:
     def broken(*_: Any) -> None:
         raise RuntimeError("out of memory")
 
@@ -172,7 +170,7 @@ def test_an_error_that_nobody_foresaw_is_a_failure_with_its_trace(shots: Path, t
     assert "Traceback" in record.trace
 
 
-def test_a_full_disk_stops_the_run_and_condemns_no_recording(shots: Path, tmp_path: Path) -> None:
+def test_a_full_disk_stops_the_run_and_fails_no_recording(shots: Path, tmp_path: Path) -> None:
     def full(request: Any, progress: None, extra: Any) -> None:
         if request.input.name == "b.npy":
             raise OSError(errno.ENOSPC, "No space left on device", "track.csv")
@@ -185,11 +183,11 @@ def test_a_full_disk_stops_the_run_and_condemns_no_recording(shots: Path, tmp_pa
     assert again(shots, out) == Counts(done=3, failed=1, pending=0, measured=3)
 
 
-def test_a_recording_whose_process_died_twice_in_a_run_is_given_up_and_a_new_run_tries_it_again(
+def test_a_recording_whose_process_died_twice_fails_and_a_new_run_measures_it_again(
     shots: Path, tmp_path: Path
 ) -> None:
     class Death(BaseException):
-        """Stands for a process that ends in the middle: its mark stays."""
+        """Stands for a process that dies during the measurement, so that its mark stays."""
 
     def die(request: Any, progress: None, extra: Any) -> None:
         raise Death
@@ -205,7 +203,7 @@ def test_a_recording_whose_process_died_twice_in_a_run_is_given_up_and_a_new_run
             records.write_table(mark, {"run": "of another day", "count": 2})
             with pytest.raises(Death):
                 settle(job, die)
-            # The marks of another run count for nothing: this one may start it twice itself.
+            # Marks of another run do not count: this run may start the recording twice.
             records.write_table(mark, {"run": job.run, "count": 2})
             yield settle(job, pretended)
 
@@ -214,7 +212,7 @@ def test_a_recording_whose_process_died_twice_in_a_run_is_given_up_and_a_new_run
     assert again(shots, out, retry_failed=True).done == 3
 
 
-def test_shards_part_the_archive_and_the_last_one_s_table_has_all(shots: Path, tmp_path: Path) -> None:
+def test_shards_divide_the_archive_and_the_last_table_has_all_recordings(shots: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     names = ["a", "b", "deep/c", "d"]
     parts = [[name for name in names if in_shard(name, (k, 3))] for k in (1, 2, 3)]
@@ -225,13 +223,13 @@ def test_shards_part_the_archive_and_the_last_one_s_table_has_all(shots: Path, t
     assert calls(shots) == ["a", "b", "c"]
 
 
-def test_the_counts_are_told_from_the_start_and_after_each_recording(shots: Path, tmp_path: Path) -> None:
+def test_the_counts_are_reported_at_the_start_and_after_each_recording(shots: Path, tmp_path: Path) -> None:
     seen: list[Counts] = []
     again(shots, tmp_path / "out", changed=seen.append)
     assert [(c.done, c.failed, c.pending) for c in seen] == [(0, 0, 4), (1, 0, 3), (2, 0, 2), (2, 1, 1), (3, 1, 0)]
 
 
-def test_the_table_tells_the_spin_of_an_impact_in_rad_per_s() -> None:
+def test_the_table_has_the_spin_of_an_impact_in_rad_per_s() -> None:
     # A quarter of a turn per second, which the result folder states in revolutions.
     impact = {"spin_rate_after": {"value": 0.25, "sd": 0.01, "unit": "rev/s"}}
     row = summary.measured({"impact": impact})
@@ -245,7 +243,7 @@ def test_the_table_has_a_standard_deviation_for_the_radius_and_the_lengths_of_th
     row = summary.measured({"circle": {"radius": 40.1, "sd_radius": 0.09}, "mean_motion": mean})
     assert (row["radius_px"], row["sd_radius_px"]) == (40.1, 0.09)
     assert row["mean_speed_m_s"] == 5
-    # The length's change is that of the components along the vector: 0.6 * 0.3 and 0.8 * 0.4.
+    # Components along the vector change the length: 0.6 * 0.3 and 0.8 * 0.4.
     assert row["sd_mean_speed_m_s"] == pytest.approx(math.hypot(0.18, 0.32))
     # A result of an earlier version has no standard deviation of its mean.
     assert (row["mean_spin_rad_s"], row["sd_mean_spin_rad_s"]) == (2, None)
@@ -253,7 +251,7 @@ def test_the_table_has_a_standard_deviation_for_the_radius_and_the_lengths_of_th
 
 
 def test_the_table_keeps_the_sign_of_a_restitution() -> None:
-    # A ball that goes through its target has a negative one.
+    # The restitution of a ball that goes through its target is negative.
     row = summary.measured({"impact": {"restitution_normal": {"value": -0.28, "sd": 0.002, "unit": "1"}}})
     assert row["restitution"] == -0.28
     assert row["sd_restitution"] == pytest.approx(0.002)

@@ -23,12 +23,12 @@ from pathlib import Path
 
 from torchsphere.archive.scan import STATE
 
-#: Wait before a lock that another process holds is tried again, s.
+#: Wait before the next attempt at a lock of another process, s (docs/constants.md).
 PAUSE_S = 1.0
 
-#: Errors that mean that another process holds the lock. Any other error means that the file system has no locks.
+#: Errors while another process holds the lock; any other error means that the file system has no locks.
 _HELD_ELSEWHERE = (errno.EACCES, errno.EAGAIN)
-#: Byte of the summary. The next 2^56 bytes are those of recordings. The byte after them tells whether locks work.
+#: Byte of the summary; the next 2^56 bytes are for recordings, the byte after them for a test of the locks.
 _SUMMARY, _PROBE = 0, (1 << 56) + 1
 
 if sys.platform == "win32":

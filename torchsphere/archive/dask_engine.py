@@ -15,10 +15,9 @@ from torchsphere.archive.claims import PAUSE_S
 from torchsphere.archive.work import BUSY, Job, Measure, Outcome, give_up, settle
 from torchsphere.recording.refusal import LibraryMissingError
 
-#: Tasks in flight per worker: the one that it runs and the next one. More tasks only burden the scheduler.
+#: Tasks in flight per worker, the running task and the next (docs/constants.md).
 IN_FLIGHT = 2
-#: Times that the scheduler may drop a recording because its worker died. It counts every task on the dead worker,
-#: those that only wait included; the recording that kills workers fails earlier, after `work.MAX_DEATHS` starts.
+#: Number of drops by the scheduler, after deaths of workers, at which a recording fails (docs/constants.md).
 _MAX_DROPS = 10
 _LOG = logging.getLogger(__name__)
 
@@ -26,14 +25,8 @@ _LOG = logging.getLogger(__name__)
 def run(jobs: Iterator[Job], address: str, measure: Measure) -> Iterator[Outcome]:
     """Measure the jobs on the workers of the scheduler at ``address``, and yield the outcome of each job as it ends.
 
-    All machines must see the recordings and the output folder under the same paths.
-
-    Raises
-    ------
-    OSError
-        If Dask is not installed, or the scheduler cannot be reached or ends.
-    ValueError
-        If a worker has more than one thread.
+    All machines must see the recordings and the output folder under the same paths. Raises OSError without Dask or a
+    scheduler, and ValueError if a worker has more than one thread.
     """
     client = _client(address)
     ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -42,7 +35,6 @@ def run(jobs: Iterator[Job], address: str, measure: Measure) -> Iterator[Outcome
     backlog, drops, number, is_told = Backlog(jobs), Counter[str](), 0, False
     try:
         while True:
-            # Workers may come and go.
             workers = _worker_count(client, address)
             if workers == 0 and not is_told:
                 _LOG.warning("the Dask scheduler at %s has no workers; waiting for one", address)
@@ -75,7 +67,6 @@ def run(jobs: Iterator[Job], address: str, measure: Measure) -> Iterator[Outcome
 
 
 def _task(job: Job, measure: Measure) -> Outcome:
-    # The workers share the cores, a thread each.
     torch.set_num_threads(1)
     return settle(job, measure)
 

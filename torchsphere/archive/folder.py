@@ -1,4 +1,4 @@
-"""The output folder of an archive: whether a folder may be one, and unfinished results that a killed process left."""
+"""The output folder of an archive: its preparation, and the removal of results that a killed process left."""
 
 from __future__ import annotations
 
@@ -12,19 +12,12 @@ from torchsphere.archive.claims import Claims, claims_of
 from torchsphere.archive.scan import STATE
 
 SUMMARIES = ("summary.csv", "summary.parquet")
-#: Unfinished result folder of the recording "shot", as `atomic_output.atomic_folder` names it:
-#: ".shot.k3_x9a1b".
+#: Name of an unfinished result folder, as `atomic_output.atomic_folder` gives it: ".shot.k3_x9a1b".
 _UNFINISHED = re.compile(r"\.(?P<name>.+)\.[a-z0-9_]{8}")
 
 
 def prepare(out: Path) -> Claims:
-    """Make the output folder ready, and return its locks.
-
-    Raises
-    ------
-    OSError
-        If ``out`` is a file, or a folder with files that are no results of an archive.
-    """
+    """Make the output folder ready, and return its locks; raises OSError for a file, or a folder with other files."""
     if out.exists() and not out.is_dir():
         raise FileExistsError(f"{out} is a file; give the name of a folder for the results")
     if out.is_dir() and not (out / STATE).is_dir() and any(out.iterdir()) and not _has_table(out):
@@ -45,8 +38,7 @@ def _has_table(out: Path) -> bool:
 def sweep(out: Path, results: Iterable[str]) -> int:
     """Remove unfinished result folders that no living process is filling, and return their number.
 
-    Each parent folder is listed once, however many results it holds. Nothing is removed on a file system without
-    locks: another machine may be filling the folder.
+    Without locks nothing is removed, as another machine may be filling the folder.
     """
     claims = claims_of(out)
     if not claims.are_supported():
@@ -68,7 +60,7 @@ def sweep(out: Path, results: Iterable[str]) -> int:
 
 
 def _unfinished(parent: Path) -> list[tuple[Path, str]]:
-    """Unfinished result folders in a folder, each with the name that it would get."""
+    """Unfinished result folders in a folder, each with its final name."""
     try:
         with os.scandir(parent) as entries:
             found = [(entry, _UNFINISHED.fullmatch(entry.name)) for entry in entries]

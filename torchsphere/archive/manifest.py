@@ -1,4 +1,4 @@
-"""The list of an archive's recordings, from a folder, a CSV or a TOML file: settings and result folder of each."""
+"""The recordings of an archive, from a folder, a CSV or a TOML file, each with settings and result folder."""
 
 from __future__ import annotations
 
@@ -12,36 +12,24 @@ from torchsphere.archive import scan
 from torchsphere.request import PER_RECORDING, check, joined
 from torchsphere.settings.setting import find, from_table, read_toml
 
-#: What the column of the recordings may be called, and the one of the result folders.
+#: Names of the column of the recordings, and name of the column of the result folders.
 RECORDING, RESULT = ("recording", "input"), "result"
 EXAMPLE = "expected a folder of recordings, or a manifest .csv or .toml with a row per recording"
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One recording of an archive.
+    """One recording of an archive."""
 
-    Attributes
-    ----------
-    recording : str
-        Path as in the manifest, or relative to the folder that was searched.
-    input : Path
-        The same recording as a path to open.
-    result : str
-        Result folder, relative to the output folder, with slashes.
-    settings : mapping
-        Fields of `torchsphere.measure.Request`.
-    """
-
-    recording: str
-    input: Path
-    result: str
-    settings: Mapping[str, Any]
+    recording: str  # path as in the manifest, or relative to the searched folder
+    input: Path  # path to open
+    result: str  # result folder, relative to the output folder, with slashes
+    settings: Mapping[str, Any]  # fields of `torchsphere.measure.Request`
 
 
 @dataclass(frozen=True)
 class Archive:
-    """Recordings in order, each with its own result folder, and sentences on images that were left out."""
+    """Recordings in order, each with its own result folder, and notes on ignored images."""
 
     items: tuple[Item, ...]
     notes: tuple[str, ...] = ()
@@ -50,10 +38,7 @@ class Archive:
 def read(source: Path, common: Mapping[str, Any], out: Path) -> Archive:
     """The archive of a folder or a manifest; ``common`` settings hold where a recording has none of its own.
 
-    Raises
-    ------
-    ValueError, OSError
-        Where there are no recordings, a row or a column is not understood, or two recordings would share a folder.
+    Raises ValueError or OSError without recordings, for invalid rows or columns, and for shared result folders.
     """
     check(common)
     notes: tuple[str, ...] = ()
@@ -87,12 +72,12 @@ def _found(root: Path, path: Path, common: Mapping[str, Any]) -> Item:
 
 
 def _csv_rows(source: Path) -> Iterator[tuple[str, dict[str, str]]]:
-    """Where each row stands, and its cells that are not empty."""
+    """Place (file and row) and cells that are not empty, of each row."""
     try:
         with source.open(newline="", encoding="utf-8-sig") as stream:
             head = stream.readline()
             stream.seek(0)
-            # Spreadsheets write semicolons where the comma is the decimal sign.
+            # Spreadsheets with a decimal comma separate cells by semicolons.
             delimiter = ";" if ";" in head and "," not in head else ","
             reader = csv.DictReader(stream, delimiter=delimiter, skipinitialspace=True, strict=True)
             names = [name.strip() for name in reader.fieldnames or ()]
@@ -133,7 +118,7 @@ def _require_columns(source: Path, names: list[str]) -> None:
 def _from_rows(
     source: Path, rows: Iterable[tuple[str, dict[str, str]]], common: Mapping[str, Any]
 ) -> Iterator[tuple[str, Item]]:
-    """Where each recording stands, and what it is."""
+    """Place and recording of each row."""
     for where, cells in rows:
         if not cells:
             continue
@@ -154,7 +139,7 @@ def _from_toml(source: Path, common: Mapping[str, Any]) -> list[tuple[str, Item]
     rows = tables.pop("recordings", None)
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise ValueError(f"{source}: has no [[recordings]]; expected such a table for each recording")
-    # The file's own settings for all stand between those for all archives and those of a recording.
+    # Settings of the file override common settings, and settings of a recording override both.
     common = joined(common, _rebased(source, from_table(str(source), tables, PER_RECORDING)))
     placed = []
     for number, row in enumerate(rows, start=1):
@@ -184,7 +169,7 @@ def _item(
 
 
 def _rebased(source: Path, own: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings, with mask images found relative to the manifest, as the recordings are."""
+    """The settings with mask images relative to the manifest, as the recordings are."""
     if "ignore" not in own:
         return dict(own)
     masks = [str(source.parent / t) if (source.parent / t).is_file() else t for t in own["ignore"]]
@@ -192,7 +177,7 @@ def _rebased(source: Path, own: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _result(where: str, name: str, result: str | None) -> str:
-    """The result folder: as given, or the path of the recording without parts such as ``..`` and without its suffix."""
+    """The given result folder, or the path of the recording without parts such as ``..`` and without its suffix."""
     if result is not None:
         path = PurePosixPath(result.replace("\\", "/"))
         if path.is_absolute() or ".." in path.parts or path.parts[:1] in ((), (scan.STATE,)):

@@ -1,4 +1,4 @@
-"""Worker processes on this machine: one that dies is replaced, and its recording is tried once more."""
+"""Worker processes on this machine; a dead worker is replaced, and its recording is tried once more."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from torchsphere.archive.claims import PAUSE_S
 from torchsphere.archive.work import BUSY, MAX_DEATHS, Job, Measure, Outcome, give_up, settle
 from torchsphere.runtime import signals
 
-#: Workers are started anew, not forked: the threads of torch, and CUDA, do not survive a fork.
+#: Workers are spawned, as the threads of torch, and CUDA, do not survive a fork.
 _CONTEXT = multiprocessing.get_context("spawn")
-#: Failed starts in a row after which no worker can start on this machine.
+#: Failed starts in a row after which the run ends (docs/constants.md).
 _MAX_FAILED_STARTS = 3
-#: Variables that libraries read when they are loaded; processes with many threads each slow each other down.
+#: Numbers of threads that libraries read when loaded; processes with many threads slow each other down.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-#: Time that workers have to clean up when the run is interrupted, s.
+#: Time for workers to clean up when the run is interrupted, s (docs/constants.md).
 _GRACE_S = 5.0
 
 
@@ -40,13 +40,7 @@ class _Worker:
 
 
 def run(jobs: Iterator[Job], workers: int, measure: Measure) -> Iterator[Outcome]:
-    """Measure the jobs in ``workers`` processes, and yield the outcome of each job as it ends.
-
-    Raises
-    ------
-    OSError
-        If no worker can start.
-    """
+    """Measure the jobs in ``workers`` processes, and yield their outcomes; raises OSError if no worker can start."""
     backlog, deaths = Backlog(jobs), Counter[str]()
     pool: dict[int, _Worker] = {}
     failed_starts = 0
@@ -91,7 +85,7 @@ def _give_out(backlog: Backlog, pool: dict[int, _Worker], workers: int, measure:
         if worker is None:
             worker = pool[index] = _start(index, workers, measure)
         worker.job = job
-        # If the worker has just died, this is noticed when its answer is read.
+        # The death of a worker is noticed when its answer is read.
         with contextlib.suppress(OSError):
             worker.connection.send(job)
 
@@ -134,7 +128,7 @@ def _start(index: int, workers: int, measure: Measure) -> _Worker:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-    # The worker alone keeps its end open, so that its death ends the connection.
+    # With this end closed, the death of the worker ends the connection.
     there.close()
     return _Worker(process, here)
 
@@ -154,7 +148,8 @@ def _end(workers: Collection[_Worker]) -> None:
 def _serve(connection: Connection, measure: Measure, index: int, is_one_of_many: bool) -> None:
     """Run in the worker process: settle jobs until the connection ends."""
     signals.serve_parent()
-    signal.signal(signal.SIGTERM, _exit)
+    # An exception removes the unfinished result folder.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     if is_one_of_many:
         torch.set_num_threads(1)
     with contextlib.suppress(EOFError, OSError):
@@ -162,8 +157,3 @@ def _serve(connection: Connection, measure: Measure, index: int, is_one_of_many:
         while True:
             job = connection.recv()
             connection.send(settle(job, measure, index))
-
-
-def _exit(*_: Any) -> None:
-    # An exception, so that the unfinished result folder is removed.
-    sys.exit(0)

@@ -1,55 +1,85 @@
-"""Records of how each recording ended: a small JSON file per recording, in the hidden folder of the archive's state."""
+"""Records of how each recording ended, a small JSON file each, and the hashes that tell whether a record is valid."""
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
+import functools
+import hashlib
 import json
-import os
-import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from torchsphere.archive.key import Key
-from torchsphere.archive.scan import STATE
+from torchsphere.archive.scan import STATE, files_of
+from torchsphere.recording import open_recording
+from torchsphere.request import PER_RECORDING
+from torchsphere.results.atomic_output import atomic_path
+from torchsphere.runtime.file_hash import hash_files
 
 DONE, FAILED, PENDING = "done", "failed", "pending"
 
 
+@dataclasses.dataclass(frozen=True, slots=True)
+class Key:
+    """Hashes of a recording's input and settings."""
+
+    stat: str  # of the sizes and times of change of the input's files; `content` decides where this hash differs
+    settings: str  # of the settings that are not the default, and of the contents of mask images
+
+
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Record:
-    """How the measurement of a recording ended.
+    """How the measurement of a recording ended."""
 
-    Attributes
-    ----------
-    recording : str
-        Path as in the manifest.
-    state : str
-        "done" or "failed".
-    reason : str
-        Why it failed, in a sentence.
-    stat, settings : str
-        The `Key` of the measurement.
-    content : str or None
-        SHA-256 of the contents of the input.
-    run : str
-        Name of the run that measured it.
-    row : mapping
-        Its columns of the summary.
-    trace : str
-        Traceback of an unforeseen error.
-    """
+    recording: str  # path as in the manifest
+    state: str  # "done" or "failed"
+    reason: str = ""  # of a failure, in a sentence
+    stat: str  # as in `Key`
+    settings: str  # as in `Key`
+    content: str | None  # SHA-256 of the contents of the input
+    run: str  # name of the run that measured it
+    row: Mapping[str, Any]  # columns of the summary
+    trace: str = ""  # traceback of an unforeseen error
 
-    recording: str
-    state: str
-    reason: str = ""
-    stat: str
-    settings: str
-    content: str | None
-    run: str
-    row: Mapping[str, Any]
-    trace: str = ""
+
+def key_of(recording: Path, settings: Mapping[str, Any]) -> Key:
+    """The key of a recording and its settings. Of all files, only mask images are opened."""
+    stats = [None if stat is None else (stat.st_size, stat.st_mtime_ns) for stat in files_of(recording)]
+    # Without defaults, a setting that a later version adds does not change the keys of earlier results.
+    changed = {name: value for name, value in settings.items() if _plain(value) != _plain(PER_RECORDING[name].default)}
+    masks = [_mask_hash(text) for text in settings.get("ignore", ())]
+    return Key(_hash(stats), _hash([changed, masks]))
+
+
+def content(recording: Path) -> str | None:
+    """SHA-256 of the input's files, as in ``summary.json``; None if they cannot be opened."""
+    try:
+        with open_recording(recording) as opened:
+            return hash_files(opened.files)
+    except (ValueError, OSError):
+        return None
+
+
+def _plain(value: Any) -> Any:
+    return json.loads(json.dumps(value, default=str))
+
+
+def _hash(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def _mask_hash(text: str) -> str | None:
+    path = Path(text)
+    try:
+        stat = path.stat()
+    except (OSError, ValueError):
+        return None
+    return _file_hash(path, stat.st_size, stat.st_mtime_ns)
+
+
+@functools.lru_cache(maxsize=1024)
+def _file_hash(path: Path, size: int, time_ns: int) -> str:
+    return hash_files([path])
 
 
 def is_current(record: Record, key: Key) -> bool:
@@ -58,7 +88,7 @@ def is_current(record: Record, key: Key) -> bool:
 
 
 def file_of(out: Path, result: str, suffix: str = ".json") -> Path:
-    """Path of a file on the state of a recording; ``result`` is its result folder, relative to ``out``."""
+    """Path of a state file of a recording with the result folder ``result``, relative to ``out``."""
     return out / STATE / "records" / f"{result}{suffix}"
 
 
@@ -68,7 +98,7 @@ def read(out: Path, result: str) -> Record | None:
     try:
         return None if table is None else Record(**table)
     except TypeError:
-        # The record is of another version: the result is found again, or the recording measured again.
+        # A record of another version: the result is found again, or the recording measured again.
         return None
 
 
@@ -89,16 +119,5 @@ def read_table(path: Path) -> dict[str, Any] | None:
 def write_table(path: Path, table: Mapping[str, Any]) -> None:
     """Write a JSON object to a file, whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with new_version(path) as new:
+    with atomic_path(path) as new:
         new.write_text(json.dumps(table, ensure_ascii=False), encoding="utf-8")
-
-
-@contextlib.contextmanager
-def new_version(path: Path) -> Iterator[Path]:
-    """A path to write to; the new file takes the place of ``path`` if the block ends without an error."""
-    new = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}")
-    try:
-        yield new
-        new.replace(path)
-    finally:
-        new.unlink(missing_ok=True)

@@ -13,36 +13,27 @@ from typing import Any
 
 from torchsphere.archive import folder, records, summary
 from torchsphere.archive.claims import claims_of
-from torchsphere.archive.key import key_of
 from torchsphere.archive.manifest import Archive
-from torchsphere.archive.records import DONE, FAILED, PENDING
+from torchsphere.archive.records import DONE, FAILED, PENDING, key_of
 from torchsphere.archive.work import STOP, Job, Outcome, is_valid
 from torchsphere.report import index_page
 
 #: Measures jobs: `processes.run` or `dask_engine.run` with all arguments but the jobs given.
 Engine = Callable[[Iterator[Job]], Iterator[Outcome]]
 
-#: The table is written again during a run after this time, s, and after this many times the time that writing took.
+#: Shortest pause between two writings of the table, s, and as a multiple of the time of writing (docs/constants.md).
 EVERY_S, WRITING_TIMES = 30.0, 50.0
 
 
 @dataclasses.dataclass(frozen=True)
 class Counts:
-    """Numbers of recordings, by state, in a run's share of the archive.
-
-    Attributes
-    ----------
-    done, failed, pending : int
-    measured : int
-        Recordings that were measured in this run, done or failed.
-    failures : tuple of (str, str)
-        Failed recordings in the order of the archive, each with its reason. Empty until the run ends.
-    """
+    """Numbers of recordings, by state, in a run's share of the archive."""
 
     done: int = 0
     failed: int = 0
     pending: int = 0
-    measured: int = 0
+    measured: int = 0  # in this run, done or failed
+    # failed recordings in the order of the archive, each with its reason; empty until the run ends
     failures: tuple[tuple[str, str], ...] = dataclasses.field(default=(), compare=False)
 
     @property
@@ -71,7 +62,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class _Table:
-    """The table of an archive: a row per recording, by its number, as the records tell it."""
+    """The table of an archive: a row per recording, by its number, from the records."""
 
     def __init__(self, out: Path, jobs: Sequence[Job]) -> None:
         self._out, self._jobs = out, jobs
@@ -85,7 +76,7 @@ class _Table:
         job = self._jobs[i]
         record = records.read(self._out, job.item.result)
         row: dict[str, Any] = {"recording": job.item.recording, "state": PENDING, "reason": None}
-        # A failure stands until it is measured again; a result that was removed is pending.
+        # A failure stays until it is measured again; a removed result is pending.
         if record is not None and is_valid(record, dataclasses.replace(job, retry_failed=False)):
             row |= {"state": record.state, "reason": record.reason or None, **record.row}
         self._rows[i] = row
@@ -103,7 +94,7 @@ class _Table:
             self.write(is_last=False)
 
     def write(self, *, is_last: bool) -> None:
-        """Write the table; the last time also as a page, with what other runs have measured."""
+        """Write the table with the results of other runs; the last time also as a page."""
         began = time.monotonic()
         with claims_of(self._out).summary_lock():
             for i in range(len(self._rows)):
@@ -125,33 +116,10 @@ def run(
     retry_failed: bool = False,
     changed: Callable[[Counts], None] | None = None,
 ) -> Counts:
-    """Measure the recordings of an archive that are new or changed, and write its table.
+    """Measure the new and changed recordings of part ``shard`` (k, n) of an archive, and write the table of all.
 
-    Parameters
-    ----------
-    archive : Archive
-    out : Path
-        Folder for the results.
-    engine : callable
-        Jobs -> outcomes.
-    shard : tuple of int
-        (k, n): measure only part k of n; the parts do not depend on each other.
-    retry_failed : bool
-        Measure again what failed in an earlier run.
-    changed : callable, optional
-        Called with the counts at the start and after each recording.
-
-    Returns
-    -------
-    Counts
-        Of the recordings in this part.
-
-    Raises
-    ------
-    OSError
-        If ``out`` cannot be used, or the engine cannot go on. Results that are written stay.
-    Interrupted
-        On Ctrl-C. Results that are written stay.
+    ``changed`` gets the counts of this part at the start and after each recording. Raises OSError if ``out`` cannot be
+    used or the engine cannot go on, and Interrupted on Ctrl-C; finished results stay.
     """
     folder.prepare(out)
     name = uuid.uuid4().hex
@@ -185,6 +153,6 @@ def run(
 
 
 def in_shard(result: str, shard: tuple[int, int]) -> bool:
-    """Whether a recording belongs to part k of n, by its name: other recordings do not change its part."""
+    """Whether a recording belongs to part k of n, by the hash of its name, so that other recordings have no effect."""
     k, n = shard
     return int.from_bytes(hashlib.sha256(result.encode()).digest()[:8], "big") % n == k - 1

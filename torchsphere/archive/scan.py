@@ -21,7 +21,7 @@ STATE = ".batch"
 
 @dataclass(frozen=True)
 class Found:
-    """Recordings (files, or folders of images), and sentences on images that were left out."""
+    """Recordings (files, or folders of images), and notes on ignored images."""
 
     recordings: tuple[Path, ...]
     notes: tuple[str, ...]
@@ -38,7 +38,8 @@ def scan(root: Path, leave_out: Path | None = None) -> Found:
     out = None if leave_out is None else leave_out.resolve()
     for place, folders, names in os.walk(root):
         folder = Path(place)
-        if (out is not None and folder.resolve() == out) or STATE in folders or _is_result(names):
+        is_result = STATE in folders or {"summary.json", "track.csv"} <= set(names)
+        if is_result or (out is not None and folder.resolve() == out):
             folders.clear()
             continue
         folders[:] = sorted((name for name in folders if not name.startswith(".")), key=natural_key)
@@ -47,15 +48,11 @@ def scan(root: Path, leave_out: Path | None = None) -> Found:
     return Found(tuple(recordings), tuple(notes))
 
 
-def _is_result(names: Sequence[str]) -> bool:
-    return "summary.json" in names and "track.csv" in names
-
-
 def _in_folder(folder: Path, names: Sequence[str], notes: list[str]) -> Iterator[Path]:
     suffixes = {name: Path(name).suffix.lower() for name in names}
     files = [name for name in names if suffixes[name] in SUFFIXES]
     tiffs = [name for name in files if suffixes[name] in TIFF]
-    # Three files decide: to open every TIFF file of a large folder would take too long.
+    # Three files decide, as opening every TIFF file of a large folder takes too long.
     if tiffs and _single_pages([folder / tiffs[i] for i in sorted({0, len(tiffs) // 2, len(tiffs) - 1})]):
         files = [name for name in files if name not in set(tiffs)]
         images = tiffs

@@ -11,13 +11,12 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from torchsphere.archive.records import new_version
+from torchsphere.results.atomic_output import atomic_path
 
 #: Radians per revolution: ``summary.json`` has the spin of an impact in rev/s, the table all spin in rad/s.
 _PER_REV = 2 * math.pi
 
-#: Columns of the strongest impact -> the quantity in ``summary.json``, and the factor between both units. Of a vector,
-#: the column has the length.
+#: Columns of the strongest impact: quantity in ``summary.json`` (a vector gives its length), factor between the units.
 IMPACT = {
     "speed_before_m_s": ("speed_before", 1.0),
     "speed_after_m_s": ("speed_after", 1.0),
@@ -87,7 +86,7 @@ def _list(value: Any) -> list[Any]:
 def write(out: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write ``summary.csv`` and ``summary.parquet``, each whole or not at all."""
     columns = {name: pa.array([row.get(name) for row in rows], kind) for name, kind in COLUMNS.items()}
-    with new_version(out / "summary.csv") as table, new_version(out / "summary.parquet") as parquet:
+    with atomic_path(out / "summary.csv") as table, atomic_path(out / "summary.parquet") as parquet:
         pq.write_table(pa.table(columns), parquet, compression="zstd")
         with table.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)

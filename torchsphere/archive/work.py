@@ -1,4 +1,4 @@
-"""What a worker does with a recording: lock it, check whether it is measured already, measure it, write its record."""
+"""The work on one recording: lock it, check whether its result is valid, measure it, write its record."""
 
 from __future__ import annotations
 
@@ -14,14 +14,13 @@ from typing import Any
 
 import torch
 
-from torchsphere.archive import key, records, summary
+from torchsphere.archive import records, summary
 from torchsphere.archive.claims import claims_of
-from torchsphere.archive.key import Key
 from torchsphere.archive.manifest import Item
-from torchsphere.archive.records import DONE, FAILED, Record
+from torchsphere.archive.records import DONE, FAILED, Key, Record
 from torchsphere.request import Request
 
-#: Measures a recording; `torchsphere.measure.measure` is the one in use.
+#: Measures a recording, as `torchsphere.measure.measure`.
 Measure = Callable[[Request, None, Mapping[str, Path]], Any]
 
 #: States of an outcome beside "done" and "failed". BUSY: another process has locked the recording. STOP: the output
@@ -29,7 +28,7 @@ Measure = Callable[[Request, None, Mapping[str, Path]], Any]
 BUSY, STOP = "busy", "stop"
 _NOT_WRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
-#: Deaths of the worker in a run after which a recording fails; one death may have another cause than the recording.
+#: Deaths of the worker in a run after which a recording fails (docs/constants.md).
 MAX_DEATHS = 2
 #: File in a result folder with the hashes of its input and settings.
 KEY_FILE = "batch.json"
@@ -37,25 +36,13 @@ KEY_FILE = "batch.json"
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Job:
-    """A recording to measure.
-
-    Attributes
-    ----------
-    item : Item
-    key : Key
-    out : Path
-        Output folder of the archive.
-    run : str
-        Name of the run.
-    retry_failed : bool
-        Whether to measure again what failed in an earlier run.
-    """
+    """A recording to measure."""
 
     item: Item
     key: Key
-    out: Path
-    run: str
-    retry_failed: bool = False
+    out: Path  # output folder of the archive
+    run: str  # name of the run
+    retry_failed: bool = False  # whether to measure again what failed in an earlier run
 
     @property
     def folder(self) -> Path:
@@ -83,12 +70,7 @@ def settle(job: Job, measure: Measure, worker: int = 0) -> Outcome:
 
 def give_up(job: Job, reason: str) -> Outcome:
     """Record that the recording failed, for a reason that its worker could not record."""
-
-    def fail() -> Outcome:
-        _started_file(job).unlink(missing_ok=True)
-        return _failed(job, reason, 0.0)
-
-    return _with_lock(job, fail)
+    return _with_lock(job, lambda: _failed(job, reason, 0.0))
 
 
 def _with_lock(job: Job, finish: Callable[[], Outcome]) -> Outcome:
@@ -106,7 +88,7 @@ def _with_lock(job: Job, finish: Callable[[], Outcome]) -> Outcome:
 
 
 def is_valid(record: Record, job: Job) -> bool:
-    """Whether a record of the same input and settings makes the measurement needless."""
+    """Whether the record is of the same input and settings, so that no measurement is needed."""
     if not records.is_current(record, job.key):
         return False
     if record.state == DONE:
@@ -123,7 +105,7 @@ def _has_summary(folder: Path) -> bool:
 
 
 def _valid_record(job: Job) -> Record | None:
-    """The record that makes the measurement needless, written anew where the result or the contents show it."""
+    """The valid record, written again if the result or the contents of the input prove a record valid."""
     record = records.read(job.out, job.item.result)
     if record is not None and is_valid(record, job):
         return record
@@ -137,14 +119,14 @@ def _valid_record(job: Job) -> Record | None:
         return None
     # A copied file has another time of change; its contents decide.
     same = dataclasses.replace(record, stat=job.key.stat)
-    if record.stat != same.stat and is_valid(same, job) and key.content(job.item.input) == record.content:
+    if record.stat != same.stat and is_valid(same, job) and records.content(job.item.input) == record.content:
         records.write(job.out, job.item.result, same)
         return same
     return None
 
 
 def _started_file(job: Job) -> Path:
-    """File that is there while the recording is measured; it stays if the process dies."""
+    """File that exists during the measurement; it stays if the process dies."""
     return records.file_of(job.out, job.item.result, ".started")
 
 
@@ -153,7 +135,6 @@ def _measured(job: Job, measure: Measure, worker: int) -> Outcome:
     started = records.read_table(mark) or {}
     deaths = int(started.get("count", 0)) if started.get("run") == job.run else 0
     if deaths >= MAX_DEATHS:
-        mark.unlink(missing_ok=True)
         return _failed(job, f"the worker process died {deaths} times while it measured this recording", 0.0)
     records.write_table(mark, {**dataclasses.asdict(job.key), "run": job.run, "count": deaths + 1})
     began = time.perf_counter()
@@ -189,9 +170,10 @@ def _done(job: Job, table: Mapping[str, Any], run: str) -> Record:
 
 def _failed(job: Job, reason: str, seconds: float, trace: str = "") -> Outcome:
     """Write the record of a failure."""
+    _started_file(job).unlink(missing_ok=True)
     if (job.folder / "summary.json").is_file():
         reason += " (its folder still holds the result of an earlier input or of other settings)"
-    content = key.content(job.item.input)
+    content = records.content(job.item.input)
     row = {"seconds": round(seconds, 3), "finished": _now()}
     _write_record(job, state=FAILED, reason=reason, content=content, run=job.run, row=row, trace=trace)
     return Outcome(job.item.result, FAILED, reason, measured=True)

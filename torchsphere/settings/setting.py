@@ -24,27 +24,13 @@ _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0"
 
 @dataclass(frozen=True)
 class Kind:
-    """How values of a setting are read.
+    """How values of a setting are read."""
 
-    Attributes
-    ----------
-    read : callable
-        Text -> value; ValueError or KeyError for text of another kind.
-    expected : str
-        What the text must be, in words.
-    in_toml : str
-        How the value is written in a TOML file, in words.
-    toml_types : tuple of type
-        What TOML makes of it.
-    names : tuple of str
-        The values that there are, where the value is one of several names.
-    """
-
-    read: Callable[[str], Any]
-    expected: str
-    in_toml: str
-    toml_types: tuple[type, ...]
-    names: tuple[str, ...] = ()
+    read: Callable[[str], Any]  # text -> value; ValueError or KeyError for text of another kind
+    expected: str  # what the text must be, in words
+    in_toml: str  # how the value is written in a TOML file, in words
+    toml_types: tuple[type, ...]  # what TOML makes of it
+    names: tuple[str, ...] = ()  # the values that there are, where the value is one of several names
 
 
 def _number(text: str) -> float:
@@ -103,34 +89,18 @@ class Group:
 
 @dataclass(frozen=True)
 class Setting:
-    """What a setting is; ``name`` and ``default`` are filled in from its field by `settings_of`.
-
-    Attributes
-    ----------
-    kind : Kind
-    group : Group
-    metavar : str
-        What stands for the value in ``--help``; empty for a switch.
-    help : str
-        One line, with the unit, and in brackets what is taken by default where the field's default does not tell.
-    check : callable, optional
-        ``check(name, value)`` raises SettingError where the value is out of its range; it is not called with None.
-    flag : str
-        Option of a switch, where it is not ``--name``.
-    per_recording : bool
-        Whether a manifest may give it for one recording.
-    repeats : bool
-        Whether the option may be given several times; the value is then a list.
-    """
+    """What a setting is; ``name`` and ``default`` are filled in from its field by `settings_of`."""
 
     kind: Kind
     group: Group
-    metavar: str
+    metavar: str  # what stands for the value in ``--help``; empty for a switch
+    # one line, with the unit, and in brackets what is taken by default where the field's default does not tell
     help: str
+    # ``check(name, value)`` raises SettingError where the value is out of its range; it is not called with None
     check: Callable[[str, Any], None] | None = None
-    flag: str = ""
-    per_recording: bool = True
-    repeats: bool = False
+    flag: str = ""  # option of a switch, where it is not ``--name``
+    per_recording: bool = True  # whether a manifest may give it for one recording
+    repeats: bool = False  # whether the option may be given several times; the value is then a list
     name: str = ""
     default: Any = None
 
