@@ -26,7 +26,7 @@ def test_the_expected_standard_deviations_are_those_of_the_tracker(setup: Setup)
     def scatter(values: np.ndarray) -> np.ndarray:
         return np.sqrt(values.var(axis=1, ddof=1).mean(0))
 
-    # The planner promises 20 %; 117 increments give a standard deviation to 8 %.
+    # The plan is good to 20 %; 117 increments give a standard deviation to 8 %.
     assert scatter(np.array(increments)) == pytest.approx(np.sqrt(np.diagonal(covariance)), rel=0.2)
     plain = differences(covariance, setup.frame_rate, setup.m_per_px, setup.mass_kg)
     velocity = np.array(increments)[..., :2] * setup.m_per_px * setup.frame_rate
@@ -57,7 +57,7 @@ def test_motion_blur_costs_precision_along_the_flight_and_not_across() -> None:
     assert across < 0.8 * along
 
 
-def test_noise_in_the_example_image_does_not_pass_for_texture() -> None:
+def test_noise_in_the_example_image_does_not_count_as_texture() -> None:
     clean = sides(24.0)[0]
     noise = 15.0
     noisy = replace(
@@ -67,7 +67,7 @@ def test_noise_in_the_example_image_does_not_pass_for_texture() -> None:
     )
     forgotten = replace(noisy, noise=torch.zeros_like(noisy.image))
     sd = [np.sqrt(np.diagonal(increment_covariance([e], SMALL))) for e in (clean, noisy, forgotten)]
-    # One draw of such noise changes the texture itself by a few per cent.
+    # A draw of this noise changes the texture by a few per cent.
     assert sd[1] == pytest.approx(sd[0], rel=0.12)
     assert np.abs(sd[1] / sd[0] - 1).max() < np.abs(sd[2] / sd[0] - 1).max()
 

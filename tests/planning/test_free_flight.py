@@ -15,11 +15,9 @@ from tracks import made_track
 import torchsphere as ts
 from torchsphere.cli.main import main
 from torchsphere.planning import free_flight
-from torchsphere.planning import text as plan_text
-from torchsphere.planning.advice import remarks
 from torchsphere.planning.plan import from_flight
+from torchsphere.planning.presentation import as_table, remarks, text
 from torchsphere.planning.rehearsal import Target
-from torchsphere.planning.table import as_table
 
 KNOWN = {"frame_rate": 36_000.0, "diameter_mm": 30.0, "mass_g": 110.0}
 
@@ -137,17 +135,17 @@ def test_a_ball_without_texture_is_refused_for_that_and_not_for_too_few_frames()
 def test_a_doubtful_flight_gives_a_caution_before_the_numbers() -> None:
     target = Target(2e-4, 0.3, "given")
     slowed = from_flight(free_flight.from_track(example_track(flown(-0.2)), "slowed", **KNOWN), target)
-    first, *others = plan_text.text(slowed).splitlines()
+    first, *others = text(slowed).splitlines()
     assert first.startswith("caution The velocity along x changes by -5.9")
     assert not any("changes by" in line for line in others)
     assert as_table(slowed)["advice"].startswith("The velocity along x changes by")
     steady = from_flight(free_flight.from_track(example_track(flown()), "steady", **KNOWN), target)
-    assert plan_text.text(steady).startswith("test ")
+    assert text(steady).startswith("test ")
 
 
 def test_a_mass_in_kg_gives_a_caution_before_the_numbers() -> None:
     made = from_flight(free_flight.from_track(example_track(flown()), "kg", **KNOWN), Target(2e-4, 0.3, "given"))
     light = replace(made, setup=replace(made.setup, mass_g=1e-3 * made.setup.mass_g))
-    assert plan_text.text(light).startswith("caution The ball's diameter is ")
+    assert text(light).startswith("caution The ball's diameter is ")
     assert "see that the units are mm and g" in remarks(light)[0]
-    assert not plan_text.text(made).startswith("caution")
+    assert not text(made).startswith("caution")

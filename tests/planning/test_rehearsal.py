@@ -29,7 +29,7 @@ def test_the_duration_of_an_elastic_impact_is_that_of_the_integrated_contact() -
     assert hertz_contact_s(setup, modulus) == pytest.approx(path.t_events[0][0], rel=2e-3)
 
 
-def test_the_rehearsed_force_is_right_within_what_it_states() -> None:
+def test_the_error_of_the_rehearsed_force_is_within_its_stated_uncertainty() -> None:
     covariance = np.diag([0.005**2, 0.005**2, 1e-4**2, 1e-4**2, 4e-5**2])
     setup = replace(SMALL, speed_m_s=72.0, px_per_mm=3.6, direction_deg=90.0)
     found = rehearse(covariance, setup, Target(4e-4, 0.3, "given"))
@@ -39,6 +39,6 @@ def test_the_rehearsed_force_is_right_within_what_it_states() -> None:
     assert np.trapezoid(found.true_force_N, found.time_s) == pytest.approx(-0.110 * 1.3 * 72, rel=0.02)
     assert found.force_error_N[1] < 2 * found.force_N[1, 0]
     assert found.force_N[1, 0] < 0.02 * found.peak_N
-    # In flight the smoother knows the velocity better than one increment does.
+    # In flight the smoothed velocity is more precise than an increment.
     plain = differences(covariance, setup.frame_rate, setup.m_per_px, setup.mass_kg)
     assert (found.velocity_m_s[0] < plain.velocity_m_s).all()

@@ -10,8 +10,8 @@ import pytest
 from torchsphere.planning.expected import Setup, differences
 from torchsphere.planning.free_flight import Flight
 from torchsphere.planning.plan import Plan
+from torchsphere.planning.presentation import text
 from torchsphere.planning.rehearsal import Target, rehearse
-from torchsphere.planning.text import text
 from torchsphere.report import plan_figure
 
 SETUP = Setup(speed_m_s=72, frame_rate=36_000, shutter_s=1e-6, px_per_mm=3.6, diameter_mm=30, mass_g=110, noise=2)
@@ -35,7 +35,7 @@ def test_both_panels_of_a_flight_have_one_time() -> None:
     assert upper.get_xlim() == lower.get_xlim() == (0, pytest.approx(21e3 / SETUP.frame_rate))
 
 
-def test_what_should_be_zero_is_drawn_about_zero_below_its_legend() -> None:
+def test_curves_that_should_be_zero_are_drawn_about_zero_below_their_legend() -> None:
     for axis, unit in zip(plan_figure.plan_figure(made()).axes[:2], ("m/s", "kN"), strict=True):
         most = max(float(np.abs(line.get_ydata()).max()) for line in axis.lines)
         low, high = axis.get_ylim()
@@ -70,7 +70,7 @@ def test_a_factor_has_one_height_in_velocity_and_force() -> None:
         assert [float(text.get_text()) for text in axis.texts] == pytest.approx(heights, rel=0.06)
 
 
-def test_without_a_rehearsal_a_sentence_stands_in_place_of_empty_axes() -> None:
+def test_without_a_rehearsal_a_sentence_replaces_the_axes() -> None:
     axis = plan_figure.plan_figure(replace(made(), rehearsal=None)).axes[2]
     assert axis.texts[0].get_text().startswith("not rehearsed: more than 60 frames in contact")
     assert len(axis.get_xticks()) == len(axis.get_yticks()) == 0
@@ -87,7 +87,7 @@ def test_a_contact_between_two_frames_is_drawn_with_the_frames_next_to_it(frames
     assert np.isfinite(axis.get_ylim()).all()
 
 
-def test_a_contact_between_two_frames_is_told_in_words_and_not_as_nan() -> None:
+def test_a_contact_between_two_frames_gives_words_and_no_nan() -> None:
     plan = made()
     target = Target(0.2 / SETUP.frame_rate, 0.3, "given")
     brief = replace(plan, target=target, rehearsal=rehearse(plan.covariance, SETUP, target))

@@ -52,8 +52,7 @@ def run(options: dict[str, Any]) -> int:
     ValueError, OSError
         With one sentence on what is wrong; then nothing has been written.
     """
-    from torchsphere.planning import table
-    from torchsphere.planning import text as plan_text
+    from torchsphere.planning import presentation
     from torchsphere.report import plan_figure
     from torchsphere.results import atomic_output, writer
 
@@ -62,11 +61,11 @@ def run(options: dict[str, Any]) -> int:
     request = PlanRequest(**given(options, PLAN_SETTINGS))
     made = _from_images(request, quiet) if request.flight is None else _from_flight(request, request.flight, quiet)
     with atomic_output.atomic_folder(out, overwrite) as folder:
-        writer.write_summary(folder, table.as_table(made))
+        writer.write_summary(folder, presentation.as_table(made))
         (folder / "summary.json").rename(folder / "plan.json")
         plan_figure.plan_figure(made).savefig(folder / "plan.png")
     if not quiet:
-        print(f"{plan_text.text(made)}\nresult  {out}")
+        print(f"{presentation.text(made)}\nresult  {out}")
     return 0
 
 

@@ -30,28 +30,16 @@ class SharedErrors:
 
     Scale and radius are taken as independent, although the scale may come from the radius: the sign of their sum
     depends on the direction of the rotation.
-
-    Attributes
-    ----------
-    steady : ndarray
-        Of all steps of a flight (5,), px and rad per frame.
-    scale : float
-        Of all lengths, relative.
-    step : float
-        Of a step by the radius, px per rad of rotation.
-    rotation : float
-        Of all rotations by the radius, relative.
-    centre : ndarray
-        Distance of the followed point from the ball's centre (2,), px. The point turns with the ball about z.
-    rotation_z : float
-        Factor of the centre's error: rotation about z per px of the error and per rad of rotation in the image plane.
     """
 
-    steady: Array
-    scale: float
-    step: float
-    rotation: float
+    steady: Array  # of all steps of a flight (5,), px and rad per frame
+    scale: float  # of all lengths, relative
+    step: float  # of a step by the radius, px per rad of rotation
+    rotation: float  # of all rotations by the radius, relative
+    # distance of the followed point from the ball's centre (2,), px. The point turns with the ball about z
     centre: Array
+    # factor of the centre's error: rotation about z per px of the error and per rad of rotation in the image
+    # plane
     rotation_z: float
 
     @staticmethod

@@ -39,24 +39,12 @@ class Mode:
 
 @dataclass(frozen=True)
 class Assessment:
-    """Expected precision of a test with a mode.
-
-    Attributes
-    ----------
-    mode : Mode
-    setup : Setup
-        The test with this mode.
-    frames_in_view : int
-    reason : str
-        Why the mode is of no use, in words; empty if it is of use.
-    differences : Differences or None
-    rehearsal : Rehearsal or None
-    """
+    """Expected precision of a test with a mode."""
 
     mode: Mode
-    setup: Setup
+    setup: Setup  # the test with this mode
     frames_in_view: int
-    reason: str
+    reason: str  # why the mode is of no use, in words; empty if it is of use
     differences: Differences | None = None
     rehearsal: Rehearsal | None = None
 
@@ -69,33 +57,23 @@ class Assessment:
 
 
 def read_modes(path: Path) -> list[Mode]:
-    """Modes from a CSV table with the columns width_px, height_px, fps_max.
-
-    Raises
-    ------
-    ValueError, OSError
-        If the table cannot be read; a line that cannot be used is named.
-    """
+    """Modes from a CSV table; raises ValueError, with the number of an invalid line, or OSError if it is unreadable."""
+    expected = ", ".join(COLUMNS)
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.DictReader(stream, skipinitialspace=True)
             missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
             if missing:
-                raise ValueError(
-                    f"{path}: has no column {', '.join(missing)}; expected a CSV with {', '.join(COLUMNS)}"
-                )
+                raise ValueError(f"{path}: has no column {', '.join(missing)}; expected a CSV with {expected}")
             modes = [_mode(path, reader.line_num, row) for row in reader]
     except (UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(
-            f"{path}: is no CSV table in UTF-8 ({error}); expected the columns {', '.join(COLUMNS)}"
-        ) from error
+        raise ValueError(f"{path}: is no CSV table in UTF-8 ({error}); expected the columns {expected}") from error
     if not modes:
-        raise ValueError(f"{path}: lists no mode; expected a line per mode with {', '.join(COLUMNS)}")
+        raise ValueError(f"{path}: lists no mode; expected a line per mode with {expected}")
     return modes
 
 
 def _mode(path: Path, line: int, row: dict[str, str]) -> Mode:
-    """The mode of one line."""
     try:
         width, height, rate = int(row["width_px"]), int(row["height_px"]), float(row["fps_max"])
     except (TypeError, ValueError) as error:
@@ -116,23 +94,9 @@ def assess(
 ) -> Assessment:
     """Expected precision of the test with a mode at its highest frame rate.
 
-    Parameters
-    ----------
-    mode : Mode
-    examples : callable
-        Gives examples of the ball at a radius in px.
-    setup : Setup
-        The test; frame rate and scale are the mode's, and an exposure longer than its interval is cut.
-    target : Target
-    field_mm : float, optional
-        Width of the field of view, which the optics keep; by default they keep the px per mm.
-    is_blurred : bool
-        Whether the examples show the test's motion blur.
-
-    Raises
-    ------
-    ValueError
-        If the texture does not determine all modes of motion.
+    Frame rate and scale of ``setup`` become those of the mode; an exposure longer than the frame interval is cut.
+    ``field_mm`` is the width of the field of view if the optics keep it, else they keep the px per mm. ``is_blurred``
+    says that the examples show the test's motion blur. Raises ValueError as `increment_covariance`.
     """
     scale = setup.px_per_mm if field_mm is None else mode.width_px / field_mm
     shutter = min(math.inf if setup.shutter_s is None else setup.shutter_s, 1 / mode.fps_max)
@@ -156,7 +120,7 @@ def assess(
 
 
 def _misfit(mode: Mode, radius_px: float, frames_in_view: int) -> str:
-    """Why the images of a mode cannot show the ball; empty if they can."""
+    """Reason why the images of a mode cannot show the ball; empty if they can."""
     if radius_px < MIN_RADIUS_PX:
         return f"the ball's radius is {radius_px:.1f} px only"
     if 2 * radius_px > min(mode.width_px, mode.height_px):

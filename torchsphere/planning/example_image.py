@@ -39,24 +39,12 @@ BACKGROUND = 90.0
 
 @dataclass(frozen=True)
 class Example:
-    """One image of the ball, with a companion that separates its noise from its texture.
+    """One image of the ball, with a companion that separates its noise from its texture."""
 
-    Attributes
-    ----------
-    image : Tensor
-        Grey levels (h, w), float32.
-    noise : Tensor
-        Another draw (h, w) of the noise in the image, alone, processed as the image is.
-    circle : tuple of float
-        Outline (x, y, radius), px.
-    origin : str
-        Source of the image, in words.
-    """
-
-    image: Tensor
-    noise: Tensor
-    circle: tuple[float, float, float]
-    origin: str
+    image: Tensor  # grey levels (h, w), float32
+    noise: Tensor  # another draw (h, w) of the noise in the image, alone, processed as the image is
+    circle: tuple[float, float, float]  # outline (x, y, radius), px
+    origin: str  # source of the image, in words
 
 
 def rendered_examples(
@@ -64,19 +52,8 @@ def rendered_examples(
 ) -> tuple[Example, ...]:
     """Several sides of a rendered ball with random speckle: sharp, without noise.
 
-    Parameters
-    ----------
-    radius_px, speckle_px : float
-        Radius of the ball and full width at half maximum of a spot, px.
-    low, high : float
-        Grey levels between which the speckle swings.
-    seed : int
-        Of the pattern.
-
-    Raises
-    ------
-    ValueError
-        If the ball is too small to be measured, the spots are not smaller than it, or the levels do not rise.
+    ``speckle_px`` is the full width at half maximum of a spot; grey levels are between ``low`` and ``high``. Raises
+    ValueError if the ball is too small, the spots are not smaller than the radius, or the levels do not rise.
     """
     if not 0 <= low < high < math.inf:
         raise ValueError(f"grey levels {low:g},{high:g}: expected two finite levels, the dark one first")
@@ -105,12 +82,13 @@ def rendered_examples(
 def filmed_example(path: Path, circle: tuple[float, float, float], noise: float) -> Example:
     """The first image of a file or folder, with the ball's outline and the image noise in grey levels.
 
-    Raises
-    ------
-    ValueError, OSError
-        If the file is no image, or does not show the whole ball.
+    Raises ValueError or OSError if the file is no image, or does not show the whole ball.
     """
-    image = _read(path)
+    if path.suffix.lower() == ".png":
+        image = torch.from_numpy(read_image(path))
+    else:
+        with open_recording(path) as recording:
+            image = torch.from_numpy(recording.images(0, 1)[0])
     height, width = image.shape
     check_circle(torch.tensor([circle], dtype=torch.float64), image.shape)
     x, y, radius = circle
@@ -122,23 +100,15 @@ def filmed_example(path: Path, circle: tuple[float, float, float], noise: float)
     return Example(image, white_noise(image, noise, seed=0), circle, f"example image {path.name}")
 
 
-def _read(path: Path) -> Tensor:
-    """The first image (h, w) of a file or folder."""
-    if path.suffix.lower() == ".png":
-        return torch.from_numpy(read_image(path))
-    with open_recording(path) as recording:
-        return torch.from_numpy(recording.images(0, 1)[0])
-
-
 def white_noise(image: Tensor, noise: float, seed: int = 1) -> Tensor:
     """White noise (h, w) of the standard deviation ``noise``, grey levels, in the shape of ``image``."""
     return noise * torch.randn(image.shape, generator=torch.Generator().manual_seed(seed))
 
 
 def rescaled(example: Example, radius_px: float) -> Example:
-    """The example as seen by a camera of another scale, at which the ball has the radius ``radius_px``.
+    """The example in a camera of another scale, in which the ball has the radius ``radius_px``.
 
-    A smaller image is the mean over larger pixels; a larger image is no sharper than the example.
+    A smaller image is the mean over larger pixels; a larger image is not sharper than the example.
     """
     factor = radius_px / example.circle[2]
     if abs(factor - 1) < 1e-3:
@@ -154,10 +124,9 @@ def rescaled(example: Example, radius_px: float) -> Example:
 
 
 def blurred(example: Example, motion_px: tuple[float, float]) -> Example:
-    """The example as recorded while the ball moves by ``motion_px`` (x, y) during the exposure.
+    """The example with the blur of a motion (x, y) during the exposure: the mean over the moments of the exposure.
 
-    Section 3.3 of the paper: the mean over the moments of the exposure. The ball's turn meanwhile is neglected; it is
-    a hundredth of the blur.
+    Section 3.3 of the paper. The ball's turn during the exposure is neglected, because it is a hundredth of the blur.
     """
     length = math.hypot(*motion_px)
     if length < MIN_BLUR_PX:

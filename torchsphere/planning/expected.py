@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from torchsphere.correlation import occlusion, znssd
 from torchsphere.correlation.options import Options, adapt_pre_blur, margin
@@ -39,37 +40,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """A test: ball, speed and camera.
-
-    Attributes
-    ----------
-    speed_m_s : float
-        Speed of the ball.
-    direction_deg : float
-        Direction of its flight in the image, from x (right) towards y (down).
-    spin_rev_s : tuple of float
-        Spin about x, y, z of the camera frame, revolutions per second.
-    diameter_mm, mass_g : float
-        Diameter and mass of the ball.
-    frame_rate : float
-        Frames per second.
-    shutter_s : float or None
-        Exposure time; None if it is not known.
-    px_per_mm : float
-        Scale in the plane of the ball.
-    noise : float or None
-        Standard deviation of a pixel from image to image, grey levels, rounding included; None if not known.
-    """
+    """A test: ball, speed and camera."""
 
     speed_m_s: float
-    frame_rate: float
-    px_per_mm: float
+    frame_rate: float  # frames per second
+    px_per_mm: float  # scale in the plane of the ball
     diameter_mm: float
     mass_g: float
-    shutter_s: float | None = None
-    noise: float | None = None
-    direction_deg: float = 0.0
-    spin_rev_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shutter_s: float | None = None  # exposure time; None if not known
+    noise: float | None = None  # sd of a pixel from image to image, grey levels, with rounding; None if not known
+    direction_deg: float = 0.0  # of the flight in the image, from x (right) towards y (down)
+    spin_rev_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # about x, y, z of the camera frame
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -135,26 +116,14 @@ class Setup:
 def increment_covariance(examples: Sequence[Example], setup: Setup, *, is_blurred: bool = False) -> Array:
     """Expected covariance (5, 5) of an increment (dx, dy, wx, wy, wz), px and rad: the mean over the examples.
 
-    Parameters
-    ----------
-    examples : sequence of Example
-        One side of the ball or several; they are rescaled to the test and blurred by its motion.
-    setup : Setup
-    is_blurred : bool
-        Whether the examples show the motion blur of the test already.
+    The examples are rescaled to the test and, unless ``is_blurred``, blurred by its motion. Raises ValueError if the
+    noise is not known, or if the texture does not determine all modes.
 
-    Raises
-    ------
-    ValueError
-        If the noise is not known, or the texture does not determine all modes.
-
-    Notes
-    -----
     With the noise ``n_f - n_g`` of both images, the converged increment is off by ``A^-1 J^T (n_f - n_g)``, with the
     Jacobian ``J`` of the recorded reference and ``A = J^T J`` of the noise-free one (equations 7 to 10 of the paper).
     The pre-blur correlates the noise of neighbouring pixels: the covariance is ``2 sigma^2 A^-1 N A^-1``, with ``N``
-    of the gradients blurred once more. The example's noise, which counts as texture in its gradients, is subtracted by
-    means of its companion; the noise of the test is added to ``N``.
+    of the gradients blurred once more. The gradients of an example include its noise. The operator of its companion
+    removes this part, and the operator of the test's noise is added to ``N``.
     """
     return np.mean([_covariance(example, setup, is_blurred) for example in examples], axis=0)
 
@@ -183,25 +152,21 @@ def _covariance(example: Example, setup: Setup, is_blurred: bool) -> Array:
     return covariance.numpy()
 
 
-def _reference(
-    images: torch.Tensor, circle: tuple[float, float, float], setup: Setup, options: Options
-) -> tuple[Reference, torch.Tensor]:
+def _reference(images: Tensor, circle: Sequence[float], setup: Setup, options: Options) -> tuple[Reference, Tensor]:
     """The correlation's reference of the images (m, h, w) of one ball, and the motion (m, 5), px and rad."""
-    circles = torch.tensor([circle], dtype=torch.float64).expand(len(images), -1)
+    circles = torch.tensor([[*circle]], dtype=torch.float64).expand(len(images), -1)
     half = crop.half_size(circle[2], margin(options))
     crops = crop.cut(images, circles[:, :2], half)
     filtered = Filtered.of(crops, options.pre_blur)
     reference = build_reference(filtered, circles, options.roi, options.pre_blur, blurred_every=1)
-    # The crop follows the ball, so the translation does not matter; the turn hides points and weighs others less.
+    # The crop follows the ball, so that the translation has no effect. The turn hides points and reduces weights.
     q = torch.tensor([[0.0, 0.0, *setup.increment[2:]]]).to(images).expand(len(images), -1)
-    visible = (
-        motion_models.displacement(motion_models.finite, q, reference.points, reference.geometry).isfinite().all(-1)
-    )
-    reference.weights.mul_(visible)
+    moved = motion_models.displacement(motion_models.finite, q, reference.points, reference.geometry)
+    reference.weights.mul_(moved.isfinite().all(-1))
     return occlusion.weight_by_view(reference, q, motion_models.finite), q
 
 
-def _operators(reference: Reference, gradient: torch.Tensor, q: torch.Tensor) -> torch.Tensor:
+def _operators(reference: Reference, gradient: Tensor, q: Tensor) -> Tensor:
     """Operators (m, 5, 5) of the images' gradients, all with offset, gain and light of the first image."""
     first = dataclasses.replace(reference, values=reference.values[:1].expand_as(reference.values))
     known = nuisances(first, motion_models.finite, reference.weights)
@@ -211,19 +176,11 @@ def _operators(reference: Reference, gradient: torch.Tensor, q: torch.Tensor) ->
 
 @dataclass(frozen=True)
 class Differences:
-    """Standard deviations of plain differences, as the paper takes them (section 2.2 and table 3).
+    """Standard deviations of plain differences, as the paper takes them (section 2.2 and table 3)."""
 
-    Attributes
-    ----------
-    velocity_m_s, spin_rad_s : ndarray
-        (2,) and (3,): an increment over the frame interval.
-    force_N : ndarray
-        (2,): mass times the difference of two successive velocities over the interval.
-    """
-
-    velocity_m_s: Array
-    spin_rad_s: Array
-    force_N: Array  # noqa: N815  (N is newton)
+    velocity_m_s: Array  # (2,), of an increment over the frame interval
+    spin_rad_s: Array  # (3,), likewise
+    force_N: Array  # (2,), mass times the difference of successive velocities over the interval  # noqa: N815
 
 
 def differences(covariance: Array, frame_rate: float, m_per_px: float, mass_kg: float) -> Differences:

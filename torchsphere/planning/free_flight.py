@@ -10,41 +10,38 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from torchsphere.planning.change import NO_FREE_FLIGHT, velocity_change
 from torchsphere.planning.expected import Setup
 from torchsphere.tracking.track import Track
 
 #: Fewest increments that give a standard deviation, to a fifth (docs/constants.md).
 MIN_STEPS = 12
 
+#: Least change of the velocity over the recording that is no scatter, in standard deviations (docs/constants.md).
+MIN_CHANGE_SD = 5.0
+
+#: Least sudden change that no free flight has, as a share of the speed (docs/constants.md).
+MIN_SUDDEN_SHARE = 0.1
+
+#: Deviation from a straight line over time of a sudden change, as a share of the change (docs/constants.md).
+MIN_NONLINEARITY = 0.1
+
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Flight:
-    """A measured free flight, and its set-up.
+    """A measured free flight, and its set-up."""
 
-    Attributes
-    ----------
-    increment : ndarray
-        (n - 1, 5), px and rad; NaN if not measured.
-    stated : ndarray
-        Median of the stated standard deviations (5,), px and rad.
-    setup : Setup
-        Speed, direction and spin as measured.
-    origin : str
-    """
-
-    increment: Array
-    stated: Array
-    setup: Setup
+    increment: Array  # (n - 1, 5), px and rad; NaN if not measured
+    stated: Array  # median of the stated standard deviations (5,), px and rad
+    setup: Setup  # speed, direction and spin as measured
     origin: str
 
     @property
@@ -69,7 +66,7 @@ class Flight:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Sentences on a scatter that does not measure the uncertainty."""
+        """A sentence if the scatter does not measure the uncertainty."""
         change = velocity_change(self.velocity_m_s)
         if change is None:
             return ()
@@ -95,11 +92,8 @@ def from_track(
 ) -> Flight:
     """The flight of a track.
 
-    Raises
-    ------
-    ValueError
-        If frame rate, diameter or mass are missing, too few increments were measured, or the ball does not fly
-        freely.
+    Raises ValueError if frame rate, diameter or mass are missing, too few increments were measured, or the ball does
+    not fly freely.
     """
     _require_rotation(origin, track.settings.get("model"))
     sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))
@@ -114,20 +108,16 @@ def from_result(
     mass_g: float | None = None,
     shutter_s: float | None = None,
 ) -> Flight:
-    """The flight of a result folder of ``torchsphere track``; given values take precedence over its summary's.
+    """The flight of a result folder of ``torchsphere track``; given values replace those of its summary.
 
-    Raises
-    ------
-    ValueError, OSError
-        If the folder is no such result, or a value is missing.
+    Raises ValueError or OSError if the folder is no such result, or a value is missing.
     """
     try:
         summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         table = pq.read_table(folder / "track.parquet").to_pydict()
-        columns = ("dx_px", "dy_px", "wx_rad", "wy_rad", "wz_rad")
-        increment, sd = (
-            np.stack([np.array(table[prefix + name], dtype=float)[1:] for name in columns], 1) for prefix in ("", "sd_")
-        )
+        names = ("dx_px", "dy_px", "wx_rad", "wy_rad", "wz_rad")
+        values = (np.stack([np.array(table[p + name], dtype=float)[1:] for name in names], 1) for p in ("", "sd_"))
+        increment, sd = values
         radius, settings = float(summary["circle"]["radius"]), summary["settings"]
         recorded = _recorded(summary, settings, radius)
     except (KeyError, TypeError, json.JSONDecodeError, pa.ArrowException) as error:
@@ -152,13 +142,7 @@ def _recorded(summary: dict[str, Any], settings: dict[str, Any], radius: float) 
 def require_calibration(
     origin: str, frame_rate: float | None, diameter_mm: float | None, mass_g: float | None
 ) -> tuple[float, float, float]:
-    """Frame rate, diameter and mass.
-
-    Raises
-    ------
-    ValueError
-        If one of them is not known.
-    """
+    """Frame rate, diameter and mass; raises ValueError if one of them is not known."""
     if frame_rate is None or diameter_mm is None or mass_g is None:
         named = {"--fps": frame_rate, "--diameter-mm": diameter_mm, "--mass-g": mass_g}
         missing = " and ".join(name for name, value in named.items() if value is None)
@@ -210,10 +194,42 @@ def _flight(increment: Array, sd: Array, radius: float, origin: str, known: tupl
     )
     flight = Flight(increment, np.median(sd[valid], 0), setup, origin)
     change = velocity_change(flight.velocity_m_s)
-    if change is not None and change.is_sudden and change.share > NO_FREE_FLIGHT:
+    if change is not None and change.is_sudden and change.share > MIN_SUDDEN_SHARE:
         raise ValueError(
             f"{origin}: this is no free flight: the velocity {change.text}, {100 * change.share:.0f} % of the speed, "
             "as by an impact; track the frames before it alone with 'torchsphere track --frames A:B' and give that "
             "result"
         )
     return flight
+
+
+class Change(NamedTuple):
+    """Change of a velocity: in words, as a share of the speed, and whether it is sudden."""
+
+    text: str
+    share: float
+    is_sudden: bool
+
+
+def velocity_change(velocity_m_s: Array) -> Change | None:
+    """The change of the velocity (m, 2) over the recording; None if it only scatters."""
+    valid = np.isfinite(velocity_m_s).all(1)
+    known = velocity_m_s[valid]
+    third = len(known) // 3
+    start, end = known[:third].mean(0), known[-third:].mean(0)
+    change = end - start
+    # Scatter from one increment to the next, which a slow change does not enter.
+    scatter = np.diff(known, axis=0).std(0) / math.sqrt(third)
+    excess = np.abs(change) - MIN_CHANGE_SD * scatter
+    axis = int(excess.argmax())
+    if excess[axis] <= 0:
+        return None
+    size, speed = abs(float(change[axis])), max(float(np.hypot(*start)), float(np.hypot(*end)))
+    is_sudden = _nonlinearity(np.flatnonzero(valid), known[:, axis]) > MIN_NONLINEARITY * size
+    return Change(f"along {'xy'[axis]} changes by {change[axis]:.3g} m/s", size / speed, is_sudden)
+
+
+def _nonlinearity(frames: NDArray[np.int64], values: Array) -> float:
+    """Deviation of values (m,) from a straight line over their frames (m,), rms, without their scatter."""
+    residual = values - np.polyval(np.polyfit(frames, values, 1), frames)
+    return math.sqrt(max(float(residual.var()) - float(np.diff(values).var()) / 2, 0.0))

@@ -25,43 +25,20 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Plan:
-    """Expected precision of a test.
-
-    Attributes
-    ----------
-    setup : Setup
-    origin : str
-        Source of the uncertainty, in words.
-    target : Target
-    covariance : ndarray
-        Covariance of an increment (5, 5), px and rad.
-    differences : Differences
-        Standard deviations without smoothing.
-    rehearsal : Rehearsal or None
-        Simulated measurement with the smoother; None if the contact is too long for it.
-    width_px : int or None
-        Width of the image.
-    cost_of_blur : ndarray
-        (m, 2): length of the blur, and standard deviation of the increment along the flight, px; empty for a recording.
-    example : Example or None
-        The example as the test will show it.
-    assessments : tuple of Assessment
-        Of the camera's modes.
-    flight : Flight or None
-        The recording on which the uncertainty was measured.
-    """
+    """Expected precision of a test."""
 
     setup: Setup
-    origin: str
+    origin: str  # source of the uncertainty, in words
     target: Target
-    covariance: Array
-    differences: Differences
-    rehearsal: Rehearsal | None
+    covariance: Array  # covariance of an increment (5, 5), px and rad
+    differences: Differences  # standard deviations without smoothing
+    rehearsal: Rehearsal | None  # simulated measurement with the smoother; None if the contact is too long for it
     width_px: int | None = None
+    # Length of the blur and standard deviation of the increment along the flight (m, 2), px; empty for a recording.
     cost_of_blur: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    example: Example | None = None
-    assessments: tuple[Assessment, ...] = ()
-    flight: Flight | None = None
+    example: Example | None = None  # as the test will show it
+    assessments: tuple[Assessment, ...] = ()  # of the camera's modes
+    flight: Flight | None = None  # the recording on which the uncertainty was measured
 
 
 def from_images(
@@ -75,29 +52,10 @@ def from_images(
     is_blurred: bool = False,
     progress: Progress | None = None,
 ) -> Plan:
-    """Plan a test from example images of the ball.
+    """Plan a test from example images of the ball, with the image's width for the frames in view.
 
-    Parameters
-    ----------
-    source : callable
-        Gives examples of the ball at a radius in px.
-    setup : Setup
-    target : Target
-    width_px : int, optional
-        Width of the image, for the frames in view.
-    modes : sequence of Mode
-        Modes of the camera to choose from.
-    field_mm : float, optional
-        Field of view that all modes share; by default they share the px per mm.
-    is_blurred : bool
-        Whether the examples show the test's motion blur.
-    progress : callable, optional
-        Called as ``progress(done, total)``.
-
-    Raises
-    ------
-    ValueError
-        If the texture does not determine all modes of motion.
+    The other settings are those of `assess`; ``progress`` is called with the finished and the total number of steps.
+    Raises ValueError if the texture does not determine all modes of motion.
     """
     total = 2 + len(modes)
     report = progress or (lambda done, total: None)
@@ -114,9 +72,8 @@ def from_images(
     plan = dataclasses.replace(plan, width_px=width_px, example=example, assessments=tuple(assessments))
     if is_blurred:
         return plan
-    return dataclasses.replace(
-        plan, cost_of_blur=_cost_of_blur(examples[0], setup), example=blurred(example, setup.blur)
-    )
+    cost = _cost_of_blur(examples[0], setup)
+    return dataclasses.replace(plan, cost_of_blur=cost, example=blurred(example, setup.blur))
 
 
 def from_flight(flight: Flight, target: Target, width_px: int | None = None) -> Plan:
@@ -136,7 +93,7 @@ def _plan(setup: Setup, target: Target, covariance: Array, origin: str) -> Plan:
 
 
 def _cost_of_blur(example: Example, setup: Setup) -> Array:
-    """Blur and standard deviation of the increment along the flight (m, 2), px, for exposures up to the interval."""
+    """`Plan.cost_of_blur` for exposures up to the frame interval."""
     per_second = setup.speed_m_s / setup.m_per_px
     angle = math.radians(setup.direction_deg)
     along = np.array([math.cos(angle), math.sin(angle)])

@@ -1,7 +1,7 @@
 """Rehearsal of an impact: a simulated measurement with increments of a given covariance.
 
-A ball flies in, is thrown back by half a sine of force, spun up by friction, and flies off. Its true motion with errors
-of the expected size makes a track, which the package's own smoother processes as after the test: the smoother finds its
+Half a sine of force throws a flying ball back, and friction spins it up. Its true motion with errors of the expected
+size makes a track. The package's own smoother processes this track as after the test: the smoother finds its
 intensities and the contact from the data.
 """
 
@@ -38,21 +38,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Target:
-    """Contact with the target.
+    """Contact with the target."""
 
-    Attributes
-    ----------
-    contact_s : float
-        Duration of the contact.
-    restitution : float
-        Speed after over speed before.
-    origin : str
-        Source of the duration, in words.
-    """
-
-    contact_s: float
-    restitution: float
-    origin: str
+    contact_s: float  # duration
+    restitution: float  # speed after over speed before
+    origin: str  # source of the duration, in words
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.contact_s) and self.contact_s > 0):
@@ -63,37 +53,20 @@ class Target:
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """Precision of the smoother: its stated standard deviations and its true errors.
+    """Precision of the smoother: rms of its stated standard deviations and of its true errors.
 
-    Attributes
-    ----------
-    found : bool
-        Whether the smoother found the contact.
-    contact_frames : float
-        Images during the contact.
-    peak_N : float
-        Highest true force.
-    velocity_m_s, force_N : ndarray
-        Root mean square of the stated standard deviations (2, 2): in flight and in contact, along and across the
-        flight; NaN if no frame lies in the contact.
-    spin_rad_s : ndarray
-        The same (2, 3) about x, y, z.
-    force_error_N : ndarray
-        Root mean square of the true errors (2,) of the force along the flight, in flight and in contact.
-    peak_error_N : float
-        Highest force of the smoother minus the highest true one.
-    time_s, true_force_N, force_along_N, sd_force_along_N : ndarray
-        The force along the flight (n,), for a figure; time 0 at the first touch.
+    The rows of these are flight and contact (NaN if no frame lies in the contact), the columns of velocity and force
+    along and across the flight. The curves (n,) are forces along the flight over the time since the first touch.
     """
 
-    found: bool
-    contact_frames: float
-    peak_N: float  # noqa: N815  (N is newton)
-    velocity_m_s: Array
-    force_N: Array  # noqa: N815
-    spin_rad_s: Array
-    force_error_N: Array  # noqa: N815
-    peak_error_N: float  # noqa: N815
+    found: bool  # whether the smoother found the contact
+    contact_frames: float  # images during the contact
+    peak_N: float  # highest true force  # noqa: N815
+    velocity_m_s: Array  # (2, 2), stated
+    force_N: Array  # (2, 2), stated  # noqa: N815
+    spin_rad_s: Array  # (2, 3), stated, about x, y, z
+    force_error_N: Array  # (2,), true error along the flight  # noqa: N815
+    peak_error_N: float  # highest force of the smoother minus highest true force  # noqa: N815
     time_s: Array
     true_force_N: Array  # noqa: N815
     force_along_N: Array  # noqa: N815
@@ -115,21 +88,9 @@ def hertz_contact_s(setup: Setup, modulus_pa: float) -> float:
 
 
 def rehearse(covariance: Array, setup: Setup, target: Target, seed: int = 0) -> Rehearsal:
-    """Simulate the measurement of an impact.
+    """Simulate the measurement of an impact, with errors of an increment's covariance (5, 5), px and rad.
 
-    Parameters
-    ----------
-    covariance : ndarray
-        Covariance of an increment (5, 5), px and rad, in the axes of the image.
-    setup : Setup
-    target : Target
-    seed : int
-        Seed of the errors.
-
-    Raises
-    ------
-    ValueError
-        If the contact is too long for the frame rate: more than `MAX_CONTACT_FRAMES` frames.
+    Raises ValueError if the contact lasts more than `MAX_CONTACT_FRAMES` frames.
     """
     frames = target.contact_s * setup.frame_rate
     if frames > MAX_CONTACT_FRAMES:
@@ -145,11 +106,11 @@ def rehearse(covariance: Array, setup: Setup, target: Target, seed: int = 0) -> 
 
 
 def _poses(setup: Setup, target: Target, frames: float) -> Array:
-    """True poses (n, 5), px and rad, of a ball flying along x; rotation as the sum of small turns."""
+    """True poses (n, 5), px and rad, of a ball that flies along x; rotations are sums of small turns."""
     n = 2 * FLIGHT_FRAMES + math.ceil(frames)
     time = np.arange(n) - (FLIGHT_FRAMES - 1 + PHASE)
     share = np.clip(time / frames, 0.0, 1.0)
-    # Half a sine of force: the integral over time of the velocity's share that has changed.
+    # Integral over time of the velocity's relative change, for half a sine of force.
     change = frames * (share / 2 - np.sin(np.pi * share) / (2 * np.pi)) + np.maximum(time - frames, 0.0)
     step = setup.increment
     poses = time[:, None] * step
@@ -162,7 +123,7 @@ def _poses(setup: Setup, target: Target, frames: float) -> Array:
 
 
 def _rotated(covariance: Array, direction_deg: float) -> Array:
-    """The covariance (5, 5) in axes whose first lies along the flight."""
+    """The covariance (5, 5) in axes of which the first lies along the flight."""
     angle = math.radians(direction_deg)
     plane = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
     axes = np.eye(5)
@@ -201,7 +162,7 @@ def _compared(motion: Kinematics, setup: Setup, target: Target, frames: float) -
     peak = 0.5 * math.pi * setup.mass_kg * (1 + target.restitution) * setup.speed_m_s / target.contact_s
     true = np.where(inside, -peak * np.sin(np.pi * share), 0.0)
     flying = (time < -GUARD_FRAMES) | (time > frames + GUARD_FRAMES)
-    # The ends of the recording are known less well and matter less.
+    # The ends of the recording are less precise and less important.
     flying[[0, -1]] = False
     assert motion.force_N is not None  # the mass was given
     assert motion.sd_force_N is not None

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from plan_setups import SMALL
 
-from torchsphere.planning.advice import remarks
 from torchsphere.planning.expected import differences
 from torchsphere.planning.plan import Plan
+from torchsphere.planning.presentation import remarks
 from torchsphere.planning.rehearsal import Target
 
 
