@@ -4,9 +4,9 @@ import torch
 from shots import rotation_matrix
 
 from torchsphere.imaging.interpolation import spline_weights
-from torchsphere.sphere_map import cube_map, projection
+from torchsphere.sphere_map import cube_map, forward_model
 from torchsphere.sphere_map.cube_map import Stencil
-from torchsphere.sphere_map.projection import Pose, TexturedBall
+from torchsphere.sphere_map.forward_model import Pose, TexturedBall
 from torchsphere.sphere_map.window import Window, cut_window
 
 RADIUS = 20.0
@@ -15,7 +15,7 @@ RADIUS = 20.0
 def ball(cells: int = 8) -> TexturedBall:
     generator = torch.Generator().manual_seed(2)
     coefficients = 60 + 100 * torch.rand(cube_map.coefficient_count(cells), generator=generator, dtype=torch.float64)
-    return TexturedBall(RADIUS, 0.4, cells, coefficients, projection.uniform_light())
+    return TexturedBall(RADIUS, 0.4, cells, coefficients, forward_model.uniform_light())
 
 
 def pose() -> Pose:

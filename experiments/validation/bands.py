@@ -5,7 +5,7 @@ within the stated 95 % bands as often as these say. All quantities and shots tog
 in flight and 98 % in contact with the outline found, in 99 and 98 % with the true outline. By quantity it is 90 to
 100 %, and the error over the stated standard deviation is 0.1 to 1.2, root mean square over the frames of a group; 1
 is what it should be. The steps know of the light that the target takes from one side of the ball; a map does not, and
-is not made unasked (`torchsphere.tracking.drift.MOST_UNEVEN`).
+is not made unasked (`torchsphere.tracking.drift.MAX_UNEVEN_SHARE`).
 
 Nothing was chosen on these patterns: what all steps are off by alike was measured on others (`steady_error`).
 What was found on earlier ones and mended is the interpolation's own error between the pixels, the turn about z that an

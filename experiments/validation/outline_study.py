@@ -59,7 +59,7 @@ from torchsphere.detection.outline_fit import OutlineFit
 from torchsphere.imaging import background as still
 from torchsphere.imaging.interpolation import blur
 from torchsphere.recording.frame_source import Source
-from torchsphere.sphere_map import projection
+from torchsphere.sphere_map import forward_model
 from torchsphere.sphere_map.window import cut_window
 
 FRAMES, BEYOND = 60, 1.08
@@ -88,7 +88,7 @@ def without_background(shot: Shot, position: Array) -> Tensor:
         y, x = torch.meshgrid(*(torch.arange(n) for n in image.shape), indexing="ij")
         inside = (x - centre[0]).square() + (y - centre[1]).square() < shot.radius**2
         share, column, row = inside.to(image), *window.pixels.long().unbind(-1)
-        share[row, column], _ = projection.coverage(window, centre, shot.radius, projection.MIN_BLUR_PX)
+        share[row, column], _ = forward_model.coverage(window, centre, shot.radius, forward_model.MIN_BLUR_PX)
         image -= ((1 - share) * (behind - level)).float()
     return images
 

@@ -83,7 +83,7 @@ def test_the_changes_of_the_harmonics_are_their_derivative() -> None:
 
 def test_near_a_target_the_steps_are_kept_unless_a_map_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     # A map would be made of any ball that turns, and says that it was called for.
-    monkeypatch.setattr("torchsphere.tracking.drift.MAP_FROM", 0.0)
+    monkeypatch.setattr("torchsphere.tracking.drift.MAP_FROM_RAD", 0.0)
     monkeypatch.setattr("torchsphere.tracking.drift.poses.poses_on_map", lambda *_: "called for")
     film = shot(n=9, noise=1.0)
     columns = torch.arange(film.images.shape[-1], dtype=torch.float64)

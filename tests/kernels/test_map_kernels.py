@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from torchsphere.kernels import cube_map as cube_loop
 from torchsphere.kernels import map_equations, sphere_projection
-from torchsphere.sphere_map import cube_map, projection
+from torchsphere.sphere_map import cube_map, forward_model
 from torchsphere.sphere_map.window import Window, cut_window
 
 Array = NDArray[np.float64]
@@ -90,12 +90,12 @@ def test_what_is_no_direction_makes_no_index() -> None:
 @both
 def test_rays_meet_the_ball_where_they_would_by_hand(dtype: torch.dtype) -> None:
     pixels, centre = window(dtype), np.array([30.5, 29.3])
-    points, weight = projection.surface_points(pixels, torch.from_numpy(centre), RADIUS)
+    points, weight = forward_model.surface_points(pixels, torch.from_numpy(centre), RADIUS)
     across = pixels.rays.numpy() - centre[:, None]
     distance = np.hypot(*across)
-    flat = across * projection.MAX_RAY_DISTANCE / np.maximum(distance, projection.MAX_RAY_DISTANCE * RADIUS)
+    flat = across * forward_model.MAX_RAY_DISTANCE / np.maximum(distance, forward_model.MAX_RAY_DISTANCE * RADIUS)
     assert_close(points, np.stack((*flat, -np.sqrt(1 - np.hypot(*flat) ** 2))), TOLERANCE[dtype])
-    met = pixels.ray_weights.double().numpy() * (ndtr((RADIUS - distance) / projection.RAY_TRANSITION_PX) + 1e-9)
+    met = pixels.ray_weights.double().numpy() * (ndtr((RADIUS - distance) / forward_model.RAY_TRANSITION_PX) + 1e-9)
     whole = np.bincount(pixels.ray_pixels.numpy(), met)
     # A ray's turn takes up ten times what its place is rounded by, and beyond the outline more.
     assert_close(weight, met / whole[pixels.ray_pixels.numpy()], max(100 * TOLERANCE[dtype], 1e-9))
@@ -104,7 +104,7 @@ def test_rays_meet_the_ball_where_they_would_by_hand(dtype: torch.dtype) -> None
 @both
 def test_a_pixels_share_is_that_of_a_blurred_straight_edge(dtype: torch.dtype) -> None:
     pixels, centre, blur = window(dtype), np.array([30.5, 29.3]), 0.4
-    share, slope = projection.coverage(pixels, torch.from_numpy(centre), RADIUS, blur)
+    share, slope = forward_model.coverage(pixels, torch.from_numpy(centre), RADIUS, blur)
     offset = pixels.pixels.numpy() - centre
     distance = np.hypot(*offset.T)
     inwards = RADIUS - (blur**2 + 1 / 12) / (2 * RADIUS) - distance
@@ -142,7 +142,7 @@ def test_sums_over_rays_and_values_for_rays_are_those_of_their_pixels(dtype: tor
     each = random(count, dtype=dtype)
     assert_close(pixels.spread(each, light), (each.double().numpy()[owner] * light.double().numpy()), TOLERANCE[dtype])
     points, shading = directions(len(owner), dtype), random(4)
-    bright = light.double().numpy() * (shading @ projection.shading_basis(points.double())).numpy()
+    bright = light.double().numpy() * (shading @ forward_model.shading_basis(points.double())).numpy()
     assert_close(sphere_projection.lit(points, light, shading), bright, TOLERANCE[dtype])
 
 

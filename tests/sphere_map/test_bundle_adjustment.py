@@ -10,9 +10,9 @@ import pytest
 import torch
 from shots import Shot, noisy, rotation_matrix, shot
 
-from torchsphere.sphere_map import bundle_adjustment, pixel_weights, registration, schur
+from torchsphere.sphere_map import bundle_adjustment, map_fit, pixel_weights, registration
 from torchsphere.sphere_map.bundle_adjustment import Adjustment
-from torchsphere.sphere_map.projection import Pose
+from torchsphere.sphere_map.forward_model import Pose
 from torchsphere.sphere_map.window import Window, cut_window
 
 RADIUS, LEVEL = 20.0, 90.0
@@ -68,7 +68,7 @@ def test_the_adjustment_settles(adjusted: AdjustedShot) -> None:
 def test_further_steps_reach_the_minimum_of_the_squares_and_then_stop(adjusted: AdjustedShot) -> None:
     state = adjusted.adjustment.state
     linearised = state.linearise(state.project())
-    elimination = schur.eliminate(linearised)
+    elimination = map_fit.eliminate(linearised)
     moves = []
     for _ in range(15):
         linearised, move = bundle_adjustment.iterate(linearised, elimination, 0.0)

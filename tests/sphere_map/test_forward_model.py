@@ -1,19 +1,44 @@
-"""The forward model: grey levels at the outline, derivatives, and agreement with the ray caster."""
+"""The forward model: coverage, grey levels at the outline, derivatives, and agreement with the ray caster."""
 
+import math
 from dataclasses import replace
 
 import pytest
 import torch
 from ball_models import RADIUS, ball, indices_and_weights, pose, window
 
-from torchsphere.sphere_map import cube_map, forward_model, projection
+from torchsphere.sphere_map import cube_map, forward_model
 from torchsphere.sphere_map.window import cut_window
 from torchsphere.synthetic import ray_caster
 
 
+def test_the_disc_covers_its_area_and_the_share_falls_from_one_to_zero() -> None:
+    at = pose()
+    pixels = window(at)
+    share, slope = forward_model.coverage(pixels, at.centre, RADIUS, 0.3)
+    # Blur conserves area. A straight edge in place of the circle would add ten times the tolerance.
+    assert float(share.sum()) == pytest.approx(math.pi * RADIUS**2, rel=2e-5)
+    # The disc's area grows with its radius by the circumference.
+    assert float(slope.sum()) == pytest.approx(2 * math.pi * RADIUS, rel=2e-3)
+    distance = (pixels.pixels - at.centre).norm(dim=-1)
+    assert float(share[distance < RADIUS - 1.8].min()) > 1 - 1e-5
+    assert float(share[distance > RADIUS + 1.8].max()) < 1e-5
+
+
+def test_the_share_of_a_pixel_is_the_share_of_many_rays() -> None:
+    at = pose()
+    pixels = window(at)
+    share, _ = forward_model.coverage(pixels, at.centre, RADIUS, forward_model.MIN_BLUR_PX)
+    steps = (torch.arange(40, dtype=torch.float64) + 0.5) / 40 - 0.5
+    rays = pixels.pixels[:, None] + torch.cartesian_prod(steps, steps)
+    counted = ((rays - at.centre).norm(dim=-1) < RADIUS).double().mean(1)
+    # The curvature of the outline within a pixel, 1 / (8 R), and the spacing of the rays, 1 / 40.
+    assert float((share - counted).abs().max()) < 0.02
+
+
 def test_the_grey_level_of_a_pixel_at_the_outline_is_the_mean_over_its_area() -> None:
     """With too few rays there, neighbouring pixels have equal errors, which bias a step."""
-    at, textured = pose(), replace(ball(31), edge_blur=projection.MIN_BLUR_PX)
+    at, textured = pose(), replace(ball(31), edge_blur=forward_model.MIN_BLUR_PX)
     pixels = window(at)
     steps = (torch.arange(30, dtype=torch.float64) + 0.5) / 30 - 0.5
     offsets = torch.cartesian_prod(steps, steps)
@@ -78,7 +103,7 @@ def test_the_model_agrees_with_the_ray_caster_on_a_smooth_texture() -> None:
     design = torch.zeros(len(directions), count, dtype=torch.float64).scatter_add(1, index, weight)
     levels = 120 + directions @ torch.tensor([50.0, -30.0, 20.0], dtype=torch.float64)
     coefficients = torch.linalg.lstsq(design.T @ design + 1e-9 * torch.eye(count), design.T @ levels).solution
-    textured = replace(ball(cells), coefficients=coefficients, edge_blur=projection.MIN_BLUR_PX)
+    textured = replace(ball(cells), coefficients=coefficients, edge_blur=forward_model.MIN_BLUR_PX)
     difference = forward_model.predict(pixels, at, textured) - pixels.levels
     # The texture spans 110 grey levels, and the steps at the outline reach 140.
     assert float(difference.abs().max()) < 3.0

@@ -9,10 +9,10 @@ from shots import angles_between, noisy, rotation_matrix, speckle
 
 from torchsphere import Circle, track
 from torchsphere.recording.frame_source import Source
-from torchsphere.sphere_map import bundle_adjustment, poses, projection, registration
+from torchsphere.sphere_map import bundle_adjustment, forward_model, poses, registration
 from torchsphere.sphere_map.bundle_adjustment import Adjustment
+from torchsphere.sphere_map.forward_model import Pose, TexturedBall
 from torchsphere.sphere_map.pixel_weights import uniform_profile
-from torchsphere.sphere_map.projection import Pose, TexturedBall
 from torchsphere.sphere_map.registration import Registration
 from torchsphere.sphere_map.state import State
 from torchsphere.synthetic import ray_caster
@@ -186,7 +186,7 @@ def step_variances(misfits: dict[int, float], keyframe_variance: float = 4.0) ->
     pose, unit = Pose(torch.zeros(2).double(), torch.eye(3).double()), torch.eye(5, dtype=torch.float64)
     found = {i: Registration(pose, unit, True, misfit) for i, misfit in misfits.items()}
     found |= {i: Registration(pose, unit, True, 1.0) for i in KEYS}
-    ball = TexturedBall(RADIUS, 0.3, 8, torch.zeros(0), projection.uniform_light())
+    ball = TexturedBall(RADIUS, 0.3, 8, torch.zeros(0), forward_model.uniform_light())
     state = State([], [pose] * len(KEYS), ball, uniform_profile(RADIUS))
     adjustment = Adjustment(state, keyframe_variance * np.eye(5 * len(KEYS) + 2), settled=True)
     variance = np.einsum("nii->ni", poses.step_covariances(9, found, KEYS, adjustment))

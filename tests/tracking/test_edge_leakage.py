@@ -67,12 +67,12 @@ def test_a_region_that_lets_it_in_is_told_with_a_better_one(
 
 
 def test_a_ball_that_is_large_or_like_its_background_keeps_the_region() -> None:
-    assert edge_leakage.suited_to_ball(Options(), (), 50.0, 6.0).roi == 0.95
-    assert edge_leakage.suited_to_ball(Options(), (), 25.0, 1.0).roi == 0.95
-    small = edge_leakage.suited_to_ball(Options(), (), 25.0, 4.0)
+    assert edge_leakage.adapt_options(Options(), (), 50.0, 6.0).roi == 0.95
+    assert edge_leakage.adapt_options(Options(), (), 25.0, 1.0).roi == 0.95
+    small = edge_leakage.adapt_options(Options(), (), 25.0, 4.0)
     assert (small.roi, small.pre_blur) == (0.9, 1.0)
-    assert edge_leakage.suited_to_ball(Options(roi=0.95), ("roi",), 25.0, 4.0).roi == 0.95
-    assert edge_leakage.suited_to_ball(Options(pre_blur=0.8), ("pre_blur",), 25.0, 4.0).pre_blur == 0.8
+    assert edge_leakage.adapt_options(Options(roi=0.95), ("roi",), 25.0, 4.0).roi == 0.95
+    assert edge_leakage.adapt_options(Options(pre_blur=0.8), ("pre_blur",), 25.0, 4.0).pre_blur == 0.8
 
 
 def test_the_difference_is_that_of_the_levels_over_the_contrast() -> None:

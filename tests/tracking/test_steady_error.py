@@ -100,7 +100,7 @@ def test_a_plain_ball_has_a_fineness_within_bounds() -> None:
     assert (
         0
         <= steady_error.texture_fineness(torch.full((100, 100), 90.0), ts.Circle(50.0, 50.0, 30.0))
-        <= steady_error.FINEST
+        <= steady_error.MAX_FINENESS
     )
 
 

@@ -61,7 +61,7 @@ def _preview(recording: Recording, path: Path) -> None:
     from torchsphere.detection.detect import find
     from torchsphere.recording.frame_source import Source
     from torchsphere.report.image_figures import preview_figure
-    from torchsphere.tracking.circle_calibration import calibrate_circle
+    from torchsphere.tracking.initial_circle import calibrate_circle
 
     if path.suffix.lower() != ".png":
         raise ValueError(f"--preview {path}: expected a name that ends in .png")

@@ -178,7 +178,7 @@ def _leakage_warnings(request: Request, track: Track) -> list[str]:
     """Whether the background leaks into the region of interest."""
     share, radius = track.settings["leaked"], track.circle.radius
     turns = bool(np.isfinite(track.increment[:, 2:]).any())
-    if share < edge_leakage.NOTABLE or track.settings["sphere_map"]["used"] or not turns:
+    if share < edge_leakage.NOTABLE_SHARE or track.settings["sphere_map"]["used"] or not turns:
         return []
     advice = "film the ball larger"
     if request.roi is not None:

@@ -1,7 +1,7 @@
 """Bundle adjustment of one sphere: texture map, radius and edge blur of the ball, and its poses in many images.
 
 The grey levels are linear in the thousands of map coefficients, and only neighbours are coupled: the map is eliminated
-exactly (`schur`). Five unknowns per image and two common ones remain; the inverse of their normal matrix is the
+exactly (`map_fit`). Five unknowns per image and two common ones remain; the inverse of their normal matrix is the
 covariance of all poses, with the uncertainty of the map. One elimination serves several Gauss-Newton steps.
 """
 
@@ -16,10 +16,9 @@ import torch
 from numpy.typing import NDArray
 
 from torchsphere.runtime import threads
-from torchsphere.sphere_map import cube_map, forward_model, map_fit, pixel_weights, projection, schur
-from torchsphere.sphere_map.forward_model import Linearisation
-from torchsphere.sphere_map.projection import Pose, TexturedBall, uniform_light
-from torchsphere.sphere_map.schur import Elimination
+from torchsphere.sphere_map import cube_map, forward_model, map_fit, pixel_weights
+from torchsphere.sphere_map.forward_model import Linearisation, Pose, TexturedBall, uniform_light
+from torchsphere.sphere_map.map_fit import Elimination
 from torchsphere.sphere_map.state import LinearisedState, State
 from torchsphere.sphere_map.window import Window
 
@@ -116,7 +115,7 @@ def _adjust_level(state: State, level: _Level) -> Adjustment:
     linearised = state.linearise(state.project())
     for _ in range(MAX_ELIMINATIONS):
         linearised = linearised.fit_brightness().measure_profile().estimate_visibility()
-        elimination = schur.eliminate(linearised)
+        elimination = map_fit.eliminate(linearised)
         linearised, move = iterate(linearised, elimination, level.tolerance_px)
         if move < level.settled_px:
             break
@@ -178,7 +177,7 @@ def _gradient(linearised: LinearisedState) -> _Gradient:
     state, squares = linearised.state, 0.0
     n, ball = len(state.windows), state.ball
     by_map = np.zeros(cube_map.coefficient_count(ball.cells))
-    by_poses = np.zeros(5 * n + schur.SHARED_UNKNOWNS)
+    by_poses = np.zeros(5 * n + map_fit.SHARED_UNKNOWNS)
 
     def image_gradient(window: Window, pose: Pose, model: Linearisation) -> tuple[Array, Array, float]:
         residual = window.levels - model.levels
@@ -190,9 +189,9 @@ def _gradient(linearised: LinearisedState) -> _Gradient:
     images = threads.each(image_gradient, state.windows, state.poses, linearised.model)
     for i, (image_by_map, image_by_pose, image_squares) in enumerate(images):
         by_map += image_by_map
-        by_poses[schur.image_unknowns(i, n)] += image_by_pose
+        by_poses[map_fit.image_unknowns(i, n)] += image_by_pose
         squares += image_squares
-    smoothness = schur.roughness_gradient(ball)
+    smoothness = map_fit.roughness_gradient(ball)
     return _Gradient(by_map - smoothness, by_poses, squares + float(ball.coefficients.numpy() @ smoothness))
 
 
@@ -202,7 +201,7 @@ def _take_step(state: State, gradient: _Gradient, elimination: Elimination, shar
     covariance, blur = elimination.covariance, 5 * len(state.poses) + 1
     step = share * covariance @ (gradient.by_poses - elimination.coupling.T @ map_step)
     # The blur is not lowered below its bound; the other unknowns follow by their correlation with the blur.
-    lowest = projection.MIN_BLUR_PX - state.ball.edge_blur
+    lowest = forward_model.MIN_BLUR_PX - state.ball.edge_blur
     if step[blur] < lowest:
         step = step + covariance[:, blur] / covariance[blur, blur] * (lowest - step[blur])
     ball = state.ball.with_map_change(elimination.observed, share * map_step - elimination.map_response @ step)

@@ -1,9 +1,8 @@
 """Texture map of the ball: cubic B-splines on the six faces of a cube around the ball, without pole or seam.
 
-A direction from the ball's centre belongs to the face through which the direction leaves the cube. Two angles give the
-coordinates on the face, so that all cells are about equally large: the equiangular cube of C. Ronchi et al.,
-J. Comput. Phys. 124 (1996) 93, doi:10.1006/jcph.1996.0047. Each face has its own coefficients up to its border, so
-that both faces at a seam are fitted to the images there.
+A direction belongs to the face through which the direction leaves the cube. Two angles are the coordinates there, so
+that all cells are about equally large (C. Ronchi et al., J. Comput. Phys. 124 (1996) 93, doi:10.1006/jcph.1996.0047).
+Each face has its own coefficients up to its border: at a seam, both faces are fitted to the images.
 """
 
 from __future__ import annotations

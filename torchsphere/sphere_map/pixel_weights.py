@@ -12,7 +12,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
 
-from torchsphere.sphere_map.projection import Pose
+from torchsphere.sphere_map.forward_model import Pose
 from torchsphere.sphere_map.window import Window
 
 #: Limits of the rings in which the residual variance is measured, px from the outline.

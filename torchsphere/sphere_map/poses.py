@@ -1,7 +1,7 @@
-"""Absolute poses of all frames on one texture map of the ball, which do not drift.
+"""Absolute poses of all frames on one texture map of the ball, which do not drift as the sum of increments does.
 
-Increments from frame to frame accumulate their errors. The map is adjusted together with the poses of keyframes, which
-are spread over the recording. Each other frame is then registered on the map, over the still background.
+The map is adjusted together with the poses of keyframes, which are spread over the recording. Each other frame is then
+registered on the map, over the still background.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
 from torchsphere.sphere_map import bundle_adjustment, registration
 from torchsphere.sphere_map.bundle_adjustment import Adjustment
+from torchsphere.sphere_map.forward_model import Pose
 from torchsphere.sphere_map.pixel_weights import ROUNDING_VARIANCE
-from torchsphere.sphere_map.projection import Pose
 from torchsphere.sphere_map.registration import Registration
 from torchsphere.sphere_map.window import Window, cut_window
 
@@ -104,17 +104,19 @@ def poses_on_map(
     texture = float(np.median([float(window.levels.var()) for window in windows]))
     noise = max(noise_share * texture, ROUNDING_VARIANCE)
 
-    def report(share: float) -> None:
+    def report(done: int) -> None:
         if progress is not None:
-            progress(round(share * len(frames.keys)), len(known))
+            progress(done, len(known))
 
-    report(0.0)
-    adjustment = bundle_adjustment.adjust(windows, poses, circle.radius, noise, report)
+    report(0)
+    adjustment = bundle_adjustment.adjust(
+        windows, poses, circle.radius, noise, lambda share: report(round(share * len(poses)))
+    )
     misfit = float(adjustment.state.profile.variance[0]) / noise
     refusal = _refusal(adjustment, circle.radius, misfit)
     if refusal:
         return refusal
-    found = _register_all(frames, adjustment, progress)
+    found = _register_all(frames, adjustment, report)
     return _assemble(len(position), found, frames.keys, adjustment, circle, misfit)
 
 
@@ -135,9 +137,7 @@ def _refusal(adjustment: Adjustment, radius: float, misfit: float) -> str:
     return ""
 
 
-def _register_all(
-    frames: _Frames, adjustment: Adjustment, progress: Callable[[int, int], None] | None
-) -> dict[int, Registration]:
+def _register_all(frames: _Frames, adjustment: Adjustment, report: Callable[[int], None]) -> dict[int, Registration]:
     """Registration of every known frame; those of the keyframes come from the adjustment."""
     keys, state = frames.keys, adjustment.state
     ball, profile = state.ball, state.profile
@@ -158,8 +158,7 @@ def _register_all(
         windows = [frames.window(i, pose, ball.radius) for i, pose in zip(chunk, poses, strict=True)]
         registrations = zip(chunk, threads.each(register, poses, windows), strict=True)
         for done, (i, registered) in enumerate(registrations, len(keys) + first + 1):
-            if progress is not None:
-                progress(done, len(frames.initial))
+            report(done)
             if registered is not None:
                 found[i] = registered
     for key, window, pose in zip(keys, state.windows, state.poses, strict=True):
@@ -208,10 +207,9 @@ def _assemble(
 def step_covariances(n: int, found: dict[int, Registration], keys: list[int], adjustment: Adjustment) -> Array:
     """Covariance (n - 1, 5, 5) of the steps between frames that are both on the map; px and rad, NaN elsewhere.
 
-    Between keyframes, the adjustment gives the covariance. Elsewhere the noise of both images gives the covariance,
-    scaled by `Registration.misfit`: the residual of a frame that did not make the map also holds the map's error at
-    the frame's pixels, and this error cancels little in a step. A keyframe has no such residual and gets the median
-    misfit of the other frames (docs/constants.md).
+    Between keyframes, the covariance is that of the adjustment. Elsewhere it is the noise of both images, scaled by
+    `Registration.misfit`: the residual of such a frame also holds the map's error at its pixels, which cancels little
+    in a step. A keyframe has no such residual and gets the median misfit of the other frames.
     """
     units = np.array([1.0, 1.0, *3 * [1 / adjustment.state.ball.radius]])
     scale = np.outer(units, units)

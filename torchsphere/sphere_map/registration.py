@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from torchsphere.sphere_map import forward_model, pixel_weights
+from torchsphere.sphere_map.forward_model import Pose, TexturedBall
 from torchsphere.sphere_map.pixel_weights import ResidualProfile
-from torchsphere.sphere_map.projection import Pose, TexturedBall
 from torchsphere.sphere_map.window import Window
 
 #: Largest number of steps, and length below which a step is the last, px; steps shrink about tenfold each.

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from torch import Tensor
 
 from torchsphere.runtime import threads
-from torchsphere.sphere_map import forward_model, pixel_weights, projection
-from torchsphere.sphere_map.forward_model import Linearisation
+from torchsphere.sphere_map import forward_model, pixel_weights
+from torchsphere.sphere_map.forward_model import Linearisation, Pose, Projection, TexturedBall
 from torchsphere.sphere_map.pixel_weights import ResidualProfile
-from torchsphere.sphere_map.projection import Pose, Projection, TexturedBall
 from torchsphere.sphere_map.window import Window
 
 
@@ -25,8 +24,8 @@ class State:
 
     def project(self) -> list[Projection]:
         """Projection of the ball into each image."""
-        each = threads.each(lambda w, pose: projection.project(w, pose, self.ball), self.windows, self.poses)
-        return list(each)
+        ball, project = self.ball, forward_model.project
+        return list(threads.each(lambda window, pose: project(window, pose, ball), self.windows, self.poses))
 
     def predict(self, projections: list[Projection]) -> list[Tensor]:
         """Grey levels (p,) of the model in each image."""

@@ -1,6 +1,6 @@
 """The pixels of one image around the ball, and the rays over which a pixel averages the ball.
 
-A Gauss rule places the rays in a pixel: two points in either direction, three near the limb, where the texture is
+A Gauss rule places the rays in a pixel: two points in both directions, three near the limb, where the texture is
 foreshortened to less than a pixel, and five across the outline.
 """
 
@@ -24,7 +24,7 @@ LIMB_FROM = 0.85
 #: Distance from the outline, px, within which the outline may cross a pixel (docs/constants.md).
 OUTLINE_PX = 1.0
 
-#: Points across such an outline, and in either direction where the outline is oblique (docs/constants.md).
+#: Points across such an outline, and in both directions where the outline is oblique (docs/constants.md).
 POINTS_ACROSS, OBLIQUE_POINTS = 5, 4
 
 #: Slope of the outline's normal against rows or columns up to which the outline is not oblique.

@@ -24,19 +24,19 @@ from torchsphere.tracking.record import Record
 Array = NDArray[np.float64]
 
 #: Turn of the ball in the whole recording, rad, from which a map is made by default (docs/constants.md).
-MAP_FROM = np.radians(90.0)
+MAP_FROM_RAD = np.radians(90.0)
 
 #: Error of a step by the uncertain radius, px, from which a map is made by default (docs/constants.md).
-RADIUS_MATTERS_PX = 0.01
+MAX_RADIUS_EFFECT_PX = 0.01
 
 #: Error of a step, px, per px of error of the radius and rad of rotation (docs/constants.md).
 STEP_PER_RADIUS = 3.0
 
 #: Share of the steps with uneven light from which no map is made by default (docs/constants.md).
-MOST_UNEVEN = 0.25
+MAX_UNEVEN_SHARE = 0.25
 
 #: Models of a rigid motion in an orthographic view, which a map replaces.
-ON_MAP = ("rigid", "finite")
+MAP_MODELS = ("rigid", "finite")
 
 
 @dataclass(frozen=True)
@@ -90,15 +90,15 @@ def _reason_without_map(measured: Record, circle: Circle, asked: bool | None, mo
         return "not needed: it was not asked for"
     prefix = "" if asked else "not needed: "
     turns = np.linalg.norm(measured.rotation, axis=1)
-    if model not in ON_MAP:
+    if model not in MAP_MODELS:
         return f"{prefix}a map of the ball takes a rigid motion in an orthographic view, which {model!r} is not"
     if not np.isfinite(turns).any():
         return f"{prefix}no rotation was measured, so no map of the ball can be made"
     by_radius = STEP_PER_RADIUS * float(np.nanmedian(turns)) * np.nan_to_num(circle.sd_radius)
-    if asked is None and np.nansum(turns) < MAP_FROM and by_radius < RADIUS_MATTERS_PX:
+    if asked is None and np.nansum(turns) < MAP_FROM_RAD and by_radius < MAX_RADIUS_EFFECT_PX:
         return f"not needed: the ball turns by {np.degrees(np.nansum(turns)):.0f} deg in all, and its radius is known"
     steps, uneven = int(np.isfinite(measured.increment[:, 0]).sum()), int(measured.uneven_light.sum())
-    if asked is None and uneven > MOST_UNEVEN * steps:
+    if asked is None and uneven > MAX_UNEVEN_SHARE * steps:
         return (
             f"no map of the ball was made, as something near it takes light from one side of it in {uneven} of {steps} "
             "steps, which steps allow for and a map does not; ask for a map to have one all the same"

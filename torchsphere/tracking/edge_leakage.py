@@ -21,19 +21,19 @@ from torchsphere.imaging import crop
 ERROR_PER_LEAKAGE = 0.4
 
 #: Blur of a pixel and of the spline, px, in addition to the pre-blur.
-SHARP_PX = 0.5
+PIXEL_BLUR_PX = 0.5
 
 #: Largest share that is stated (docs/constants.md).
-LARGEST_SHARE = 0.6
+MAX_SHARE = 0.6
 
 #: Radii within which the texture is taken, and distances from the outline, px, between which the background is taken.
-INNER, BACKGROUND_PX = 0.9, (2.0, 5.0)
+TEXTURE_RADIUS, BACKGROUND_PX = 0.9, (2.0, 5.0)
 
 #: Leakage from which the region is made smaller, and distance of its border from the outline, px (docs/constants.md).
-NOTABLE, ROOM_PX = 0.02, 2.5
+NOTABLE_SHARE, BORDER_DISTANCE_PX = 0.02, 2.5
 
 #: Smallest region of interest by default, share of the radius.
-LEAST_ROI = 0.7
+MIN_ROI = 0.7
 
 
 def background_contrast(image: Tensor, circle: Circle, ignore: Tensor | None = None) -> float:
@@ -49,7 +49,7 @@ def background_contrast(image: Tensor, circle: Circle, ignore: Tensor | None = N
     usable = torch.isfinite(crops.images[0])
     if crops.usable is not None:
         usable = usable & crops.usable[0]
-    ball = crops.images[0][usable & (distance < INNER * circle.radius)].double()
+    ball = crops.images[0][usable & (distance < TEXTURE_RADIUS * circle.radius)].double()
     inner, outer = (circle.radius + away for away in BACKGROUND_PX)
     background = crops.images[0][usable & (distance > inner) & (distance < outer)].double()
     if min(len(ball), len(background)) < 2:
@@ -60,20 +60,20 @@ def background_contrast(image: Tensor, circle: Circle, ignore: Tensor | None = N
 
 def leakage_share(contrast: float, radius: float, options: Options) -> float:
     """Error of a step as a share of the front's motion, for a ball with that `background_contrast`."""
-    room = (1 - options.roi) * radius / math.hypot(options.pre_blur, SHARP_PX)
+    room = (1 - options.roi) * radius / math.hypot(options.pre_blur, PIXEL_BLUR_PX)
     tail = 0.5 * math.erfc(room / math.sqrt(2))
-    return min(ERROR_PER_LEAKAGE * (contrast * tail) ** 2, LARGEST_SHARE)
+    return min(ERROR_PER_LEAKAGE * (contrast * tail) ** 2, MAX_SHARE)
 
 
-def suited_to_ball(options: Options, given: Container[str], radius: float, contrast: float) -> Options:
+def adapt_options(options: Options, given: Container[str], radius: float, contrast: float) -> Options:
     """The options with pre-blur and, under strong leakage, region adapted to the ball; ``given`` options stay."""
     found = options if "pre_blur" in given else adapt_pre_blur(options, radius)
-    if "roi" in given or leakage_share(contrast, radius, found) < NOTABLE:
+    if "roi" in given or leakage_share(contrast, radius, found) < NOTABLE_SHARE:
         return found
     smaller = replace(options, roi=min(options.roi, roi_without_leakage(radius)))
     return smaller if "pre_blur" in given else adapt_pre_blur(smaller, radius)
 
 
 def roi_without_leakage(radius: float) -> float:
-    """Region of interest, share of the radius, px, that no background light reaches; `LEAST_ROI` at least."""
-    return max(math.floor(100 * (1 - ROOM_PX / radius)) / 100, LEAST_ROI)
+    """Region of interest, share of the radius, px, that no background light reaches; `MIN_ROI` at least."""
+    return max(math.floor(100 * (1 - BORDER_DISTANCE_PX / radius)) / 100, MIN_ROI)

@@ -1,21 +1,70 @@
-"""The circle that a recording is followed from: found, given, or given and fitted to the image."""
+"""The circle that a recording is followed from: found, given, or fitted to its image, and improved by later frames.
+
+The ball's path tells the still background from the ball, and so its limb better than one image does. Where the ball
+turns, a wrong radius means a wrong depth of the surface and leaves a residual of the correlation. Both values are
+combined by their uncertainties. Later frames improve the radius alone: the path drifts from the centre.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import math
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.correlation.options import Options
-from torchsphere.detection import detect
+from torchsphere.correlation.options import Options, margin
+from torchsphere.correlation.pairs import Pairs
+from torchsphere.correlation.radius_mode import radius_score
+from torchsphere.correlation.reference import Filtered
+from torchsphere.correlation.solve import GRADIENT_FROM_DEG
+from torchsphere.detection import detect, limb_fit, outline_fit
+from torchsphere.detection.detect import at_limb
 from torchsphere.geometry.camera import Camera, sphere_of_outline
 from torchsphere.geometry.circle import Circle
+from torchsphere.imaging import background, crop
 from torchsphere.recording.frame_source import Source
 from torchsphere.settings.arrays import check_circle
 from torchsphere.settings.limits import SettingError, is_whole
-from torchsphere.tracking.circle_calibration import calibrate_circle
+from torchsphere.tracking.follow import Follower
+from torchsphere.tracking.record import Record
+
+#: Largest number of frames that are followed, and largest number that tell radius and hidden background.
+FRAMES, MAX_CHOSEN = 65, 16
+
+#: Failed searches for the ball after which the remaining frames are left out.
+MAX_SEARCHES = 4
+
+#: Distance beyond the outline up to which the limb is looked at, px, with the reach of the spline.
+LIMB_REACH_PX = 16.0
+
+#: Bias of the interpolation, px, that the residuals cannot tell from a radius (docs/constants.md).
+SYSTEMATIC_RESIDUAL_PX = 0.001
+
+#: Pre-blur with which the radius is estimated, px: more blur makes the ball look larger (docs/constants.md).
+PRE_BLUR_PX = 0.7
+
+#: Largest change of the outline's radius by the correlation, as a share of it (docs/constants.md).
+MAX_RADIUS_CHANGE = 0.03
+
+#: Change of the radius, as a share of it, from which the frames are followed anew (docs/constants.md).
+FOLLOW_AGAIN_CHANGE = 5e-4
+
+#: Number of estimates of the radius by the correlation; the second has the increments of the first one's radius.
+ROUNDS = 2
+
+#: Standard deviation of a frame's radius, over that of the first, from which it is left out (docs/constants.md).
+MAX_SD_RATIO = 1.2
+
+#: Smallest number of pairs or frames that have a scatter.
+MIN_PAIRS = 3
+
+#: Pairs correlated at once.
+BATCH = 16
 
 
 def find_initial_circle(
@@ -85,3 +134,183 @@ def _three_numbers(given: Any) -> tuple[float, float, float]:
     except (TypeError, ValueError) as error:
         raise ValueError(f"circle: expected three numbers (x, y, radius) in px, got {given!r}") from error
     return x, y, radius
+
+
+@dataclass(frozen=True)
+class _Flight:
+    """The first frames of a recording, and the path of the ball in them."""
+
+    source: Source
+    ignore: Tensor | None  # (h, w), True where the images are not to be used
+    options: Options
+    followed: Record
+
+    @property
+    def frames(self) -> NDArray[np.int64]:
+        """Frames that were measured."""
+        return np.flatnonzero(self.followed.status == "ok")
+
+    @property
+    def even_frames(self) -> NDArray[np.int64]:
+        """Measured frames without an object that takes light from one side of the ball."""
+        return self.frames[~self.followed.uneven_light[self.frames]]
+
+    def relative_size(self, circle: Circle, frames: NDArray[np.int64]) -> Tensor:
+        """Size (m,) of the ball in the given frames relative to its size in the frame of ``circle``."""
+        return torch.from_numpy(self.followed.size[frames] / self.followed.size[circle.frame])
+
+    def circles(self, circle: Circle, frames: NDArray[np.int64]) -> Tensor:
+        """Circles (m, 3) on the path in the given frames, with the radius of ``circle`` in its frame."""
+        radii = circle.radius * self.relative_size(circle, frames)
+        return torch.cat((torch.from_numpy(self.followed.position[frames]), radii[:, None]), -1)
+
+
+def calibrate_circle(source: Source, found: Circle, ignore: Tensor | None, options: Options) -> Circle:
+    """The ``found`` circle with radius and centre from the frames that follow it.
+
+    A plain ball, or a ball that cannot be followed, keeps its circle.
+    """
+    options = dataclasses.replace(options, pre_blur=min(options.pre_blur, PRE_BLUR_PX))
+    if options.camera is None:
+        # The linearised model gives the radius within 0.15 px at up to 5 deg per frame, where the residual of the
+        # exact model leads the radius astray.
+        options = dataclasses.replace(options, model="rigid", finite_from_deg=GRADIENT_FROM_DEG)
+    stop = min(found.frame + FRAMES, source.count)
+    source = source.cached(found.frame, stop)
+
+    def follow(circle: Circle) -> _Flight:
+        return _Flight(
+            source, ignore, options, Follower(source, circle, ignore, options, searches=MAX_SEARCHES).run(stop)
+        )
+
+    flight = follow(found)
+    if len(flight.frames) < 3:
+        return found
+    found = _fit_limb(flight, found)
+    by_outline = radius = _radius_over_frames(flight, found)
+    sd = found.sd_radius
+    for number in range(ROUNDS):
+        correction, sd_correction = _radius_correction(flight, dataclasses.replace(found, radius=radius))
+        # Two independent values of the radius: the outline's and the correlation's.
+        share = sd**2 / (sd**2 + sd_correction**2)
+        combined = by_outline + share * (radius + correction - by_outline)
+        if abs(combined - by_outline) > MAX_RADIUS_CHANGE * by_outline:
+            # Another cause than the radius leaves this residual.
+            radius, sd_correction = by_outline, math.inf
+            break
+        radius = combined
+        # After the last round the positions are not used any more.
+        if number < ROUNDS - 1 and abs(radius - flight.followed.radius) > FOLLOW_AGAIN_CHANGE * radius:
+            flight = follow(dataclasses.replace(found, radius=radius))
+    return dataclasses.replace(found, radius=radius, sd_radius=1 / math.hypot(1 / sd, 1 / sd_correction))
+
+
+def _fit_limb(flight: _Flight, found: Circle) -> Circle:
+    """The circle at the ball's limb, with and without the still background taken out, whichever is more certain."""
+    image = flight.source.images(found.frame, found.frame + 1)[0].cpu()
+    if outline_fit.is_plain(image, torch.tensor([found.x, found.y, found.radius], dtype=torch.float64)):
+        return found
+    # Image and background are on the CPU, wherever the pairs are measured.
+    ignore = None if flight.ignore is None else flight.ignore.cpu()
+    hidden = _hidden_background(flight, found, image.shape)
+    fits = (
+        at_limb(image[None], found, ignore, flight.options.camera),
+        at_limb(
+            (image - _still_background(flight, found, image)).to(image)[None],
+            found,
+            hidden if ignore is None else hidden | ignore,
+            flight.options.camera,
+        ),
+    )
+    return min(fits, key=lambda circle: math.hypot(circle.sd_x, circle.sd_y, circle.sd_radius))
+
+
+def _still_background(flight: _Flight, found: Circle, image: Tensor) -> Tensor:
+    """The still background (h, w) around the ball in its frame; the ``image`` itself elsewhere."""
+    reach = found.radius + LIMB_REACH_PX
+    left, top = (max(0, math.floor(v - reach)) for v in (found.x, found.y))
+    part = slice(top, math.ceil(found.y + reach) + 1), slice(left, math.ceil(found.x + reach) + 1)
+
+    def read(start: int, stop: int) -> Tensor:
+        return flight.source.images(start, stop)[:, part[0], part[1]]
+
+    around = dataclasses.replace(flight.source, read=read, is_file=False)
+    still = image.double().clone()
+    still[part] = background.background(around, flight.followed.position - [left, top], found.radius)
+    return still
+
+
+def _radius_over_frames(flight: _Flight, found: Circle) -> float:
+    """Median radius over several frames; that of ``found`` where later frames are less certain than its own."""
+    if len(flight.even_frames) < MIN_PAIRS:
+        return found.radius
+    chosen = _spread(flight.even_frames)
+    circles = flight.circles(found, chosen)
+    images = torch.cat([flight.source.images(int(i), int(i) + 1) for i in chosen])
+    fitted, covariance = limb_fit.fit(images, circles, ignore=flight.ignore, camera=flight.options.camera)
+    good = ((fitted - circles).abs() < 0.5 * MAX_RADIUS_CHANGE * found.radius).all(-1)
+    good &= covariance[:, 2, 2] < (MAX_SD_RATIO * found.sd_radius) ** 2
+    if int(good.sum()) < MIN_PAIRS:
+        return found.radius
+    return float((fitted[:, 2] / flight.relative_size(found, chosen))[good].median())
+
+
+def _spread(frames: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Up to `MAX_CHOSEN` of the frames, evenly between the first and the last."""
+    return frames[np.unique(np.linspace(0, len(frames) - 1, MAX_CHOSEN).round().astype(int))]
+
+
+def _hidden_background(flight: _Flight, found: Circle, shape: torch.Size) -> Tensor:
+    """True (h, w) where the ball hides the background in all chosen frames except that of ``found``.
+
+    A pixel that is visible in that frame alone is taken for the background there, whatever it shows.
+    """
+    known = np.flatnonzero(np.isfinite(flight.followed.position[:, 0]))
+    chosen = _spread(known[known != found.frame])
+    rows, columns = (torch.arange(size, dtype=torch.float64) for size in shape)
+    hidden, limit = torch.ones(shape, dtype=torch.bool), (found.radius + background.CLEARANCE_PX) ** 2
+    for x, y in flight.followed.position[chosen].tolist():
+        hidden &= (columns - x).square() < (limit - (rows - y).square())[:, None]
+    return hidden
+
+
+def _radius_correction(flight: _Flight, tried: Circle) -> tuple[float, float]:
+    """Correction of the ``tried`` radius by the residuals of successive frames, and its standard deviation, px.
+
+    The increments may have been found with another radius; they adapt. Pairs with uneven light are left out: a target
+    that takes light leaves a larger residual than a wrong radius.
+    """
+    even, increment = flight.even_frames, flight.followed.increment
+    # Pairs next to those that show the uneven light have some of it: both frames must be without.
+    second = even[np.isin(even - 1, even)]
+    if len(second) < MIN_PAIRS:
+        return 0.0, math.inf
+    evidence = [
+        radius_score(_pairs(flight, tried, some), torch.from_numpy(increment[some - 1]), flight.options)
+        for some in np.array_split(second, max(1, math.ceil(len(second) / BATCH)))
+    ]
+    score, information = (torch.cat(values) for values in zip(*evidence, strict=True))
+    total = float(information.sum())
+    if total <= 0:
+        return 0.0, math.inf
+    correction = float(score.sum()) / total
+    # The pairs' own scatter holds errors that the noise model lacks; the systematic residual is common to all pairs.
+    scatter = float((score - information * correction).square().sum().sqrt()) / total
+    rotation = np.sqrt(np.mean(np.sum(increment[second - 1, 2:4] ** 2, axis=1)))
+    return correction, math.hypot(scatter, SYSTEMATIC_RESIDUAL_PX / max(float(rotation), 1e-6))
+
+
+def _pairs(flight: _Flight, tried: Circle, second: NDArray[np.int64]) -> Pairs:
+    """The frames ``second`` (m,), each with the frame before; each image is filtered once, for both its pairs."""
+    shown = np.union1d(second - 1, second)
+    circles = flight.circles(tried, shown)
+    half = crop.half_size(float(circles[:, 2].max()), margin(flight.options))
+    runs = np.split(shown, np.flatnonzero(np.diff(shown) > 1) + 1)
+    images = [flight.source.images(int(run[0]), int(run[-1]) + 1) for run in runs]
+    # A single run of frames, the usual case, needs no copy.
+    crops = crop.cut(images[0] if len(images) == 1 else torch.cat(images), circles[:, :2], half, flight.ignore)
+    filtered = Filtered.of(crops, flight.options.pre_blur)
+    if len(runs) == 1:
+        return Pairs(filtered.rows(0, len(second)), filtered.rows(1, len(shown)), circles[:-1])
+    first = torch.from_numpy(np.searchsorted(shown, second - 1))
+    return Pairs(filtered.take(first), filtered.take(first + 1), circles[first])

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 #: Motion of the ball's front per frame, px, from which two images of it cannot be the same bit for bit.
-MOVES_PX = 0.05
+MIN_MOTION_PX = 0.05
 
 #: Distance of the rows in which two images are compared first.
-SPARSE = 16
+ROW_STEP = 16
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class BallState:
         """Whether the expected motion is so large that no image of the ball can repeat the image before."""
         dx, dy, wx, wy, wz = self.increment.tolist()
         front = math.hypot(dx - self.radius * wy, dy + self.radius * wx, self.radius * wz)
-        return max(front, math.hypot(dx, dy)) > MOVES_PX
+        return max(front, math.hypot(dx, dy)) > MIN_MOTION_PX
 
     def predict(self, count: int, in_place: bool) -> tuple[Tensor, Tensor]:
         """Increments (m, 5) of the next ``count`` pairs, px and rad, and circles (m + 1, 3) from this frame on, px."""
@@ -79,7 +79,7 @@ def repeats_previous(images: Tensor, state: BallState) -> NDArray[np.bool_]:
     """True (m,) for images (m + 1, h, w), after the first, that repeat the image before while the ball moves."""
     if not state.is_moving:
         return np.zeros(len(images) - 1, dtype=bool)
-    same = (images[1:, ::SPARSE] == images[:-1, ::SPARSE]).flatten(1).all(-1)
+    same = (images[1:, ::ROW_STEP] == images[:-1, ::ROW_STEP]).flatten(1).all(-1)
     if bool(same.any()):
         same = (images[1:] == images[:-1]).flatten(1).all(-1)
     return same.cpu().numpy()

@@ -28,16 +28,16 @@ from torchsphere.tracking.successive_pairs import PairSetup, correlate_one
 SMALL_RADIUS_PX = 25.0
 
 #: Largest number of iterations on the small images, and their tolerance, px.
-STEPS, TOLERANCE_PX = 20, 0.01
+MAX_ITERATIONS, TOLERANCE_PX = 20, 0.01
 
 #: Correlation coefficient on the small images below which a guess is dropped: a part of the ball may be hidden.
-LEAST_ZNCC = 0.2
+MIN_SMALL_ZNCC = 0.2
 
 #: Number of first guesses of a search over rotations that are tried at full size.
-TRIED = 3
+MAX_TRIED = 3
 
 #: Number of failed searches from which further ones wait, and the wait as a share of the frames since the first one.
-PATIENT, WAITS = 4, 0.25
+FREE_SEARCHES, WAIT_SHARE = 4, 0.25
 
 #: Height of the outline's step, as a share of that in the last frame, below which no ball is assumed there.
 MIN_CONTRAST = 0.4
@@ -73,9 +73,9 @@ def rank_guesses(pair: Tensor, state: BallState, starts: Tensor, ignore: Tensor 
     coarse = dataclasses.replace(
         options,
         robust=False,
-        max_iterations=STEPS,
+        max_iterations=MAX_ITERATIONS,
         tolerance_px=TOLERANCE_PX,
-        min_zncc=LEAST_ZNCC,
+        min_zncc=MIN_SMALL_ZNCC,
         camera=None if options.camera is None else options.camera.reduced(factor),
     )
     circles = torch.cat((centre, radius)).expand(len(starts), 3)
@@ -106,7 +106,7 @@ def is_worth_a_search(found: Correlation, state: BallState, expected: Tensor, is
 
 def is_search_due(frame: int, failed: list[int]) -> bool:
     """Whether to search in ``frame``, after searches that ``failed`` in earlier frames since the ball was seen."""
-    return len(failed) < PATIENT or frame - failed[-1] >= WAITS * (failed[-1] - failed[0])
+    return len(failed) < FREE_SEARCHES or frame - failed[-1] >= WAIT_SHARE * (failed[-1] - failed[0])
 
 
 def correlate_by_search(pair: Tensor, state: BallState, setup: PairSetup) -> Correlation | None:
@@ -116,7 +116,7 @@ def correlate_by_search(pair: Tensor, state: BallState, setup: PairSetup) -> Cor
         guesses[:, :2] = 0
     if len(guesses) == 0:
         return None
-    for start in rank_guesses(pair, state, guesses, setup.ignore, setup.options)[:TRIED]:
+    for start in rank_guesses(pair, state, guesses, setup.ignore, setup.options)[:MAX_TRIED]:
         found = correlate_one(pair, state.circle, start, setup)
         if found.status[0] == "ok":
             return found

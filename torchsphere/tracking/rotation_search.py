@@ -27,13 +27,13 @@ STEP_DEG, REACH_DEG = 6.0, 36.0
 TEMPLATE = 0.9
 
 #: Correlation coefficient below which a template has no match (docs/constants.md).
-LEAST_SCORE = 0.6
+MIN_SCORE = 0.6
 
 #: Pixels of the scores in memory at once: those of all rotations over 1024 x 1024 px would take 4 GB.
 AT_ONCE = 2_000_000
 
 #: Energy of the texture at a place, as a share of the ball's own, below which noise alone may match.
-LEAST_POWER = 0.1
+MIN_ENERGY = 0.1
 
 #: Largest number of guesses.
 MAX_GUESSES = 16
@@ -64,7 +64,7 @@ def find_guesses(f: Tensor, g: Tensor, centre: Tensor, radius: float, ignore: Te
     templates, disc = _templates(small_f, place, radius / factor, vectors)
     best, at = (values.cpu() for values in _match(small_g, templates, disc))
     best, chosen = best.topk(min(MAX_GUESSES, len(best)))
-    chosen = chosen[best > LEAST_SCORE]
+    chosen = chosen[best > MIN_SCORE]
     at = at[chosen]
     matched = torch.stack((at % small_g.shape[-1], at // small_g.shape[-1]), -1).double()
     return torch.cat(((matched - place) * factor, vectors[chosen]), -1)
@@ -111,7 +111,7 @@ def _match(image: Tensor, templates: Tensor, disc: Tensor) -> tuple[Tensor, Tens
     count = summed(spectrum(torch.ones_like(image)), disc).clamp_min(1)
     mean = summed(levels, disc) / count
     energy = templates.square().sum((1, 2)).clamp_min(1e-6)
-    least = LEAST_POWER * float(energy.max())
+    least = MIN_ENERGY * float(energy.max())
     power = (summed(spectrum(level.square()), disc) - count * mean.square()).clamp_min(least).rsqrt()
     some = max(1, AT_ONCE // (size[0] * size[1]))
     scores = ((summed(levels, part) * power).flatten(1).max(-1) for part in templates.split(some))

@@ -24,28 +24,28 @@ from torchsphere.imaging import crop, interpolation
 ALIASED_PX2 = 0.0005 * 50.0
 
 #: Error of a step per turn about the axis across it, px/rad, over the squared fineness (docs/constants.md).
-TURNED_PX = 0.0115 / math.radians(1.0)
+SLOW_TURN_PX = 0.0115 / math.radians(1.0)
 
-#: Turn per frame, rad, up to which that error grows; `FAST_PX3` continues from there (docs/constants.md).
-GROWS_UP_TO = math.radians(1.0)
+#: Turn per frame, rad, up to which that error grows; `FAST_TURN_PX3` continues from there (docs/constants.md).
+SLOW_TURN_RAD = math.radians(1.0)
 
 #: Error along the front's motion per turn out of the plane, times the squared radius, px^3/rad (docs/constants.md).
-FAST_PX3 = 0.0010 * 50.0**2 / math.radians(1.0)
+FAST_TURN_PX3 = 0.0010 * 50.0**2 / math.radians(1.0)
 
 #: Turn per frame, rad, up to which the error by fast turns grows (docs/constants.md).
-FAST_UP_TO = math.radians(8.0)
+FAST_TURN_RAD = math.radians(8.0)
 
 #: Errors by fast turns across that motion, and about z times the radius, as shares (docs/constants.md).
 FAST_ACROSS, FAST_ABOUT_Z = 0.3, 0.2
 
 #: Error of a ball at rest, times the radius, px^2; and about z, times its square, rad px^2 (docs/constants.md).
-LEFT_PX2, LEFT_Z_PX2 = 0.00035 * 50.0, math.radians(0.37)
+REST_PX2, REST_Z_PX2 = 0.00035 * 50.0, math.radians(0.37)
 
 #: Error of the shift of each point of a ball that turns about z, over the sine of that shift, px (docs/constants.md).
 ALIASED_Z_PX = 0.00017
 
 #: Errors by leakage across the motion of the front, and about z times the radius, as shares (docs/constants.md).
-LEAKED_ACROSS, LEAKED_ABOUT_Z = 0.3, 0.08
+LEAKAGE_ACROSS, LEAKAGE_ABOUT_Z = 0.3, 0.08
 
 #: Error of a rotation about x or y times the radius, over that of the step along the other axis (docs/constants.md).
 ROTATION_PER_STEP = 1.2
@@ -57,20 +57,20 @@ UNEVEN_LIGHT_PX, UNEVEN_LIGHT_Z_PX = 0.0021, 0.0003
 SHARE_ON_MAP = 1.2
 
 #: Positions across the ball, radii, and the share of the ball's area at each.
-ACROSS = (np.arange(32) + 0.5) / 16 - 1
-SHARES = np.sqrt(1 - ACROSS**2) / np.sqrt(1 - ACROSS**2).sum()
+POSITIONS = (np.arange(32) + 0.5) / 16 - 1
+AREA_SHARES = np.sqrt(1 - POSITIONS**2) / np.sqrt(1 - POSITIONS**2).sum()
 
 #: Share of the radius within which the fineness is taken: the limb's texture is foreshortened.
 INNER = 0.8
 
 #: Fineness of speckle of 4 px, and of noise, which no texture exceeds.
-TYPICAL, FINEST = 0.41, 1.0
+TYPICAL_FINENESS, MAX_FINENESS = 0.41, 1.0
 
 Array = NDArray[np.float64]
 
 
 def texture_fineness(image: Tensor, circle: Circle, ignore: Tensor | None = None) -> float:
-    """Mean square of the gradient over the variance of the pre-blurred ball, 1/px^2; `TYPICAL` where not finite.
+    """Mean square of the gradient over the variance of the pre-blurred ball, 1/px^2; `TYPICAL_FINENESS` where not finite.
 
     About ``5 / d^2`` to ``9 / d^2`` for sharp spots of d = 3 to 6 px. ``image`` and ``ignore`` (h, w).
     """
@@ -82,13 +82,13 @@ def texture_fineness(image: Tensor, circle: Circle, ignore: Tensor | None = None
     variance = (weights * znssd.centred(reference.values, weights).square()).sum()
     slope = (weights * reference.gradient.square().sum(1)).sum()
     found = float(slope / variance.clamp_min(1e-12))
-    return min(found, FINEST) if math.isfinite(found) else TYPICAL
+    return min(found, MAX_FINENESS) if math.isfinite(found) else TYPICAL_FINENESS
 
 
 def sd_steady(
     increment: Array,
     radius: float,
-    fineness: float = TYPICAL,
+    fineness: float = TYPICAL_FINENESS,
     *,
     on_map: bool,
     uneven_light: float = 0.0,
@@ -103,16 +103,16 @@ def sd_steady(
     known = np.isfinite(increment)
     steps = np.where(known, increment, 0.0)
     aliased = ALIASED_PX2 / radius * np.sin(2 * np.pi * steps[:, :2])
-    turned = TURNED_PX * fineness**2 * np.minimum(np.abs(steps[:, [3, 2]]), GROWS_UP_TO)
+    turned = SLOW_TURN_PX * fineness**2 * np.minimum(np.abs(steps[:, [3, 2]]), SLOW_TURN_RAD)
     counted = max(known[:, 0].sum(), 1)
     squares = (aliased**2 + turned**2).sum(0) / counted
     light = 0.0 if on_map else uneven_light
     fast = np.zeros(3) if on_map else (_fast_turn_errors(steps, radius) ** 2).sum(0) / counted
     leak = np.zeros(3) if on_map else (_leakage_errors(steps, radius, leakage) ** 2).sum(0) / counted
-    step = np.sqrt(squares + fast[:2] + leak[:2] + (LEFT_PX2 / radius) ** 2 + light * UNEVEN_LIGHT_PX**2)
+    step = np.sqrt(squares + fast[:2] + leak[:2] + (REST_PX2 / radius) ** 2 + light * UNEVEN_LIGHT_PX**2)
     aliased_z = (_aliased_about_z(steps, radius)[known[:, 0]] ** 2).sum() / counted
     about_z = np.sqrt(
-        aliased_z + fast[2] + leak[2] + (LEFT_Z_PX2 / radius**2) ** 2 + light * (UNEVEN_LIGHT_Z_PX / radius) ** 2
+        aliased_z + fast[2] + leak[2] + (REST_Z_PX2 / radius**2) ** 2 + light * (UNEVEN_LIGHT_Z_PX / radius) ** 2
     )
     turn = ROTATION_PER_STEP / radius * step[::-1]
     return (SHARE_ON_MAP if on_map else 1.0) * np.concatenate((step, turn, [about_z]))
@@ -121,10 +121,10 @@ def sd_steady(
 def _fast_turn_errors(steps: Array, radius: float) -> Array:
     """Errors (n, 3) in x, y and about z, px and rad, by fast turns out of the image's plane."""
     turn = np.hypot(steps[:, 2], steps[:, 3])
-    beyond = np.clip(turn, GROWS_UP_TO, FAST_UP_TO) - GROWS_UP_TO
-    along = FAST_PX3 / radius**2 * beyond
+    beyond = np.clip(turn, SLOW_TURN_RAD, FAST_TURN_RAD) - SLOW_TURN_RAD
+    along = FAST_TURN_PX3 / radius**2 * beyond
     # The front moves along x with a turn about y, and along y with one about x.
-    share = np.abs(steps[:, [3, 2]]) / np.maximum(turn, GROWS_UP_TO)[:, None]
+    share = np.abs(steps[:, [3, 2]]) / np.maximum(turn, SLOW_TURN_RAD)[:, None]
     step = along[:, None] * np.hypot(share, FAST_ACROSS * share[:, ::-1])
     return np.concatenate((step, FAST_ABOUT_Z / radius * along[:, None]), 1)
 
@@ -132,8 +132,8 @@ def _fast_turn_errors(steps: Array, radius: float) -> Array:
 def _leakage_errors(steps: Array, radius: float, leakage: float) -> Array:
     """Errors (n, 3) in x, y and about z, px and rad, by background light that leaks over the outline."""
     front = radius * np.abs(steps[:, [3, 2]])
-    step = leakage * np.hypot(front, LEAKED_ACROSS * front[:, ::-1])
-    about_z = leakage * LEAKED_ABOUT_Z / radius * np.hypot(front[:, :1], front[:, 1:])
+    step = leakage * np.hypot(front, LEAKAGE_ACROSS * front[:, ::-1])
+    about_z = leakage * LEAKAGE_ABOUT_Z / radius * np.hypot(front[:, :1], front[:, 1:])
     return np.concatenate((step, about_z), 1)
 
 
@@ -143,7 +143,7 @@ def _aliased_about_z(steps: Array, radius: float) -> Array:
     A turn by w about z moves the points at distance x from the axis by ``d + w x``. The errors ``sin 2 pi (d + w x)``
     pass for a turn by ``<x sin> / <x^2>``, means over the ball, which vanishes once the limb moves by a pixel.
     """
-    local = np.sin(2 * np.pi * (steps[:, :2, None] + steps[:, 4, None, None] * radius * ACROSS))
-    turn = (SHARES * ACROSS * local).sum(-1) / (SHARES * ACROSS**2).sum()
+    local = np.sin(2 * np.pi * (steps[:, :2, None] + steps[:, 4, None, None] * radius * POSITIONS))
+    turn = (AREA_SHARES * POSITIONS * local).sum(-1) / (AREA_SHARES * POSITIONS**2).sum()
     found: Array = ALIASED_Z_PX / radius * turn.mean(-1)
     return found

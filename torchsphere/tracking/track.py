@@ -22,7 +22,7 @@ from torchsphere.runtime import threads
 from torchsphere.settings.arrays import as_mask
 from torchsphere.settings.limits import require_switch
 from torchsphere.tracking.drift import AbsoluteMotion, absolute_motion
-from torchsphere.tracking.edge_leakage import background_contrast, leakage_share, suited_to_ball
+from torchsphere.tracking.edge_leakage import adapt_options, background_contrast, leakage_share
 from torchsphere.tracking.follow import Follower, Progress
 from torchsphere.tracking.initial_circle import find_initial_circle, shows_outline
 from torchsphere.tracking.record import Record
@@ -191,7 +191,7 @@ def _initial_circle(task: _Task, settings: Options, given: dict[str, Any]) -> _S
     circle, settings = find_initial_circle(task.source, task.circle, task.ignore, task.refine, settings)
     image = task.source.images(circle.frame, circle.frame + 1)[0]
     contrast = background_contrast(image, circle, task.ignore)
-    return _Start(circle, image, contrast, suited_to_ball(settings, given, circle.radius, contrast))
+    return _Start(circle, image, contrast, adapt_options(settings, given, circle.radius, contrast))
 
 
 def _follow(task: _Task, start: _Start) -> tuple[Record, AbsoluteMotion]:
