@@ -35,21 +35,11 @@ Circle = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Footage:
-    """A rendered shot.
-
-    Attributes
-    ----------
-    shot : Shot
-        What was rendered.
-    images : ndarray
-        Grey levels (n, h, w).
-    key : str
-        Of all that the images were made from.
-    """
+    """A rendered shot."""
 
     shot: Shot
-    images: NDArray[np.uint8]
-    key: str
+    images: NDArray[np.uint8]  # grey levels (n, h, w)
+    key: str  # hash of all settings of the images
 
     @cached_property
     def truth(self) -> dict[str, NDArray[Any]]:

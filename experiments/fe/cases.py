@@ -25,28 +25,12 @@ BALL_MPA, BALL_POISSON = 210e3, 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class BarCase:
-    """Frontal impact on the bar (section 5.1, table 4), a quarter of it: x along the barrel, y along the bar.
+    """Frontal impact on the bar (section 5.1, table 4), a quarter of it: x along the barrel, y along the bar."""
 
-    Attributes
-    ----------
-    size_mm, coarse_mm, long_mm : float
-        Elements where it touches, on the bar's far side, and at the bar's ends.
-    length_us : float
-        Integrated from first touch.
-    contact_rate_hz, bending_rate_hz, zone_mm : float
-        Strain rates of the table within ``zone_mm`` of first touch (70 m/s over a contact's radius of 4 mm) and beyond
-        (in bending): those of `experiments.paper.bar.setup`.
-    stiffness_factor : float
-        Pressure per penetration, in units of the bar's modulus by ``size_mm``. 1 costs no shorter increments and lets
-        the bodies overlap by 2 % of an element at 1.5 GPa.
-    density_kg_m3 : float
-        Of the bar, as in `experiments.paper.bar.setup`.
-    """
-
-    size_mm: float = 2.0
-    coarse_mm: float = 2.5
-    long_mm: float = 6.0
-    length_us: float = 900.0
+    size_mm: float = 2.0  # elements at the contact
+    coarse_mm: float = 2.5  # elements on the bar's far side
+    long_mm: float = 6.0  # elements at the bar's ends
+    length_us: float = 900.0  # integrated from first touch
     ball_radius_mm: float = 15.0
     ball_mass_kg: float = 0.110
     speed_m_s: float = 70.0
@@ -54,11 +38,15 @@ class BarCase:
     bar_length_mm: float = 300.0
     modulus_mpa: float = 72e3
     poisson: float = 0.27
-    density_kg_m3: float = 2800.0
+    density_kg_m3: float = 2800.0  # of the bar, as in `experiments.paper.bar.setup`
     hardening: JohnsonCook = ALUMINIUM
+    # Strain rates of the table within ``zone_mm`` of first touch (70 m/s over a contact's radius of 4 mm), and beyond
+    # (in bending): those of `experiments.paper.bar.setup`.
     contact_rate_hz: float = 20_000.0
     bending_rate_hz: float = 100.0
     zone_mm: float = 9.0
+    # Pressure per penetration, in units of the bar's modulus by ``size_mm``. 1 costs no shorter increments and lets the
+    # bodies overlap by 2 % of an element at 1.5 GPa.
     stiffness_factor: float = 1.0
     print_every: int = 4
 
@@ -73,27 +61,12 @@ class PlateCase:
     The edges at the ends of x rest on supports that they neither leave nor sink into, and slide freely on them. The
     impact is at the middle and without friction, since the paper's ball "slides on the plate" with "almost no
     dissipation"; the paper gives neither number.
-
-    Attributes
-    ----------
-    size_mm, long_mm : float
-        Elements along the ball's path and at the edges; one element through the thickness.
-    kind : str
-        Type of the plate's bricks. One of them through the thickness bends only with incompatible modes (C3D8I); with
-        full integration (C3D8) the same mesh is far too stiff.
-    path_mm : tuple of float
-        Where along x the elements are small.
-    ball_size_mm : float
-        Elements of the ball where it touches; smaller than the plate's, into whose faces its nodes must not sink.
-    rate_hz : float
-        Strain rate of the table: 20 m/s of normal speed over a span of 100 mm.
-    density_kg_m3 : float
-        Of steel, not in the paper.
     """
 
-    size_mm: float = 4.0
-    long_mm: float = 10.0
-    path_mm: tuple[float, float] = (-20.0, 60.0)
+    size_mm: float = 4.0  # elements along the ball's path; one element through the thickness
+    long_mm: float = 10.0  # elements at the edges
+    path_mm: tuple[float, float] = (-20.0, 60.0)  # where along x the elements are small
+    # Elements of the ball at the contact; smaller than the plate's, into whose faces its nodes must not sink.
     ball_size_mm: float = 2.0
     length_us: float = 800.0
     ball_radius_mm: float = 9.5
@@ -103,11 +76,13 @@ class PlateCase:
     plate_mm: tuple[float, float, float] = (400.0, 200.0, 1.0)
     modulus_mpa: float = 190e3
     poisson: float = 0.25
-    density_kg_m3: float = 7850.0
+    density_kg_m3: float = 7850.0  # of steel, not in the paper
     hardening: JohnsonCook = STEEL
-    rate_hz: float = 200.0
+    rate_hz: float = 200.0  # strain rate of the table: 20 m/s of normal speed over a span of 100 mm
     stiffness_factor: float = 1.0
     print_every: int = 40
+    # Type of the plate's bricks. One brick through the thickness bends only with incompatible modes (C3D8I); with full
+    # integration (C3D8) the same mesh is far too stiff.
     kind: str = "C3D8I"
 
     PARTS = 2

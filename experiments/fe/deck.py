@@ -33,30 +33,17 @@ class Material:
 
 @dataclass(frozen=True)
 class Body:
-    """A mesh with its materials and its contact face.
+    """A mesh with its materials and its contact face."""
 
-    Attributes
-    ----------
-    name : str
-        Of its sets, capital letters.
-    mesh : Mesh
-        Its bricks.
-    materials : dict
-        Elements by material's name: the numbers (from 0, within the body) and the material.
-    contact : tuple
-        Axis and end of the block's side that touches, and which of the side's elements (from 0, within the body) may.
-    held : dict
-        Nodes (from 0, within the body) held by direction (1, 2, 3).
-    kind : str
-        CalculiX's type of the bricks: C3D8 with full integration, C3D8I with incompatible modes (for bending; its
-        increments are eight times as short).
-    """
-
-    name: str
+    name: str  # in capital letters
     mesh: Mesh
+    # Elements by the material's name: numbers (from 0, within the body) and the material.
     materials: dict[str, tuple[Index, Material]]
+    # Axis and end of the block's contact side, and the elements (from 0, within the body) that may touch.
     contact: tuple[int, int, Index]
-    held: dict[int, Index] = field(default_factory=dict)
+    held: dict[int, Index] = field(default_factory=dict)  # held nodes (from 0) by direction (1, 2, 3)
+    # CalculiX's type of the bricks: C3D8 with full integration, C3D8I with incompatible modes (for bending; increments
+    # are eight times as short).
     kind: str = "C3D8"
 
 

@@ -20,20 +20,13 @@ class JohnsonCook:
 
     The factor of temperature is left out: the tables are isothermal, and a plastic strain of 0.3 at 500 MPa warms
     aluminium (2800 kg/m^3, 880 J/(kg K), 0.9 of the work) by 55 K, which table 4 makes 4 % of the stress.
-
-    Attributes
-    ----------
-    yield_mpa, hardening_mpa, exponent : float
-        ``a`` and ``b`` in MPa, and ``n``.
-    rate_coefficient, reference_rate_hz : float
-        ``c``, and the strain rate in 1/s to which it refers.
     """
 
-    yield_mpa: float
-    hardening_mpa: float
-    exponent: float
-    rate_coefficient: float
-    reference_rate_hz: float
+    yield_mpa: float  # ``a``
+    hardening_mpa: float  # ``b``
+    exponent: float  # ``n``
+    rate_coefficient: float  # ``c``
+    reference_rate_hz: float  # strain rate in 1/s to which ``c`` refers
 
     def __post_init__(self) -> None:
         """Refuse what is no material.

@@ -29,21 +29,11 @@ FACE_CORNERS = {
 
 @dataclass(frozen=True)
 class Mesh:
-    """Bricks: ``n`` nodes, ``e`` elements; numbers from 0.
+    """Bricks: ``n`` nodes, ``e`` elements; numbers from 0."""
 
-    Attributes
-    ----------
-    nodes_mm : ndarray
-        Places (n, 3).
-    elements : ndarray
-        Nodes of each element (e, 8), in CalculiX's order.
-    grid : tuple of int
-        Elements along the block's three axes; the last varies fastest in both numberings.
-    """
-
-    nodes_mm: Array
-    elements: Index
-    grid: tuple[int, int, int]
+    nodes_mm: Array  # places (n, 3)
+    elements: Index  # nodes of each element (e, 8), in CalculiX's order
+    grid: tuple[int, int, int]  # elements along the block's three axes; the last varies fastest in both numberings
 
     @property
     def centres_mm(self) -> Array:

@@ -58,23 +58,12 @@ COLORS = ("#E69F00", "#0072B2")
 
 @dataclass(frozen=True)
 class Impact:
-    """One computation in the camera's axes: x along the barrel, y down, to the plate.
-
-    Attributes
-    ----------
-    case : PlateCase
-        The parameters.
-    run : Run
-        What was computed, in the plate's axes.
-    velocity_m_s : ndarray
-        Of the ball (n, 2), at the run's times.
-    seen_s, seen_N : ndarray
-        Times (m,) and force (m, 2) on the ball as the camera sees it.
-    """
+    """One computation in the camera's axes: x along the barrel, y down, to the plate."""
 
     case: PlateCase
-    run: Run
-    velocity_m_s: Array
+    run: Run  # in the plate's axes
+    velocity_m_s: Array  # of the ball (n, 2), at the run's times
+    # Times (m,) and force (m, 2) on the ball as the camera sees it.
     seen_s: Array
     seen_N: Array  # noqa: N815  (N is newton)
 

@@ -65,17 +65,8 @@ class Motion:
 def velocities(path: Path, shares: Array) -> tuple[Array, Array]:
     """Times (t,) in s and the velocity (t, 3) in mm/s of the centre of mass, from CalculiX's ``.dat``.
 
-    Parameters
-    ----------
-    path : Path
-        File with a table of velocities of the nodes at each time.
-    shares : ndarray
-        Share of the mass that belongs to each node (n,), in the order of the nodes' numbers, from 1.
-
-    Raises
-    ------
-    ValueError
-        Where the file has no such table, or one with other nodes, or times that do not grow.
+    ``shares`` (n,) is the share of the mass of each node, in the order of the nodes' numbers, from 1. Raises if the
+    file has no table of velocities, a table with other nodes, or times that do not grow.
     """
     lines = path.read_text(encoding="ascii").splitlines()
     heads = [i for i, line in enumerate(lines) if line.lstrip().startswith(TITLE)]

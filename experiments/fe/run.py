@@ -34,26 +34,14 @@ class NotInstalledError(OSError):
 
 @dataclass(frozen=True)
 class Run:
-    """One computation: the ball's motion, and what it took.
-
-    Attributes
-    ----------
-    case : BarCase or PlateCase
-        What was computed.
-    motion : Motion
-        Of the ball.
-    nodes, elements, increments : int
-        Size of the model and number of time steps, this up to ``print_every`` too large.
-    wall_s : float
-        How long it ran, on one thread.
-    """
+    """One computation: the ball's motion, the size of the model, and the time."""
 
     case: BarCase | PlateCase
-    motion: Motion
+    motion: Motion  # of the ball
     nodes: int
     elements: int
-    increments: int
-    wall_s: float
+    increments: int  # number of time steps, up to ``print_every`` too large
+    wall_s: float  # duration on one thread
 
 
 def ccx(folder: Path, name: str) -> float:

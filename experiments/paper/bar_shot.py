@@ -43,24 +43,12 @@ MODEL, OURS, SMOOTH, TRANSLATION = "#009E73", "black", "#0072B2", "#D55E00"
 
 @dataclass(frozen=True)
 class Impact:
-    """The impact as it was, and as it was measured.
+    """The true impact and its measurements."""
 
-    Attributes
-    ----------
-    history : History
-        The model's, from first touch on.
-    footage : Footage
-        Frame 0 is `BEFORE_S` before first touch.
-    track : Track
-        By torchsphere, frame to frame, from the true circle.
-    translation_only : Baseline
-        By the standard correlation, from the true circle.
-    """
-
-    history: History
-    footage: Footage
-    track: ts.Track
-    translation_only: Baseline
+    history: History  # of the model, from first touch on
+    footage: Footage  # frame 0 is `BEFORE_S` before first touch
+    track: ts.Track  # by torchsphere, frame to frame, from the true circle
+    translation_only: Baseline  # by the standard correlation, from the true circle
 
     @property
     def time_s(self) -> Array:

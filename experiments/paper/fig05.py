@@ -38,25 +38,13 @@ SAME, WITHIN = 0.05, 3.0
 
 @dataclass(frozen=True)
 class Drop:
-    """The drop by both instruments.
+    """The drop by both instruments."""
 
-    Attributes
-    ----------
-    footage : Footage
-        The weight's head.
-    motion : Kinematics
-        By the images.
-    sensor_time_s, sensor_m_s2 : ndarray
-        The accelerometer's signal (m,) by its own clock, upwards.
-    alignment : Alignment
-        Of both.
-    """
-
-    footage: Footage
-    motion: ts.Kinematics
-    sensor_time_s: Array
-    sensor_m_s2: Array
-    alignment: Alignment
+    footage: Footage  # the weight's head
+    motion: ts.Kinematics  # from the images
+    sensor_time_s: Array  # (m,) by the accelerometer's own clock
+    sensor_m_s2: Array  # the accelerometer's signal (m,), upwards
+    alignment: Alignment  # of images and accelerometer
 
 
 def accelerometer(motion: DropWeight, length_s: float, seed: int) -> tuple[Array, Array]:

@@ -23,21 +23,10 @@ FRAME_RATE_HZ, DIAMETER_M, MASS_KG = 36_000.0, 0.030, 0.110
 
 
 def flight(seed: int, *changes: str, spots: bool = False) -> Shot:
-    """A free flight with a pattern and a noise of its own.
+    """A free flight; the seed is that of pattern, sensor and light paths, ``changes`` are ``field.path=value`` each.
 
-    Parameters
-    ----------
-    seed : int
-        Of pattern, sensor and light paths.
-    *changes : str
-        To the preset, ``field.path=value`` each.
-    spots : bool
-        Lit by the three spots of the preset ``paper-bar`` and painted and filmed as there: shading, a lacquer's faint
-        gloss, shot noise, instead of light from everywhere on matt paint.
-
-    Returns
-    -------
-    Shot
+    With ``spots`` lighting, paint and sensor are those of the preset ``paper-bar``: three spots, shading, the faint
+    gloss of a lacquer and shot noise, instead of light from everywhere on matt paint.
     """
     shot = preset.load("paper-flight", changes, seed)
     if not spots:

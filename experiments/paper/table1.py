@@ -46,26 +46,13 @@ ALLOWED = 0.006
 
 @dataclass(frozen=True)
 class Shot:
-    """One pressure.
+    """The shot at one pressure."""
 
-    Attributes
-    ----------
-    true_m_s : float
-        The ball's velocity.
-    time_s, volts : ndarray
-        Signals of the gate (n,) and (2, n).
-    gate : GateVelocity
-        What they say.
-    velocity_m_s : ndarray
-        By the images (m, 2), from frame to frame.
-    track : Track
-    """
-
-    true_m_s: float
-    time_s: Array
-    volts: Array
-    gate: GateVelocity
-    velocity_m_s: Array
+    true_m_s: float  # the ball's velocity
+    time_s: Array  # of the gate's signals (n,)
+    volts: Array  # the gate's signals (2, n)
+    gate: GateVelocity  # from the signals
+    velocity_m_s: Array  # from the images (m, 2), from frame to frame
     track: ts.Track
 
     @property

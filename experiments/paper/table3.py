@@ -48,23 +48,12 @@ VARIANTS: dict[str, tuple[tuple[str, ...], bool]] = {
 
 @dataclass(frozen=True)
 class Flight:
-    """One shot and what was measured on it.
-
-    Attributes
-    ----------
-    footage : Footage
-    track : Track
-        By torchsphere, the circle found, without a map.
-    steps : Rates
-        From the increments of `track`.
-    smoothed : Kinematics
-        The same by the smoother.
-    """
+    """One shot and its measurements."""
 
     footage: Footage
-    track: ts.Track
-    steps: Rates
-    smoothed: ts.Kinematics
+    track: ts.Track  # by torchsphere, the circle found, without a map
+    steps: Rates  # from the increments of `track`
+    smoothed: ts.Kinematics  # from `track` by the smoother
 
     @property
     def true_velocity_m_s(self) -> Array:

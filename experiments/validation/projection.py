@@ -138,9 +138,8 @@ def largest(results: Results) -> str:
     lines = []
     for name, value, case in CASES:
         worst = {way: [results[name, value, way].worst(k)[0] for k in (TRANSLATION, ROTATION)] for way in MODELS}
-        lines.append(
-            (case, *(", ".join("none" if math.isnan(v) else f"{round(v, 4):.2g}" for v in worst[way]) for way in MODELS))
-        )
+        cells = ([f"{round(v, 4):.2g}" if math.isfinite(v) else "none" for v in worst[way]] for way in MODELS)
+        lines.append((case, *map(", ".join, cells)))
     return table(("case", *MODELS.values()), lines)
 
 

@@ -30,21 +30,13 @@ AXIS, TO_CORNER = (0.2, 0.5, 0.2), np.array([200.0, 72.0]) / math.hypot(200.0, 7
 
 @dataclass(frozen=True)
 class Case:
-    """Footage of a ball: px, degrees per frame, radii.
-
-    Attributes
-    ----------
-    distance : float
-        From the camera along its axis, radii; infinite for the orthographic camera.
-    offset : tuple of float
-        Projected centre in the first frame, px from the optical axis.
-    """
+    """Footage of a ball: px, degrees per frame, radii."""
 
     radius: float = 50.0
     turn: float = math.sqrt(0.33)
     axis: tuple[float, float, float] = AXIS
-    distance: float = math.inf
-    offset: tuple[float, float] = (0.0, 0.0)
+    distance: float = math.inf  # from the camera along its axis, radii; infinite for the orthographic camera
+    offset: tuple[float, float] = (0.0, 0.0)  # projected centre in the first frame, px from the optical axis
     step: tuple[float, float] = (1.4, 0.2)
     frames: int = 30
     samples: int = 256
@@ -80,25 +72,13 @@ def case_of(name: str, value: float) -> Case:
 
 @dataclass(frozen=True)
 class Footage:
-    """Rendered frames and their truth.
+    """Rendered frames and their truth."""
 
-    Attributes
-    ----------
-    images : Tensor
-        (n, h, w), float32.
-    centres, outlines : ndarray
-        (n, 3) each, px: the projected centre and the radius at its depth; the circle that fits the outline best.
-    increment : ndarray
-        (n - 1, 5) as (dx, dy, wx, wy, wz), px and rad.
-    camera : Camera
-        The renderer's.
-    """
-
-    images: torch.Tensor
-    centres: Array
-    outlines: Array
-    increment: Array
-    camera: Camera
+    images: torch.Tensor  # (n, h, w), float32
+    centres: Array  # (n, 3), px: the projected centre and the radius at its depth
+    outlines: Array  # (n, 3), px: the circle that fits the outline best
+    increment: Array  # (n - 1, 5) as (dx, dy, wx, wy, wz), px and rad
+    camera: Camera  # of the renderer
 
 
 @dataclass(frozen=True)

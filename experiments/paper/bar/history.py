@@ -29,44 +29,21 @@ class History:
     """The impact at ``n`` even times, from first touch on; camera frame (x right, y down, z away).
 
     The bar's axis passes through the origin before the impact; the ball's orientation at first touch is I.
-
-    Attributes
-    ----------
-    setup : Setup
-        What was integrated.
-    time_s : ndarray
-        (n,), 0 at first touch.
-    position_m, velocity_m_s, spin_rad_s : ndarray
-        Of the ball (n, 3).
-    quaternion : ndarray
-        The ball's orientation (n, 4), vector first, from body-fixed to camera axes.
-    force_N : ndarray
-        On the ball (n, 3): mass times acceleration, friction included.
-    normal_N, approach_m : ndarray
-        Of the contact (n,).
-    bar_velocity_m_s : ndarray
-        Of the bar's centre of mass (n, 3).
-    middle_m : ndarray
-        Displacement of the bar's axis at mid-span (n, 3).
-    bent_rad : float
-        Plastic bend that the bar keeps.
-    energy_J : dict
-        Energies (n,) by name. Their sum does not change.
     """
 
     setup: Setup
-    time_s: Array
-    position_m: Array
+    time_s: Array  # (n,), 0 at first touch
+    position_m: Array  # of the ball (n, 3), as are velocity and spin
     velocity_m_s: Array
     spin_rad_s: Array
-    quaternion: Array
-    force_N: Array  # noqa: N815
-    normal_N: Array  # noqa: N815
-    approach_m: Array
-    bar_velocity_m_s: Array
-    middle_m: Array
-    bent_rad: float
-    energy_J: dict[str, Array]  # noqa: N815
+    quaternion: Array  # the ball's orientation (n, 4), vector first, from body-fixed to camera axes
+    force_N: Array  # noqa: N815  (on the ball, (n, 3): mass times acceleration, friction included)
+    normal_N: Array  # noqa: N815  (of the contact, (n,))
+    approach_m: Array  # of the contact (n,)
+    bar_velocity_m_s: Array  # of the bar's centre of mass (n, 3)
+    middle_m: Array  # displacement of the bar's axis at mid-span (n, 3)
+    bent_rad: float  # plastic bend that the bar keeps
+    energy_J: dict[str, Array]  # noqa: N815  (energies (n,) by name; their sum does not change)
 
     @property
     def momentum_kg_m_s(self) -> Array:

@@ -41,29 +41,11 @@ def write_table(
     origin_m: Vector = (0.0, 0.0, 0.0),
     step_s: float = 1e-6,
 ) -> Path:
-    """Write the ball's motion as CSV with even steps; gives the path.
+    """Write the ball's motion as CSV from ``before_s`` before to ``after_s`` after first touch; returns the path.
 
     Columns ``time_s`` (0 at first touch), ``x_m, y_m, z_m`` (the ball's centre) and ``rx_rad, ry_rad, rz_rad``, the
     rotation vector whose exponential is the orientation from body-fixed to camera axes. Camera frame: x right, y down,
-    z away. The orientation is I at first touch.
-
-    Parameters
-    ----------
-    history : History
-        The impact.
-    path : Path
-        File to write.
-    before_s, after_s : float
-        Time before and after first touch.
-    origin_m : tuple of float
-        Where in the camera frame the bar's axis is struck, before the impact.
-    step_s : float
-        Time between rows.
-
-    Raises
-    ------
-    ValueError
-        Where a time is negative or the step not above 0.
+    z away. The orientation is I at first touch. The ball strikes the bar's axis at ``origin_m`` in the camera frame.
     """
     if not (before_s >= 0 and after_s >= 0 and step_s > 0):
         raise ValueError(
