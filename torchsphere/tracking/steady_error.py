@@ -70,7 +70,7 @@ Array = NDArray[np.float64]
 
 
 def texture_fineness(image: Tensor, circle: Circle, ignore: Tensor | None = None) -> float:
-    """Mean square of the gradient over the variance of the pre-blurred ball, 1/px^2; `TYPICAL_FINENESS` where not finite.
+    """Mean square of the gradient over the variance of the pre-blurred ball, 1/px^2; `TYPICAL_FINENESS` if not finite.
 
     About ``5 / d^2`` to ``9 / d^2`` for sharp spots of d = 3 to 6 px. ``image`` and ``ignore`` (h, w).
     """
