@@ -103,12 +103,12 @@ def test_the_number_of_frames_fitted_at_once_does_not_change_the_rates(
 ) -> None:
     draw = np.random.default_rng(1)
     times, increment = draw.uniform(0.5, 1.5, 60).cumsum(), draw.normal(0, 0.1, (59, 5))
-    joined = np.ones((59, 2), dtype=bool)
-    joined[30, 1] = False
+    is_measured = np.ones((59, 2), dtype=bool)
+    is_measured[30, 1] = False
 
     def found(at_once: int) -> savitzky_golay.Rates:
-        monkeypatch.setattr(savitzky_golay, "AT_ONCE", at_once)
-        return savitzky_golay.rates(times, increment, joined, np.ones((60, 5)), window=7, order=3, shifted=shifted)
+        monkeypatch.setattr(savitzky_golay, "FRAMES_AT_ONCE", at_once)
+        return savitzky_golay.rates(times, increment, is_measured, np.ones((60, 5)), window=7, order=3, shifted=shifted)
 
     whole, blocks = found(1000), found(11)
     for name in ("first", "second", "variance_first", "variance_second"):

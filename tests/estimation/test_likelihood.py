@@ -1,14 +1,13 @@
 """The bank of small Kalman filters against the dense joint covariance of all frames, and series that are thinned."""
 
-import dataclasses
 import math
 
 import numpy as np
 import torch
 
-from torchsphere.estimation.filter_bank import UNKNOWN
+from torchsphere.estimation.filter_bank import PRIOR_VARIANCE
 from torchsphere.estimation.likelihood import STATED_COUNTS, Series, log_likelihood
-from torchsphere.estimation.process_model import STATES, STEADY, transitions
+from torchsphere.estimation.process_model import FLIGHT_STATES, STATES, transitions
 
 #: Frame 4 is missing from the recording, and frame 6 was not measured in the second degree of freedom.
 TIMES = torch.tensor([[0.0, 1.0, 2.0, 3.0, 5.0, 6.0, 7.0, 8.5]], dtype=torch.float64)
@@ -30,11 +29,14 @@ def dense(
     own: Series, window: torch.Tensor, freedom: int, flight: float, contact: float, spring: float | None
 ) -> tuple[float, float]:
     """Log-likelihood and noise factor from the joint covariance of all values that were seen."""
-    moves = transitions(own.times.numpy(), window[None, None].numpy(), None if spring is None else np.array([[spring]]))
-    parts = moves.matrix, moves.contact, moves.flight, moves.idle
+    springs = None if spring is None else np.array([[spring]])
+    steps = transitions(own.times.numpy(), window[None, None].numpy(), springs)
+    parts = steps.matrix, steps.contact, steps.flight, steps.idle
     matrices, process, white, idle = (torch.from_numpy(part)[0, 0] for part in parts)
     t = own.times.shape[1]
-    spread = torch.diag(torch.tensor([UNKNOWN] * STEADY + [1.0] * (STATES - STEADY), dtype=torch.float64))
+    spread = torch.diag(
+        torch.tensor([PRIOR_VARIANCE] * FLIGHT_STATES + [1.0] * (STATES - FLIGHT_STATES), dtype=torch.float64)
+    )
     joint = torch.zeros(t, t, dtype=torch.float64)
     # Covariance of the state now with the values before: a column each.
     with_past = torch.zeros(STATES, 0, dtype=torch.float64)
@@ -44,7 +46,7 @@ def dense(
             added = 10**flight * white[i - 1] + 10**contact * process[i - 1]
             spread = matrix @ spread @ matrix.T + added
             spread[0, 0] += own.drift[0, freedom, i - 1]
-            spread[STEADY:, STEADY:] += idle[i - 1]
+            spread[FLIGHT_STATES:, FLIGHT_STATES:] += idle[i - 1]
             with_past = matrix @ with_past
         joint[i, :i] = joint[:i, i] = with_past[0]
         joint[i, i] = spread[0, 0]
@@ -125,7 +127,7 @@ def test_a_filter_among_many_that_share_their_flights_is_what_it_is_alone() -> N
 def test_recordings_beside_each_other_have_the_likelihoods_that_they_have_alone() -> None:
     one, flight = long_series(), torch.tensor([-6.0, -2.0], dtype=torch.float64)
     later = Series(one.times + 0.5, one.value.flip(-1), one.variance, one.drift, one.seen)
-    both = Series(*(torch.cat((getattr(one, f.name), getattr(later, f.name))) for f in dataclasses.fields(Series)))
+    both = Series(*(torch.cat(pair) for pair in zip(one, later, strict=True)))
     windows = torch.cat((LONG_WINDOWS, 0 * LONG_WINDOWS))
     contact = torch.tensor([-1.0, 2.0], dtype=torch.float64).expand(2, 2, 1, 2)
     fit, noise = log_likelihood(both, windows, flight.expand(2, 2, 1, 2), contact)

@@ -1,6 +1,5 @@
 """Which process the data choose for a force of known shape, in each degree of freedom."""
 
-import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -67,8 +66,8 @@ def test_a_rough_force_is_not_taken_for_smooth_because_that_beside_it_is() -> No
 
 def test_a_flight_that_is_weighed_beside_a_contact_is_what_it_is_alone() -> None:
     touched, free = series(half_sine, half_sine), series(no_force, no_force)
-    values = ((getattr(touched, f.name), getattr(free, f.name)) for f in dataclasses.fields(Series))
-    beside, alone = contact_search.find(Series(*map(torch.cat, values))), contact_search.find(free)
+    both = Series(*map(torch.cat, zip(touched, free, strict=True)))
+    beside, alone = contact_search.find(both), contact_search.find(free)
     assert beside.found.tolist() == [True, False]
     assert not alone.windows.any()
     assert not beside.windows[1].any()

@@ -7,10 +7,10 @@ import torch
 from torchsphere.estimation.process_model import (
     SPRINGS,
     STATES,
+    initial_jerk_snap,
     integrator,
-    start,
-    swing,
-    swing_noise,
+    spring_matrix,
+    spring_noise,
     transitions,
     white_noise,
 )
@@ -23,21 +23,21 @@ def exponential(duration: float, frequency: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("frequency", [0.0, 0.2, 1.0, 6.0])
-def test_a_swing_is_the_exponential_of_its_rate(frequency: float) -> None:
-    found = swing(np.array([1.0, 0.3]), np.array(frequency))
+def test_the_matrix_of_a_spring_is_the_exponential_of_its_rate(frequency: float) -> None:
+    found = spring_matrix(np.array([1.0, 0.3]), np.array(frequency))
     for one, duration in zip(found, (1.0, 0.3), strict=True):
         np.testing.assert_allclose(one, exponential(duration, frequency), rtol=1e-9, atol=1e-12)
 
 
-def test_a_swing_without_a_spring_is_an_integrator() -> None:
+def test_a_spring_of_no_stiffness_is_an_integrator() -> None:
     duration, none = np.array([0.2, 1.0, 3.0]), np.zeros(3)
-    np.testing.assert_allclose(swing(duration, none), integrator(duration), rtol=1e-12)
-    np.testing.assert_allclose(swing_noise(duration, none), white_noise(duration, STATES), rtol=1e-12)
+    np.testing.assert_allclose(spring_matrix(duration, none), integrator(duration), rtol=1e-12)
+    np.testing.assert_allclose(spring_noise(duration, none), white_noise(duration, STATES), rtol=1e-12)
 
 
 def test_its_noise_is_the_sum_of_what_each_moment_adds() -> None:
     last = np.stack([exponential(t, 0.8)[:, -1] for t in (np.arange(2000) + 0.5) / 2000])
-    found = swing_noise(np.array([1.0]), np.array([0.8]))[0]
+    found = spring_noise(np.array([1.0]), np.array([0.8]))[0]
     np.testing.assert_allclose(found, last.T @ last / 2000, rtol=1e-6)
 
 
@@ -56,8 +56,9 @@ def test_without_noise_a_spring_of_a_half_turn_makes_a_half_sine() -> None:
 
 @pytest.mark.parametrize("spring", SPRINGS)
 def test_without_noise_each_spring_makes_a_force_that_begins_and_ends_at_none(spring: float) -> None:
-    first = np.array([0.0, 0.0, 0.0, *start(np.array(spring))])
-    force = [float((swing(np.array(share), np.array(np.pi * spring)) @ first)[2]) for share in (0.25, 0.5, 0.75, 1.0)]
+    first = np.array([0.0, 0.0, 0.0, *initial_jerk_snap(np.array(spring))])
+    steps = spring_matrix(np.array([0.25, 0.5, 0.75, 1.0]), np.array(np.pi * spring))
+    force = (steps @ first)[:, 2]
     assert force[1] == pytest.approx(1.0, abs=1e-5)
     assert force[3] == pytest.approx(0.0, abs=1e-5)
     assert force[0] == pytest.approx(force[2], abs=1e-5)
@@ -65,5 +66,5 @@ def test_without_noise_each_spring_makes_a_force_that_begins_and_ends_at_none(sp
 
 def test_springs_without_noise_are_a_parabola_a_half_sine_and_a_squared_sine() -> None:
     for spring, force in ((0.0, 0.75), (1.0, np.sin(np.pi / 4)), (2.0, 0.5)):
-        first = np.array([0.0, 0.0, 0.0, *start(np.array(spring))])
-        assert (swing(np.array(0.25), np.array(np.pi * spring)) @ first)[2] == pytest.approx(force, abs=1e-5)
+        first = np.array([0.0, 0.0, 0.0, *initial_jerk_snap(np.array(spring))])
+        assert (spring_matrix(np.array(0.25), np.array(np.pi * spring)) @ first)[2] == pytest.approx(force, abs=1e-5)

@@ -195,8 +195,8 @@ def test_a_root_of_a_covariance_is_one_and_does_not_turn_with_its_rounding() -> 
     alike = torch.eye(6, dtype=torch.float64) * 1e-4
     singular = some[:, :4] @ some[:, :4].mT
     both = torch.stack((some @ some.mT, alike, singular))
-    found = rts.root(both)
+    found = rts.covariance_root(both)
     torch.testing.assert_close(found @ found.mT, both, rtol=1e-7, atol=1e-9)
     rounding = 1e-15 * torch.randn(6, 6, generator=generator, dtype=torch.float64)
-    again = rts.root(both + both * (rounding + rounding.mT))
+    again = rts.covariance_root(both + both * (rounding + rounding.mT))
     torch.testing.assert_close(again[:2], found[:2], rtol=1e-10, atol=1e-13)

@@ -9,8 +9,7 @@ from pulses import M_PER_PX, MASS_KG, NOISES_M, RATE, pulse
 
 from torchsphere.dynamics.kinematics import kinematics_of_many
 from torchsphere.estimation import contact_search, rts
-from torchsphere.estimation.measurements import LEAST_OWN, Poses, poses, separation
-from torchsphere.estimation.transitions import Moves
+from torchsphere.estimation.measurements import MIN_OWN_SHARE, Poses, poses, separation
 
 SHOTS, FRAMES = 3, 400
 TIMES, ALL = torch.arange(float(FRAMES)).expand(SHOTS, FRAMES), torch.ones(SHOTS, FRAMES, 3, dtype=torch.bool)
@@ -86,7 +85,7 @@ def test_errors_that_are_one_leave_something_of_their_own() -> None:
     covariance = found.covariance.clone()
     covariance[:, :, 1, 2] = covariance[:, :, 2, 1] = -(covariance[:, :, 1, 1] * covariance[:, :, 2, 2]).sqrt()
     variance = dataclasses.replace(found, covariance=covariance).series().variance
-    assert float(variance[0, 2].min()) == pytest.approx(LEAST_OWN)
+    assert float(variance[0, 2].min()) == pytest.approx(MIN_OWN_SHARE)
 
 
 @pytest.mark.parametrize("seed", range(24))
@@ -126,7 +125,7 @@ def test_what_was_not_seen_says_nothing_to_the_smoother_whatever_the_noise() -> 
     vague = dataclasses.replace(whole, covariance=covariance)
     for one in (hidden, vague):
         one.__dict__["separation"] = whole.separation
-    ends = [rts.forward(one, found, Moves(one, found))[1][-1] for one in (hidden, vague)]
+    ends = [rts.forward(one, found, rts.MotionModel(one, found))[1][-1] for one in (hidden, vague)]
     # Of y, the quieter one of y and wx.
     np.testing.assert_allclose(ends[0][..., 1, 1], ends[1][..., 1, 1], rtol=1e-3)
 

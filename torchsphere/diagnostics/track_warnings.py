@@ -11,7 +11,7 @@ from torchsphere.detection.detect import confirm, refined
 from torchsphere.diagnostics.camera_shake import camera_shake
 from torchsphere.diagnostics.missing_frames import missing_frames
 from torchsphere.dynamics.kinematics import Kinematics
-from torchsphere.estimation.measurements import joined
+from torchsphere.estimation.measurements import measured_increments
 from torchsphere.estimation.savitzky_golay import runs
 from torchsphere.recording import Recording
 from torchsphere.request import Request
@@ -56,7 +56,7 @@ def window_warnings(track: Track, motion: Kinematics | None) -> tuple[str, ...]:
     window, method = motion.about["window_frames"], motion.about["method"]
     for quantities, group in (("velocities, accelerations and spins are", 0), ("spins are", 1)):
         # A motion that was not measured at all has another sentence.
-        longest = max((stop - start for start, stop in runs(joined(track)[:, group])), default=window)
+        longest = max((stop - start for start, stop in runs(measured_increments(track)[:, group])), default=window)
         if longest >= window:
             continue
         fits = longest - 1 + longest % 2

@@ -14,7 +14,7 @@ from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.dynamics.scale import Scale
 from torchsphere.dynamics.shared_errors import SharedErrors
 from torchsphere.dynamics.si_units import Units
-from torchsphere.estimation.measurements import joined, poses
+from torchsphere.estimation.measurements import measured_increments, poses
 from torchsphere.tracking.track import Track
 
 Array = NDArray[np.float64]
@@ -51,7 +51,7 @@ def _mean_step(track: Track, scale: Scale) -> tuple[Array, Array]:
     """Mean (5,) of the measured steps and its standard deviation, px and rad; ``scale`` gives the lengths' error."""
     # A model without rotations reports them as 0 without a standard deviation: these are not measurements.
     has_sd = np.isfinite(np.diagonal(track.covariance, axis1=1, axis2=2))
-    valid = np.repeat(joined(track), (2, 3), axis=1) & has_sd
+    valid = np.repeat(measured_increments(track), (2, 3), axis=1) & has_sd
     count = valid.sum(0)
     divisor = np.where(count > 0, count, np.nan)
     mean = np.where(valid, track.increment, 0.0).sum(0) / divisor

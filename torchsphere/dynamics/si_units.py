@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from torchsphere.dynamics.scale import LAB_AXES, Scale
 from torchsphere.dynamics.shared_errors import SharedErrors
-from torchsphere.estimation.rates import Drawn, Motion
+from torchsphere.estimation.rates import Motion, MotionSamples
 from torchsphere.tracking.track import Track
 
 Array = NDArray[np.float64]
@@ -155,12 +155,12 @@ def in_si_units(track: Track, motion: Motion, time_s: Array, units: Units, mass_
         mass_kg=mass_kg,
         contact_s=None if contact is None else contact / units.frame_rate,
         sd_contact_s=None if sd_contact is None else sd_contact / units.frame_rate,
-        draws=None if motion.drawn is None else _draws(motion.drawn, time_s, shared, units),
+        draws=None if motion.samples is None else _draws(motion.samples, time_s, shared, units),
         about=_per_second(motion.about, units.frame_rate),
     )
 
 
-def _draws(drawn: Drawn, time_s: Array, shared: SharedErrors, units: Units) -> Draws:
+def _draws(drawn: MotionSamples, time_s: Array, shared: SharedErrors, units: Units) -> Draws:
     """Drawn motions in SI units, each with shared errors of its own."""
     frames = time_s[drawn.span] * units.frame_rate
     rate, acceleration = shared.draw(drawn.rate, drawn.acceleration, frames, drawn.interval)

@@ -1,50 +1,48 @@
-"""Which frequencies of the motion a way of differentiating lets through."""
+"""Bandwidth of a derivative: the frequencies of the motion that the smoother or a local polynomial passes."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.estimation.filter_bank import UNKNOWN
-from torchsphere.estimation.process_model import ABSENT, STATES, STEADY, transitions
+from torchsphere.estimation.filter_bank import PRIOR_VARIANCE
+from torchsphere.estimation.process_model import FLIGHT_STATES, NEGLIGIBLE_INTENSITY, STATES, transitions
 
 Array = NDArray[np.float64]
 
-#: Amplitude that counts as passed: half of the power, -3 dB.
-PASSED = 0.5**0.5
+#: Amplitude at the cutoff frequency: half of the power, -3 dB.
+HALF_POWER = 0.5**0.5
 
-#: Frequencies up to the highest at which the response is found.
+#: Frequencies up to the highest at which the response is computed.
 FREQUENCIES = 2000
 
-#: Frames on either side of one whose response is measured.
-REACH = 60
+#: Frames on either side whose weights are computed (docs/constants.md).
+RESPONSE_FRAMES = 60
+
+
+def cutoffs(weights: Array, offsets: Array) -> dict[str, float]:
+    """Cutoff frequencies of rate and acceleration from the weights (2, w) of values at ``offsets`` (w,)."""
+    return {name: cutoff(weights[k], offsets, k + 1) for k, name in enumerate(("rate", "acceleration"))}
 
 
 def cutoff(weights: Array, offsets: Array, derivative: int) -> float:
-    """Highest frequency at which a derivative's amplitude has fallen by no more than 3 dB.
+    """Highest frequency at which the amplitude of a derivative, 1 or 2, has fallen by no more than 3 dB.
 
-    Parameters
-    ----------
-    weights : ndarray
-        (w,), of the values around one: its impulse response, reversed.
-    offsets : ndarray
-        Their times (w,), s.
-    derivative : int
-        1 or 2.
+    ``weights`` (w,) of the values at the times ``offsets`` (w,) are the reversed impulse response.
     """
     step = float(np.median(np.diff(offsets)))
     frequency = 0.5 / step * np.linspace(0.0, 1.0, FREQUENCIES + 1)[1:]
     circular = 2 * np.pi * frequency
-    places = np.rint(offsets / step).astype(np.int64)
-    if np.array_equal(places * step, offsets) and np.ptp(places) < 2 * FREQUENCIES:
-        # Of even times it is a Fourier transform, which takes a hundredth of the time.
+    samples = np.rint(offsets / step).astype(np.int64)
+    if np.array_equal(samples * step, offsets) and np.ptp(samples) < 2 * FREQUENCIES:
+        # For even times a Fourier transform takes a hundredth of the time.
         impulses = np.zeros(2 * FREQUENCIES)
-        impulses[places % len(impulses)] = weights
+        impulses[samples % len(impulses)] = weights
         response = np.fft.rfft(impulses)[1:]
     else:
         response = np.exp(1j * circular[:, None] * offsets) @ weights
     gain = np.abs(response) / circular**derivative
-    passing = np.flatnonzero(gain >= PASSED)
+    passing = np.flatnonzero(gain >= HALF_POWER)
     return float(frequency[passing[-1]]) if len(passing) else 0.0
 
 
@@ -52,53 +50,43 @@ def smoother_weights(
     times: Array,
     variance: Array,
     window: tuple[float, float],
-    flight: float,
-    contact: tuple[float, float | None],
+    process: tuple[float, float, float | None],
     at: int,
 ) -> tuple[Array, slice]:
-    """Weights (2, w) of the poses in velocity and acceleration at frame ``at``, and which frames they are of.
+    """Weights (2, w) of the poses in rate and acceleration at frame ``at``, and the w frames.
 
-    Parameters
-    ----------
-    times, variance : ndarray
-        (n,), frames; variance of the poses, infinite where there is none.
-    window : tuple of float
-        Contact interval.
-    flight : float
-        Its intensity.
-    contact : tuple
-        Its intensity, and the spring of the smooth process, None of the rough one.
-    at : int
-        Frame.
+    ``times`` and ``variance`` (n,) are those of the poses, the variance infinite where there is no pose; ``process``
+    holds the intensities in flight and in the contact ``window``, and the spring or None for the rough process.
     """
-    part = slice(max(at - REACH, 0), at + REACH + 1)
-    intensity, spring = contact
+    part = slice(max(at - RESPONSE_FRAMES, 0), at + RESPONSE_FRAMES + 1)
+    flight, contact, spring = process
     interval = np.array([[window]])
-    moves = transitions(times[None, part], interval, None if spring is None else np.array([[spring]]))
-    matrices = moves.matrix[0, 0]
-    added = intensity * moves.contact[0, 0] + flight * moves.flight[0, 0]
+    steps = transitions(times[None, part], interval, None if spring is None else np.array([[spring]]))
+    matrices = steps.matrix[0, 0]
+    added = contact * steps.contact[0, 0] + flight * steps.flight[0, 0]
     if spring is None:
-        # The rough process' snap is none, but must not be known exactly.
-        added += ABSENT * transitions(times[None, part], interval, np.zeros((1, 1))).contact[0, 0]
-    later = np.arange(STEADY, STATES)
-    added[:, later, later] += moves.idle[0, 0][:, None]
+        # The snap of the rough process is none, but must not be known exactly.
+        added += NEGLIGIBLE_INTENSITY * transitions(times[None, part], interval, np.zeros((1, 1))).contact[0, 0]
+    later = np.arange(FLIGHT_STATES, STATES)
+    added[:, later, later] += steps.idle[0, 0][:, None]
     impulses, noise = np.eye(len(times[part])), variance[part]
-    mean, spread = np.zeros((STATES, len(noise))), np.diag([UNKNOWN] * STEADY + [1.0] * (STATES - STEADY))
-    passed = []
+    mean = np.zeros((STATES, len(noise)))
+    covariance = np.diag([PRIOR_VARIANCE] * FLIGHT_STATES + [1.0] * (STATES - FLIGHT_STATES))
+    filtered = []
     for i in range(len(noise)):
         if i:
-            mean, spread = matrices[i - 1] @ mean, matrices[i - 1] @ spread @ matrices[i - 1].T + added[i - 1]
+            mean, covariance = matrices[i - 1] @ mean, matrices[i - 1] @ covariance @ matrices[i - 1].T + added[i - 1]
         if np.isfinite(noise[i]):
-            gain = spread[:, :1] / (spread[0, 0] + noise[i])
+            gain = covariance[:, :1] / (covariance[0, 0] + noise[i])
             mean = mean + gain * (impulses[i] - mean[0])
             keep = np.eye(STATES) - gain * np.eye(STATES)[0]
-            spread = keep @ spread @ keep.T + noise[i] * gain @ gain.T
-        passed.append((mean, spread))
+            covariance = keep @ covariance @ keep.T + noise[i] * gain @ gain.T
+        filtered.append((mean, covariance))
     for i in range(len(noise) - 2, at - part.start - 1, -1):
-        before, spread = passed[i]
-        ahead = matrices[i] @ spread @ matrices[i].T + added[i]
+        before, covariance = filtered[i]
+        ahead = matrices[i] @ covariance @ matrices[i].T + added[i]
         size = np.sqrt(np.diag(ahead))
-        scaled = np.linalg.solve(ahead / np.outer(size, size), (matrices[i] @ spread) / size[:, None])
+        scaled = np.linalg.solve(ahead / np.outer(size, size), (matrices[i] @ covariance) / size[:, None])
         gain = (scaled / size[:, None]).T
         mean = before + gain @ (mean - matrices[i] @ before)
     return mean[1:3], part

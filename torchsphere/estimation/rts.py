@@ -1,65 +1,204 @@
 """Rauch-Tung-Striebel smoother on positions and orientations together, batched over recordings and contact intervals.
 
 The state of a frame is pose, rate and acceleration of the five degrees of freedom (x, y, wx, wy, wz), in contact also
-jerk and snap. The pose is the difference to a reference trajectory, for the rotation as a vector in the tangent space:
-``A = exp([phi]x) A_ref``. As the reference goes through the measured poses themselves, the differences are as small as
-the errors (1e-4 rad), and one pass is exact to their square: nothing has to be linearised again.
+jerk and snap. The pose is the difference to a reference trajectory, for the rotation a vector in the tangent space:
+``A = exp([phi]x) A_ref``. The reference goes through the measured poses, so that the differences are as small as the
+errors (1e-4 rad), and one pass without a new linearisation is exact to their square.
 
-How the state moves on from frame to frame is in `torchsphere.estimation.transitions`, the passes over all frames in
-`torchsphere.estimation.passes`.
+A step is ``phi' = Ad phi + J (v dt + a dt^2 / 2 + j dt^3 / 6) - s``, with the reference's step ``s``, its rotation
+``Ad`` and left Jacobian ``J``. The neglected turn of the axis within a step, ``dt^3 / 12 a x w``, is below 1e-6 rad for
+a ball that is spun up to 3 deg per frame in ten frames.
 
 Source: Rauch, Tung and Striebel, AIAA Journal 3 (1965) 1445, DOI 10.2514/3.3166; error states on SO(3) as in Sola,
 Deray and Atchuthan, arXiv 1812.01537, equations 143 to 146.
-
-The two passes of the Rauch-Tung-Striebel smoother (see `torchsphere.estimation.rts`), forward and backward.
-
-Forward each frame waits for the one before. Backward, what a frame says of the one before follows from the filter's
-covariances alone: it is computed for some frames at once, and two products of matrices per frame are left.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from torchsphere.estimation.contact_search import Contact
-from torchsphere.estimation.filter_bank import UNKNOWN, Array
+from torchsphere.estimation.filter_bank import PRIOR_VARIANCE, Array
 from torchsphere.estimation.measurements import FREEDOMS, Poses
-from torchsphere.estimation.process_model import STEADY
-from torchsphere.estimation.transitions import FLIGHT, Moves
+from torchsphere.estimation.process_model import (
+    FLIGHT_STATES,
+    NEGLIGIBLE_INTENSITY,
+    STATES,
+    flight_matrix,
+    overlaps,
+    transitions,
+    white_noise,
+)
 
-#: Least variance of a combination of states that is not taken for rounding, of the largest, all being of one size.
-SINGULAR = 1e-10
+#: Size of the state in flight, and of the part of each state that is reported.
+FLIGHT_SIZE = FLIGHT_STATES * FREEDOMS
 
-#: Covariances that are worked on at once: as many as stay near the processor.
-AT_ONCE = 512
+#: Least eigenvalue of a scaled covariance that is not taken for rounding, share of the largest (docs/constants.md).
+MIN_EIGENVALUE = 1e-10
+
+#: Covariances that are computed at once (docs/constants.md).
+COVARIANCES_AT_ONCE = 512
 
 
 class State(NamedTuple):
-    """A frame's states under c intervals in n recordings, in units of the errors; in contact they are larger.
+    """States of one frame, of size s, under c intervals in n recordings; in units of the errors."""
 
-    Attributes
-    ----------
-    mean, spread : ndarray
-        (n, c, s) and (n, c, s, s), given all data.
-    gain, rest : ndarray
-        What the next frame's state, of the size s', says of this one (n, c, s, s'), and the covariance (n, c, s, s)
-        that it leaves; of the last frame none, and its covariance.
+    mean: Array  # (n, c, s), given all data
+    covariance: Array  # (n, c, s, s), given all data
+    gain: Array  # smoother gain (n, c, s, s') from the next frame's state of size s'; empty in the last frame
+    residual: Array  # covariance (n, c, s, s) given the next frame's state
+
+
+class Steps(NamedTuple):
+    """Transitions of f frames with states of size s to the next frames with states of size s'."""
+
+    matrix: Array  # (f, n, c, s', s), in flight (f, n, 1, s', s)
+    offset: Array  # (f, n, 1, s')
+    noise: Array  # covariance (f, n, c, s', s')
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """States of n recordings given all data, over c equally likely contact intervals; px, rad and frames."""
+
+    mean: Tensor  # pose, rate and acceleration (n, t, 3, 5)
+    covariance: Tensor  # (n, t, 15, 15)
+    samples: Tensor  # states (s, n, m, 3, 5) drawn from the posterior, of the frames `span`
+    sample_windows: Tensor  # contact intervals (s, n, 2) of the samples
+    span: slice  # frames of the samples
+    windows: Tensor  # intervals (n, c, 2) in frames
+    unit: Tensor  # size of the errors (n, 5), px and rad
+
+
+def smooth(poses: Poses, contact: Contact, samples: int, span: slice, seed: int = 0) -> Smoothed:
+    """States of all frames, and samples of those in ``span``, from the poses, the intervals and the intensities.
+
+    A frame's states under all intervals are averaged at once, so that only the filter's states need memory.
+    """
+    n, c, _ = contact.noise.shape
+    model = MotionModel(poses, contact)
+    means: list[Array] = []
+    covariances: list[Array] = []
+    sampler = _Sampler(samples, n, c, seed)
+    first, stop, _ = span.indices(poses.times.shape[1])
+    for i, state in backward(*forward(poses, contact, model), model):
+        for averages, average in zip((means, covariances), _average(state), strict=True):
+            averages.append(average)
+        if first <= i < stop:
+            sampler.add(state)
+    scale = poses.unit.repeat(1, FLIGHT_STATES)[:, None]
+    covariance = torch.from_numpy(np.stack(covariances[::-1], 1))
+    return Smoothed(
+        mean=(torch.from_numpy(np.stack(means[::-1], 1)) * scale).unflatten(-1, (FLIGHT_STATES, FREEDOMS)),
+        covariance=covariance * scale[..., :, None] * scale[..., None, :],
+        samples=(sampler.states() * scale).unflatten(-1, (FLIGHT_STATES, FREEDOMS)),
+        sample_windows=contact.windows[torch.arange(n), sampler.interval],
+        span=slice(first, stop),
+        windows=contact.windows,
+        unit=poses.unit,
+    )
+
+
+class MotionModel:
+    """Transitions of the states of n recordings, under c contact intervals each.
+
+    Where no recording is in contact the states have no jerk and snap, so that most frames cost a fifth.
     """
 
-    mean: Array
-    spread: Array
-    gain: Array
-    rest: Array
+    def __init__(self, poses: Poses, contact: Contact) -> None:
+        step, unit = poses.step.swapaxes(0, 1), poses.unit
+        turn, jacobian = _turning(step[..., 2:])
+        self._turn = turn.numpy()[:, :, None]
+        # The step of the rotation is a vector, here in the tangent space at its end.
+        self._jacobian = np.tile(np.eye(FREEDOMS), (*step.shape[:2], 1, 1, 1))
+        self._jacobian[..., 2:, 2:] = jacobian.numpy()[:, :, None]
+        self._step = (step / unit).numpy()[:, :, None]
+        self._drift = (poses.drift.swapaxes(0, 1) / unit**2).numpy()[:, :, None]
+        intensity = contact.noise**2 * contact.contact
+        kinds = (contact.noise**2 * contact.flight, torch.where(contact.smooth, 0.0, intensity))
+        self._intensities = [v.numpy() for v in (*kinds, torch.where(contact.smooth, intensity, NEGLIGIBLE_INTENSITY))]
+        self._duration = poses.times.diff(dim=-1).T[:, :, None].numpy()
+        times, windows = poses.times.numpy(), contact.windows.numpy()
+        touching = np.asarray(overlaps(times, windows).any((0, 1)))
+        touched = np.flatnonzero(touching).tolist() or [0]
+        self._first = touched[0]
+        times = times[:, touched[0] : touched[-1] + 2]
+        self._rough, self._smooth = (transitions(times, windows, v) for v in (None, contact.springs.numpy()))
+        self._is_smooth = contact.smooth.numpy()  # (n, c, 5)
+        self.touching = [bool(is_touching) for is_touching in touching]
+        # States of a degree of freedom in each frame.
+        self._states = [FLIGHT_STATES, *(STATES if is_touching else FLIGHT_STATES for is_touching in self.touching)]
+
+    def blocks(self, at_once: int) -> list[slice]:
+        """Up to so many successive transitions at once, between states of the same sizes."""
+        pairs = enumerate(itertools.pairwise(self._states))
+        found = []
+        for _, group in itertools.groupby(pairs, key=lambda pair: (pair[1], self.touching[pair[0]])):
+            numbers = [i for i, _ in group]
+            found += [slice(i, min(i + at_once, numbers[-1] + 1)) for i in numbers[::at_once]]
+        return found
+
+    def steps(self, block: slice) -> Steps:
+        """Transitions from the frames of one of the `blocks`."""
+        before, after = self._states[block.start : block.start + 2]
+        jacobian, duration = self._jacobian[block], self._duration[block]
+        if self.touching[block.start]:
+            own = slice(block.start - self._first, block.stop - self._first)
+            matrices = [_frames(v.matrix, own)[..., :after, :before] for v in (self._rough, self._smooth)]
+            covariances = (self._rough.flight, self._rough.contact, self._smooth.contact)
+            noises, idle = [_frames(v, own) for v in covariances], _frames(self._rough.idle, own)
+        else:
+            matrices = [flight_matrix(duration)[..., :after, :before]]
+            noises, idle = [white_noise(duration, FLIGHT_STATES)], np.array(1.0)
+        shape = matrices[0].shape
+        matrix = np.zeros((*shape[:-2], after, FREEDOMS, before, FREEDOMS))
+        noise = np.zeros((*shape[:2], *self._intensities[0].shape[1:2], after, FREEDOMS, after, FREEDOMS))
+        for k in range(FREEDOMS):
+            is_smooth = self._is_smooth[..., k, None, None]
+            matrix[..., k, :, k] = matrices[0] if len(matrices) == 1 else np.where(is_smooth, *matrices[::-1])
+            for unit_noise, intensity in zip(noises, self._intensities, strict=False):
+                noise[..., k, :, k] += unit_noise[..., :after, :after] * intensity[..., k, None, None]
+        matrix = matrix.reshape(*shape[:-2], after * FREEDOMS, before * FREEDOMS)
+        noise = noise.reshape(*noise.shape[:-4], after * FREEDOMS, after * FREEDOMS)
+        matrix[..., :FREEDOMS, :] = jacobian @ matrix[..., :FREEDOMS, :]
+        noise[..., :FREEDOMS, :] = jacobian @ noise[..., :FREEDOMS, :]
+        noise[..., :FREEDOMS] = noise[..., :FREEDOMS] @ jacobian.swapaxes(-1, -2)
+        matrix[..., 2:FREEDOMS, 2:FREEDOMS] = self._turn[block]
+        pose, later = np.arange(FREEDOMS), np.arange(FLIGHT_SIZE, after * FREEDOMS)
+        noise[..., pose, pose] += self._drift[block]
+        noise[..., later, later] += idle[..., None]
+        offset = np.zeros((*jacobian.shape[:3], after * FREEDOMS))
+        offset[..., :FREEDOMS] = -self._step[block]
+        return Steps(matrix, offset, noise)
 
 
-def forward(poses: Poses, contact: Contact, moves: Moves) -> tuple[list[Array], list[Array]]:
+def _frames(values: Any, part: slice) -> Any:
+    """Some frames (f, n, c, ...) of values (n, c, t, ...)."""
+    return np.moveaxis(values[:, :, part], 2, 0)
+
+
+def _turning(step: Tensor) -> tuple[Tensor, Tensor]:
+    """Rotation and left Jacobian (..., 3, 3) of rotation vectors (..., 3), rad."""
+    x, y, z = step.unbind(-1)
+    zero = torch.zeros_like(x)
+    cross = torch.stack((zero, -z, y, z, zero, -x, -y, x, zero), -1).unflatten(-1, (3, 3))
+    angle = step.norm(dim=-1)[..., None, None]
+    identity = torch.eye(3, dtype=step.dtype, device=step.device)
+    half = torch.sinc(angle / (2 * torch.pi)) ** 2 / 2
+    # (t - sin t) / t^3 loses its digits at small angles; there the series' next term is below 1e-9.
+    third = torch.where(angle > 1e-2, (angle - angle.sin()) / angle.clamp_min(1e-2) ** 3, (1 - angle**2 / 20) / 6)
+    return torch.linalg.matrix_exp(cross), identity + half * cross + third * cross @ cross
+
+
+def forward(poses: Poses, contact: Contact, model: MotionModel) -> tuple[list[Array], list[Array]]:
     """Kalman filter: means (n, c, s) and covariances (n, c, s, s) of every frame given all frames up to it."""
     n, c, _ = contact.noise.shape
     seen = poses.seen.swapaxes(0, 1).numpy()[:, :, None]
@@ -68,188 +207,132 @@ def forward(poses: Poses, contact: Contact, moves: Moves) -> tuple[list[Array], 
     stated = poses.covariance.swapaxes(0, 1).numpy()[:, :, None] / unit[..., :, None] / unit[..., None, :]
     stated = np.where(both, stated, 0.0)
     missing = np.where(both, 0.0, np.eye(FREEDOMS))
-    # Each of the separate errors has a factor of its own.
-    separate = poses.separation.numpy()[:, None]
-    factor = np.linalg.solve(separate, contact.noise.numpy()[..., None] * separate)
+    # Each of the separated errors has its own factor.
+    separation = poses.separation.numpy()[:, None]
+    factor = np.linalg.solve(separation, contact.noise.numpy()[..., None] * separation)
 
     def noise(i: int) -> Array:
         return np.asarray(np.where(both[i], factor @ stated[i] @ factor.swapaxes(-1, -2), 0.0) + missing[i])
 
-    mean, spread = np.zeros((n, c, FLIGHT)), np.tile(UNKNOWN * np.eye(FLIGHT), (n, c, 1, 1))
-    first = _updated(mean, spread, noise(0), seen[0], both[0])
-    means, spreads = [first[0]], [first[1]]
-    for part in moves.alike(max(1, AT_ONCE // (n * c))):
-        for i, (matrix, offset, added) in enumerate(zip(*moves.at(part), strict=True), part.start + 1):
+    mean, covariance = np.zeros((n, c, FLIGHT_SIZE)), np.tile(PRIOR_VARIANCE * np.eye(FLIGHT_SIZE), (n, c, 1, 1))
+    first = _updated(mean, covariance, noise(0), seen[0], both[0])
+    means, covariances = [first[0]], [first[1]]
+    for block in model.blocks(max(1, COVARIANCES_AT_ONCE // (n * c))):
+        for i, (matrix, offset, added) in enumerate(zip(*model.steps(block), strict=True), block.start + 1):
             mean = (matrix @ means[-1][..., None])[..., 0] + offset
-            spread = matrix @ spreads[-1] @ matrix.swapaxes(-1, -2)
-            spread += added
-            mean, spread = _updated(mean, spread, noise(i), seen[i], both[i])
+            covariance = matrix @ covariances[-1] @ matrix.swapaxes(-1, -2)
+            covariance += added
+            mean, covariance = _updated(mean, covariance, noise(i), seen[i], both[i])
             means.append(mean)
-            spreads.append(spread)
-    return means, spreads
+            covariances.append(covariance)
+    return means, covariances
 
 
-def _updated(mean: Array, spread: Array, noise: Array, seen: Array, both: Array) -> tuple[Array, Array]:
-    """Means and covariances with what was ``seen`` (n, 1, 5) of the poses, with errors of covariance ``noise``."""
-    total = torch.from_numpy(spread[..., :FREEDOMS, :FREEDOMS] * both + noise)
-    observed = spread[..., :FREEDOMS, :] * seen[..., None]
+def _updated(mean: Array, covariance: Array, noise: Array, seen: Array, both: Array) -> tuple[Array, Array]:
+    """Means and covariances after the poses ``seen`` (n, 1, 5), with errors of the covariance ``noise``."""
+    total = torch.from_numpy(covariance[..., :FREEDOMS, :FREEDOMS] * both + noise)
+    observed = covariance[..., :FREEDOMS, :] * seen[..., None]
     gain = torch.linalg.solve(total, torch.from_numpy(observed)).mT.numpy()
-    # The reference goes through the measured pose: what was observed of the difference is 0.
+    # The reference goes through the measured pose: the observed difference is 0.
     mean = mean - (gain @ (mean[..., :FREEDOMS] * seen)[..., None])[..., 0]
-    keep = np.tile(np.eye(spread.shape[-1]), (*spread.shape[:-2], 1, 1))
+    keep = np.tile(np.eye(covariance.shape[-1]), (*covariance.shape[:-2], 1, 1))
     keep[..., :FREEDOMS] -= gain * seen[..., None, :]
-    return mean, keep @ spread @ keep.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2)
+    return mean, keep @ covariance @ keep.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2)
 
 
-def backward(means: list[Array], spreads: list[Array], moves: Moves) -> Iterator[tuple[int, State]]:
-    """States given all data with their frames' numbers, from the last frame to the first; the lists become empty."""
-    mean, spread = means.pop(), spreads.pop()
-    yield len(means), State(mean, spread, np.empty(0), spread)
-    at_once = max(1, AT_ONCE // mean[..., 0].size)
-    for part in reversed(moves.alike(at_once)):
-        matrix, offset, added = moves.at(part)
-        own, known = np.stack(means[part]), np.stack(spreads[part])
-        del means[part], spreads[part]
+def backward(means: list[Array], covariances: list[Array], model: MotionModel) -> Iterator[tuple[int, State]]:
+    """States given all data with their frames' numbers, from the last frame to the first; the lists become empty.
+
+    The gains follow from the filter's covariances alone and are computed for several frames at once.
+    """
+    mean, covariance = means.pop(), covariances.pop()
+    yield len(means), State(mean, covariance, np.empty(0), covariance)
+    at_once = max(1, COVARIANCES_AT_ONCE // mean[..., 0].size)
+    for block in reversed(model.blocks(at_once)):
+        matrix, offset, noise = model.steps(block)
+        own, known = np.stack(means[block]), np.stack(covariances[block])
+        del means[block], covariances[block]
         expected = (matrix @ own[..., None])[..., 0] + offset
-        along = matrix @ known
-        gain = np.ascontiguousarray(_solve(along @ matrix.swapaxes(-1, -2) + added, along).swapaxes(-1, -2))
+        moved = matrix @ known
+        gain = np.ascontiguousarray(_solve(moved @ matrix.swapaxes(-1, -2) + noise, moved).swapaxes(-1, -2))
         keep = np.eye(known.shape[-1]) - gain @ matrix
-        # A sum of squares: a difference of covariances would lose what the unknown start makes large.
-        rest = keep @ known @ keep.swapaxes(-1, -2) + gain @ added @ gain.swapaxes(-1, -2)
+        # Joseph's form: a difference of covariances would lose digits to the large prior variance.
+        residual = keep @ known @ keep.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2)
         for i in reversed(range(len(own))):
             mean = own[i] + (gain[i] @ (mean - expected[i])[..., None])[..., 0]
-            spread = gain[i] @ spread @ gain[i].swapaxes(-1, -2)
-            spread += rest[i]
-            yield part.start + i, State(mean, spread, gain[i], rest[i])
+            covariance = gain[i] @ covariance @ gain[i].swapaxes(-1, -2)
+            covariance += residual[i]
+            yield block.start + i, State(mean, covariance, gain[i], residual[i])
 
 
 def _solve(matrix: Array, right: Array) -> Array:
     """Solution for a symmetric positive matrix whose rows differ by many orders of magnitude."""
     size = np.sqrt(np.diagonal(matrix, axis1=-2, axis2=-1))
-    even = torch.from_numpy(matrix / size[..., :, None] / size[..., None, :])
+    scaled = torch.from_numpy(matrix / size[..., :, None] / size[..., None, :])
     known = torch.from_numpy(right / size[..., None])
-    factor, failed = torch.linalg.cholesky_ex(even)
+    factor, failed = torch.linalg.cholesky_ex(scaled)
     solution = torch.cholesky_solve(known, factor)
     if failed.any():
-        # Behind a contact of a frame or less pose, rate and acceleration may be one number, but for rounding.
-        values, vectors = torch.linalg.eigh(even[failed > 0])
-        values = torch.maximum(values, SINGULAR * values[..., -1:])
+        # After a contact of a frame or less, pose, rate and acceleration may be one number but for rounding.
+        values, vectors = torch.linalg.eigh(scaled[failed > 0])
+        values = torch.maximum(values, MIN_EIGENVALUE * values[..., -1:])
         solution[failed > 0] = vectors @ ((vectors.mT @ known[failed > 0]) / values[..., None])
     return solution.numpy() / size[..., None]
 
 
-@dataclass(frozen=True)
-class Smoothed:
-    """States of n recordings given all data, over c equally likely contact intervals; px, rad and frames.
-
-    Attributes
-    ----------
-    mean, covariance : Tensor
-        (n, t, 3, 5) and (n, t, 15, 15): pose, rate, acceleration of the five degrees of freedom each.
-    drawn : Tensor
-        States (s, n, m, 3, 5) as likely as the data leave them, of the frames `span`.
-    drawn_windows : Tensor
-        The contact intervals (s, n, 2) that they belong to.
-    span : slice
-        Frames that were drawn.
-    windows : Tensor
-        Intervals (n, c, 2) in frames.
-    unit : Tensor
-        (n, 5), px and rad.
-    """
-
-    mean: Tensor
-    covariance: Tensor
-    drawn: Tensor
-    drawn_windows: Tensor
-    span: slice
-    windows: Tensor
-    unit: Tensor
-
-
-def smooth(poses: Poses, contact: Contact, draws: int, span: slice, seed: int = 0) -> Smoothed:
-    """States of all frames from the measured poses, the contact intervals and the intensities.
-
-    Of the frames ``span`` so many ``draws`` are made as well. What each interval says of a frame is kept until the
-    frame before it is done: memory grows by the filter's own states alone.
-    """
-    n, c, _ = contact.noise.shape
-    moves = Moves(poses, contact)
-    means, covariances = [], []
-    drawn = _Draws(draws, n, c, seed)
-    first, stop, _ = span.indices(poses.times.shape[1])
-    for i, state in backward(*forward(poses, contact, moves), moves):
-        mean, covariance = _average(state)
-        means.append(mean)
-        covariances.append(covariance)
-        if first <= i < stop:
-            drawn.add(state)
-    scale = poses.unit.repeat(1, STEADY)[:, None]
-    spread = torch.from_numpy(np.stack(covariances[::-1], 1))
-    return Smoothed(
-        mean=(torch.from_numpy(np.stack(means[::-1], 1)) * scale).unflatten(-1, (STEADY, FREEDOMS)),
-        covariance=spread * scale[..., :, None] * scale[..., None, :],
-        drawn=(drawn.states() * scale).unflatten(-1, (STEADY, FREEDOMS)),
-        drawn_windows=contact.windows[torch.arange(n), drawn.place],
-        span=slice(first, stop),
-        windows=contact.windows,
-        unit=poses.unit,
-    )
-
-
 def _average(state: State) -> tuple[Array, Array]:
     """Mean (n, 15) and covariance (n, 15, 15) of pose, rate and acceleration over the contact intervals."""
-    each = state.mean[..., :FLIGHT]
+    each = state.mean[..., :FLIGHT_SIZE]
     mean = each.mean(1)
     off = each - mean[:, None]
-    spread = state.spread[..., :FLIGHT, :FLIGHT].sum(1)
-    return mean, (spread + off.swapaxes(-1, -2) @ off) / each.shape[1]
+    covariance = state.covariance[..., :FLIGHT_SIZE, :FLIGHT_SIZE].sum(1)
+    return mean, (covariance + off.swapaxes(-1, -2) @ off) / each.shape[1]
 
 
-class _Draws:
-    """States drawn frame by frame, from the last to the first."""
+class _Sampler:
+    """Trajectories drawn from the posterior frame by frame, from the last to the first."""
 
     def __init__(self, count: int, n: int, c: int, seed: int) -> None:
         self._generator = torch.Generator().manual_seed(seed)
-        #: Which interval each belongs to, (count, n); all take part equally often.
-        self.place = (torch.arange(count) % c)[:, None].expand(-1, n)
+        # Index (count, n) of each sample's interval; all intervals have the same number of samples.
+        self.interval = (torch.arange(count) % c)[:, None].expand(-1, n)
         self._found: list[Array] = []
         self._off = np.empty(0)
         self._shape = (-(-count // c), c)
 
     def add(self, state: State) -> None:
-        """The states of the frame before the one that was added last."""
-        # Of the frame that comes first nothing is known but what the data say.
-        known = root(torch.from_numpy(state.rest if self._found else state.spread)).numpy()
-        noise = torch.randn((*self.place.shape, known.shape[-1], 1), generator=self._generator, dtype=torch.float64)
-        # All of one interval are one product: (n, c, s, each).
+        """Draw the states of the frame before the last one added."""
+        covariance = state.residual if self._found else state.covariance
+        known = covariance_root(torch.from_numpy(covariance)).numpy()
+        noise = torch.randn((*self.interval.shape, known.shape[-1], 1), generator=self._generator, dtype=torch.float64)
+        # The samples of one interval are one product: (n, c, s, each).
         each = np.zeros((math.prod(self._shape), *noise.shape[1:3]))
         each[: len(noise)] = noise[..., 0]
         off = known @ each.reshape(*self._shape, *each.shape[1:]).transpose(2, 1, 3, 0)
         if self._found:
             off += state.gain @ self._off
-        self._found.append((state.mean[..., None] + off)[..., :FLIGHT, :])
+        self._found.append((state.mean[..., None] + off)[..., :FLIGHT_SIZE, :])
         self._off = off
 
     def states(self) -> Tensor:
         """Pose, rate and acceleration (count, n, m, 15) of all frames added, the earliest first."""
-        count, n = self.place.shape
+        count, n = self.interval.shape
         if not self._found:
-            return torch.empty(count, n, 0, FLIGHT, dtype=torch.float64)
+            return torch.empty(count, n, 0, FLIGHT_SIZE, dtype=torch.float64)
         found = np.stack(self._found[::-1]).transpose(4, 2, 1, 0, 3)
-        return torch.from_numpy(found.reshape(-1, n, len(self._found), FLIGHT)[:count])
+        return torch.from_numpy(found.reshape(-1, n, len(self._found), FLIGHT_SIZE)[:count])
 
 
-def root(covariance: Tensor) -> Tensor:
-    """A matrix (..., d, d) that times its transpose is a covariance that may be singular.
+def covariance_root(covariance: Tensor) -> Tensor:
+    """A matrix (..., d, d) that times its transpose is a covariance, which may be singular.
 
-    Where it is not, by Cholesky: as the covariance changes by rounding so does this root, and motions drawn are the
-    same again. Eigenvectors of errors of the same size turn at random, so that 400 motions were others each time.
+    A regular covariance takes Cholesky's root, which rounding changes little, so that samples are reproducible; the
+    eigenvectors of equal eigenvalues turn at random.
     """
     size = covariance.diagonal(dim1=-2, dim2=-1).clamp_min(1e-300).sqrt()
-    even = covariance / size[..., :, None] / size[..., None, :]
-    factor, failed = torch.linalg.cholesky_ex(even)
+    scaled = covariance / size[..., :, None] / size[..., None, :]
+    factor, failed = torch.linalg.cholesky_ex(scaled)
     if failed.any():
-        values, vectors = torch.linalg.eigh(even[failed > 0])
+        values, vectors = torch.linalg.eigh(scaled[failed > 0])
         factor[failed > 0] = vectors * values.clamp_min(0.0).sqrt()[..., None, :]
     return size[..., :, None] * factor
