@@ -28,7 +28,7 @@ from torchsphere.report.explanations import NO_IMPACT
 from torchsphere.request import Request, require_shell_within
 from torchsphere.results import atomic_output, sampled_frames, writer
 from torchsphere.results.reader import read
-from torchsphere.results.summary import Measurement, summary, versions
+from torchsphere.results.writer import Measurement, summary, versions
 from torchsphere.runtime import threads
 from torchsphere.runtime.file_hash import hash_files
 from torchsphere.settings.choices import MAPS

@@ -12,8 +12,7 @@ import tifffile
 import torch
 
 from torchsphere.cli.main import main
-from torchsphere.results.columns import TRACK_COLUMNS
-from torchsphere.results.reader import read
+from torchsphere.results.reader import TRACK_COLUMNS, read
 from torchsphere.synthetic import demo_shot as demo
 from torchsphere.synthetic import ray_caster
 

@@ -23,7 +23,7 @@ import torchsphere.cli.main
 from torchsphere.archive.summary import COLUMNS
 from torchsphere.correlation.result import STATUSES
 from torchsphere.request import read_config
-from torchsphere.results.columns import TRACK_COLUMNS
+from torchsphere.results.reader import TRACK_COLUMNS
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = sorted(DOCS.glob("*.md"))

@@ -13,7 +13,7 @@ from torchsphere.measure import Measurement
 from torchsphere.results.reader import ResultFolder
 
 
-def test_a_result_folder_reads_back_as_what_was_measured(
+def test_a_result_folder_reads_back_as_the_measurement(
     measured: tuple[Path, Measurement], result: ResultFolder
 ) -> None:
     track, motion = measured[1].track, measured[1].motion
@@ -29,7 +29,7 @@ def test_a_result_folder_reads_back_as_what_was_measured(
     assert result.contact_s == pytest.approx(motion.contact_s)
 
 
-def test_turned_angles_are_sums_of_the_increments_and_end_where_one_is_missing(result: ResultFolder) -> None:
+def test_turned_angles_are_sums_of_increments_up_to_the_first_missing_increment(result: ResultFolder) -> None:
     np.testing.assert_allclose(result.turned_rad[1:], result.increment[1:, 2:].cumsum(0), atol=1e-12)
     assert (result.turned_rad[0] == 0).all()
     increment = result.increment.copy()
@@ -60,7 +60,7 @@ def test_a_folder_that_is_no_result_or_a_damaged_one_is_refused_in_one_sentence(
         (copy / name).write_bytes(kept)
 
 
-def test_a_result_that_lacks_frames_or_a_section_is_told_from_a_whole_one(
+def test_a_result_that_lacks_frames_or_a_section_is_refused_as_damaged(
     measured: tuple[Path, Measurement], tmp_path: Path, capsys
 ) -> None:
     copy = tmp_path / "copy"

@@ -1,4 +1,4 @@
-"""Frames that a result keeps: which are chosen, and that they come back as they were saved."""
+"""Frames that a result keeps: the choice of frames, and the same images after saving and loading."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from torchsphere.results.sampled_frames import MAX_FRAMES, load, rows_to_keep, s
     worst=st.integers(1, 1999),
     count=st.integers(2, 2000),
 )
-def test_kept_frames_hold_the_ends_the_worst_and_those_not_measured(bad: list[int], worst: int, count: int) -> None:
+def test_kept_frames_include_ends_worst_match_and_unmeasured_frames(bad: list[int], worst: int, count: int) -> None:
     status = np.full(count, "ok", dtype="<U16")
     status[[i for i in bad if i < count]] = "lost"
     zncc = np.full(count, 0.99)

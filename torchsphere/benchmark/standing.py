@@ -18,7 +18,7 @@ from torchsphere.benchmark.predictions import Prediction
 from torchsphere.benchmark.score import KINDS, Score, score
 from torchsphere.geometry.orientation import matrices
 from torchsphere.results.atomic_output import atomic_file
-from torchsphere.results.columns import INCREMENTS
+from torchsphere.results.reader import INCREMENTS
 
 #: Kinds of suites whose ball has no pattern: nobody can see it turn.
 WITHOUT_PATTERN = ("no-speckle",)

@@ -1,4 +1,4 @@
-"""Output that appears whole or not at all: a folder or a file is written beside its place, then renamed."""
+"""Output that appears whole or not at all: a folder or a file gets a temporary name first, then its own."""
 
 from __future__ import annotations
 
@@ -45,10 +45,7 @@ def _require_writable(folder: Path, kind: str) -> None:
 def atomic_folder(
     folder: Path, overwrite: bool, kind: str = "result", files: tuple[str, ...] = RESULT_FILES
 ) -> Iterator[Path]:
-    """A new folder to write to, which replaces ``folder`` if the block ends without an error.
-
-    Raises OSError as `check_folder`.
-    """
+    """A new folder to write, which replaces ``folder`` if the block ends without an error; raises as `check_folder`."""
     check_folder(folder, overwrite, kind, files)
     folder = folder.absolute()
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -59,7 +56,7 @@ def atomic_folder(
         check_folder(folder, overwrite, kind, files)
         if folder.exists():
             old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-            # Renamed, not removed, until the new one is in place: an error must not lose both.
+            # The old folder is removed last: an error must not lose both.
             folder.replace(old)
             try:
                 new.replace(folder)
@@ -90,7 +87,7 @@ def atomic_file(path: Path) -> Iterator[TextIO]:
 @contextlib.contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
     """The path of a file to write, which replaces ``path`` if the block ends without an error."""
-    # A name of its own, as several processes may write the same file.
+    # A unique name, because several processes may write the same file.
     part = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
     try:
         yield part

@@ -1,4 +1,4 @@
-"""A result folder of ``torchsphere track``, read back: all that figures and reports are drawn from."""
+"""A result folder of ``torchsphere track``, read back for figures and reports, and the columns of its tables."""
 
 from __future__ import annotations
 
@@ -13,11 +13,29 @@ from numpy.typing import NDArray
 from pyarrow import csv
 
 from torchsphere.dynamics.scale import LAB_AXES
-from torchsphere.results.columns import INCREMENTS, KINEMATICS_COLUMNS
 from torchsphere.results.sampled_frames import Sampled, load
 from torchsphere.settings.choices import STATUSES
 
 Array = NDArray[np.float64]
+
+#: Columns of ``track.csv``: the motion from the frame before, px and rad, and all columns.
+INCREMENTS = ("dx_px", "dy_px", "wx_rad", "wy_rad", "wz_rad")
+TRACK_COLUMNS = (
+    *("frame", "time_s", "status", "x_px", "y_px", "radius_px"),
+    *INCREMENTS,
+    *(f"sd_{name}" for name in INCREMENTS),
+    *("zncc", "iterations", "qw", "qx", "qy", "qz"),
+)
+
+#: Columns of ``kinematics.csv`` by the vector's name in `Kinematics` and `SIMotion`, in the order of the file. The
+#: standard deviations of a vector ``v`` are ``sd_v``, with the same columns after ``sd_``.
+KINEMATICS_COLUMNS = {
+    "position_m": ("x_m", "y_m"),
+    "velocity_m_s": ("vx_m_s", "vy_m_s"),
+    "acceleration_m_s2": ("ax_m_s2", "ay_m_s2"),
+    "force_N": ("fx_N", "fy_N"),
+    "spin_rad_s": ("wx_rad_s", "wy_rad_s", "wz_rad_s"),
+}
 
 #: Sections that every ``summary.json`` has, with the keys that each section has at least.
 _REQUIRED = {
@@ -32,7 +50,7 @@ TRANSLATION_KNOWN, ALL_KNOWN = ("ok", "weak_texture"), ("ok",)
 
 @dataclass(frozen=True)
 class SIMotion:
-    """The columns of ``kinematics.csv``, a row per frame, units in the names; ``sd_`` stands for standard deviation."""
+    """Columns of ``kinematics.csv``, a row per frame."""
 
     time_s: Array
     position_m: Array
@@ -49,47 +67,21 @@ class SIMotion:
 
 @dataclass(frozen=True)
 class ResultFolder:
-    """A result of n frames, px and rad, camera frame; NaN where a value was not measured.
-
-    Attributes
-    ----------
-    path : Path
-    summary : dict
-        ``summary.json``.
-    frame : ndarray
-        Numbers (n,) of the frames in the recording.
-    time_s : ndarray
-        (n,), NaN where the frame rate is not known.
-    status : ndarray
-        Strings (n,).
-    position, radius : ndarray
-        Centre (n, 2) and radius (n,) of the ball in the images, px.
-    increment, sd_increment : ndarray
-        Motion (n, 5) from the frame before as (dx, dy, wx, wy, wz), and its standard deviations.
-    zncc : ndarray
-        (n,).
-    quaternion : ndarray
-        Orientation (n, 4) since the first frame as (w, x, y, z).
-    motion : SIMotion or None
-        Motion in SI units, in the lab frame or the camera frame (`lab_frame`); None unless frame rate and scale are
-        known.
-    sampled : Sampled or None
-        Some of the images and their residual maps; None if none were kept.
-    """
+    """A result of n frames, px and rad, camera frame; NaN where a value was not measured."""
 
     path: Path
-    summary: dict[str, Any]
-    frame: NDArray[np.int64]
-    time_s: Array
-    status: NDArray[np.str_]
-    position: Array
-    radius: Array
-    increment: Array
+    summary: dict[str, Any]  # ``summary.json``
+    frame: NDArray[np.int64]  # numbers (n,) of the frames in the recording
+    time_s: Array  # (n,), NaN if the frame rate is not known
+    status: NDArray[np.str_]  # (n,)
+    position: Array  # centre (n, 2) of the ball
+    radius: Array  # (n,)
+    increment: Array  # motion (n, 5) from the frame before as (dx, dy, wx, wy, wz)
     sd_increment: Array
-    zncc: Array
-    quaternion: Array
-    motion: SIMotion | None
-    sampled: Sampled | None
+    zncc: Array  # (n,)
+    quaternion: Array  # orientation (n, 4) since the first frame as (w, x, y, z)
+    motion: SIMotion | None  # None unless frame rate and scale are known
+    sampled: Sampled | None  # some images and residual maps; None if the result keeps none
 
     @property
     def lab_frame(self) -> bool:
@@ -137,34 +129,25 @@ class ResultFolder:
     def turned_rad(self) -> Array:
         """Angles (n, 3) turned since the first measured frame, about the axes of the camera frame.
 
-        They are sums of the increments, NaN from the first missing increment on, as in figure 9 of the paper. Their
-        slope is the spin.
+        The angles are sums of increments as in figure 9 of the paper, NaN after the first missing increment.
         """
         angles = np.full((len(self.frame), 3), np.nan)
         if self.known.any():
             rotation = self.increment[self.known.argmax() :, 2:].copy()
             rotation[0] = 0.0
             angles[-len(rotation) :] = rotation.cumsum(0)
-        # The zero of the first frame alone is no measurement.
+        # A single zero, that of the first frame, is no measurement.
         return angles if np.isfinite(angles[:, 0]).sum() > 1 else np.full_like(angles, np.nan)
 
 
 def read(path: Path) -> ResultFolder:
-    """Read the result folder at ``path``.
-
-    Raises
-    ------
-    ValueError
-        If it is not a result folder of ``torchsphere track``, or is damaged.
-    """
+    """Read a result folder; raises ValueError if ``path`` is no result of ``torchsphere track``, or is damaged."""
     if not path.exists():
         raise ValueError(f"{path}: does not exist; give the result folder that --out named")
     for name in ("track.csv", "summary.json"):
         if not (path / name).is_file():
-            raise ValueError(
-                f"{path}: there is no {name}, so this is no result folder of 'torchsphere track'; give the one that "
-                "--out named"
-            )
+            problem = f"there is no {name}, so this is no result folder of 'torchsphere track'"
+            raise ValueError(f"{path}: {problem}; give the one that --out named")
     try:
         summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
         table = _columns(path / "track.csv", ("status",))
@@ -192,7 +175,7 @@ def read(path: Path) -> ResultFolder:
 
 
 class _DamageError(Exception):
-    """The damage of a result, in a few words."""
+    """Damage of a result, in a few words."""
 
 
 def _check_complete(summary: Any, table: dict[str, NDArray[Any]], motion: SIMotion | None) -> None:
@@ -202,13 +185,12 @@ def _check_complete(summary: Any, table: dict[str, NDArray[Any]], motion: SIMoti
         section = sections.get(name)
         if not isinstance(section, dict) or any(section.get(key) is None for key in keys):
             raise _DamageError(f"summary.json does not tell {', '.join(keys) or 'anything'} of its {name}")
+    first = summary["input"]["first_frame"]
     for row, status in enumerate(table["status"]):
         if status not in STATUSES:
-            raise _DamageError(
-                f"the status of frame {summary['input']['first_frame'] + row} in track.csv is {status!r}, and none of "
-                f"{', '.join(STATUSES)}"
-            )
-    count = summary["input"]["last_frame"] - summary["input"]["first_frame"] + 1
+            frame = f"frame {first + row} in track.csv"
+            raise _DamageError(f"the status of {frame} is {status!r}, and none of {', '.join(STATUSES)}")
+    count = summary["input"]["last_frame"] - first + 1
     lengths = {"track.csv": len(table["frame"])} | ({} if motion is None else {"kinematics.csv": len(motion.time_s)})
     for name, length in lengths.items():
         if length != count:

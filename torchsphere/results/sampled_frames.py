@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-#: Frames that are kept at most: enough to move through by hand, and a report below 3 MB.
+#: Most frames that a result keeps (docs/constants.md).
 MAX_FRAMES = 300
 
-#: Value of a residual map where there is no residual.
+#: Value of a pixel without a residual.
 NO_RESIDUAL = -128
 
 Array = NDArray[np.float64]
@@ -25,30 +25,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Sampled:
-    """Images of m frames with their residual maps.
+    """Images of m frames with their residual maps."""
 
-    Attributes
-    ----------
-    row : ndarray
-        Rows (m,) of ``track.csv``, rising.
-    webp : tuple of bytes
-        The images as WebP, all of the same part of the frame.
-    box : tuple of float
-        This part: left, top, width and height, px of the recording, from pixel edge to pixel edge.
-    residual : ndarray
-        Maps (m, s, s), int8, in units of `residual_step`; `NO_RESIDUAL` where there is none.
-    residual_step : float
-        Grey levels of the recording per unit.
-    residual_bin : int
-        Side of a map's pixel, px of the recording.
-    """
-
-    row: NDArray[np.int64]
-    webp: tuple[bytes, ...]
+    row: NDArray[np.int64]  # rows (m,) of ``track.csv``, rising
+    webp: tuple[bytes, ...]  # images as WebP, all of the same part of the frame
+    # Left, top, width and height of this part, px of the recording, from pixel edge to pixel edge.
     box: tuple[float, float, float, float]
-    residual: NDArray[np.int8]
-    residual_step: float
-    residual_bin: int
+    residual: NDArray[np.int8]  # maps (m, s, s) in units of `residual_step`; `NO_RESIDUAL` where there is no residual
+    residual_step: float  # grey levels of the recording per unit
+    residual_bin: int  # side of a map's pixel, px of the recording
 
     @property
     def has_residual(self) -> NDArray[np.bool_]:
@@ -75,27 +60,27 @@ def encode_webp(image: Image, **options: Any) -> bytes:
     return stream.getvalue()
 
 
-def rows_to_keep(status: NDArray[np.str_], zncc: Array, limit: int = MAX_FRAMES) -> NDArray[np.int64]:
-    """Rows of the frames to keep, rising: all if they are at most ``limit``.
+def rows_to_keep(status: NDArray[np.str_], zncc: Array) -> NDArray[np.int64]:
+    """Rows of the frames to keep, rising: all rows up to `MAX_FRAMES`.
 
-    Otherwise the first, the last, the frame of lowest correlation and those that are not "ok", at most half of
-    ``limit`` and then evenly picked; the rest is picked evenly from all others.
+    More rows give the first, the last, the row of lowest correlation, rows that are not "ok" (up to half of the kept
+    rows, at even distances), and other rows at even distances.
     """
     n = len(status)
-    if n <= limit:
+    if n <= MAX_FRAMES:
         return np.arange(n)
     bad = np.flatnonzero(status != "ok")
-    if len(bad) > limit // 2:
-        bad = bad[np.linspace(0, len(bad) - 1, limit // 2).round().astype(np.int64)]
+    if len(bad) > MAX_FRAMES // 2:
+        bad = bad[np.linspace(0, len(bad) - 1, MAX_FRAMES // 2).round().astype(np.int64)]
     measured = np.where(np.isfinite(zncc), zncc, np.inf)
     required = np.unique(np.concatenate((bad, [0, n - 1, int(measured.argmin())])))
     others = np.setdiff1d(np.arange(n), required)
-    even = others[np.linspace(0, len(others) - 1, limit - len(required)).round().astype(np.int64)]
+    even = others[np.linspace(0, len(others) - 1, MAX_FRAMES - len(required)).round().astype(np.int64)]
     return np.sort(np.concatenate((required, even)))
 
 
 def save(path: Path, sampled: Sampled) -> None:
-    """Write as ``.npz`` for `load`; uncompressed, since images are compressed already and maps are mostly noise."""
+    """Write ``.npz`` for `load`, without compression: images are compressed, and maps are mostly noise."""
     names = ("row", "box", "residual", "residual_step", "residual_bin")
     arrays: dict[str, Any] = {name: getattr(sampled, name) for name in names}
     arrays["webp_size"] = np.array([len(image) for image in sampled.webp], dtype=np.int64)
@@ -104,27 +89,14 @@ def save(path: Path, sampled: Sampled) -> None:
 
 
 def load(path: Path) -> Sampled:
-    """Read what `save` wrote.
-
-    Raises
-    ------
-    ValueError
-        If the file is damaged.
-    """
+    """Read a file of `save`; raises ValueError if the file is damaged."""
     try:
-        # Opened here, since numpy leaves a damaged file open.
+        # numpy would leave a damaged file open.
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            ends = file["webp_size"].cumsum()
-            data = file["webp"].tobytes()
-            images = tuple(data[end - size : end] for end, size in zip(ends, file["webp_size"], strict=True))
+            sizes, data = file["webp_size"], file["webp"].tobytes()
+            images = tuple(data[end - size : end] for end, size in zip(sizes.cumsum(), sizes, strict=True))
             left, top, width, height = (float(v) for v in file["box"])
-            return Sampled(
-                row=file["row"],
-                webp=images,
-                box=(left, top, width, height),
-                residual=file["residual"],
-                residual_step=float(file["residual_step"]),
-                residual_bin=int(file["residual_bin"]),
-            )
+            step, side = float(file["residual_step"]), int(file["residual_bin"])
+            return Sampled(file["row"], images, (left, top, width, height), file["residual"], step, side)
     except (KeyError, OSError, EOFError, ValueError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path}: the kept images are damaged ({error}); track the recording again") from error
