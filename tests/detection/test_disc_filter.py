@@ -13,10 +13,10 @@ def silhouette(x: float, y: float, radius: float, seed: int) -> torch.Tensor:
 
 def test_silhouettes_together_give_what_each_gives_alone() -> None:
     some = torch.stack((silhouette(60.0, 50.0, 20.0, 1), torch.zeros(120, 200), silhouette(140.0, 70.0, 35.0, 2)))
-    found = disc_filter.best(some)
+    found = disc_filter.best_discs(some)
     assert found[1] is None
     for each, guess in zip(some[::2], found[::2], strict=True):
-        (alone,) = disc_filter.best(each[None])
+        (alone,) = disc_filter.best_discs(each[None])
         assert alone is not None
         assert guess is not None
         assert torch.equal(guess, alone)
@@ -24,7 +24,7 @@ def test_silhouettes_together_give_what_each_gives_alone() -> None:
 
 def test_a_ring_beyond_the_border_holds_nothing_of_the_other_side() -> None:
     # Rings that reach beyond one border: in a plane that is too small they would hold what is at the other.
-    found = disc_filter.best(torch.stack((silhouette(30.0, 60.0, 28.0, 3), silhouette(170.0, 60.0, 28.0, 4))))
+    found = disc_filter.best_discs(torch.stack((silhouette(30.0, 60.0, 28.0, 3), silhouette(170.0, 60.0, 28.0, 4))))
     for guess, x in zip(found, (30.0, 170.0), strict=True):
         assert guess is not None
         # Steps of the coarse image and of the radius.

@@ -19,8 +19,7 @@ from torch import Tensor
 from torchsphere import correlate, kernels
 from torchsphere.correlation import illumination, occlusion, reference_lookup, residual_noise, warp, znssd
 from torchsphere.correlation.gauss_newton import Solution, SolverSettings, gauss_newton
-from torchsphere.correlation.pairs import Pairs
-from torchsphere.correlation.reference import Filtered, Reference, build_reference
+from torchsphere.correlation.reference import Filtered, Pairs, Reference, build_reference
 from torchsphere.geometry import motion_models, rotation
 from torchsphere.imaging import interpolation
 from torchsphere.imaging.crop import Crops, cut, half_size

@@ -1,12 +1,6 @@
-"""Image correlation of pairs: reference -> correlation operator, built once -> batched Gauss-Newton.
+"""Image correlation of pairs: checks of the arguments, crops, and the solution by `solve`.
 
-The criterion is the paper's equation (3): the squared difference between the reference image ``f`` and the deformed
-image ``g`` at the displaced points, gain and offset chosen so that mean and standard deviation agree over the region
-of interest (ZNSSD). The operator is that of equations (7) to (10). Beyond the paper, models of a turning ball leave
-open what light that does not turn with it may change (`znssd.nuisances`). Inside, rotations are multiplied by the
-radius, so that all unknowns are px and the operator is well scaled.
-
-Here arguments are checked and crops cut; `solve` finds the motion, `uncertainty` judges it.
+Inside the package rotations are multiplied by the radius, so that all unknowns are px and the operator is well scaled.
 """
 
 from __future__ import annotations
@@ -20,8 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.correlation.options import Options, adapt_pre_blur, margin, options_for
-from torchsphere.correlation.pairs import Pairs
-from torchsphere.correlation.reference import SLACK_PX, Filtered
+from torchsphere.correlation.reference import SLACK_PX, Filtered, Pairs
 from torchsphere.correlation.result import Correlation
 from torchsphere.correlation.solve import solve, solve_coarsely
 from torchsphere.geometry.circle import Circle
@@ -29,8 +22,7 @@ from torchsphere.imaging import crop
 from torchsphere.runtime import threads
 from torchsphere.settings.arrays import as_images, as_mask, as_rows, check_circle
 
-#: How far the circle of a pair may lie from where the pair before expects the ball, px, for one crop to serve both: it
-#: leaves the ball as much again.
+#: Largest distance between the circle of a pair and the pair before's expected circle for one crop to serve both, px.
 MAX_SHARED_CROP_PX = SLACK_PX / 2
 
 
@@ -46,8 +38,8 @@ def correlate(f: Any, g: Any, circle: Any, *, start: Any = None, ignore: Any = N
         Outline (x, y, radius) of the ball in ``f``, px: one for all pairs, or (n, 3), or a list of n `Circle`, with
         one radius. With a camera the projected centre and the radius at its depth, see `torchsphere.geometry.camera`.
     start : array_like, optional
-        First guess of the increments, (5,) or (n, 5); by default none moves. It must be right to about half a
-        speckle; `torchsphere.track` finds it by itself.
+        First guess of the increments, (5,) or (n, 5); 0 by default. It must be right to about half a speckle;
+        `torchsphere.track` finds it by itself.
     ignore : array_like, optional
         (h, w), True where the images are not to be used.
     **options
@@ -91,7 +83,7 @@ def correlate(f: Any, g: Any, circle: Any, *, start: Any = None, ignore: Any = N
 
 
 def _as_numbers(circle: Any) -> Any:
-    """A `Circle`, or each in a list, as (x, y, radius); all else as it is."""
+    """A `Circle`, or each `Circle` of a list, as (x, y, radius); other values unchanged."""
     if isinstance(circle, Circle):
         return circle.x, circle.y, circle.radius
     return [_as_numbers(each) for each in circle] if isinstance(circle, (list, tuple)) else circle
@@ -100,14 +92,14 @@ def _as_numbers(circle: Any) -> Any:
 def correlate_pairs(
     f: Tensor, g: Tensor, circles: Tensor, start: Tensor, ignore: Tensor | None, options: Options
 ) -> Correlation:
-    """`correlate` for arguments that have been checked: ``circles`` (n, 3) in ``f``, float64, ``start`` (n, 5)."""
+    """`correlate` for checked arguments: ``circles`` (n, 3) in ``f``, float64, ``start`` (n, 5)."""
     half = crop.half_size(float(circles[:, 2].max()), margin(options))
 
-    def part(a: int, b: int) -> Correlation:
+    def correlate_rows(a: int, b: int) -> Correlation:
         return _correlate_rows(f[a:b], g[a:b], circles[a:b], start[a:b], ignore, options, half)
 
     with threads.sharing(f.device, (2 * half) ** 2) as shared:
-        return Correlation.joined(shared(part, len(f)))
+        return Correlation.joined(shared(correlate_rows, len(f)))
 
 
 def _correlate_rows(
@@ -120,30 +112,27 @@ def _correlate_rows(
 
     balls, expected = circles[:, :2], circles[:, :2] + start[:, :2].to(circles)
     if _are_successive(f, g) and float((balls[1:] - expected[:-1]).abs().max()) <= MAX_SHARED_CROP_PX:
-        # Every image but the first and the last is a deformed image and then a reference: it is filtered once.
-        all_of_them = filtered([*f, g[-1]], torch.cat((balls, expected[-1:])))
-        pairs = Pairs(all_of_them.rows(0, len(f)), all_of_them.rows(1, len(f) + 1), circles)
+        # Every inner image is a deformed image and then a reference: it is filtered once.
+        images = filtered([*f, g[-1]], torch.cat((balls, expected[-1:])))
+        pairs = Pairs(images.rows(0, len(f)), images.rows(1, len(f) + 1), circles)
     else:
         pairs = Pairs(filtered(f, balls), filtered(g, expected), circles)
     start = start.to(pairs.g.c)
-    near = solve_coarsely(pairs, start, options)
-    found = solve(pairs, near.q, options, start)
-    return dataclasses.replace(found, iterations=found.iterations + near.iterations, status=_with_lost(found, pairs))
+    coarse = solve_coarsely(pairs, start, options)
+    found = solve(pairs, coarse.q, options, start)
+    return dataclasses.replace(found, iterations=found.iterations + coarse.iterations, status=_with_lost(found, pairs))
 
 
 def _are_successive(f: Tensor, g: Tensor) -> bool:
-    """Whether each deformed image is the next pair's reference, in one place of the memory: two parts of one array.
-
-    A GPU, which would have to copy them to one place, is as fast without.
-    """
+    """Whether each deformed image is the next pair's reference in memory; on a GPU sharing them saves no time."""
     return f.device.type == "cpu" and len(f) > 1 and f.stride() == g.stride() and f[1].data_ptr() == g.data_ptr()
 
 
 def _with_lost(found: Correlation, pairs: Pairs) -> NDArray[np.str_]:
-    """The status (n,) of each pair, "lost" where values that are no numbers leave nothing to be judged."""
-    judged = ~np.isin(found.status, ("ok", "out_of_frame"))
-    if not judged.any():
+    """The status (n,) of each pair, "lost" where a crop of a failed pair holds a value that is not finite."""
+    failed = ~np.isin(found.status, ("ok", "out_of_frame"))
+    if not failed.any():
         return found.status
-    # One such value is in all coefficients of its crop's spline.
-    numbers = (pairs.f.crops.images.isfinite() & pairs.g.crops.images.isfinite()).flatten(1).all(1)
-    return np.where(judged & ~numbers.cpu().numpy(), "lost", found.status)
+    # One such value changes all coefficients of its crop's spline.
+    finite = (pairs.f.crops.images.isfinite() & pairs.g.crops.images.isfinite()).flatten(1).all(1)
+    return np.where(failed & ~finite.cpu().numpy(), "lost", found.status)

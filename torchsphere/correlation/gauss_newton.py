@@ -18,22 +18,13 @@ from torchsphere.geometry.motion_models import Displacement
 from torchsphere.imaging import interpolation
 from torchsphere.kernels import gauss_newton as descent
 
-#: Steps after which a point that has left sight or crop stays out, so that the sum is over fixed points and settles:
-#: at 20 deg per frame, points that came and went kept one row in ten from converging.
+#: Steps after which a point that left sight or crop stays out (docs/constants.md).
 SETTLE_AFTER = 5
 
-
-#: Every how many points the increments are brought near on, in at most so many steps, until a step moves no point by
-#: more than so many px, and the points that this must leave. Measured at R = 50: the few points alone are off by
-#: 0.01 px, from where two steps on all points do instead of three or more.
-COARSE_STEP, MAX_COARSE_ITERATIONS, COARSE_TOLERANCE_PX, MIN_COARSE_POINTS = 4, 10, 0.05, 400
-
-#: Steps from one look at how far all rows are to the next. A GPU has to come to rest for it, which costs more than
-#: steps that rows no longer need; on a CPU it costs nothing.
+#: Steps from one test for convergence to the next, on a CPU and on a GPU (docs/constants.md).
 CHECK_STEP, CHECK_STEP_ON_GPU = 1, 4
 
-#: Modes are taken anew after a step that moves a point of the ball by more than this, px: a ten-thousandth of the
-#: radius changes them by as little.
+#: Largest motion of a point in a step after which the modes are kept, px (docs/constants.md).
 MODES_HOLD_PX = 0.02
 
 
@@ -77,12 +68,7 @@ class Solution(NamedTuple):
 
 
 def gauss_newton(
-    reference: Reference,
-    c_g: Tensor,
-    shift: Tensor,
-    start: Tensor,
-    model: Displacement,
-    settings: SolverSettings,
+    reference: Reference, c_g: Tensor, shift: Tensor, start: Tensor, model: Displacement, settings: SolverSettings
 ) -> Solution:
     """Gauss-Newton from ``start`` (n, k)."""
     if not settings.exact and model in motion_models.CLOSED_FORM and kernels.suits(c_g, start, reference.weights):
@@ -96,8 +82,8 @@ def gauss_newton(
     )
     rows = torch.arange(n, device=device)
     q = at = result.q
-    over = torch.zeros_like(result.converged)
-    look_every = CHECK_STEP if device.type == "cpu" else CHECK_STEP_ON_GPU
+    ended = torch.zeros_like(result.converged)
+    check_step = CHECK_STEP if device.type == "cpu" else CHECK_STEP_ON_GPU
     if not settings.exact:
         jacobian, factor = operator(reference, reference.gradient, q, model, reference.weights)
     for turn in range(settings.max_iterations):
@@ -113,32 +99,32 @@ def gauss_newton(
         b = (jacobian * (weights * difference)[:, None]).sum(-1)
         step = torch.cholesky_solve(b.double()[..., None], factor)[..., 0].to(q)
         length = step.abs().amax(-1)
-        # A step longer than the ball is wide has nothing to do with the images any more.
+        # A step longer than the ball's diameter is invalid.
         sane = length < 2 * reference.geometry.radius
-        # A row that is over stays as it is while the others go on.
-        going = ~over
+        # A row that has ended keeps its values while the others go on.
+        going = ~ended
         q = torch.where((going & sane)[:, None], q + step / scale(reference, q.shape[-1]), q)
         done = length < settings.tolerance_px
         result.q[rows], result.iterations[rows] = q, result.iterations[rows] + going
         result.converged[rows] |= going & done
-        over = over | done | ~sane
-        if (turn + 1) % look_every and turn < settings.max_iterations - 1:
+        ended = ended | done | ~sane
+        if (turn + 1) % check_step and turn < settings.max_iterations - 1:
             at = q
             continue
-        left = int((~over).sum())
+        left = int((~ended).sum())
         last = left == 0 or turn == settings.max_iterations - 1
         if last or 2 * left <= len(rows):
-            result = _noted(result, rows, (warped, weights, jacobian, factor))
+            result = _stored(result, rows, (warped, weights, jacobian, factor))
         if last:
             break
         if float((length * going).max()) > MODES_HOLD_PX:
             at = q
         if 2 * left <= len(rows):
-            # To leave the others out copies all that belongs to these: worth it where they are half of them at most.
-            active = torch.nonzero(~over)[:, 0]
+            # Dropping the ended rows copies the others: worth the time only where at least half have ended.
+            active = torch.nonzero(~ended)[:, 0]
             rows, reference, c_g, shift = rows[active], reference.take(active), c_g[active], shift[active]
             at = q[active] if at is q else at[active]
-            q, over = q[active], over[active]
+            q, ended = q[active], ended[active]
             if not settings.exact:
                 jacobian, factor = jacobian[active], factor[active]
     return result
@@ -164,10 +150,9 @@ def _descend(
     return Solution(*found, jacobian, factor)
 
 
-def _noted(result: Solution, rows: Tensor, now: tuple[Tensor, ...]) -> Solution:
-    """The result with what ``rows`` (m,) have come to: warped images, weights, Jacobians and factors."""
+def _stored(result: Solution, rows: Tensor, values: tuple[Tensor, ...]) -> Solution:
+    """The result with the warped images, weights, Jacobians and factors of ``rows`` (m,)."""
     if len(rows) == len(result.q):
-        return Solution(*result[:3], *now)
-    return Solution(
-        *result[:3], *(whole.index_copy(0, rows, part) for whole, part in zip(result[3:], now, strict=True))
-    )
+        return Solution(*result[:3], *values)
+    merged = (whole.index_copy(0, rows, part) for whole, part in zip(result[3:], values, strict=True))
+    return Solution(*result[:3], *merged)

@@ -1,9 +1,7 @@
-"""Leave out what is not the ball: occluders, reflections, whatever the motion of the ball cannot explain.
+"""Leave out parts of the image that the motion of the ball does not explain: occluders, reflections.
 
-A pair is doubted where, somewhere on the ball, the residual is far above the rest of it and the two images also differ
-in shape there. Only such pairs come here. Points are then judged by windows, not one by one, because a speckle that
-happens to look like the occluder must go with its neighbours; and once the judgement is settled it stays, so that the
-last iteration is an ordinary one.
+Points are judged in windows, because a speckle that happens to match must go with its neighbours. The last solution
+keeps the weights of the last judgement.
 """
 
 from __future__ import annotations
@@ -24,73 +22,61 @@ from torchsphere.imaging import interpolation
 from torchsphere.kernels import region
 from torchsphere.kernels import znssd as znssd_loop
 
-#: A window is no noise when its residual's energy is above this many times that of the calmer part of the ball, its
-#: 0.3 quantile. Measured over clean pairs: 8 at most.
-MAX_ENERGY, CALM_QUANTILE = 10.0, 0.3
+#: Quantile of the residual's energy that stands for the calm part of the ball.
+CALM_QUANTILE = 0.3
 
-#: The calm part is itself no match where its energy is above this many times the noise that the raw image shows, which
-#: texture raises too. Measured: 0.1 to 0.9, 2.2 at 20 deg per frame, 2 to 5 under strong compression.
+#: Largest energy of a window on the ball, times that of the calm part (docs/constants.md).
+MAX_ENERGY = 10.0
+
+#: Largest energy of the calm part, times the noise of the raw image (docs/constants.md).
 MAX_CALM = 5.0
 
-#: Texture that foreshortens differently in both images matches to within a misplacement of this many px, and so many
-#: more per degree of turn, times 1 / cos - 1 of the steeper of its two views. Measured as the worst windows of clean
-#: pairs: 0.10 px at 1 deg, 0.2 at 3, 0.53 at 10 and 0.67 at 15 where the cosine is 0.3; 0.11 px at 10 deg and 0.7.
-MISPLACED_PX, MISPLACED_PX_PER_DEG, MIN_COSINE = 0.06, 0.027, 0.1
+#: Misplacement of foreshortened texture, px, and its growth with the turn, px per deg (docs/constants.md).
+MISPLACED_PX, MISPLACED_PX_PER_DEG = 0.06, 0.027
 
-#: Misplacement at which a point counts half, px. Measured at 10 to 20 deg: 0.2 to 0.5 px give about the same.
+#: Least cosine of a view that a misplacement is computed for.
+MIN_COSINE = 0.1
+
+#: Misplacement at which a point has half its weight, px (docs/constants.md).
 TOLERATED_PX = 0.35
 
-#: Of the energies, which are means over windows, every so many are looked at to find that quantile: sorting all
-#: took as long as two iterations.
+#: Every how many points the quantile uses: sorting all takes as long as two iterations.
 QUANTILE_STEP = 16
 
-#: Local coefficient that tells ball from occluder before gain, offset and motion are known well.
+#: Least local correlation coefficient of a point on the ball in the first judgement.
 FIRST_ZNCC = 0.6
 
-#: Share of the points that make a pair is_occluded.
+#: Least share of unexplained points in an occluded pair.
 MIN_UNEXPLAINED_SHARE = 0.002
 
-#: Least share of the visible points that must agree; less is another match than the ball's.
-MIN_BALL_SHARE = 0.3
+#: Least share of the visible points that must match at the end, and in the first judgement.
+MIN_BALL_SHARE, MIN_ALIKE_SHARE = 0.3, 0.1
 
-#: Share of the points that must look alike at the outset.
-MIN_ALIKE_SHARE = 0.1
-
-#: Rounds of judging and solving, with this many steps in each.
+#: Rounds of judging and solving, and iterations in each.
 ROUNDS, STEPS = 5, 4
 
 
 def is_ball(
-    reference: Reference,
-    warped: Tensor,
-    seen: Tensor,
-    trusted: Tensor,
-    q: Tensor,
-    model: Displacement,
+    reference: Reference, warped: Tensor, seen: Tensor, trusted: Tensor, q: Tensor, model: Displacement
 ) -> Tensor:
-    """True (n, p) where a point may be the ball; ``seen`` (n, p): all weights; ``trusted``: of those believed."""
-    rows, alike = _suspects(reference, warped, seen, trusted, q, model)
+    """True (n, p) where a point may be the ball; ``seen`` (n, p): weights; ``trusted`` (n, p): those of inliers."""
+    rows, alike = _judge_rows(reference, warped, seen, trusted, q, model)
     good = torch.ones_like(seen, dtype=torch.bool)
     good[rows] = alike
     return good
 
 
-def _suspects(
-    reference: Reference,
-    warped: Tensor,
-    seen: Tensor,
-    trusted: Tensor,
-    q: Tensor,
-    model: Displacement,
+def _judge_rows(
+    reference: Reference, warped: Tensor, seen: Tensor, trusted: Tensor, q: Tensor, model: Displacement
 ) -> tuple[Tensor, Tensor]:
-    """Numbers (m,) of the rows that are not calm throughout, few as a rule, and `is_ball` of these (m, p)."""
+    """Indices (m,) of the rows with a window of high energy, and `is_ball` of these rows (m, p)."""
     difference = znssd.residual(reference.values, warped, trusted)
     energy = residual_noise.local_mean(reference, difference.square(), seen)
     calm = _quantile(energy[:, ::QUANTILE_STEP], trusted[:, ::QUANTILE_STEP] > 0)
     value_gain, _ = interpolation.noise_gains(reference.pre_blur)
     ceiling = MAX_CALM * 2 * value_gain * reference.noise.square()
     limit = MAX_ENERGY * torch.minimum(calm, ceiling)
-    rows = torch.nonzero(_beyond(energy, limit, seen))[:, 0]
+    rows = torch.nonzero(_exceeds(energy, limit, seen))[:, 0]
     seen = seen[rows]
     excess = (energy[rows] - limit[rows, None]) * (seen > 0)
     if len(rows) == 0:
@@ -98,15 +84,15 @@ def _suspects(
     return rows, (excess <= 0) | (excess <= _foreshortening(reference.take(rows), seen, q[rows], model))
 
 
-def _beyond(energy: Tensor, limit: Tensor, seen: Tensor) -> Tensor:
-    """True (n,) where the energy (n, p) of a point that is ``seen`` is above the row's limit (n,)."""
+def _exceeds(energy: Tensor, limit: Tensor, seen: Tensor) -> Tensor:
+    """True (n,) where the energy (n, p) of a ``seen`` point exceeds the row's limit (n,)."""
     if kernels.suits(energy, limit, seen):
         return znssd_loop.beyond(energy, limit, seen)
     return ((energy > limit[:, None]) & (seen > 0)).any(-1)
 
 
 def _quantile(values: Tensor, counted: Tensor) -> Tensor:
-    """The `CALM_QUANTILE` quantile (n,) of those ``values`` (n, m) that are ``counted``; NaN where none is."""
+    """The `CALM_QUANTILE` (n,) of the ``counted`` ``values`` (n, m); NaN in a row without any."""
     count = counted.sum(-1, keepdim=True)
     ordered = (values + torch.where(counted, 0.0, torch.inf)).sort(-1).values
     found = ordered.gather(-1, (CALM_QUANTILE * (count - 1)).round().long().clamp_min(0))
@@ -119,36 +105,26 @@ def _misplacement(reference: Reference, q: Tensor, model: Displacement) -> Tenso
     if model in motion_models.CLOSED_FORM:
         after = -rotation.moved(q, reference.surface, exact=model is motion_models.finite)[:, 2]
     else:
-        moved = (
-            reference.points
-            + motion_models.displacement(model, q, reference.points, reference.geometry)
-            - q[:, None, :2]
-        )
-        after = motion_models.depth(moved, radius).nan_to_num(0.0)
+        moved = reference.points + motion_models.displacement(model, q, reference.points, reference.geometry)
+        after = motion_models.depth(moved - q[:, None, :2], radius).nan_to_num(0.0)
     height = torch.minimum(-reference.surface[:, 2], after)
     return radius / height.clamp_min(MIN_COSINE * radius) - 1
 
 
 def _foreshortening(reference: Reference, seen: Tensor, q: Tensor, model: Displacement) -> Tensor:
-    """Residual's energy (n, p) that the changing view of the texture alone may leave."""
+    """Energy (n, p) of the residual that the changing view of the texture may cause."""
     degrees = torch.rad2deg(motion_models.turn(q))[:, None]
     misplaced = (MISPLACED_PX + MISPLACED_PX_PER_DEG * degrees) * _misplacement(reference, q, model)
     return misplaced.square() * residual_noise.local_mean(reference, reference.gradient.square().sum(1), seen)
 
 
 def weight_by_view(reference: Reference, q: Tensor, model: Displacement) -> Reference:
-    """The reference with less weight where a turn like that of ``q`` (n, k) spoils the match of the texture.
-
-    Measured with `finite` both ways: at 20 deg per frame the errors fall from 0.032 px and 0.054 deg to 0.012 px and
-    0.011 deg, at 10 deg from 0.013 px and 0.024 deg to 0.006 px and 0.009 deg; at 3 deg nothing changes.
-    """
+    """The reference with less weight where a turn like that of ``q`` (n, k) changes the view of the texture much."""
     degrees = torch.rad2deg(motion_models.turn(q))[:, None]
     surface, weights, radius = reference.surface, reference.weights, reference.geometry.radius
     if model in motion_models.CLOSED_FORM and kernels.suits(surface, weights, q):
-        turn, share = (
-            rotation.matrices(q, exact=model is motion_models.finite),
-            MISPLACED_PX_PER_DEG / TOLERATED_PX * degrees,
-        )
+        turn = rotation.matrices(q, exact=model is motion_models.finite)
+        share = MISPLACED_PX_PER_DEG / TOLERATED_PX * degrees
         weights = region.seen_alike(surface, weights, turn, radius, share[:, 0], MIN_COSINE)
         return dataclasses.replace(reference, weights=weights)
     misplaced = MISPLACED_PX_PER_DEG * degrees * _misplacement(reference, q, model)
@@ -156,12 +132,12 @@ def weight_by_view(reference: Reference, q: Tensor, model: Displacement) -> Refe
 
 
 def is_occluded(reference: Reference, solution: Solution, model: Displacement) -> Tensor:
-    """True (n,) where a part of the pair is not explained by the motion of the whole that was found."""
+    """True (n,) where the motion of the whole does not explain a part of the pair."""
     warped, weights = (
         illumination.in_reference_light(reference, solution.warped, solution.weights, model),
         solution.weights,
     )
-    rows, alike = _suspects(reference, warped, weights, weights, solution.q, model)
+    rows, alike = _judge_rows(reference, warped, weights, weights, solution.q, model)
     weights = weights[rows]
     found = torch.zeros_like(solution.converged)
     found[rows] = ((weights > 0) & ~alike).sum(-1) > MIN_UNEXPLAINED_SHARE * weights.sum(-1)
@@ -174,17 +150,16 @@ def solve_without_occluders(
     shift: Tensor,
     starts: tuple[Tensor, ...],
     solution: Solution,
-    doubt: Tensor,
+    occluded: Tensor,
     model: Displacement,
     settings: SolverSettings,
 ) -> tuple[Reference, Solution]:
-    """The reference with the weights of what is the ball, and its solution, in the rows that are in ``doubt`` (n,).
+    """The reference without the occluders of the ``occluded`` (n,) rows, and its solution.
 
-    ``starts`` (n, k) each: where the solution may have gone astray from.
-
-    A row in which a small part only agrees is no match: it keeps its weights and counts as not converged.
+    ``starts`` (n, k) each: further guesses, in case the solution followed an occluder. A row of which only a small part
+    matches keeps its weights and has not converged.
     """
-    rows = torch.nonzero(doubt)[:, 0]
+    rows = torch.nonzero(occluded)[:, 0]
     if len(rows) == 0:
         return reference, solution
     part = reference.take(rows)
@@ -216,9 +191,9 @@ def _settle(
     model: Displacement,
     settings: SolverSettings,
 ) -> tuple[Reference, Tensor, Tensor, Tensor]:
-    """Solve pairs on the points that agree -> the reference with their weights, increments, steps, what converged.
+    """Solve pairs on the points that match, from the best of the ``guesses`` (n, k).
 
-    ``guesses`` (n, k) each: of these the one that makes more of the ball look alike is taken.
+    Returns the reference with their weights, the increments (n, k), the iterations (n,) and True (n,) where converged.
     """
     q, trusted = _first_judgement(full, c_g, shift, guesses, model)
     reference = dataclasses.replace(full, weights=trusted)
@@ -230,9 +205,9 @@ def _settle(
         q, iterations = gauss_newton(reference, c_g, shift, q, model, few)[:2]
         taken += iterations
         warped, seen = warp(full, c_g, shift, q, model)
-        believed = full.weights * is_ball(full, warped, seen, trusted * (seen > 0), q, model)
-        settled = bool((believed == trusted).all())
-        trusted = believed
+        judged = full.weights * is_ball(full, warped, seen, trusted * (seen > 0), q, model)
+        settled = bool((judged == trusted).all())
+        trusted = judged
         reference = dataclasses.replace(full, weights=trusted)
         if settled:
             break
@@ -244,13 +219,12 @@ def _settle(
 def _first_judgement(
     reference: Reference, c_g: Tensor, shift: Tensor, guesses: tuple[Tensor, ...], model: Displacement
 ) -> tuple[Tensor, Tensor]:
-    """The better guess (n, k) of each pair, and the weights (n, p) of the points that it makes alike in shape."""
+    """The guess (n, k) that makes more points of each pair alike in shape, and the weights (n, p) of these points."""
     q, best = guesses[0], torch.zeros_like(reference.weights)
     for guess in guesses:
         warped, seen = warp(reference, c_g, shift, guess, model)
         alike = seen * (residual_noise.local_zncc(reference, warped, seen) > FIRST_ZNCC)
         better = (alike.sum(-1) > best.sum(-1))[:, None]
         q, best = torch.where(better, guess, q), torch.where(better, alike, best)
-    # With hardly a point alike there is nothing to begin with.
     enough = best.sum(-1, keepdim=True) > MIN_ALIKE_SHARE * reference.weights.sum(-1, keepdim=True)
     return q, torch.where(enough, best, 0.0)

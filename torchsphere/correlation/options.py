@@ -13,29 +13,27 @@ from torchsphere.geometry.camera import Camera
 from torchsphere.imaging import interpolation
 from torchsphere.settings.limits import ROI, is_whole, require_switch, require_within
 
-#: Pre-blur where the outline is near, px, and the room between it and the region of interest, in pre-blurs, that keeps
-#: what is behind the ball out. Measured over a background of blotches (speckle of 2.2 to 3 px, noise of 2 grey levels),
-#: errors of a step with 1 px and with 0.7: 0.042 and 0.029 px at a radius of 10 px, 0.026 and 0.017 at 15, 0.017 and
-#: 0.013 at 20, 0.0098 and 0.0086 at 25, 0.0085 and 0.0074 at 30; 1.2 and 1.0 times what is stated up to 20 px. Before
-#: a plain background they are equal up to 15 px. From 30 px on the smaller bias of 1 px counts more; 0.5 px aliases
-#: everywhere.
-MIN_PRE_BLUR_PX, PRE_BLUR_ROOM = 0.7, 1.5
+#: Least pre-blur of small balls, px (docs/constants.md).
+MIN_PRE_BLUR_PX = 0.7
+
+#: Room between the region of interest and the outline, in pre-blurs (docs/constants.md).
+PRE_BLUR_ROOM = 1.5
 
 
 @dataclass(frozen=True)
 class Options:
-    """Settings of the correlation; the defaults are measured, see the README.
+    """Settings of the correlation.
 
     Attributes
     ----------
     model : str
         Motion model, a key of `motion_models.MODELS`.
     roi : float
-        Radius of the region of interest as a fraction of the ball's. Where none is given, `torchsphere.track` takes a
-        smaller one of a small ball that is much brighter or darker than what is behind it.
+        Radius of the region of interest as a fraction of the ball's. By default `torchsphere.track` takes a smaller
+        one for a small ball that is much brighter or darker than its background.
     pre_blur : float
-        Standard deviation of the Gaussian that blurs both images first, px; 0 for none. Where none is given,
-        `torchsphere.track` and `torchsphere.correlate` take what is `adapt_pre_blur` to the ball.
+        Standard deviation of the Gaussian that blurs both images first, px; 0 for none. By default
+        `torchsphere.track` and `torchsphere.correlate` take a smaller one for a small ball.
     jacobian : str
         "constant": gradient of the reference, the paper's choice, built once. "autograd": gradient of the deformed
         image at each iterate, by automatic differentiation; exact and slow.
@@ -44,15 +42,15 @@ class Options:
     tolerance_px : float
         A pair has converged when a step moves no point of the ball by more, px.
     min_zncc : float
-        Below this correlation coefficient a pair is not believed.
+        Least correlation coefficient of a valid pair.
     min_visible : float
         Least part of the region of interest that must be usable in both images.
     finite_from_deg : float
-        Turn per pair from which `rigid` gives way to `finite`: by default always, 180 keeps `rigid` throughout.
+        Turn per pair from which `finite` takes the place of `rigid`: 0 always, 180 never.
     robust : bool
-        Leave out what the ball's motion does not explain (occluders, reflections); models of a rigid ball only.
+        Leave out parts that the ball's motion does not explain (occluders, reflections); models of a rigid ball only.
     camera : Camera, optional
-        What the models `pinhole` and `pinhole6` see the ball with.
+        Camera of the models `pinhole` and `pinhole6`.
     """
 
     model: str = "rigid"
@@ -90,23 +88,23 @@ class Options:
 
 
 def options_for(function: Callable[..., Any], options: Mapping[str, Any]) -> Options:
-    """The ``options`` that were given to a ``function`` beside its own arguments; TypeError for a name that is none."""
+    """`Options` from the keyword arguments of a ``function``; TypeError for an unknown name."""
     names = [field.name for field in fields(Options)]
     for name in options:
         if name not in names:
             own = [p.name for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
-            near = difflib.get_close_matches(name, own + names, 1)
-            advice = f"did you mean {near[0]}?" if near else f"the settings are {', '.join(names)}"
+            similar = difflib.get_close_matches(name, own + names, 1)
+            advice = f"did you mean {similar[0]}?" if similar else f"the settings are {', '.join(names)}"
             raise TypeError(f"{function.__name__} has no argument {name!r}: {advice}")
     return Options(**options)
 
 
 def adapt_pre_blur(options: Options, radius: float) -> Options:
-    """The options with a pre-blur that carries nothing from behind a ball of this radius, px, into its region."""
+    """The options with a pre-blur that keeps the background of a ball of this radius, px, out of its region."""
     room = (1 - options.roi) * radius
     return replace(options, pre_blur=min(max(room / PRE_BLUR_ROOM, MIN_PRE_BLUR_PX), interpolation.PRE_BLUR_PX))
 
 
 def margin(options: Options) -> float:
-    """Width around the ball that a crop needs, px: what the guess may be off by, and the reach of the pre-blur."""
+    """Width around the ball that a crop needs, px: error of the guess and reach of the pre-blur."""
     return 4 + 4 * options.pre_blur

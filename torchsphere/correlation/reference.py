@@ -1,4 +1,4 @@
-"""The reference image of each pair, looked at once: region of interest, values, gradients, noise."""
+"""Pairs of images, and the reference image of each pair: region of interest, values, gradients, noise."""
 
 from __future__ import annotations
 
@@ -18,33 +18,24 @@ from torchsphere.geometry.camera import Camera, view_of
 from torchsphere.geometry.motion_models import Displacement, Geometry
 from torchsphere.imaging import crop, interpolation
 
-#: How far the ball may be from the middle of its crop, px: what the crop's margin leaves after pre-blur and spline.
+#: Largest distance of the ball from the middle of its crop, px; the crop's margin exceeds pre-blur and spline by it.
 SLACK_PX = 3.0
 
-#: Distance of neighbouring points, px, where every second pixel is taken like the black squares of a chessboard. A blur
-#: of so many px, and more, leaves nothing to learn from the others: standard deviations of all five components agree
-#: to 2 % with those from all pixels up to 2 deg per frame, to 5 % at 5 and 10 deg (R = 50, speckle 2.5 to 4 px, noise
-#: 0.5 to 8 grey levels).
-#: Every second pixel of every second row costs 3 to 45 %. Balls with fewer points keep them all.
-CHESSBOARD, MIN_CHESSBOARD_BLUR_PX, MIN_CHESSBOARD_POINTS = math.sqrt(2), 0.7, 2000
+#: Distance of neighbouring points on a chessboard of pixels, px.
+CHESSBOARD = math.sqrt(2)
 
-#: Every how many points the noise's way into the increment is summed over, which takes a sixth of a pair's time
-#: otherwise: the standard deviations then scatter by 2 to 3 % (R = 30 to 75 px).
+#: Least pre-blur, px, and least number of pixels of a region that uses a chessboard of them (docs/constants.md).
+MIN_CHESSBOARD_BLUR_PX, MIN_CHESSBOARD_POINTS = 0.7, 2000
+
+#: Every how many points the covariance uses (docs/constants.md).
 COVARIANCE_STEP = 4
 
 
 class Filtered(NamedTuple):
-    """Crops of n images as the correlation sees them.
-
-    Attributes
-    ----------
-    crops : Crops
-    c : Tensor
-        Spline coefficients (n, s, s) of the blurred images.
-    """
+    """Crops of n images, blurred."""
 
     crops: crop.Crops
-    c: Tensor
+    c: Tensor  # spline coefficients (n, s, s) of the blurred images
 
     @classmethod
     def of(cls, crops: crop.Crops, pre_blur: float) -> Filtered:
@@ -53,7 +44,7 @@ class Filtered(NamedTuple):
 
     @classmethod
     def joined(cls, parts: Sequence[Filtered]) -> Filtered:
-        """The images of all parts, whose crops have one size, one after the other."""
+        """The images of all parts, one after the other; their crops have one size."""
         if len(parts) == 1:
             return parts[0]
         crops, c = zip(*parts, strict=True)
@@ -64,68 +55,58 @@ class Filtered(NamedTuple):
         return Filtered(self.crops.rows(start, stop), self.c[start:stop])
 
     def take(self, rows: Tensor) -> Filtered:
-        """The given rows (m,) alone."""
+        """The given rows (m,)."""
         return Filtered(self.crops.take(rows), self.c[rows])
+
+
+class Pairs(NamedTuple):
+    """n pairs of images."""
+
+    f: Filtered  # crops of the reference images
+    g: Filtered  # crops of the deformed images
+    circles: Tensor  # the ball in the reference images (n, 3), px, float64 on the CPU
+
+    @property
+    def shift(self) -> Tensor:
+        """The ball's centre in the reference image, from the origin of the deformed image's crop (n, 2), px."""
+        return (self.circles[:, :2] - self.g.crops.origin).to(self.g.c)
+
+    def rows(self, start: int, stop: int) -> Pairs:
+        """Pairs ``start`` to ``stop - 1``."""
+        return Pairs(self.f.rows(start, stop), self.g.rows(start, stop), self.circles[start:stop])
+
+    def take(self, rows: Tensor) -> Pairs:
+        """The given rows (m,)."""
+        return Pairs(self.f.take(rows), self.g.take(rows), self.circles[rows.cpu()])
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What is known of n pairs before the deformed image is looked at.
+    """The reference images of n pairs at p points of the region of interest."""
 
-    Attributes
-    ----------
-    points : Tensor
-        Pixels of the region of interest (n, p, 2), px from the ball's centre; a view of (n, 2, p), so that all x and
-        all y lie together.
-    surface : Tensor
-        The ball's front there (n, 3, p), px from its centre.
-    weights : Tensor
-        (n, p), 1 where a point counts and 0 where it does not.
-    values, gradient : Tensor
-        The blurred reference image (n, p) and its gradient (n, 2, p) at the points.
-    blurred_gradient : Tensor
-        The gradient blurred once more, which carries the pixels' noise into the covariance: (n, 2, p'), at every
-        `COVARIANCE_STEP`-th point alone.
-    noise : Tensor
-        Standard deviation (n,) of the image noise as the raw reference shows it, grey levels; an upper bound where
-        the texture is fine.
-    geometry : Geometry
-    places : Tensor
-        Number (p,) of each point's place on a square grid, row by row, the same for all pairs. On a chessboard the grid
-        lies at 45 deg to the image.
-    side : int
-        Points along a side of that grid.
-    spacing : float
-        Distance of its points, px.
-    pre_blur : float
-        Standard deviation of the blur that the values have been through, px.
-    uneven_light : bool
-        Allow for light that changes unevenly over the ball, see `znssd.nuisances`.
-    """
-
-    points: Tensor
-    surface: Tensor
-    weights: Tensor
-    values: Tensor
-    gradient: Tensor
-    blurred_gradient: Tensor
-    noise: Tensor
+    points: Tensor  # pixels (n, p, 2), px from the ball's centre; a view of (n, 2, p)
+    surface: Tensor  # the ball's front there (n, 3, p), px from its centre
+    weights: Tensor  # (n, p), 0 to 1
+    values: Tensor  # the blurred reference image (n, p), grey levels
+    gradient: Tensor  # its gradient (n, 2, p), grey levels per px
+    blurred_gradient: Tensor  # the gradient blurred once more (n, 2, p'), at every `COVARIANCE_STEP`-th point
+    noise: Tensor  # standard deviation (n,) of the raw image's noise, grey levels; an upper bound for fine texture
     geometry: Geometry
-    places: Tensor
-    side: int
-    spacing: float
-    pre_blur: float
-    uneven_light: bool = False
+    places: Tensor  # index (p,) of each point on a square grid, row by row; a chessboard's grid is turned by 45 deg
+    side: int  # points along a side of that grid
+    spacing: float  # distance of its points, px
+    pre_blur: float  # standard deviation of the blur of the values, px
+    uneven_light: bool = False  # allow for light that changes unevenly over the ball: `znssd.nuisances`
 
     def take(self, rows: Tensor) -> Reference:
-        """The given rows (m,) alone."""
+        """The given rows (m,)."""
         names = ("surface", "weights", "values", "gradient", "blurred_gradient", "noise")
         taken = {name: getattr(self, name)[rows] for name in names}
         points = self.points.mT[rows].mT
         return dataclasses.replace(self, points=points, **taken, geometry=motion_models.taken(self.geometry, rows))
 
     def thinned(self) -> Reference:
-        """With the points alone that the `blurred_gradient` is known at."""
+        """The same at the points of the `blurred_gradient` alone."""
         names = ("surface", "weights", "values", "gradient")
         taken = {name: getattr(self, name)[..., ::COVARIANCE_STEP] for name in names}
         points = self.points[:, ::COVARIANCE_STEP]
@@ -133,16 +114,14 @@ class Reference:
 
 
 def point_spacing(radius_px: float, pre_blur: float) -> float:
-    """Distance of the points, px, that a region of interest of this radius needs under this pre-blur, px."""
-    return CHESSBOARD if pre_blur >= MIN_CHESSBOARD_BLUR_PX and math.pi * radius_px**2 >= MIN_CHESSBOARD_POINTS else 1.0
+    """Distance of the points of a region of interest of this radius under this pre-blur, all px."""
+    blurred = pre_blur >= MIN_CHESSBOARD_BLUR_PX
+    return CHESSBOARD if blurred and math.pi * radius_px**2 >= MIN_CHESSBOARD_POINTS else 1.0
 
 
 @functools.lru_cache(maxsize=16)
 def _region(reach: int, limit: float, spacing: float, every: int) -> tuple[Tensor, Tensor, int]:
-    """Every so many-th of the pixels (p, 2), as whole (x, y) from the middle one, within ``limit`` px of it.
-
-    With them their `places` and the `side` of `Reference`.
-    """
+    """Every ``every``-th pixel (p, 2), as whole (x, y) from the middle, within ``limit`` px; their places and side."""
     steps = torch.arange(-reach, reach + 1)
     grid = torch.stack(torch.meshgrid(steps, steps, indexing="xy"), -1).reshape(-1, 2)
     grid = grid[grid.double().norm(dim=-1) < limit]
@@ -168,21 +147,20 @@ def build_reference(
 ) -> Reference:
     """Points, values and gradients of the reference image over the region of interest.
 
-    ``circles`` (n, 3): the ball in the reference images, px, float64 on the CPU, within `SLACK_PX` of where they were
-    cut around; ``camera`` for models that need one; ``spacing`` of the points 1 px or `CHESSBOARD`. With ``every``
-    above 1 only so many-th of these are taken, to find the motion roughly; then nothing is known of the noise. There,
-    and where no covariance is asked of the pairs (``blurred_every`` None), the gradient stands for its blurred self.
-    Otherwise that is taken at so many-th of the points, `COVARIANCE_STEP` wherever there is a covariance of its own.
+    ``circles`` (n, 3): the ball, px, float64 on the CPU, within `SLACK_PX` of the centre of its crop; ``spacing`` of
+    the points 1 px or `CHESSBOARD`. A coarse solution uses every ``every``-th point and knows no noise. There, and with
+    ``blurred_every`` None, the gradient stands for the blurred gradient; otherwise it is blurred at every
+    ``blurred_every``-th point, `COVARIANCE_STEP` for a covariance.
     """
     crops, c = images.crops, images.c
     half = c.shape[-1] // 2
     centres, radii = circles[:, :2], circles[:, 2]
-    # Whole pixels of the crop; its origin is no whole number where pixels were averaged.
+    # Whole pixels of the crop, whose origin is fractional where pixels were averaged.
     offset = (centres - crops.origin).round().long()
     nearest = crops.origin + offset
     largest = float(radii.max())
     reach = min(math.ceil(roi * largest) + 1, half - 1)
-    # The same pixels for all rows: those that some sub-pixel position of the centre brings into the region.
+    # The same pixels for all rows: all that a sub-pixel position of the centre brings into the region.
     grid, places, side = _region(reach, roi * largest + 0.71, spacing, every)
     radius = radii.to(c)
     surface, weights = reference_lookup.front(grid, (nearest - centres).to(c), radius, roi * radius)
@@ -227,15 +205,15 @@ def slopes(gradient: Tensor, q: Tensor, model: Displacement, reference: Referenc
 
 
 def nuisances(reference: Reference, model: Displacement, weights: Tensor) -> Tensor:
-    """What may change besides the motion (n, m, p): see `znssd.nuisances`.
+    """Changes besides the motion (n, m, p), see `znssd.nuisances`: light only in the models of a rigid ball.
 
-    The printed criterion, equation (3), knows no light: the printed modes and translations alone are measured with it.
+    The printed criterion, equation (3), has gain and offset alone.
     """
-    turns = model in motion_models.RIGID_BALL
-    normals = reference.surface / reference.geometry.radius[:, None, None] if turns else None
+    rigid = model in motion_models.RIGID_BALL
+    normals = reference.surface / reference.geometry.radius[:, None, None] if rigid else None
     if normals is None or not reference.uneven_light:
         return znssd.nuisances(reference.values, weights, normals)
     along = reference.pre_blur**2 * reference.gradient / reference.geometry.radius[:, None, None]
-    # Along the surface: the normal stays of unit length. The limb itself has no gradient to follow.
+    # The normal keeps its length; the limb itself has no gradient.
     inwards = (normals[:, :2] * along).sum(1, keepdim=True) / -normals[:, 2:].clamp_max(-0.1)
     return znssd.nuisances(reference.values, weights, normals, torch.cat((along, inwards), 1))

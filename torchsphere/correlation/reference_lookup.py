@@ -1,4 +1,4 @@
-"""The reference image at whole pixels around the ball's centre, where it is looked up and not interpolated."""
+"""The reference image at whole pixels around the ball's centre, without interpolation."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _KERNEL = looked.Kernel.of(interpolation.NODE_WEIGHTS[:2], interpolation.SLOPE_W
 
 
 def front(grid: Tensor, nearest: Tensor, radius: Tensor, limit: Tensor) -> tuple[Tensor, Tensor]:
-    """The ball's front (n, 3, p) at the pixels ``grid`` (p, 2), and weights (n, p): 1 within ``limit`` (n,), 0 beyond.
+    """The ball's front (n, 3, p) at the pixels ``grid`` (p, 2), and weights (n, p): 1 within ``limit`` (n,), else 0.
 
-    The pixels count from one at ``nearest`` (n, 2) from the ball's centre; ``radius`` (n,). All in px.
+    The grid's origin is ``nearest`` (n, 2) from the centre of a ball of ``radius`` (n,), all px.
     """
     if kernels.suits(nearest, radius, limit):
         return region.front(grid, nearest, radius, limit)
@@ -33,9 +33,9 @@ def front(grid: Tensor, nearest: Tensor, radius: Tensor, limit: Tensor) -> tuple
 
 
 def levels(c: Tensor, grid: Tensor, middle: Tensor) -> tuple[Tensor, Tensor]:
-    """Values (n, p) and gradients (n, 2, p) of the splines ``c`` (n, h, w) at the pixels ``grid`` (p, 2), as (x, y).
+    """Values (n, p) and gradients (n, 2, p), per px, of the splines ``c`` (n, h, w) at the pixels ``grid`` (p, 2).
 
-    They count from ``middle`` (n, 2), a pixel of the crop. Gradients are grey levels per px.
+    The grid's origin is the pixel ``middle`` (n, 2) of the crop, as (x, y).
     """
     if kernels.suits(c):
         return looked.levels(c, grid, middle, _KERNEL)
@@ -53,10 +53,9 @@ def blurred_gradient(c: Tensor, grid: Tensor, middle: Tensor, sigma: float) -> T
 
 
 def noise(images: Tensor, grid: Tensor, middle: Tensor, weights: Tensor) -> Tensor:
-    """Standard deviation (n,) of the noise of ``images`` (n, h, w) over pixels as in `levels`, ``weights`` (n, p).
+    """Standard deviation (n,) of the noise of ``images`` (n, h, w) at the pixels of `levels` with ``weights`` (n, p).
 
-    Mean absolute response of the difference of two Laplacians (J. Immerkaer, Computer Vision and Image Understanding
-    64 (1996) 300, doi:10.1006/cviu.1996.0060), which a smooth image does not excite.
+    J. Immerkaer, Computer Vision and Image Understanding 64 (1996) 300, doi:10.1006/cviu.1996.0060.
     """
     if kernels.suits(images, weights):
         return _TO_DEVIATION * looked.roughness(images, grid, middle, weights)
@@ -75,10 +74,9 @@ def gather_pixels(maps: Sequence[Tensor], grid: Tensor, middle: Tensor) -> list[
 
 
 def nodes(c: Tensor) -> Tensor:
-    """The spline and its exact gradient at its own nodes, (n, h, w) -> (n, 3, h - 2, w - 2).
+    """Image without its border and its derivatives along x and y, per px: (n, h, w) -> (n, 3, h - 2, w - 2).
 
-    That is the (blurred) image without its border, and its derivatives along x and y in grey levels per px, in the
-    middle of their small jumps at the nodes. Beyond the border ``c`` is mirrored.
+    Exact values of the spline at its nodes, in the middle of the derivatives' small jumps; ``c`` is mirrored.
     """
     side, middle, _ = interpolation.NODE_WEIGHTS
     ratio = middle / side
@@ -95,7 +93,7 @@ def nodes(c: Tensor) -> Tensor:
 
 
 def _slopes_along(values: Tensor, out: Tensor) -> Tensor:
-    """Derivative along the last axis, of the spline with the coefficients ``values`` (..., m): ``out`` (..., m - 2)."""
+    """Derivative of the spline ``values`` (..., m) along the last axis: ``out`` (..., m - 2)."""
     near, far = interpolation.SLOPE_WEIGHTS
     torch.sub(values[..., 2:], values[..., :-2], out=out).mul_(near)
     out[..., 1:-1].add_(values[..., 4:], alpha=far).sub_(values[..., :-4], alpha=far)
@@ -105,9 +103,9 @@ def _slopes_along(values: Tensor, out: Tensor) -> Tensor:
 
 
 def blur_within(images: Tensor, sigma: float) -> Tensor:
-    """`interpolation.blur` where no border is near: (n, h, w) -> smaller by the kernel's reach on every side.
+    """`interpolation.blur` without the border: (n, h, w) -> smaller by the kernel's reach on every side.
 
-    Shifts and sums, the kernel being symmetric: a third of the time of two products with matrices.
+    Shifts and sums take a third of the time of two matrix products.
     """
     kernel = interpolation.gaussian_kernel(sigma).tolist()
     reach = len(kernel) // 2

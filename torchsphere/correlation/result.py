@@ -1,4 +1,4 @@
-"""What correlated pairs say of the ball's motion: increments, covariances, and a status per pair."""
+"""Motion of correlated pairs: increments, covariances, and a status per pair."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 STATUSES = ("ok", "weak_texture", "low_correlation", "not_converged", "out_of_frame", "lost")
-OK, WEAK_TEXTURE, LOW_CORRELATION, NOT_CONVERGED, OUT_OF_FRAME, LOST = range(6)
 
 #: Fields of `Correlation` with a row per pair that are tensors.
 _TENSORS = ("q", "covariance", "zncc", "iterations", "growth", "sd_growth", "uneven_light")
@@ -32,13 +31,12 @@ class Correlation:
     iterations : Tensor
         Gauss-Newton steps taken (n,).
     growth, sd_growth : Tensor
-        Relative change (n,) of the ball's size in the image and its standard deviation; 0 with models that do not know
-        it, NaN like `q`.
+        Relative change (n,) of the ball's size in the image and its standard deviation; 0 with models without it, NaN
+        like `q`.
     uneven_light : Tensor
-        (n,), True where light that changes unevenly over the ball was allowed for: see `illumination`.
+        (n,), True where the criterion allowed for light that changes unevenly over the ball.
     status : ndarray
-        Strings (n,), each one of `STATUSES`; from `torchsphere.correlate` "lost" where a value at the ball or near it
-        is no number.
+        Strings (n,) out of `STATUSES`; from `torchsphere.correlate` "lost" where a value near the ball is not finite.
     """
 
     q: Tensor
@@ -52,7 +50,7 @@ class Correlation:
 
     @property
     def turn(self) -> Tensor:
-        """Angle (n,) that the ball turns by, rad; NaN where it was not measured."""
+        """Angle (n,) of the rotation, rad; NaN where it was not measured."""
         return self.q[:, 2:].norm(dim=-1)
 
     @classmethod
@@ -62,7 +60,7 @@ class Correlation:
         return cls(status=np.concatenate([part.status for part in parts]), **fields)
 
     def replaced(self, rows: Tensor, other: Correlation) -> Correlation:
-        """The same with the rows (m,) taken from ``other``."""
+        """A copy with the ``rows`` (m,) of ``other``."""
         status = self.status.copy()
         status[rows.cpu().numpy()] = other.status
         merged = {name: getattr(self, name).index_copy(0, rows, getattr(other, name)) for name in _TENSORS}

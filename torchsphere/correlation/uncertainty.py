@@ -1,7 +1,4 @@
-"""What a solution is worth: status, covariance and coefficient of each pair.
-
-What a converged pair is worth: covariance of the increment, and whether the texture can carry the modes.
-"""
+"""Status, covariance and correlation coefficient of each solved pair."""
 
 from __future__ import annotations
 
@@ -14,51 +11,33 @@ from torchsphere.correlation.gauss_newton import Solution
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.reference import COVARIANCE_STEP, Reference, scale
 from torchsphere.correlation.residual_noise import ResidualPower
-from torchsphere.correlation.result import (
-    LOW_CORRELATION,
-    NOT_CONVERGED,
-    OK,
-    OUT_OF_FRAME,
-    STATUSES,
-    WEAK_TEXTURE,
-    Correlation,
-)
+from torchsphere.correlation.result import STATUSES, Correlation
 from torchsphere.correlation.warp import projected_slopes
 from torchsphere.geometry import motion_models, rotation
 from torchsphere.geometry.motion_models import Displacement
 from torchsphere.imaging import interpolation
 
-#: Least ratio, in the worst combination of modes, of the gradients' energy to what noise alone would give. Noise has
-#: 1, a speckle of 10 grey levels under noise of 2 has 3.5, one of 190 grey levels has 700.
+#: Least energy of the gradients over that of noise, in the worst combination of modes (docs/constants.md).
 MIN_TEXTURE_SIGNAL = 3.0
 
-#: Largest ratio of the best to the worst combination of modes in that measure. Speckle has 1 to 4, a plain ball with a
-#: highlight 30 and more.
+#: Largest ratio of the best to the worst combination of modes in that measure (docs/constants.md).
 MAX_CONDITION = 15.0
 
-
-#: Every how many points geometry alone is summed over: it changes slowly from one to the next.
+#: Every how many points the products of the modes use: the modes change slowly over the ball.
 MODES_STEP = 8
 
-#: Contrast, as a share of the grey level, that rounding in float32 makes of a flat image; the interpolation adds up to
-#: a hundred terms.
+#: Contrast of a flat image in float32, share of the grey level: interpolation adds up to a hundred rounded terms.
 FLAT_CONTRAST = 1e-5
 
 
 def increment_covariance(
-    reference: Reference,
-    power: ResidualPower,
-    weights: Tensor,
-    q: Tensor,
-    model: Displacement,
-    operator: Tensor,
+    reference: Reference, power: ResidualPower, weights: Tensor, q: Tensor, model: Displacement, operator: Tensor
 ) -> Tensor:
     """Covariance (n, k, k), float64, of the increments ``q`` (n, k): px and rad.
 
-    Without pre-blur it is ``2 sigma^2 M^-1``, the variance of the residual times the inverse of the ``operator``. The
-    pre-blur correlates the noise of neighbouring pixels: ``M^-1 N M^-1`` takes its place, where ``N`` is the operator
-    of the gradients blurred once more, and the residual's variance is divided by what the blur leaves of a pixel's.
-    Points at a distance have less of their noise in common: ``N`` shrinks by another factor of their density.
+    Without pre-blur: ``2 sigma^2 M^-1``, the residual's variance times the inverse of the ``operator``. The pre-blur
+    correlates the noise of neighbouring pixels: then ``M^-1 N M^-1`` with ``N`` of the gradients blurred once more, and
+    the residual's variance is divided by the blur's gain. ``N`` shrinks with the density of the points.
     """
     k = q.shape[-1]
     few = reference.thinned()
@@ -75,22 +54,16 @@ def increment_covariance(
 
 
 def texture_carries_modes(
-    reference: Reference,
-    power: ResidualPower,
-    weights: Tensor,
-    q: Tensor,
-    model: Displacement,
-    operator: Tensor,
+    reference: Reference, power: ResidualPower, weights: Tensor, q: Tensor, model: Displacement, operator: Tensor
 ) -> Tensor:
     """True (n,) where the texture determines every mode.
 
-    The ``operator`` (n, k, k) is taken relative to the one that white noise would give over the same region, so that
-    what the geometry itself does to the modes cancels. Two ways to fail: gradients that are hardly more than noise (a
-    plain ball), and gradients in a part of the ball only (a highlight), where translation and rotation look the same.
+    The ``operator`` (n, k, k) relative to that of white noise over the same region does not depend on the geometry. It
+    shows gradients of noise alone (a plain ball) and gradients on a part of the ball only (a highlight).
     """
     value_gain, slope_gain = interpolation.noise_gains(reference.pre_blur)
-    # Two upper bounds of the noise: the residual is too large where the match fails, the raw image's where the
-    # texture is as fine as noise. Half of the residual's variance belongs to either image.
+    # Two upper bounds: the residual exceeds the noise where the match fails, the raw image's where the texture is fine.
+    # Half of the residual's variance belongs to each image.
     from_residual = power.of_whole / power.whole.clamp_min(1) / (2 * value_gain)
     noise = torch.minimum(from_residual, reference.noise.square()).double().clamp_min(1e-12)
     of_noise = slope_gain * noise[:, None, None] * _gram_of_modes(reference, q, model, weights)
@@ -103,7 +76,7 @@ def texture_carries_modes(
 
 
 def _gram_of_modes(reference: Reference, q: Tensor, model: Displacement, weights: Tensor) -> Tensor:
-    """Operator that a gradient of independent unit components would give: sum of the modes' products."""
+    """Operator (n, k, k) of a gradient of independent unit components: sum of the modes' products."""
     unit = scale(reference, q.shape[-1]).double()
     if model in motion_models.CLOSED_FORM:
         total = MODES_STEP * rotation.gram(
@@ -118,9 +91,9 @@ def _gram_of_modes(reference: Reference, q: Tensor, model: Displacement, weights
 def evaluate(
     reference: Reference, solution: Solution, visible: Tensor, model: Displacement, options: Options
 ) -> Correlation:
-    """Status, covariance and coefficient of each pair; what cannot be vouched for becomes NaN.
+    """Status, covariance and coefficient of each pair; rows that failed are NaN.
 
-    ``visible`` (n,) is the number of points in sight, whether they agree or not.
+    ``visible`` (n,) is the number of points in sight, occluded points included.
     """
     q, _, converged, warped, weights, jacobian, factor = solution
     coefficient = znssd.zncc(reference.values, warped, weights)
@@ -133,21 +106,21 @@ def evaluate(
     spread = spread * wider[:, :, None] * wider[:, None, :]
     carried = texture_carries_modes(reference, power, weights, q, model, gram)
     points = torch.pi * (options.roi * reference.geometry.radius / reference.spacing) ** 2
-    status = torch.full((len(q),), OK, device=q.device)
-    for wrong, code in (
-        (coefficient < options.min_zncc, LOW_CORRELATION),
-        (~converged, NOT_CONVERGED),
-        (~carried, WEAK_TEXTURE),
-        (visible < options.min_visible * points, OUT_OF_FRAME),
-        # Rounding errors moved the points of an image without contrast: where the points lie says nothing.
-        (_is_flat(reference) & (reference.weights.sum(-1) >= options.min_visible * points), WEAK_TEXTURE),
+    status = torch.zeros(len(q), dtype=torch.long, device=q.device)
+    for failed, name in (
+        (coefficient < options.min_zncc, "low_correlation"),
+        (~converged, "not_converged"),
+        (~carried, "weak_texture"),
+        (visible < options.min_visible * points, "out_of_frame"),
+        # Rounding errors move the points of an image without contrast: their places mean nothing.
+        (_is_flat(reference) & (reference.weights.sum(-1) >= options.min_visible * points), "weak_texture"),
     ):
-        status = torch.where(wrong, code, status)
+        status = torch.where(failed, STATUSES.index(name), status)
     return _as_correlation(solution, spread, coefficient, status, reference.uneven_light)
 
 
 def _is_flat(reference: Reference) -> Tensor:
-    """True (n,) where the contrast of the reference image is no more than rounding errors of its grey levels."""
+    """True (n,) where the contrast of the reference image is within the rounding errors of its grey levels."""
     contrast = znssd.centred(reference.values, reference.weights) * reference.weights
     return contrast.abs().amax(-1) < FLAT_CONTRAST * reference.values.abs().amax(-1)
 
@@ -155,13 +128,13 @@ def _is_flat(reference: Reference) -> Tensor:
 def _as_correlation(
     solution: Solution, spread: Tensor, coefficient: Tensor, status: Tensor, uneven_light: bool
 ) -> Correlation:
-    """The result for n pairs of ``status`` (n,), with the covariances ``spread`` (n, k, k) of the model's unknowns."""
-    q, good = solution.q, status == OK
+    """The result for n pairs; ``spread`` (n, k, k): covariance of the model's unknowns."""
+    q, good = solution.q, status == 0
     k = min(q.shape[-1], 5)
     full_q = torch.zeros(len(q), 6).to(q)
     full_q[:, : q.shape[-1]] = q
     full_q = torch.where(good[:, None], full_q, torch.nan)
-    # What a model does not measure it cannot state an uncertainty of.
+    # Components that a model does not measure have no uncertainty.
     full = torch.full((len(q), 5, 5), torch.nan).to(spread)
     full[:, :k, :k] = spread[:, :k, :k]
     return Correlation(

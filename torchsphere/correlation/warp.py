@@ -1,4 +1,4 @@
-"""One look at n pairs: what the deformed image shows at the displaced points, and what moves it there."""
+"""The deformed image at the displaced points of n pairs, and the Jacobian of the criterion."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from torchsphere.kernels import operator as system
 def operator(
     reference: Reference, gradient: Tensor, q: Tensor, model: Displacement, weights: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Jacobian (n, k, p) that belongs to the criterion, and the Cholesky factor (n, k, k) of its operator."""
+    """Jacobian (n, k, p) of the criterion, and the Cholesky factor (n, k, k) of its operator."""
     jacobian, products = projected_slopes(reference, gradient, q, model, weights)
     return jacobian, znssd.cholesky(products)
 
@@ -26,7 +26,7 @@ def operator(
 def projected_slopes(
     reference: Reference, gradient: Tensor, q: Tensor, model: Displacement, weights: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Change of grey level per px of each unknown (n, k, p), without what the nuisances explain; its operator."""
+    """Change of grey level per px of each unknown (n, k, p), projected off the nuisances; its operator."""
     if model not in motion_models.CLOSED_FORM or reference.uneven_light or not kernels.suits(gradient, q, weights):
         found = slopes(gradient, q, model, reference)
         found = znssd.project(found, nuisances(reference, model, weights), weights)
@@ -39,7 +39,7 @@ def projected_slopes(
 
 
 def warp(reference: Reference, c_g: Tensor, shift: Tensor, q: Tensor, model: Displacement) -> tuple[Tensor, Tensor]:
-    """The deformed image (n, p) at the displaced points, and the weights of the points that are still in sight."""
+    """The deformed image (n, p) at the displaced points, and the weights of the points in sight."""
     points, weights = _displaced(reference, c_g, shift, q, model)
     return interpolation.sample(c_g, points), weights
 
@@ -56,7 +56,7 @@ def warp_with_gradient(
 def _displaced(
     reference: Reference, c_g: Tensor, shift: Tensor, q: Tensor, model: Displacement
 ) -> tuple[Tensor, Tensor]:
-    """Places (n, p, 2) of the points in the deformed image's crop, and their weights (n, p): 0 where not to be seen."""
+    """Places (n, p, 2) of the points in the deformed image's crop, and their weights (n, p): 0 out of sight."""
     if model in motion_models.CLOSED_FORM and kernels.suits(c_g, q, reference.weights):
         turn = rotation.matrices(q, exact=model is motion_models.finite)
         places = q[:, :2] + shift
@@ -70,15 +70,11 @@ def _displaced(
         points = turned[:, :2] + (q[:, :2] + shift)[..., None]
         room = reach - (points - middle).abs().amax(1)
         if model is motion_models.finite:
-            # What has turned to the back is out of sight.
+            # Points that turned to the back are out of sight.
             room = torch.minimum(room, -turned[:, 2])
     else:
-        moved = (
-            reference.points
-            + motion_models.displacement(model, q, reference.points, reference.geometry)
-            + shift[:, None]
-        )
-        points = moved.mT.nan_to_num(torch.inf)
+        moved = reference.points + motion_models.displacement(model, q, reference.points, reference.geometry)
+        points = (moved + shift[:, None]).mT.nan_to_num(torch.inf)
         room = reach - (points - middle).abs().amax(1)
-    # A single comparison: each is as costly as eight sums.
+    # One comparison: each costs as much as eight sums.
     return points.clamp(1, c_g.shape[-1] - 2).mT, reference.weights * (room >= 0)

@@ -1,4 +1,8 @@
-"""The criterion: zero-mean normalised sum of squared differences (ZNSSD) over a weighted region, equation (3)."""
+"""The criterion: zero-mean normalised sum of squared differences (ZNSSD) over a weighted region, equation (3).
+
+Gain and offset make mean and standard deviation of both images agree. Beyond the paper, the models of a rigid ball
+allow for light that does not turn with the ball (`nuisances`).
+"""
 
 from __future__ import annotations
 
@@ -17,7 +21,7 @@ def centred(values: Tensor, weights: Tensor) -> Tensor:
 
 
 def _power(values: Tensor, weights: Tensor) -> Tensor:
-    """Weighted sum (n, 1) of squares; a scalar product is one pass over the points where a sum of products is three."""
+    """Weighted sum (n, 1) of squares, as one pass over the points."""
     return torch.linalg.vecdot(weights * values, values)[:, None]
 
 
@@ -39,31 +43,21 @@ def zncc(values: Tensor, warped: Tensor, weights: Tensor) -> Tensor:
 
 
 def nuisances(values: Tensor, weights: Tensor, normals: Tensor | None = None, blurred: Tensor | None = None) -> Tensor:
-    """What may change besides the motion (n, m, p): offset, gain of the image ``values`` (n, p), and the light.
+    """Changes of the image besides the motion (n, m, p): offset, gain of the image ``values`` (n, p), and the light.
 
-    Parameters
-    ----------
-    values, weights : Tensor
-        Image (n, p) and weights (n, p).
-    normals : Tensor, optional
-        Of the ball's surface at the points (n, 3, p), unit vectors. The light stays where it is while the ball turns: a
-        matt surface of the pattern's mean albedo then changes by a linear function of the normal, whatever the number
-        and places of distant lamps. Without it, three spots made a spin 2.3 % too large and shifted the ball by 0.005
-        px per frame; with it 0.5 % and 0.001 px. (The pattern times the normal would hold the pattern's part of the
-        change, too; measured on balls in flat light it costs a bias of 0.001 px per frame, more than it mends.)
-    blurred : Tensor, optional
-        For light that changes unevenly (pairs that `light_is_uneven` picks out): spherical harmonics of the normal up
-        to the third order, alone and times the image, take the normal's place. The irradiance of a sphere is smooth
-        (Ramamoorthi and Hanrahan, J. Opt. Soc. Am. A 18 (2001) 2448, doi:10.1364/JOSAA.18.002448), and it multiplies
-        the pattern before both are blurred, which shifts the pattern towards the light: `blurred` (n, 3, p) is the
-        change of the normal along the image's gradient times the variance of the blur. Without it, light that falls by
-        a tenth at one limb moved the ball by 0.002 px.
+    ``normals`` (n, 3, p): unit normals of the ball. Distant light that does not turn with the ball changes a matt
+    surface by a linear function of the normal. Without it, three spots made a spin 2.3 % too large.
+
+    ``blurred`` (n, 3, p), for uneven light: change of the normal along the image's gradient times the variance of the
+    blur. Spherical harmonics of the normal up to the third order, alone and times the image, then take the normal's
+    place: the irradiance of a sphere is smooth (Ramamoorthi and Hanrahan, J. Opt. Soc. Am. A 18 (2001) 2448,
+    doi:10.1364/JOSAA.18.002448), and it multiplies the pattern before the blur.
     """
     image = centred(values, weights)[:, None]
     if normals is None or blurred is None:
         known = (torch.ones_like(image), image)
         return torch.cat(known if normals is None else (*known, normals), 1)
-    # Of the size of the others: the operator of all is regularised as a whole.
+    # All terms have one size, since their operator is regularised as a whole.
     size = (_power(image[:, 0], weights) / weights.sum(-1, keepdim=True).clamp_min(1)).sqrt().clamp_min(1e-6)[:, None]
     light, changes = harmonics(normals), harmonic_changes(normals, blurred)
     return torch.cat((torch.ones_like(image), image / size, light, (image * light + changes) / size), 1)
@@ -82,7 +76,7 @@ def harmonics(normals: Tensor) -> Tensor:
 
 
 def harmonic_changes(normals: Tensor, change: Tensor) -> Tensor:
-    """How `harmonics` (n, 15, p) change, to first order, with the ``change`` (n, 3, p) of the vectors (n, 3, p)."""
+    """First-order change (n, 15, p) of the `harmonics` with the ``change`` (n, 3, p) of the vectors (n, 3, p)."""
     (x, y, z), (a, b, c) = normals.unbind(1), change.unbind(1)
     along, across, both = 5 * z * z - 1, x * x - y * y, x * y
     turned = 2 * (x * a - y * b)
@@ -95,10 +89,7 @@ def harmonic_changes(normals: Tensor, change: Tensor) -> Tensor:
 
 
 def project(slopes: Tensor, nuisance: Tensor, weights: Tensor) -> Tensor:
-    """Remove from ``slopes`` (n, k, p) what the ``nuisance`` (n, m, p) explains.
-
-    Offset, gain and light take these up, so that without this step the operator would not belong to the criterion.
-    """
+    """The ``slopes`` (n, k, p) without the part that the ``nuisance`` (n, m, p) explains, as the criterion needs."""
     weighted = nuisance * weights[:, None]
     factor = cholesky((weighted @ nuisance.mT).double())
     along = torch.cholesky_solve((weighted @ slopes.mT).double(), factor).to(slopes)
@@ -113,10 +104,9 @@ def operator(slopes: Tensor, weights: Tensor) -> Tensor:
 
 
 def cholesky(operator: Tensor) -> Tensor:
-    """Cholesky factor (n, k, k) of symmetric operators that should be positive definite.
+    """Cholesky factor (n, k, k) of symmetric operators; the identity for rows that are not positive definite.
 
-    A row that is not (no texture, no points, no numbers) gets the factor of the identity: the step that follows from
-    it is senseless, the row does not converge, and the rest of the batch goes on.
+    Such a row (no texture, no points, not finite) does not converge, and the rest of the batch goes on.
     """
     if operator.device.type == "cpu" and operator.dtype == torch.float64 and not operator.requires_grad:
         return system.cholesky(operator)

@@ -1,11 +1,7 @@
-"""Find the ball without help: silhouettes -> disc filter -> outline.
+"""Find the ball's circle: silhouettes -> disc filter -> outline; and check a circle that was given.
 
-A speckled ball has edges everywhere, so edges come last. First the ball is told from its background as a silhouette
-(`torchsphere.detection.silhouette`). A disc that separates its inside from a ring around it best is the candidate
-(`disc_filter`); its outline is then fitted to the silhouette and, to sub-pixel, to the image: a speckled ball's by
-`torchsphere.detection.limb_fit`, a plain one's by the light at its edge.
-
-Whether the images show an outline where a circle was given: all that has a length scales with its radius.
+A speckled ball has edges everywhere. Therefore `silhouette` separates the ball from its background and `disc_filter`
+finds a disc in the silhouette first. Then `outline_fit` fits the outline, and `limb_fit` that of a speckled ball.
 """
 
 from __future__ import annotations
@@ -24,37 +20,27 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.settings.arrays import check_finite_around
 from torchsphere.settings.limits import SettingError
 
-#: An outline with a smaller share of its rays on the circle is none.
+#: Least share of the rays whose edge lies on the circle of an outline.
 MIN_SUPPORT = 0.4
 
-#: How far the likeliest limb may lie from the circle through the edges, px and as a share of the radius: farther, and
-#: something else is next to the ball.
+#: Largest distance of the likeliest limb from the circle through the edges, px and share of the radius.
 MAX_LIMB_SHIFT_PX, MAX_LIMB_SHIFT = 2.0, 0.04
 
-#: Frames in which the ball is looked for before giving up.
+#: Largest number of frames in which the ball is searched.
 MAX_TRIES = 40
+
+#: Largest difference of a given circle from the outline, in standard deviations and as a share of the radius: 2 % is
+#: the error of a circle that was drawn by hand with care.
+MAX_CIRCLE_SDS, MAX_CIRCLE_ERROR = 4.0, 0.03
+
+#: Advice for a circle in doubt.
+CHECK_ADVICE = "See figures/path.png: where it is not the ball's, every length and speed is off as its radius is."
 
 
 def find(images: Images, count: int, ignore: Tensor | None = None) -> Circle:
-    """Find the ball in the first frame in which it is wholly in view.
+    """The circle of the ball in the first of ``count`` frames in which it is wholly in view; raises without one.
 
-    Parameters
-    ----------
-    images : callable
-        ``images(start, stop)`` -> grey levels (stop - start, h, w).
-    count : int
-        Number of frames.
-    ignore : Tensor, optional
-        (h, w), True where the images are not to be used.
-
-    Returns
-    -------
-    Circle
-
-    Raises
-    ------
-    ValueError
-        If no frame shows a ball.
+    ``ignore`` (h, w): True where the images are not to be used.
     """
     background = still_background(images, count)
     for frame in _frames_to_try(count):
@@ -71,14 +57,9 @@ def find(images: Images, count: int, ignore: Tensor | None = None) -> Circle:
 
 
 def refine_circle(image: Tensor, circle: Circle, window: float | None = None, camera: Camera | None = None) -> Circle:
-    """The circle fitted to the outline in ``image`` (h, w), from one that is right to within ``window`` px.
+    """The circle fitted to the outline in ``image`` (h, w), from a circle that is right to ``window`` px.
 
-    With a camera, circles are projected centres and radii at their depth.
-
-    Raises
-    ------
-    ValueError
-        If the image shows no outline there.
+    With a camera, circles are projected centres and radii at their depth. Raises if the image shows no outline there.
     """
     guess = torch.tensor([[circle.x, circle.y, circle.radius]], dtype=torch.float64)
     reach = max(2.0, 0.06 * circle.radius) if window is None else window
@@ -95,28 +76,15 @@ def refine_circle(image: Tensor, circle: Circle, window: float | None = None, ca
             f"no outline was found near the circle ({circle.x:g}, {circle.y:g}, {circle.radius:g}): give one that is "
             f"right to {reach:.1f} px, or track with the circle as given"
         )
-    rough = _as_circle(fit, circle.frame)
+    rough = _as_circle(fit.circle[0], fit.covariance[0], circle.frame)
     return rough if plain else at_limb(image[None], rough, camera=camera)
 
 
 def at_limb(views: Tensor, circle: Circle, ignore: Tensor | None = None, camera: Camera | None = None) -> Circle:
-    """The circle at the likeliest limb of a speckled ball, in the one of some views that tells it best.
+    """The circle at the likeliest limb of a speckled ball, from a ``circle`` that is right to about a px.
 
-    Parameters
-    ----------
-    views : Tensor
-        Grey levels (m, h, w) of one image: as it is, and less its background.
-    circle : Circle
-        Right to about a px.
-    ignore : Tensor, optional
-        (h, w), True where the images are not to be used.
-    camera : Camera, optional
-        The circle is a projected centre and the radius at its depth.
-
-    Returns
-    -------
-    Circle
-        The circle as it was where every likeliest one is too far from it, and uncertain by as much.
+    ``views`` (m, h, w): one image as recorded and minus its background, of which the most certain one counts. Where
+    every limb is too far from the circle, the circle is returned with that distance as a guessed standard deviation.
     """
     guess = torch.tensor([[circle.x, circle.y, circle.radius]], dtype=torch.float64)
     fitted, covariance = limb_fit.fit(views, guess.expand(len(views), -1), ignore=ignore, camera=camera)
@@ -126,19 +94,16 @@ def at_limb(views: Tensor, circle: Circle, ignore: Tensor | None = None, camera:
     if not bool(near.any()):
         return dataclasses.replace(circle, sd_x=far, sd_y=far, sd_radius=far, sd_guessed=True)
     best = int(variance.where(near, torch.inf).argmin())
-    x, y, radius = fitted[best].tolist()
-    sd_x, sd_y, sd_radius = covariance[best].diagonal().sqrt().tolist()
-    return Circle(x, y, radius, sd_x, sd_y, sd_radius, circle.frame)
+    return _as_circle(fitted[best], covariance[best], circle.frame)
 
 
-def _as_circle(fit: outline_fit.OutlineFit, frame: int) -> Circle:
-    x, y, radius = fit.circle[0].tolist()
-    sd_x, sd_y, sd_radius = fit.covariance[0].diagonal().sqrt().tolist()
-    return Circle(x, y, radius, sd_x, sd_y, sd_radius, frame)
+def _as_circle(values: Tensor, covariance: Tensor, frame: int) -> Circle:
+    """A `Circle` of the ``values`` (3,) and their ``covariance`` (3, 3)."""
+    return Circle(*values.tolist(), *covariance.diagonal().sqrt().tolist(), frame=frame)
 
 
 def _frames_to_try(count: int) -> Iterator[int]:
-    """The first frames one by one, then ever larger steps: a ball that is late must not cost the whole recording."""
+    """The first frames one by one, then in growing steps."""
     if count <= MAX_TRIES:
         yield from range(count)
         return
@@ -151,15 +116,14 @@ def _frames_to_try(count: int) -> Iterator[int]:
 def _find_in(images: Images, frame: int, count: int, background: Tensor | None, ignore: Tensor | None) -> Circle | None:
     image = images(frame, frame + 1)[0]
     if bool((image == image[0, 0]).all()):
-        # A blank image differs from its background where the ball is in other images.
+        # A blank image differs from the background where the ball is in other images.
         return None
     candidates = []
     seen = list(silhouettes(images, frame, count, background, ignore))
     if not seen:
         return None
-    for (silhouette, contrast), guess in zip(
-        seen, disc_filter.best(torch.stack([each[0] for each in seen])), strict=True
-    ):
+    guesses = disc_filter.best_discs(torch.stack([silhouette for silhouette, _ in seen]))
+    for (silhouette, contrast), guess in zip(seen, guesses, strict=True):
         found = None if guess is None else _outline_of(silhouette, contrast, guess)
         if found is not None:
             fit, plain = found
@@ -169,15 +133,15 @@ def _find_in(images: Images, frame: int, count: int, background: Tensor | None, 
     if not candidates:
         return None
     _, fit, plain, contrast = max(candidates, key=lambda c: c[0])
-    circle = _as_circle(fit, frame)
+    circle = _as_circle(fit.circle[0], fit.covariance[0], frame)
     if plain:
         return circle
-    # A slow ball's own shadow is in the median that is taken for the background: the image alone may tell more.
+    # A slow ball is part of the median background: the image alone may show its limb better.
     return at_limb(image[None] if contrast.equal(image) else torch.stack((contrast, image)), circle, ignore)
 
 
 def _outline_of(silhouette: Tensor, contrast: Tensor, guess: Tensor) -> tuple[outline_fit.OutlineFit, bool] | None:
-    """The silhouette brings the ``guess`` within a px or two; the image places it. And whether it is plain."""
+    """The outline from a ``guess`` (1, 3), first in the silhouette, then in the image; True if the ball is plain."""
     coarse = outline_fit.refine(silhouette[None], guess, window=max(2.0, 0.08 * float(guess[0, 2])))
     if float(coarse.support[0]) < MIN_SUPPORT or not _within(coarse.circle[0], silhouette.shape):
         return None
@@ -201,21 +165,14 @@ def _level_around(image: Tensor, circle: Tensor) -> Tensor:
 
 
 def _within(circle: Tensor, shape: torch.Size) -> bool:
-    """Whether the circle lies in the image, but for a pixel."""
+    """Whether the circle lies in the image, to about a pixel."""
     x, y, radius = circle.tolist()
     height, width = shape
     return min(x, y, width - 1 - x, height - 1 - y) > radius - 1.5
 
 
-#: What a given circle may differ by from the outline that the images show: standard deviations of that, and share of
-#: its radius. A careful hand on a preview is right to 2 %.
-MAX_CIRCLE_SDS, MAX_CIRCLE_ERROR = 4.0, 0.03
-
-CHECK_ADVICE = "See figures/path.png: where it is not the ball's, every length and speed is off as its radius is."
-
-
 def confirm(image: Tensor, given: Circle) -> str:
-    """A sentence where the outline in ``image`` (h, w) is not the circle that was ``given``; empty where it is."""
+    """A warning where the outline in ``image`` (h, w) is not the ``given`` circle, else an empty string."""
     told = f"The circle that was given, {given.text(1)} px,"
     try:
         seen = refine_circle(image, given)
@@ -230,7 +187,7 @@ def confirm(image: Tensor, given: Circle) -> str:
 
 
 def refined(fitted: Circle) -> str:
-    """A sentence where a circle that was given and ``fitted`` to the image may not be the ball's outline by now."""
+    """A warning where a given circle, ``fitted`` to the image, may not be the ball's outline, else an empty string."""
     if not fitted.doubt:
         return ""
     return (

@@ -1,4 +1,4 @@
-"""The disc that separates its inside from a ring around it best: where a ball may be in a silhouette."""
+"""Disc filter: the disc that a silhouette separates best from a ring around it."""
 
 from __future__ import annotations
 
@@ -8,30 +8,27 @@ import torch
 import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
 
-#: Longest side of the images that the disc filter works on, px.
+#: Longest side of the filtered images, px.
 COARSE_PX = 192
 
-#: Steps of the disc filter's radius, and the outer radius of the ring that a disc is compared with.
+#: Ratio of successive radii, and outer radius of the ring in radii of the disc.
 RADIUS_STEP, RING = 1.1, 1.35
 
-#: A silhouette that a disc explains to a smaller share is none.
+#: Least share of a silhouette's variance that the disc of a ball explains.
 MIN_EXPLAINED = 0.35
 
 
-def best(silhouettes: Tensor) -> list[Tensor | None]:
-    """The disc (1, 3), float64, that tells inside from outside best in each silhouette (k, h, w); None where none does.
-
-    All at once: what belongs to a disc alone is the same for them.
-    """
+def best_discs(silhouettes: Tensor) -> list[Tensor | None]:
+    """The disc (1, 3), float64, that explains most of each silhouette (k, h, w); None without a good one."""
     factor = max(1, math.ceil(max(silhouettes.shape[1:]) / COARSE_PX))
     small = F.avg_pool2d(silhouettes[:, None], factor)[:, 0]
-    best: list[float] = [MIN_EXPLAINED] * len(small)
+    best = [MIN_EXPLAINED] * len(small)
     guesses: list[Tensor | None] = [None] * len(small)
     radius, largest = max(8.0 / factor, 2.5), 0.5 * min(small.shape[1:])
     while radius < largest:
         shares, places = (values.tolist() for values in _explained(small, radius).flatten(1).max(-1))
         for i, (share, place) in enumerate(zip(shares, places, strict=True)):
-            # Of two discs that explain equally well the larger is the ball and the smaller one of its speckles.
+            # Of two discs that explain equally well, the larger is the ball and the smaller a speckle.
             if share * radius**0.25 > best[i]:
                 best[i] = share * radius**0.25
                 y, x = divmod(place, small.shape[2])
@@ -42,13 +39,13 @@ def best(silhouettes: Tensor) -> list[Tensor | None]:
 
 
 def _explained(small: Tensor, radius: float) -> Tensor:
-    """Share (k, h, w) of each silhouette's variance, in disc and ring around each place, that the two means explain."""
+    """Share (k, h, w) of each silhouette's variance that the means of a disc and its ring around each pixel explain."""
     count, height, width = small.shape
     reach = math.ceil(RING * radius)
     steps = torch.arange(-reach, reach + 1, dtype=small.dtype, device=small.device)
     distance = (steps[:, None] ** 2 + steps[None] ** 2).sqrt()
     disc, both = ((outer - distance + 0.5).clamp(0, 1) for outer in (radius, RING * radius))
-    # What comes around from the other side of a plane no larger than this is in the margin that is cut off.
+    # Values that wrap around the periodic plane lie in the margin, which is cut off.
     size = (_fast_length(height + reach), _fast_length(width + reach))
     of_disc, of_both = torch.fft.rfft2(torch.stack((disc, both)), s=size)
     spectrum = torch.fft.rfft2(torch.cat((small, torch.ones_like(small[:1]), small.square())), s=size)
@@ -68,7 +65,7 @@ def _explained(small: Tensor, radius: float) -> Tensor:
 
 
 def _fast_length(least: int) -> int:
-    """The next length without prime factors above 5: Fourier transforms of others take five times as long."""
+    """The next length without prime factors above 5, of which Fourier transforms are five times faster."""
     left = least
     for factor in (2, 3, 5):
         while left % factor == 0:
@@ -77,7 +74,7 @@ def _fast_length(least: int) -> int:
 
 
 def explained_by(silhouette: Tensor, circle: Tensor) -> float:
-    """Share of the silhouette's variance, in the circle and a ring around it, that the two means explain."""
+    """Share of the silhouette's variance that the means of the circle and of a ring around it explain."""
     x, y, radius = circle.tolist()
     height, width = silhouette.shape
     columns = torch.arange(width, device=silhouette.device) - x

@@ -1,10 +1,8 @@
-"""The ball's outline: how far each ray from the centre meets the edge, and the circle through these places.
+"""The ball's outline: the circle through the edges along rays from the centre.
 
-Along a ray the image is modelled as the background, a step to the ball's grey level at its limb, blurred, and the
-step's shift: three linear unknowns. Each ray then counts by the square of its step, because a speckled ball has limbs
-brighter and darker than the background and some that vanish against it. The model reaches further outwards than
-inwards: outside is background, inside is pattern. Rays whose shift does not belong to a circle lose their weight
-(Tukey's biweight).
+Along a ray the model is the background, a blurred step to the ball's grey level, and the step's shift: three linear
+unknowns. A ray counts by the square of its step, because a speckled ball has limbs brighter and darker than the
+background. The model reaches further outwards, over background, than inwards, over pattern.
 """
 
 from __future__ import annotations
@@ -19,7 +17,7 @@ from torchsphere.detection import robust_fit
 from torchsphere.geometry.camera import Camera
 from torchsphere.imaging import polar
 
-#: Standard deviation of the step's blur that results from the pixel and the optics, px.
+#: Standard deviation of the step's blur by the pixel and the optics, px.
 STEP_BLUR_PX = 0.4
 
 #: Reach of the model inwards and outwards, in units of the step's blur.
@@ -28,38 +26,24 @@ INWARDS, OUTWARDS = 2.0, 8.0
 #: Reach of a plain ball's edge inwards, as a fraction of the radius, and outwards, px.
 PLAIN_INWARDS, PLAIN_OUTWARDS = 0.15, 6.0
 
-#: A ball whose limb differs by less from one ray to its neighbours, as a share of the edge's height, is plain.
+#: Largest difference between neighbouring rays at a plain ball's limb, share of the edge's height.
 PLAIN_UNREST = 0.08
 
 
 @dataclass(frozen=True)
 class OutlineFit:
-    """Circles fitted to the edges of n images.
+    """Circles fitted to the edges of n images; a failed fit has a support of 0 and NaN for the rest."""
 
-    Attributes
-    ----------
-    circle : Tensor
-        (n, 3) as (x, y, radius), px, float64.
-    covariance : Tensor
-        (n, 3, 3), px^2; rays whose edges go wrong together (a speckle is wider than a ray) are counted as one.
-    support : Tensor
-        Share (n,) of the rays in the image whose edge lies on the circle.
-    contrast : Tensor
-        Median height (n,) of the step from background to ball, grey levels.
-    rest, weights : Tensor
-        What the circle leaves of each ray's shift (n, a), px, and the ray's weight in the fit.
-    """
-
-    circle: Tensor
-    covariance: Tensor
-    support: Tensor
-    contrast: Tensor
-    rest: Tensor
-    weights: Tensor
+    circle: Tensor  # (n, 3) as (x, y, radius), px, float64
+    covariance: Tensor  # (n, 3, 3), px^2; rays with correlated errors (a speckle is wider than a ray) count as one
+    support: Tensor  # share (n,) of the rays in the image whose edge lies on the circle
+    contrast: Tensor  # median height (n,) of the step from background to ball, grey levels
+    rest: Tensor  # residual (n, a) of each ray's shift, px
+    weights: Tensor  # weight (n, a) of each ray in the fit
 
 
 def step_shifts(levels: Tensor, steps: Tensor, step_blur: float) -> tuple[Tensor, Tensor]:
-    """Shift (n, a) of each ray's step from where it is expected, px outwards, and the step's height in grey levels.
+    """Shift (n, a) of each ray's step from the expected edge, px outwards, and the step's height, grey levels.
 
     ``levels`` (n, a, m) at the distances ``steps`` (m,) from the expected edge, px outwards.
     """
@@ -68,16 +52,13 @@ def step_shifts(levels: Tensor, steps: Tensor, step_blur: float) -> tuple[Tensor
     shifted = torch.exp(-0.5 * t**2) / (math.sqrt(2 * math.pi) * step_blur)
     solve = torch.linalg.pinv(torch.stack((torch.ones_like(t), ball, shifted), -1))
     _, height, product = (levels @ solve.T).unbind(-1)
-    # A shift of more than the blur is beyond the linear model; the next round starts nearer.
+    # The linear model does not hold for a shift of more than the blur; the next round starts nearer.
     shift = product / torch.where(height.abs() < 1e-6, 1e-6, height)
     return shift.clamp(-1.5 * step_blur, 1.5 * step_blur), height
 
 
 def centroid_shifts(levels: Tensor, steps: Tensor) -> tuple[Tensor, Tensor]:
-    """`step_shifts` for a ball without pattern: the centroid of the grey level's slope along the ray.
-
-    Any symmetric blur, however wide its tails, leaves this place where it is, because it conserves light.
-    """
+    """`step_shifts` of a ball without pattern: centroid of the slope along the ray, which no symmetric blur moves."""
     height = levels[..., :1] - levels[..., -1:]
     height = torch.where(height.abs() < 1e-6, 1e-6, height)
     ball = (levels - levels[..., -1:]) / height
@@ -98,34 +79,12 @@ def refine(
     patterned: bool = False,
     camera: Camera | None = None,
 ) -> OutlineFit:
-    """Fit circles to the outlines of n images, each from a circle that is right to within ``window``.
+    """Fit circles to the outlines in ``images`` (n, h, w), each from a guess (n, 3) that is right to ``window`` px.
 
-    Parameters
-    ----------
-    images : Tensor
-        Grey levels (n, h, w).
-    circles : Tensor
-        First guesses (n, 3) as (x, y, radius), px.
-    ignore : Tensor, optional
-        (h, w), True where the images are not to be used.
-    window : float
-        How far the edge may lie from the guess, px: the blur of the step model in the first round.
-    rounds : int
-        How often the rays are taken again, around the circle fitted last and with a narrower step.
-    fixed_radius : bool
-        Fit the centre alone.
-    plain : bool
-        The ball has no pattern: the last rounds take `centroid_shifts` instead of the step model.
-    patterned : bool
-        The ball has a pattern and the images are no silhouettes: all but the last two rounds look at the difference
-        from the background instead, since a window wider than the pattern would rest on the pattern's own edges.
-    camera : Camera, optional
-        The circles are projected centres and radii at their depth, before and after: the outline is an ellipse.
-
-    Returns
-    -------
-    OutlineFit
-        A fit that failed has a support of 0 and NaN for the rest.
+    ``rounds``: how often the rays are cut around the last circle, with a narrower step each time. ``fixed_radius`` fits
+    the centre alone. A ``plain`` ball takes `centroid_shifts` in the last two rounds. For a ``patterned`` ball in an
+    image that is no silhouette, the other rounds use the difference from the background, since a wide window would find
+    edges of the pattern. With a ``camera``, circles are projected centres and radii at their depth.
     """
     fitted = circles.to("cpu", torch.float64).clone()
     angles = polar.angles(float(fitted[0, 2]))
@@ -133,17 +92,17 @@ def refine(
     design = polar.design(angles)[:, :k]
     splines = polar.Splines(images, ignore)
     for turn in range(rounds):
-        # Geometric descent to the sharpest step, which the last two rounds use.
+        # The blur decreases geometrically to the sharpest step, which the last two rounds use.
         step_blur = STEP_BLUR_PX * max(window / STEP_BLUR_PX, 1.0) ** max(1 - turn / max(rounds - 2, 1), 0.0)
-        by_light = plain and turn >= rounds - 2
+        by_centroid = plain and turn >= rounds - 2
         first, last = -INWARDS * step_blur, OUTWARDS * step_blur
-        if by_light:
+        if by_centroid:
             first, last = -PLAIN_INWARDS * float(fitted[0, 2].nan_to_num(1.0)), PLAIN_OUTWARDS
         steps = torch.arange(first, last + 0.125, 0.25, dtype=torch.float64)
         levels, known = polar.across_edge(splines, fitted, steps, angles, camera)
         if patterned and turn < rounds - 2:
             levels = _silhouette(levels)
-        shift, height = centroid_shifts(levels, steps) if by_light else step_shifts(levels, steps, step_blur)
+        shift, height = centroid_shifts(levels, steps) if by_centroid else step_shifts(levels, steps, step_blur)
         shift, height = shift.double().cpu(), height.double().cpu()
         correction, weights, normal = robust_fit.least_squares(design, shift, height.square() * known)
         fitted[:, :k] += correction
@@ -161,10 +120,7 @@ def refine(
 
 
 def _silhouette(levels: Tensor) -> Tensor:
-    """From 0 (as the ray's outer end) to 1 (clearly another grey level), (n, a, m).
-
-    A wide step model would rest on the pattern's own edges; in the silhouette the ball has none.
-    """
+    """Difference (n, a, m) of ``levels`` from the ray's outer end: 0 for background, 1 for a clear difference."""
     outer = levels[..., -(levels.shape[-1] // 3) :]
     background = outer.median(-1, keepdim=True).values
     noise = (outer - background).abs().flatten(1).median(-1).values
@@ -174,10 +130,9 @@ def _silhouette(levels: Tensor) -> Tensor:
 
 
 def centre_step(fit: OutlineFit) -> tuple[Tensor, Tensor]:
-    """Step (2,) of the centre from the first to the second of two fits with one radius, px, and its covariance (2, 2).
+    """Step (2,) of the centre between two fits with one radius, px, and its covariance (2, 2).
 
-    The covariance comes from the difference of the two outlines ray by ray: what the ball's own shape and shading do
-    to both alike does not count.
+    The covariance comes from the difference of both outlines ray by ray, without errors that both share.
     """
     design = polar.design(polar.angles(float(fit.circle[0, 2])))[:, :2]
     weights = fit.weights.amin(0)
@@ -189,10 +144,7 @@ def centre_step(fit: OutlineFit) -> tuple[Tensor, Tensor]:
 
 
 def is_plain(image: Tensor, circle: Tensor) -> bool:
-    """Whether the ball in ``image`` (h, w) has no pattern: a calm limb, against the height of its edge.
-
-    ``circle`` (3,), px. The limb's grey level may change slowly along the outline (shading), not from ray to ray.
-    """
+    """Whether the ball in ``image`` (h, w) has no pattern: its limb changes slowly along the ``circle`` (3,), px."""
     angles = polar.angles(float(circle[2]))
     radii = circle[2] * torch.tensor([[[0.80, 0.85, 0.90, 1.1]]], dtype=torch.float64)
     levels, inside = polar.levels(polar.Splines(image[None]), circle[None], radii, angles)

@@ -1,8 +1,4 @@
-"""Least squares that doubt what is far off: a circle's correction from the shifts of its outline along rays.
-
-Rays are weighted by Tukey's biweight of what they are off by, in units of the median; neighbours that err together
-count as fewer in the covariance.
-"""
+"""Robust least squares: a circle's correction from the shifts of its outline along rays, by Tukey's biweight."""
 
 from __future__ import annotations
 
@@ -20,18 +16,17 @@ TUKEY = 4.685
 def least_squares(design: Tensor, shift: Tensor, precision: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Reweighted least squares of ``design @ c = shift`` -> c (n, k), weights (n, a), normal matrices (n, k, k).
 
-    ``precision`` (n, a) are the weights of the rays before any is doubted. In NumPy: of arrays this small an operation
-    of torch's costs twice as much.
+    ``precision`` (n, a) are the first weights. In NumPy, which takes half of torch's time for arrays this small.
     """
     across, shifts, first = design.numpy(), shift.numpy(), _relative(precision).numpy()
     k, root, weights = across.shape[1], np.sqrt(first), first
     products = (across[:, :, None] * across[:, None]).reshape(-1, k * k)
-    # A fit that failed holds no numbers, and none come of it.
+    # A fit that failed is NaN, and so is its result.
     with np.errstate(invalid="ignore"):
         for _ in range(12):
             normal = (weights @ products).reshape(-1, k, k) + 1e-9 * np.eye(k)
             solution = np.linalg.solve(normal, ((weights * shifts) @ across)[..., None])[..., 0]
-            # Deviations in units of their own expected size, which goes with one over the step's height.
+            # Deviations in units of their expected size, which is inverse to the step's height.
             rest = (shifts - solution @ across.T) * root
             scale = _weighted_median(np.abs(rest), first) * 1.4826
             weights = first * np.maximum(1 - np.square(rest / (TUKEY * np.maximum(scale, 1e-3))), 0.0) ** 2
@@ -39,19 +34,19 @@ def least_squares(design: Tensor, shift: Tensor, precision: Tensor) -> tuple[Ten
 
 
 def _relative(precision: Tensor) -> Tensor:
-    """Of each row (n, a) in units of its largest."""
+    """Each row (n, a) in units of its largest value."""
     return precision / precision.amax(-1, keepdim=True).clamp_min(1e-12)
 
 
 def covariance(shift: Tensor, precision: Tensor, weights: Tensor, normal: Tensor) -> Tensor:
-    """Covariance (n, k, k) of what `least_squares` found, which leaves ``shift`` (n, a)."""
+    """Covariance (n, k, k) of the result of `least_squares`, which leaves the residual ``shift`` (n, a)."""
     rest, used = shift * _relative(precision).sqrt(), (weights > 0).double()
     variance = (used * rest.square()).sum(-1) / (used.sum(-1) - normal.shape[-1]).clamp_min(1)
     return (variance * run_length(rest * used))[:, None, None] * torch.linalg.inv(normal)
 
 
 def _weighted_median(values: Array, weights: Array) -> Array:
-    """Median (n, 1) of each row of ``values`` (n, a), every value counted by its weight."""
+    """Weighted median (n, 1) of each row of ``values`` (n, a)."""
     order, rows = values.argsort(-1), np.arange(len(values))
     share = weights[rows[:, None], order].cumsum(-1)
     at = np.minimum((share < 0.5 * share[:, -1:]).sum(-1), values.shape[-1] - 1)
@@ -59,11 +54,11 @@ def _weighted_median(values: Array, weights: Array) -> Array:
 
 
 def run_length(rest: Tensor) -> Tensor:
-    """Neighbouring rays (n,) that err together: the sum of the autocorrelation around the circle, at least 1."""
+    """Number (n,) of neighbouring rays with correlated errors: sum of the autocorrelation, at least 1."""
     power = torch.fft.rfft(rest).abs().square()
     correlation = torch.fft.irfft(power, n=rest.shape[-1])
     correlation = correlation / correlation[:, :1].clamp_min(1e-12)
-    # Summed up to its first fall below zero; beyond that it is noise.
+    # Beyond its first zero the autocorrelation is noise.
     half = correlation[:, : rest.shape[-1] // 2]
     before = (half <= 0).cumsum(-1) == 0
     return (2 * (half * before).sum(-1) - 1).clamp_min(1.0)

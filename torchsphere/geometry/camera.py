@@ -1,9 +1,7 @@
 """A camera near the ball: rays, the ball's outline under perspective, and the lens's distortion.
 
-Under perspective the outline is an ellipse whose centre is not where the ball's centre is projected to. Everything in
-this package that is called the ball's position is the projected centre, and its radius in px is that of the ball's true
-size at the depth of its centre, ``focal_px / distance``, with the distance in radii. Both are exactly what an
-orthographic view has, and `outline_distance` says where the outline is.
+Under perspective the outline is an ellipse, and its centre is not the projected centre of the ball. In this package the
+ball's position is the projected centre, and its radius is ``focal_px / distance``, the distance in radii.
 """
 
 from __future__ import annotations
@@ -19,10 +17,10 @@ from torch import Tensor
 
 from torchsphere.settings.limits import number, positive
 
-#: Steps that invert the distortion: each gains about two digits at the corners of usual lenses.
+#: Steps that invert the distortion; each gains about two digits at the corners of usual lenses.
 INVERSION_STEPS = 12
 
-#: Rays that a circle is compared on with the outline of a sphere, and rounds to make them agree.
+#: Rays on which a circle is compared with the outline of a sphere, and rounds of the fit.
 RAYS, ROUNDS = 90, 8
 
 
@@ -33,15 +31,15 @@ class Camera:
     Attributes
     ----------
     focal_px : float, optional
-        Focal length over the size of a pixel, px. Where it is not known, ``distance_radii`` takes its place.
+        Focal length over the size of a pixel, px. Give either ``focal_px`` or ``distance_radii``.
     principal_px : tuple of float, optional
-        Where the optical axis meets the image (x, y), px; by default the middle of the image.
+        Intersection of the optical axis with the image (x, y), px; by default the middle of the image.
     distortion : tuple of float
-        Radial coefficients (k1, k2, k3): a ray at the radius r over the focal length is seen at
+        Radial coefficients (k1, k2, k3): a ray at the radius r over the focal length appears at
         ``r (1 + k1 r^2 + k2 r^4 + k3 r^6)``.
     distance_radii : float, optional
-        Distance of the ball's centre from the camera along the optical axis in the first frame, in radii of the ball:
-        tells the focal length by the size of the outline.
+        Distance of the ball's centre along the optical axis in the first frame, in radii of the ball; the focal length
+        follows from the size of the outline.
     """
 
     focal_px: float | None = None
@@ -63,7 +61,7 @@ class Camera:
             found = tuple(map(number, values)) if isinstance(values, Iterable) else ()
             if not (len(found) == count and all(map(math.isfinite, found))):
                 raise ValueError(f"camera: {name} = {values!r}: expected {count} finite numbers")
-            # Calibration programs give arrays, and two cameras are compared.
+            # A tuple, since calibration programs give arrays, which cannot be compared.
             object.__setattr__(self, name, found)
 
     def settled(self, shape: tuple[int, ...], outline_radius: float = math.nan) -> Camera:
@@ -85,21 +83,11 @@ class Camera:
 
 
 class View(NamedTuple):
-    """How a camera sees one ball; n of them where the fields of a batch are stacked.
+    """View of one ball by a camera; a batch has one more axis in front."""
 
-    Attributes
-    ----------
-    centre : Tensor
-        Where the ball's centre is seen (2,), px from the principal point.
-    focal : Tensor
-        Focal length, a scalar, px.
-    distortion : Tensor
-        Radial coefficients (3,).
-    """
-
-    centre: Tensor
-    focal: Tensor
-    distortion: Tensor
+    centre: Tensor  # projected centre of the ball (2,), px from the principal point
+    focal: Tensor  # focal length, a scalar, px
+    distortion: Tensor  # radial coefficients (3,)
 
 
 def view_of(camera: Camera, centres: Tensor, like: Tensor) -> View:
@@ -115,7 +103,7 @@ def view_of(camera: Camera, centres: Tensor, like: Tensor) -> View:
 
 
 def distorted(rays: Tensor, distortion: Tensor) -> Tensor:
-    """Where rays (..., 2), as tangents of their angles, are seen: the same over the focal length."""
+    """Image points over the focal length (..., 2) of ``rays`` (..., 2), tangents of their angles."""
     r2 = rays.square().sum(-1, keepdim=True)
     k1, k2, k3 = (k[..., None] for k in distortion.unbind(-1))
     return rays * (1 + r2 * (k1 + r2 * (k2 + r2 * k3)))
@@ -132,12 +120,10 @@ def undistorted(seen: Tensor, distortion: Tensor) -> Tensor:
 
 
 def outline_distance(circles: Tensor, angles: Tensor, camera: Camera) -> Tensor:
-    """Distance (n, a), px, of the outline from the projected centre along rays at ``angles`` (a,), rad, in the image.
+    """Distance (n, a), px, of the outline from the projected centre at ``angles`` (a,), rad, in the image.
 
-    ``circles`` (n, 3): projected centre and radius at its depth, px, float64.
-
-    The outline is where the cone that touches the sphere meets the image: rays whose angle with the direction of the
-    centre has the sine 1 / |C|, the centre's distance |C| in radii. Distortion bends it; Newton steps follow.
+    ``circles`` (n, 3): projected centre and radius, px, float64. On the outline a ray's angle with the direction of the
+    centre has the sine 1 / |C|, with the distance |C| in radii; Newton steps find it under distortion.
     """
     view = view_of(camera, circles[:, :2], circles)
     focal, distortion = view.focal[:, None], view.distortion[:, None]
@@ -148,31 +134,30 @@ def outline_distance(circles: Tensor, angles: Tensor, camera: Camera) -> Tensor:
     direction = torch.stack((angles.cos(), angles.sin()), -1)
     reach = circles[:, 2:].expand(-1, len(angles)).clone()
     for _ in range(ROUNDS):
-        value, slope = _beyond_cone(reach, view, direction, axis, sine2)
+        value, slope = _cone_distance(reach, view, direction, axis, sine2)
         reach = reach - value / slope
     return reach
 
 
-def _beyond_cone(reach: Tensor, view: View, direction: Tensor, axis: Tensor, sine2: Tensor) -> tuple[Tensor, Tensor]:
-    """How far rays at ``reach`` (n, a) px from the centre lie outside the cone, as a distance, and its derivative."""
+def _cone_distance(reach: Tensor, view: View, direction: Tensor, axis: Tensor, sine2: Tensor) -> tuple[Tensor, Tensor]:
+    """Distance of rays at ``reach`` (n, a), px, from the tangent cone, as a sine, and its derivative."""
 
-    def beyond(at: Tensor) -> Tensor:
+    def distance(at: Tensor) -> Tensor:
         seen = (view.centre[:, None] + at[..., None] * direction) / view.focal[:, None, None]
         rays = undistorted(seen, view.distortion[:, None])
         # Sine of the angle between ray and axis by the cross product: it stays exact for a far camera.
         offset = rays - axis[:, None, :2]
-        cross2 = (
-            offset.square().sum(-1) + (axis[:, None, 0] * offset[..., 1] - axis[:, None, 1] * offset[..., 0]).square()
-        )
+        along_z = axis[:, None, 0] * offset[..., 1] - axis[:, None, 1] * offset[..., 0]
+        cross2 = offset.square().sum(-1) + along_z.square()
         lengths = (rays.square().sum(-1) + 1) * axis.square().sum(-1, keepdim=True)
         return (cross2 / lengths).sqrt() - sine2.sqrt()[:, None]
 
-    value, slope, *_ = torch.func.jvp(beyond, (reach,), (torch.ones_like(reach),))
+    value, slope, *_ = torch.func.jvp(distance, (reach,), (torch.ones_like(reach),))
     return value, slope
 
 
 def sphere_of_outline(circle: Tensor, camera: Camera) -> Tensor:
-    """Projected centre and radius (3,) of the sphere whose outline a circle (3,) fits best, px, float64."""
+    """Projected centre and radius (3,), px, float64, of the sphere whose outline is nearest to a circle (3,)."""
     angles = torch.arange(RAYS, dtype=torch.float64) * (2 * math.pi / RAYS)
     direction = torch.stack((angles.cos(), angles.sin()), -1)
     sphere = circle.to(torch.float64).clone()
@@ -183,7 +168,7 @@ def sphere_of_outline(circle: Tensor, camera: Camera) -> Tensor:
 
 
 def _circle_through(points: Tensor) -> Tensor:
-    """Least-squares circle (3,) through points (a, 2), by distances from it."""
+    """Least-squares circle (3,) through points (a, 2), by geometric distance."""
     circle = torch.cat((points.mean(0), (points - points.mean(0)).norm(dim=-1).mean()[None]))
     for _ in range(ROUNDS):
         offset = points - circle[:2]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-#: Radius, px, up to which a circle found may as well be a screw or a lamp: speckle of 3 px tells no rotation there.
+#: Radius below which a circle may be a screw or a lamp, px: speckle of 3 px determines no rotation there.
 SMALL_PX = 10.0
 
 
@@ -22,8 +22,8 @@ class Circle:
     frame : int
         Frame of the recording in which the circle lies.
     sd_guessed : bool
-        True where the standard deviations are a bound instead of a measurement, because the image shows no limb near
-        the circle. Later frames may since have measured that of the radius.
+        True where the standard deviations are a bound, because the image shows no limb near the circle; later frames
+        may have measured that of the radius.
     """
 
     x: float
@@ -36,7 +36,7 @@ class Circle:
     sd_guessed: bool = False
 
     def text(self, decimals: int = 2) -> str:
-        """The three numbers as ``--circle`` takes them."""
+        """Centre and radius in the form of ``--circle``."""
         return ",".join(f"{value:.{decimals}f}" for value in (self.x, self.y, self.radius))
 
     @property
@@ -48,13 +48,13 @@ class Circle:
 
     @property
     def doubt(self) -> str:
-        """Why the circle may not be the ball's outline, in words; empty where nothing says so."""
+        """Reason why the circle may not be the ball's outline; empty without one."""
         if self.sd_guessed:
             return "no limb of a speckled ball was seen along it"
         return "it is so small that it may be anything bright or dark" if self.radius < SMALL_PX else ""
 
     def warning(self, where: str) -> str:
-        """The `doubt` about a circle that was found as a sentence: ``where`` to look at it, and what to do."""
+        """A sentence with the `doubt` about a circle that was found, and ``where`` to look at it."""
         return (
             f"The circle found, of {self.radius:.1f} px radius, may not be the ball: {self.doubt}; look at it {where}, "
             "and give --circle X,Y,R where it is not."

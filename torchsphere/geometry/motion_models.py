@@ -1,17 +1,16 @@
-"""Motion models: how far a pixel of the ball moves in the image when the ball moves.
+"""Motion models: displacement of a pixel of the ball in the image when the ball moves.
 
 Frames and signs, stated once for the whole package
 ---------------------------------------------------
 Image: ``x`` to the right, ``y`` down, px; the centre of the top-left pixel is (0, 0).
 Camera frame: right-handed, ``x`` right, ``y`` down, ``z`` away from the camera. Rotations are rotation vectors in this
-frame, in rad. The pixel at ``(x, y)`` from the ball's centre shows the surface point ``P = (x, y, -s)`` with
-``s = sqrt(R^2 - x^2 - y^2)``. What a person sees: ``+w_y`` moves the front of the ball to the left, ``+w_x`` moves it
-down, ``+w_z`` turns the image clockwise as displayed.
+frame, rad. The pixel at ``(x, y)`` from the ball's centre shows the surface point ``P = (x, y, -s)`` with
+``s = sqrt(R^2 - x^2 - y^2)``. ``+w_y`` moves the front of the ball to the left, ``+w_x`` moves it down, ``+w_z`` turns
+the displayed image clockwise.
 
-A model is one pure function ``displacement(q, points, geometry)`` of the increment ``q`` (k,), the points (p, 2) in px
+A model is a pure function ``displacement(q, points, geometry)`` of the increment ``q`` (k,), the points (p, 2) in px
 from the ball's centre in the reference image, and the geometry. It returns the displacement (p, 2) in px, NaN where a
-point turns out of sight. Its modes are its derivative with respect to ``q``, by automatic differentiation, so that a
-new model is one new function and nothing else.
+point turns out of sight. The modes are its derivative with respect to ``q``, by automatic differentiation.
 """
 
 from __future__ import annotations
@@ -27,18 +26,10 @@ from torchsphere.geometry.camera import View, distorted, undistorted
 
 
 class Geometry(NamedTuple):
-    """What a model has to know of the ball and the view, besides the points; those of a batch are stacked.
+    """Ball and view; a batch has one more axis in front."""
 
-    Attributes
-    ----------
-    radius : Tensor
-        Radius of the ball in px, a scalar: its outline's, or under perspective its true size at its centre's depth.
-    view : View, optional
-        The camera, for the models that need one.
-    """
-
-    radius: Tensor
-    view: View | None = None
+    radius: Tensor  # of the outline, under perspective of the true size at the centre's depth, a scalar, px
+    view: View | None = None  # for the models that need a camera
 
 
 Displacement = Callable[[Tensor, Tensor, Geometry], Tensor]
@@ -50,19 +41,18 @@ def depth(points: Tensor, radius: Tensor) -> Tensor:
 
 
 def translation(q: Tensor, points: Tensor, geometry: Geometry) -> Tensor:
-    """Two translations (dx, dy): the standard correlation that the paper compares with."""
+    """Two translations (dx, dy): the standard correlation in the paper's comparison."""
     return q[:2].expand_as(points)
 
 
 def published(q: Tensor, points: Tensor, geometry: Geometry) -> Tensor:
-    """The five modes as printed in the paper's section 2.2, with amplitudes turned into (dx, dy, wx, wy, wz).
+    """The five modes as printed in the paper's section 2.2, with amplitudes (dx, dy, wx, wy, wz).
 
-    The printed modes 3 and 4 lack the factor ``sqrt(R^2 - y^2) / R`` of a rigid rotation; the model is here to
-    reproduce the paper and to measure what that costs.
+    The printed modes 3 and 4 lack the factor ``sqrt(R^2 - y^2) / R`` of a rigid rotation; for comparison only.
     """
     x, y = points.unbind(-1)
     squared = geometry.radius**2
-    # At the poles of a meridian the printed quotient is 0/0; it only occurs on the outline, where the mode is 0.
+    # At the poles of a meridian, on the outline, the printed quotient is 0/0 and the mode 0.
     phi3 = (1 - x**2 / (squared - y**2).clamp_min(1e-6)).clamp_min(0.0).sqrt()
     phi4 = (1 - y**2 / (squared - x**2).clamp_min(1e-6)).clamp_min(0.0).sqrt()
     dx, dy, wx, wy, wz = q
@@ -79,11 +69,7 @@ def rigid(q: Tensor, points: Tensor, geometry: Geometry) -> Tensor:
 
 
 def rotation_matrix(vector: Tensor) -> Tensor:
-    """Rotation matrix (3, 3) of a rotation vector (3,), rad.
-
-    The matrix exponential of torch differentiates three to five times faster than Kornia's way over quaternions, which
-    took half of the time of fast rotations.
-    """
+    """Rotation matrix (3, 3) of a rotation vector (3,), rad: differentiates 3 to 5 times faster than quaternions."""
     x, y, z = vector
     none = torch.zeros_like(x)
     return torch.linalg.matrix_exp(torch.stack((none, -z, y, z, none, -x, -y, x, none)).reshape(3, 3))
@@ -100,8 +86,8 @@ def finite(q: Tensor, points: Tensor, geometry: Geometry) -> Tensor:
 def pinhole6(q: Tensor, points: Tensor, geometry: Geometry) -> Tensor:
     """Exact rotation and exact perspective, motion along the optical axis included; NaN where out of sight.
 
-    ``q`` is (dx, dy, wx, wy, wz, growth): the step of the projected centre, px, the rotation, rad, and the relative
-    change of the ball's size in the image, so that the distance divides by ``1 + growth``.
+    ``q`` is (dx, dy, wx, wy, wz, growth): step of the projected centre, px, rotation, rad, and relative change of the
+    ball's size in the image, which divides the distance by ``1 + growth``.
     """
     if geometry.view is None:
         raise ValueError("the pinhole models need a camera: its focal length, or the ball's distance")
@@ -113,24 +99,24 @@ def pinhole6(q: Tensor, points: Tensor, geometry: Geometry) -> Tensor:
     moved = undistorted((centre + q[:2]) / focal, distortion)
     away = distance / (1 + q[5])
     depth = away + turned[:, 2]
-    # From the projected centre, not from the camera: a difference of large numbers would cost a far ball its digits.
+    # From the projected centre: from the camera, the difference of large numbers would lose digits for a far ball.
     from_centre = (turned[:, :2] - moved * turned[:, 2:]) / depth[:, None]
     seen = focal * distorted(moved + from_centre, distortion)
-    # A point is seen from in front where its normal looks towards the camera.
+    # A point is visible where its normal points towards the camera.
     hidden = (turned[:, :2] * (away * moved + turned[:, :2])).sum(-1) + turned[:, 2] * depth > 0
     return torch.where(hidden[:, None], torch.nan, seen - centre - points)
 
 
 def _surface(rays: Tensor, towards: Tensor, distance: Tensor) -> Tensor:
-    """Where rays (p, 2) meet the unit sphere, (p, 3) from its centre; rays that miss it touch it.
+    """Points (p, 3) of the unit sphere on ``rays`` (p, 2), from its centre; a ray that misses gives a limb point.
 
-    The centre lies along ``towards`` (2,), at ``distance`` radii of depth.
+    The centre lies along ``towards`` (2,), at a depth of ``distance`` radii.
     """
     ray = torch.cat((rays, torch.ones_like(rays[:, :1])), -1)
     ray = ray / ray.norm(dim=-1, keepdim=True)
     offset = distance * (rays - towards)
     offset = torch.cat((offset, torch.zeros_like(offset[:, :1])), -1)
-    # From the centre to the nearest point of the ray, in a form that keeps a far ball's digits.
+    # From the centre to the nearest point of the ray, in a form that loses no digits for a far ball.
     across = offset - (offset * ray).sum(-1, keepdim=True) * ray
     squared = across.square().sum(-1, keepdim=True)
     across = across / squared.clamp_min(1.0).sqrt()
@@ -138,7 +124,7 @@ def _surface(rays: Tensor, towards: Tensor, distance: Tensor) -> Tensor:
 
 
 def pinhole(q: Tensor, points: Tensor, geometry: Geometry) -> Tensor:
-    """`pinhole6` of a ball that keeps its distance: ``q`` is (dx, dy, wx, wy, wz)."""
+    """`pinhole6` at a constant distance: ``q`` is (dx, dy, wx, wy, wz)."""
     return pinhole6(torch.cat((q, torch.zeros_like(q[:1]))), points, geometry)
 
 
@@ -173,7 +159,7 @@ def turn(q: Tensor) -> Tensor:
 
 
 def as_unknowns(increments: Tensor, model: Displacement) -> Tensor:
-    """Increments (n, 5) as a model's unknowns (n, k): it may have fewer, or growth as a sixth."""
+    """Increments (n, 5) as a model's unknowns (n, k), cut or padded with 0."""
     k = degrees_of_freedom(model)
     return F.pad(increments, (0, max(k - increments.shape[-1], 0)))[:, :k]
 
@@ -185,8 +171,7 @@ def taken(geometry: Geometry, rows: Tensor) -> Geometry:
 
 
 def _stacked(geometry: Geometry) -> tuple[int, int | None]:
-    """Which axis of a batch's geometry counts the pairs, as `torch.vmap` wants to know it."""
-    # One for all pairs, or one each.
+    """The axis of the pairs in each field of a batch's geometry, for `torch.vmap`; None for one value for all."""
     radius = 0 if geometry.radius.ndim else None
     view = None if geometry.view is None or geometry.view.focal.ndim == 0 else 0
     return Geometry(radius, view)  # type: ignore[arg-type,return-value]

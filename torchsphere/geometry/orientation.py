@@ -10,27 +10,17 @@ from numpy.typing import NDArray
 
 
 def chain(rotation: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Absolute orientations from rotations: ``A_i = exp([w_i]x) A_{i-1}``.
+    """Rotation matrices (n, 3, 3) since the first known frame: ``A_i = exp([w_i]x) A_{i-1}``.
 
-    Parameters
-    ----------
-    rotation : ndarray
-        Rotation vectors (n, 3), rad, of each frame since the last known one before it; not read in the first known
-        frame; NaN where the ball was seen but its rotation was not measured.
-    known : ndarray
-        (n,), True where the ball was seen.
-
-    Returns
-    -------
-    ndarray
-        Rotation matrices (n, 3, 3) since the first known frame; NaN where the ball was not seen, and everywhere from
-        where a rotation is missing.
+    ``rotation`` (n, 3), rad: rotation vectors since the last known frame, NaN where a rotation was not measured; the
+    first known frame's is not used. ``known`` (n,): True where the ball was seen. The result is NaN in frames that are
+    not known, and from a missing rotation on.
     """
     steps = np.where(known[:, None], rotation, 0.0)
     if known.any():
         steps[: known.argmax() + 1] = 0.0
     product = So3.exp(torch.from_numpy(steps))
-    # Every element takes in the product of as many before it, twice as many each time: log2(n) batched products.
+    # Each round doubles the number of rotations in every product: log2(n) batched products.
     reach = 1
     while reach < len(steps):
         later = So3(product.q[reach:]) * So3(product.q[:-reach])

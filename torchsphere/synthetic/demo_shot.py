@@ -18,7 +18,7 @@ from torchsphere.tracking.track import Track
 
 Array = NDArray[np.float64]
 
-#: Name of the input in the result, since its file is temporary.
+#: Name of the temporary input in the results.
 NAME = "synthetic example shot"
 
 #: The paper's frontal impact (section 5): ball of 30 mm and 110 g at 36 000 frames/s.
@@ -36,24 +36,12 @@ BEFORE, CONTACT, AFTER = 26, 12, 32
 
 @dataclass(frozen=True)
 class Shot:
-    """Images and their true motion.
+    """Images and their true motion."""
 
-    Attributes
-    ----------
-    images : ndarray
-        (n, h, w), uint8.
-    position : ndarray
-        True centres (n, 2), px.
-    increment : ndarray
-        True motion (n - 1, 5) as (dx, dy, wx, wy, wz) per frame, px and rad.
-    orientation : ndarray
-        True rotation matrices (n, 3, 3) since the first frame.
-    """
-
-    images: NDArray[np.uint8]
-    position: Array
-    increment: Array
-    orientation: Array
+    images: NDArray[np.uint8]  # (n, h, w)
+    position: Array  # centres (n, 2), px
+    increment: Array  # (n - 1, 5) as (dx, dy, wx, wy, wz) per frame, px and rad
+    orientation: Array  # rotation matrices (n, 3, 3) since the first frame
 
 
 def make_shot(seed: int = 1) -> Shot:
@@ -141,12 +129,12 @@ def compare(shot: Shot, motion: Kinematics) -> list[Comparison]:
 
 
 def _mean(values: Array, sd: Array) -> tuple[float, float]:
-    """Mean over a flight, with the standard deviation of one frame: shared errors (scale, radius) do not cancel."""
+    """Mean over a flight, and the standard deviation of one frame, since errors of scale and radius do not cancel."""
     return float(values.mean()), float(sd.mean())
 
 
 def frame_errors(shot: Shot, track: Track) -> list[tuple[str, str, float, float, float]]:
-    """Name, unit, rms error per frame, stated standard deviation, and share of frames within two of these."""
+    """Name, unit, rms error per frame, stated standard deviation, and share of frames within two of them."""
     error = track.increment - shot.increment
     sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))
     rows = []

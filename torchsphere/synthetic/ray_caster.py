@@ -1,7 +1,6 @@
-"""A small ray caster: pose and pattern of a ball -> image, in torch, differentiable with respect to the pose.
+"""A ray caster for the shots of the demo, the plans and the tests: pose and pattern of a ball -> image.
 
-It makes the synthetic shots of the demo, the plans and the tests. The view is orthographic and the rotation exact. Each
-pixel is the mean over a grid of sub-pixel rays, so that the outline is as soft as that of a real pixel.
+The view is orthographic, the rotation exact, and the image differentiable with respect to the pose.
 """
 
 from __future__ import annotations
@@ -14,42 +13,24 @@ from torch import Tensor
 
 from torchsphere.imaging.interpolation import blur
 
-#: Half width of the pattern's cube in radii: the ball's surface never reaches its border.
+#: Half width of the pattern's cube in radii, which keeps the ball's surface off the border.
 CUBE_HALF_WIDTH = 1.1
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """Solid pattern: grey levels on a cube around the ball, in body axes, in units of the ball's radius.
+    """Solid pattern on a cube around the ball, in body axes: no seam, no pole."""
 
-    Attributes
-    ----------
-    volume : Tensor
-        Grey levels (d, d, d), indexed [z, y, x], over ``[-1.1, 1.1]^3``.
-    """
-
-    volume: Tensor
+    volume: Tensor  # grey levels (d, d, d), indexed [z, y, x], over ``[-1.1, 1.1]^3`` radii
 
 
 def speckle(
     seed: int, *, radius_px: float = 50.0, speckle_px: float = 4.0, low: float = 30.0, high: float = 220.0
 ) -> Pattern:
-    """Random speckle with a given full width at half maximum, between two grey levels.
+    """Random speckle between the grey levels ``low`` and ``high``; a seed gives one pattern.
 
-    Parameters
-    ----------
-    seed : int
-        The same seed gives the same pattern.
-    radius_px, speckle_px : float
-        Radius of the ball in the image, and full width at half maximum of the Gaussian that smooths white noise to
-        spots, px; the pattern's autocorrelation is wider by about a third.
-    low, high : float
-        Grey levels between which the speckle swings.
-
-    Returns
-    -------
-    Pattern
-        A solid pattern: no seam, no pole.
+    ``speckle_px``: full width at half maximum of the Gaussian that smooths white noise, px in an image of a ball of
+    ``radius_px``; the pattern's autocorrelation is wider by about a third.
     """
     cells = int(min(max(4 * radius_px, 64), 192))
     generator = torch.Generator().manual_seed(seed)
@@ -72,34 +53,10 @@ def render(
     shape: tuple[int, int] | None = None,
     subsamples: int = 3,
 ) -> Tensor:
-    """Images of the ball, one per pose.
+    """Images (n, h, w) of the ball, grey levels without noise, not rounded, in the precision of ``centres`` (n, 2), px.
 
-    Parameters
-    ----------
-    pattern : Pattern
-        Pattern of the ball.
-    centres : Tensor
-        Centre in the image (n, 2), px.
-    radius : float
-        Radius of the outline, px.
-    orientations : Tensor
-        Rotation matrices (n, 3, 3), camera frame, from the reference orientation to the present one.
-    background : Tensor or float
-        Grey levels behind the ball: one number (then give ``shape``) or an image (h, w).
-    shape : tuple of int, optional
-        (h, w) of the images, if ``background`` is a number.
-    subsamples : int
-        Rays along each side of a pixel.
-
-    Returns
-    -------
-    Tensor
-        Grey levels (n, h, w) in the precision of ``centres``, not rounded, without noise.
-
-    Raises
-    ------
-    ValueError
-        If neither the background nor ``shape`` gives the shape of the images.
+    ``orientations`` (n, 3, 3): rotation matrices in the camera frame. ``background``: an image (h, w), or a grey level
+    for images of a ``shape`` (h, w). A pixel is the mean of ``subsamples`` x ``subsamples`` rays.
     """
     if isinstance(background, Tensor):
         still = background.to(centres)
@@ -120,7 +77,6 @@ def _frame(
 ) -> Tensor:
     """One image (h, w) of the ball in front of the ``still`` background."""
     rows, columns = still.shape
-    # Rays are cast for the pixels around the ball only.
     left, top = (int(v) for v in (centre.detach() - radius - 2).floor())
     span = int(2 * radius) + 6
     x0, x1 = max(left, 0), min(left + span, columns)
@@ -134,7 +90,7 @@ def _frame(
     hit = squared < radius**2
     height = (radius**2 - squared).clamp_min(1e-6).sqrt()
     surface = torch.stack((x.expand(len(y), -1), y[:, None].expand(-1, len(x)), -height), -1)
-    # A row vector times A is A^T times the column: from the camera frame to the body's.
+    # A row vector times A is A^T times the column: from the camera's axes to the body's.
     body = (surface @ orientation) / (radius * CUBE_HALF_WIDTH)
     grey = F.grid_sample(volume[None, None], body[None, None], align_corners=True)[0, 0, 0]
     behind = still[y0:y1, x0:x1].repeat_interleave(subsamples, 0).repeat_interleave(subsamples, 1)

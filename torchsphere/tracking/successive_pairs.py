@@ -13,8 +13,7 @@ from torch import Tensor
 from torchsphere.correlation.forward_backward import solve_both_ways
 from torchsphere.correlation.gauss_newton import CoarseSolution
 from torchsphere.correlation.options import Options, margin
-from torchsphere.correlation.pairs import Pairs
-from torchsphere.correlation.reference import SLACK_PX, Filtered
+from torchsphere.correlation.reference import SLACK_PX, Filtered, Pairs
 from torchsphere.correlation.result import Correlation
 from torchsphere.correlation.solve import solve, solve_coarsely
 from torchsphere.imaging import crop, interlacing
