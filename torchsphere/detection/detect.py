@@ -99,7 +99,8 @@ def at_limb(views: Tensor, circle: Circle, ignore: Tensor | None = None, camera:
 
 def _as_circle(values: Tensor, covariance: Tensor, frame: int) -> Circle:
     """A `Circle` of the ``values`` (3,) and their ``covariance`` (3, 3)."""
-    return Circle(*values.tolist(), *covariance.diagonal().sqrt().tolist(), frame=frame)
+    x, y, radius, sd_x, sd_y, sd_radius = torch.cat((values, covariance.diagonal().sqrt())).tolist()
+    return Circle(x, y, radius, sd_x, sd_y, sd_radius, frame)
 
 
 def _frames_to_try(count: int) -> Iterator[int]:

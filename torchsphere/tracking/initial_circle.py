@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.correlation.options import Options, margin
-from torchsphere.correlation.pairs import Pairs
 from torchsphere.correlation.radius_mode import radius_score
-from torchsphere.correlation.reference import Filtered
+from torchsphere.correlation.reference import Filtered, Pairs
 from torchsphere.correlation.solve import GRADIENT_FROM_DEG
 from torchsphere.detection import detect, limb_fit, outline_fit
 from torchsphere.detection.detect import at_limb
