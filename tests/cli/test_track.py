@@ -85,7 +85,7 @@ def test_a_file_of_options_may_begin_with_a_byte_order_mark_and_says_nothing_twi
     assert json.loads((tmp_path / "result" / "summary.json").read_text())["frame_rate"] == 1000
     config.write_text("mm-per-px = 1\nmm_per_px = 2\n")
     assert main([*arguments, "--out", str(tmp_path / "other")]) == 1
-    assert "mm_per_px stands there twice" in capsys.readouterr().err
+    assert "mm_per_px is given twice" in capsys.readouterr().err
 
 
 def test_a_region_beside_the_image_is_told_to_be_without_effect(tmp_path: Path, short: Path) -> None:

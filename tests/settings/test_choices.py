@@ -1,4 +1,4 @@
-"""The names that the command line offers are those that the program has: the modules they belong to take torch."""
+"""Names that the command line offers, compared with the modules that use them, which need torch."""
 
 from torchsphere.benchmark import suites, trackers
 from torchsphere.correlation import result
@@ -6,7 +6,7 @@ from torchsphere.geometry import motion_models
 from torchsphere.settings import choices
 
 
-def test_models_are_those_that_can_be_asked_for() -> None:
+def test_models_are_those_of_the_motion_models() -> None:
     assert tuple(motion_models.MODELS) == choices.MODELS
 
 

@@ -1,4 +1,4 @@
-"""Settings: checked even where they do not come to use, and named as they were given."""
+"""Checks of settings, used or unused, and their names in refusals."""
 
 import json
 import re
@@ -12,7 +12,7 @@ import torchsphere as ts
 from torchsphere.cli.main import main
 from torchsphere.correlation.options import Options
 from torchsphere.request import Request
-from torchsphere.settings.limits import option
+from torchsphere.settings.limits import option_name
 
 CIRCLE = "64.3,92.6,40"
 
@@ -31,7 +31,7 @@ REFUSALS = {
         "--distance-mm 10: lies within the ball, whose radius is 15 mm; "
         "give the distance of its centre from the camera",
     ),
-    # None of these comes to use without a frame rate, or by the smoother.
+    # Without a frame rate, or with the smoother, these settings are not used.
     "even window": (
         {"window": 4},
         "--window 4 with --order 3: expected an order of 2 or more and an odd window longer than that",
@@ -53,7 +53,7 @@ def test_a_refusal_names_the_option_on_the_command_line_and_the_parameter_in_pyt
     case: str, tmp_path: Path, short: Path, capsys
 ) -> None:
     values, told = REFUSALS[case]
-    typed = [word for name, value in values.items() for word in (option(name), str(value))]
+    typed = [word for name, value in values.items() for word in (option_name(name), str(value))]
     assert refused(["track", str(short), "--out", str(tmp_path / "out"), *typed], capsys) == f"torchsphere: {told}"
     in_python = re.sub(r"--([a-z0-9-]+)( (?=[-\d]))?", lambda m: m[1].replace("-", "_") + (" = " if m[2] else ""), told)
     with pytest.raises(ValueError, match=re.escape(in_python)):
@@ -74,7 +74,7 @@ def test_a_refusal_names_the_option_on_the_command_line_and_the_parameter_in_pyt
         ("7:99", "give 8 at most behind the colon"),
     ],
 )
-def test_frames_that_are_not_there_are_told_with_how_many_there_are_and_what_to_give(
+def test_the_refusal_of_frames_states_the_number_of_frames_and_a_valid_range(
     asked: str, said: str, tmp_path: Path, short: Path, capsys
 ) -> None:
     sentence = refused(["track", str(short), "--out", str(tmp_path / "out"), f"--frames={asked}", "--quiet"], capsys)
@@ -82,7 +82,7 @@ def test_frames_that_are_not_there_are_told_with_how_many_there_are_and_what_to_
     assert "8 frames, 0 to 7, so give " in sentence
 
 
-def test_a_value_that_looks_like_an_option_is_told_how_to_be_given(tmp_path: Path, short: Path, capsys) -> None:
+def test_the_refusal_of_a_value_like_an_option_says_how_to_give_the_value(tmp_path: Path, short: Path, capsys) -> None:
     sentence = refused(["track", str(short), "--out", str(tmp_path / "out"), "--frames", "-5:"], capsys)
     assert "--frames: expected one argument, joined by '='" in sentence
 
@@ -102,9 +102,7 @@ def test_a_value_that_looks_like_an_option_is_told_how_to_be_given(tmp_path: Pat
         (["--fps", "1000", "--mm-per-px", "1", "--lab-frame"], ""),
     ],
 )
-def test_an_option_that_does_not_come_to_use_is_noted(
-    given: list[str], noted: str, tmp_path: Path, short: Path, capsys
-) -> None:
+def test_an_unused_option_is_noted(given: list[str], noted: str, tmp_path: Path, short: Path, capsys) -> None:
     out = tmp_path / "result"
     arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--frames", "0:6", "--no-report", *given]
     assert main(arguments) == 0
@@ -116,12 +114,12 @@ def test_an_option_that_does_not_come_to_use_is_noted(
 
 
 @pytest.mark.parametrize("roi", [np.float32(0.9), np.float64(0.9), np.int64(1)])
-def test_numbers_of_numpy_are_numbers(roi: float, short: Path, tmp_path: Path) -> None:
+def test_numpy_numbers_are_accepted(roi: float, short: Path, tmp_path: Path) -> None:
     assert Options(roi=roi).roi == roi
     assert Request(input=short, out=tmp_path, roi=roi).roi == roi
 
 
-def test_without_a_scale_nothing_is_said_to_be_in_the_lab_frame(tmp_path: Path, short: Path) -> None:
+def test_without_a_scale_no_result_is_in_the_lab_frame(tmp_path: Path, short: Path) -> None:
     out = tmp_path / "result"
     assert main(["track", str(short), "--out", str(out), "--circle", CIRCLE, "--frames", "0:6", "--lab-frame"]) == 0
     assert json.loads((out / "summary.json").read_text())["axes"].startswith("camera frame")
@@ -130,18 +128,18 @@ def test_without_a_scale_nothing_is_said_to_be_in_the_lab_frame(tmp_path: Path, 
 
 ARGUMENTS = {
     "an option": ({"roii": 0.9}, "track has no argument 'roii': did you mean roi?"),
-    "an argument of its own": ({"circl": (25, 25, 10)}, "track has no argument 'circl': did you mean circle?"),
-    "like none": ({"qqq": 3}, "track has no argument 'qqq': the settings are model, roi, pre_blur"),
+    "an argument": ({"circl": (25, 25, 10)}, "track has no argument 'circl': did you mean circle?"),
+    "no similar name": ({"qqq": 3}, "track has no argument 'qqq': the settings are model, roi, pre_blur"),
 }
 
 
 @pytest.mark.parametrize("case", ARGUMENTS)
-def test_an_argument_that_there_is_not_is_told_with_the_one_that_was_meant(case: str) -> None:
+def test_the_refusal_of_an_unknown_argument_of_track_names_a_similar_one(case: str) -> None:
     given, words = ARGUMENTS[case]
     with pytest.raises(TypeError, match=re.escape(words)):
         ts.track(np.zeros((2, 50, 50), np.float32), **given)
 
 
-def test_so_it_is_for_pairs() -> None:
+def test_the_refusal_of_an_unknown_argument_of_correlate_names_a_similar_one() -> None:
     with pytest.raises(TypeError, match=r"correlate has no argument 'starts': did you mean start\?"):
         ts.correlate(np.zeros((50, 50)), np.zeros((50, 50)), (25, 25, 10), starts=None)

@@ -1,4 +1,4 @@
-"""One description of each setting: text, TOML and options are read by it, and refused by its name."""
+"""Descriptions of settings, from which text, TOML and options are read and refused."""
 
 import argparse
 import dataclasses
@@ -62,12 +62,12 @@ def test_text_toml_and_option_give_the_same_value(name: str, tmp_path: Path) -> 
         ("ignore", [3], "ignore = [3]: expected a mask image or a polygon"),
     ],
 )
-def test_a_toml_value_of_another_kind_is_refused_with_what_to_write(name: str, value: object, said: str) -> None:
+def test_the_refusal_of_a_toml_value_states_a_valid_form(name: str, value: object, said: str) -> None:
     with pytest.raises(ValueError, match=re.escape(said)):
         SETTINGS[name].from_toml(value)
 
 
-def test_a_key_that_is_no_setting_is_refused_with_those_that_are() -> None:
+def test_the_refusal_of_an_unknown_key_lists_the_settings() -> None:
     assert find(SETTINGS, "mm-per-px").name == "mm_per_px"
     with pytest.raises(ValueError, match=r"'speed' is no setting; expected one of circle, .*window"):
         find(SETTINGS, "speed")

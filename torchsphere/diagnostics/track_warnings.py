@@ -16,7 +16,7 @@ from torchsphere.estimation.savitzky_golay import runs
 from torchsphere.recording import Recording
 from torchsphere.request import Request
 from torchsphere.results import writer
-from torchsphere.settings.limits import implausible, option
+from torchsphere.settings.limits import option_name, unit_warnings
 from torchsphere.tracking import edge_leakage
 from torchsphere.tracking.steady_error import ROTATION_PER_STEP
 from torchsphere.tracking.track import Track
@@ -141,14 +141,14 @@ def _circle_warnings(recording: Recording, track: Track, start: int) -> list[str
 def _scale_warnings(request: Request, track: Track) -> list[str]:
     """A scale or a mass that may have been meant in another unit, and an uncertainty that is not known."""
     if request.diameter_mm is not None:
-        given = f"{option('diameter_mm')} {request.diameter_mm:g}"
-        return [*implausible(request.diameter_mm, request.mass_g, given)]
+        given = f"{option_name('diameter_mm')} {request.diameter_mm:g}"
+        return [*unit_warnings(request.diameter_mm, request.mass_g, given)]
     if request.mm_per_px is None:
         return []
-    given = f"{option('mm_per_px')} {request.mm_per_px:g}"
+    given = f"{option_name('mm_per_px')} {request.mm_per_px:g}"
     return [
         "The scale was given and taken as exact; its uncertainty is not included.",
-        *implausible(2 * track.circle.radius * request.mm_per_px, request.mass_g, given),
+        *unit_warnings(2 * track.circle.radius * request.mm_per_px, request.mass_g, given),
     ]
 
 

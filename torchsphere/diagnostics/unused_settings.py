@@ -5,7 +5,7 @@ from __future__ import annotations
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.request import IMPACT, KINEMATICS, POLYNOMIALS, SETTINGS, Request
-from torchsphere.settings.limits import option
+from torchsphere.settings.limits import option_name
 from torchsphere.settings.setting import Group
 
 
@@ -49,4 +49,4 @@ def _given(request: Request, *groups: Group) -> list[str]:
 
 
 def _told(names: list[str], reason: str) -> tuple[str, ...]:
-    return (f"Given and not used: {', '.join(map(option, names))}, as {reason}.",) if names else ()
+    return (f"Given and not used: {', '.join(map(option_name, names))}, as {reason}.",) if names else ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from torchsphere.settings.limits import positive
+from torchsphere.settings.limits import as_positive
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,11 @@ def ball(
     -----
     ``2/5 m R^2``, and ``2/5 m (R^5 - r^5) / (R^3 - r^3)`` for a shell between the radii r and R.
     """
-    positive("mass_kg", mass_kg)
-    positive("diameter_m", diameter_m)
+    as_positive("mass_kg", mass_kg)
+    as_positive("diameter_m", diameter_m)
     for name, value in (("shell_m", shell_m), ("inertia_kg_m2", inertia_kg_m2)):
         if value is not None:
-            positive(name, value)
+            as_positive(name, value)
     if shell_m is not None and inertia_kg_m2 is not None:
         raise ValueError("ball: shell_m and inertia_kg_m2 were both given; give one of them")
     radius = diameter_m / 2

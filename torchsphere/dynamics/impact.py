@@ -31,7 +31,7 @@ from torchsphere.dynamics.rebound import (
     surface_angle,
     tangential,
 )
-from torchsphere.settings.limits import number
+from torchsphere.settings.limits import as_float
 
 Array = NDArray[np.float64]
 Quantity = Callable[[Rebound], Array]
@@ -114,7 +114,7 @@ def impact(
     ValueError
         If the normal is not finite, or the motion is no `Kinematics`.
     """
-    if normal_deg is not None and not math.isfinite(number(normal_deg)):
+    if normal_deg is not None and not math.isfinite(as_float(normal_deg)):
         raise ValueError(f"normal_deg = {normal_deg!r}: expected a finite angle in degrees")
     if motion is None:
         return None, "Frame rate or scale are not known, so no impact can be stated; give both."

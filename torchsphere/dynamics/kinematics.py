@@ -17,7 +17,7 @@ from torchsphere.dynamics.scale import scale
 from torchsphere.dynamics.si_units import Draws, Kinematics, Units, in_si_units
 from torchsphere.estimation.rates import polynomials, smoothed
 from torchsphere.settings.choices import METHODS, ORDER, WINDOW
-from torchsphere.settings.limits import FRAME_RATES, number, positive
+from torchsphere.settings.limits import FRAME_RATES, as_float, as_positive
 from torchsphere.tracking.track import Track
 
 __all__ = ["Draws", "Kinematics", "kinematics", "kinematics_of_many"]
@@ -146,7 +146,7 @@ def _frame_rate(frame_rate: float | None) -> float:
     """The frame rate as a number; `Recording.frame_rate` is None if the file does not state it."""
     if frame_rate is None:
         raise ValueError("frame_rate = None: the recording does not tell it; give the camera's, frames per second")
-    rate = positive("frame_rate", frame_rate)
+    rate = as_positive("frame_rate", frame_rate)
     if not FRAME_RATES[0] <= rate <= FRAME_RATES[1]:
         raise ValueError(
             f"frame_rate = {frame_rate!r}: expected {FRAME_RATES[0]:g} to {FRAME_RATES[1]:g} frames per second"
@@ -155,13 +155,13 @@ def _frame_rate(frame_rate: float | None) -> float:
 
 
 def _mass(mass_kg: float | None) -> float | None:
-    return None if mass_kg is None else positive("mass_kg", mass_kg)
+    return None if mass_kg is None else as_positive("mass_kg", mass_kg)
 
 
 def _times(track: Track, frame_rate: float, first_frame: int, times_s: Array | None) -> Array:
     """Times of the frames (n,), in frames."""
     n = len(track.status)
-    if not math.isfinite(number(first_frame)):
+    if not math.isfinite(as_float(first_frame)):
         raise ValueError(f"first_frame = {first_frame!r}: expected the number of a frame")
     if times_s is None:
         return first_frame + np.arange(float(n))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from torchsphere.geometry.circle import Circle
-from torchsphere.settings.limits import number, positive
+from torchsphere.settings.limits import as_float, as_positive
 
 #: From the camera frame (y down, z away from the camera) to the lab frame (y up, z towards the camera).
 LAB_AXES = np.diag([1.0, -1.0, -1.0])
@@ -43,13 +43,13 @@ def scale(
     ValueError
         Unless exactly one of diameter and pixel size is given, finite and positive, and ``relative_sd`` is in [0, 1).
     """
-    relative = number(relative_sd)
+    relative = as_float(relative_sd)
     if not 0 <= relative < 1:
         raise ValueError(f"relative_sd_scale = {relative_sd!r}: expected a share from 0 to below 1")
     if (diameter_m is None) == (m_per_px is None):
         raise ValueError("scale: give either the ball's diameter or the size of a pixel")
     name, given = ("diameter_m", diameter_m) if m_per_px is None else ("m_per_px", m_per_px)
-    length = positive(name, given, "a finite, positive length in m")
+    length = as_positive(name, given, "a finite, positive length in m")
     if m_per_px is not None:
         size, sd, origin = length, 0.0, "given" if relative else "given, taken as exact"
     else:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from torchsphere.settings.limits import number, positive
+from torchsphere.settings.limits import as_float, as_positive
 
 #: Steps that invert the distortion; each gains about two digits at the corners of usual lenses.
 INVERSION_STEPS = 12
@@ -51,14 +51,14 @@ class Camera:
         if (self.focal_px is None) == (self.distance_radii is None):
             raise ValueError("camera: give either the focal length in px or the ball's distance in radii, not both")
         if self.focal_px is not None:
-            positive("camera: focal_px", self.focal_px, "a finite, positive number of px")
-        if self.distance_radii is not None and not 1 < number(self.distance_radii) < math.inf:
+            as_positive("camera: focal_px", self.focal_px, "a finite, positive number of px")
+        if self.distance_radii is not None and not 1 < as_float(self.distance_radii) < math.inf:
             raise ValueError(f"camera: distance_radii = {self.distance_radii!r}: expected a number above 1")
         for name, count in (("principal_px", 2), ("distortion", 3)):
             values: Any = getattr(self, name)
             if values is None:
                 continue
-            found = tuple(map(number, values)) if isinstance(values, Iterable) else ()
+            found = tuple(map(as_float, values)) if isinstance(values, Iterable) else ()
             if not (len(found) == count and all(map(math.isfinite, found))):
                 raise ValueError(f"camera: {name} = {values!r}: expected {count} finite numbers")
             # A tuple, since calibration programs give arrays, which cannot be compared.

@@ -1,1 +1,1 @@
-"""What a setting may be, and how an invalid value is refused."""
+"""Settings: valid values, and refusals of invalid values."""

@@ -1,4 +1,4 @@
-"""Checks of arrays and numbers that come from outside, each with one sentence on what is wrong."""
+"""Checks of the user's arrays and numbers; each refusal is one sentence."""
 
 from __future__ import annotations
 
@@ -12,41 +12,37 @@ from torch import Tensor
 
 
 def as_images(images: Any, name: str = "images") -> Tensor:
-    """Images as a tensor (n, h, w); float64 stays, everything else becomes float32.
-
-    Raises
-    ------
-    ValueError
-        If the array is not of numbers, has not two or three axes, or some of its values are masked.
-    """
+    """Images (n, h, w) or (h, w) as a tensor (n, h, w); float64 stays, other types become float32."""
     _require_unmasked(
-        images, name, "plain grey levels: give its `data`, and as `ignore` (h, w) what is masked in any of the images"
+        images,
+        name,
+        "plain grey levels: give its `data`, and as `ignore` (h, w) the pixels that are masked in any image",
     )
     try:
         tensor = images.detach() if isinstance(images, Tensor) else torch.from_numpy(_native(np.asarray(images)))
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name}: expected an array (n, h, w) of grey levels, got {_instead(images)}") from error
+        raise ValueError(f"{name}: expected an array (n, h, w) of grey levels, got {_describe(images)}") from error
     if tensor.is_complex() or tensor.ndim not in (2, 3) or 0 in tensor.shape:
         raise ValueError(f"{name}: expected real grey levels (n, h, w) or (h, w), got shape {tuple(tensor.shape)}")
     tensor = tensor if tensor.ndim == 3 else tensor[None]
     return tensor if tensor.dtype == torch.float64 else tensor.float()
 
 
-def _instead(images: Any) -> str:
-    """What came in place of images, in words, and what to do."""
+def _describe(images: Any) -> str:
+    """The type of an object in place of images, and a hint."""
     if isinstance(images, (str, Path)):
         hint = f"; open the file with torchsphere.open_recording({str(images)!r}) first"
     elif isinstance(images, np.ndarray):
         hint = f" of type {images.dtype}"
     elif hasattr(images, "images"):
-        hint = "; give what its images(start, stop) returns"
+        hint = "; give the result of its images(start, stop)"
     else:
         hint = ""
     return f"{type(images).__name__}{hint}"
 
 
 def _require_unmasked(values: Any, name: str, expected: str) -> None:
-    """Raise ValueError where values of a NumPy masked array, or of one in a list, are masked: torch knows no masks."""
+    """Raise ValueError for masked values of a NumPy array, or of an array in a list, as torch has no masks."""
     parts = values if isinstance(values, (list, tuple)) else [values]
     masked = sum(int(np.ma.getmaskarray(part).sum()) for part in parts if isinstance(part, np.ma.MaskedArray))
     if masked:
@@ -54,69 +50,51 @@ def _require_unmasked(values: Any, name: str, expected: str) -> None:
 
 
 def _native(array: np.ndarray) -> np.ndarray:
-    """The array in a type that torch knows: unsigned 16 and 32 bit and foreign byte orders are widened."""
+    """The array in a type of torch: float32 for unsigned 16 and 32 bit and for foreign byte orders."""
     if array.dtype.kind not in "buif":
         raise ValueError(f"no numbers: {array.dtype}")
     if not array.flags.writeable or min(array.strides, default=0) < 0:
-        # Torch cannot share memory that it must not write to, or that runs backwards.
+        # Torch cannot share read-only memory or negative strides.
         array = array.copy()
     return array if array.dtype in (np.float64, np.float32, np.uint8) else array.astype(np.float32)
 
 
 def as_mask(mask: Any, images: Tensor) -> Tensor:
-    """Boolean mask (h, w) on the images' device.
-
-    Raises
-    ------
-    ValueError
-        If it is not of numbers, its shape is not that of one image, some of its values are masked, or it leaves
-        nothing of the images.
-    """
-    _require_unmasked(mask, "ignore", "True where images are not to be used: give its `mask` alone, or `filled(True)`")
+    """Boolean mask (h, w) on the images' device; raises ValueError if no pixel is left."""
+    _require_unmasked(mask, "ignore", "True for ignored pixels: give its `mask` alone, or `filled(True)`")
     try:
         tensor = mask.detach() if isinstance(mask, Tensor) else torch.from_numpy(_native(np.asarray(mask)))
     except (TypeError, ValueError) as error:
         raise ValueError(
-            f"ignore: expected an array (h, w), True where images are not to be used, got {type(mask).__name__}"
+            f"ignore: expected an array (h, w), True for ignored pixels, got {type(mask).__name__}"
         ) from error
     if tuple(tensor.shape) != tuple(images.shape[-2:]):
         expected = tuple(images.shape[-2:])
         raise ValueError(f"ignore: expected a mask of the image's shape (h, w) = {expected}, got {tuple(tensor.shape)}")
     if bool(tensor.isnan().any()):
-        raise ValueError("ignore: holds NaN; expected True where images are not to be used, and False elsewhere")
+        raise ValueError("ignore: holds NaN; expected True for ignored pixels, and False elsewhere")
     ignored = tensor.to(images.device) != 0
     if bool(ignored.all()):
-        raise ValueError("ignore: leaves nothing of the images; True is where they are not to be used")
+        raise ValueError("ignore: leaves nothing of the images; True means ignored")
     return ignored
 
 
 def as_rows(values: Any, n: int, k: int, name: str) -> Tensor:
-    """Numbers as float64 rows (n, k) on the CPU, from (k,) for all rows or (n, k).
-
-    Raises
-    ------
-    ValueError
-        If it is not of numbers, or the shape is another.
-    """
+    """Numbers as float64 rows (n, k) on the CPU, from (k,) for all rows or (n, k)."""
+    expected = f"{name}: expected {k} numbers, or one row of {k} for each of {n} pairs"
     try:
-        # Torch cannot share memory that runs backwards.
+        # Torch cannot share memory with negative strides.
         forwards = np.ascontiguousarray(values) if isinstance(values, np.ndarray) else values
         tensor = torch.as_tensor(forwards, dtype=torch.float64, device="cpu")
     except (TypeError, ValueError, RuntimeError) as error:
-        raise ValueError(
-            f"{name}: expected {k} numbers, or one row of {k} for each of {n} pairs, got {values!r}"
-        ) from error
+        raise ValueError(f"{expected}, got {values!r}") from error
     if tuple(tensor.shape) not in ((k,), (1, k), (n, k)):
-        raise ValueError(f"{name}: expected {k} numbers, or one row of {k} for each of {n} pairs, got {_shape(tensor)}")
+        raise ValueError(f"{expected}, got an array of shape {tuple(tensor.shape)}")
     return tensor.expand(n, k)
 
 
-def _shape(tensor: Tensor) -> str:
-    return f"an array of shape {tuple(tensor.shape)}"
-
-
 def check_circle(circles: Tensor, shape: tuple[int, ...] | torch.Size) -> None:
-    """Raise ValueError unless all circles (n, 3) are finite, of one radius of 3 px or more, centred in the image."""
+    """Raise ValueError unless all circles (n, 3) are finite, centred in the image (h, w), of one radius >= 3 px."""
     height, width = shape
     for x, y, radius in circles.tolist():
         if not all(map(math.isfinite, (x, y, radius))):
@@ -134,10 +112,10 @@ def check_circle(circles: Tensor, shape: tuple[int, ...] | torch.Size) -> None:
 
 
 def check_finite_around(image: Tensor, x: float, y: float, reach: float) -> None:
-    """Raise ValueError where a pixel of ``image`` (h, w) within ``reach`` of the circle's centre, px, is no number."""
+    """Raise ValueError unless all pixels of ``image`` (h, w) within ``reach`` (px) of the centre are finite."""
     left, right, top, bottom = (max(math.floor(v), 0) for v in (x - reach, x + reach, y - reach, y + reach))
     if not bool(image[top : bottom + 1, left : right + 1].isfinite().all()):
         raise ValueError(
             f"the image holds values near the circle at ({x:g}, {y:g}) that are not finite, so that no outline can be "
-            "fitted to it: replace them, or track with the circle as given"
+            "fitted: replace the values, or track with the circle as given"
         )

@@ -1,7 +1,4 @@
-"""What a setting may be, and the refusal of one that may not: by its name in Python, or as the option typed.
-
-Whether a ball's diameter and mass may be meant as they were given: 0.03 for 30 mm is taken, and said to be odd.
-"""
+"""Limits of settings, and refusals, which name a setting as in Python or as an option of the command line."""
 
 from __future__ import annotations
 
@@ -12,17 +9,17 @@ from collections.abc import Callable, Sequence
 from numbers import Integral, Real
 from typing import Any
 
-#: Radius of the region of interest over the ball's.
+#: Smallest and largest radius of the region of interest, shares of the ball's radius (docs/constants.md).
 ROI = (0.1, 1.0)
 
-#: Frames per second that a recording may have: from a day's growth to light in flight.
+#: Lowest and highest frame rate, 1/s (docs/constants.md).
 FRAME_RATES = (1e-6, 1e13)
 
 
 class SettingError(ValueError):
-    """A refusal in one sentence, in which the names of settings stand between backticks: "`mass_g` = -3: expected ...".
+    """A refusal in one sentence with names of settings in backticks: "`mass_g` = -3: expected ...".
 
-    The text of the error has them without, as they are called in Python.
+    The text of the error has the names as in Python, without backticks.
     """
 
     def __init__(self, sentence: str) -> None:
@@ -31,11 +28,11 @@ class SettingError(ValueError):
 
     def as_options(self) -> str:
         """The sentence with the names as options of the command line: "--mass-g -3: expected ..."."""
-        return re.sub(r"`(\w+)`(?: =)?", lambda match: option(match[1]), self._sentence)
+        return re.sub(r"`(\w+)`(?: =)?", lambda match: option_name(match[1]), self._sentence)
 
 
-def option(name: str) -> str:
-    """What a setting is called on the command line."""
+def option_name(name: str) -> str:
+    """The name of a setting on the command line."""
     return f"--{name.replace('_', '-')}"
 
 
@@ -61,12 +58,12 @@ def require_within(name: str, value: Any, limits: tuple[float, float]) -> None:
 
 
 def within(limits: tuple[float, float]) -> Callable[[str, Any], None]:
-    """`require_within` with the limits given."""
+    """A check that raises SettingError unless the value is a number within the limits."""
     return functools.partial(require_within, limits=limits)
 
 
 def require_one_of(names: Sequence[str]) -> Callable[[str, Any], None]:
-    """A check that raises SettingError unless the value is one of some names."""
+    """A check that raises SettingError unless the value is one of the names."""
 
     def require(name: str, value: Any) -> None:
         if value not in names:
@@ -76,13 +73,13 @@ def require_one_of(names: Sequence[str]) -> Callable[[str, Any], None]:
 
 
 def require_switch(name: str, value: Any, allowed: str = "True or False") -> None:
-    """Raise SettingError where the value of something that is on or off is a text: "off", too, would count as true."""
+    """Raise SettingError for a text in place of a switch, as even the text "off" is true."""
     if isinstance(value, str):
         raise SettingError(f"`{name}` = {value!r}: expected {allowed}")
 
 
-def number(value: Any) -> float:
-    """The value as a float; NaN, which no check of a range lets pass, where it is a text or no single number."""
+def as_float(value: Any) -> float:
+    """The value as a float; NaN, which fails every check of a range, for a text or several numbers."""
     if isinstance(value, (str, bytes)):
         return math.nan
     try:
@@ -91,9 +88,9 @@ def number(value: Any) -> float:
         return math.nan
 
 
-def positive(name: str, value: Any, expected: str = "a finite, positive number") -> float:
+def as_positive(name: str, value: Any, expected: str = "a finite, positive number") -> float:
     """The value as a float; ValueError unless it is finite and positive."""
-    found = number(value)
+    found = as_float(value)
     if not (math.isfinite(found) and found > 0):
         raise ValueError(f"{name} = {value!r}: expected {expected}")
     return found
@@ -105,7 +102,7 @@ def is_whole(value: Any) -> bool:
 
 
 def require_window(window: int, order: int) -> None:
-    """Raise SettingError unless local polynomials of that order can be fitted to so many frames around each frame."""
+    """Raise SettingError unless local polynomials of this order fit a window of frames."""
     if not (is_whole(window) and is_whole(order)) or window % 2 == 0 or order < 2 or window <= order:
         raise SettingError(
             f"`window` = {window!r} with `order` = {order!r}: expected an order of 2 or more and an odd window longer "
@@ -113,29 +110,22 @@ def require_window(window: int, order: int) -> None:
         )
 
 
-#: Diameters that a filmed ball may have, mm: from coarse shot for peening to a boulder.
+#: Plausible diameters of a ball, mm (docs/constants.md).
 DIAMETERS_MM = (0.5, 2000.0)
 
-#: Mean densities that a ball may have, kg/m3: a foam ball has 15 and a table tennis ball 80; osmium has 22,600.
+#: Plausible mean densities of a ball, kg/m3 (docs/constants.md).
 DENSITIES_KG_M3 = (8.0, 23_000.0)
 
 
-def implausible(diameter_mm: float, mass_g: float | None, scale: str) -> tuple[str, ...]:
-    """One sentence where a ball of that diameter or mass is likely to be one in another unit; none where it is not.
-
-    ``scale`` is what the diameter comes from, as it was given: "--diameter-mm 30".
-    """
+def unit_warnings(diameter_mm: float, mass_g: float | None, scale: str) -> tuple[str, ...]:
+    """A warning if the diameter or the mass is likely in another unit; ``scale`` is the option of the diameter."""
     given = f"{diameter_mm:.3g} mm by {scale}"
-    low, high = DIAMETERS_MM
-    if not low <= diameter_mm <= high:
-        return (f"The ball's diameter is {given}, which is implausible: see that the unit is mm, as it was taken so.",)
-    if mass_g is None:
-        return ()
-    density = 1e-3 * mass_g / (math.pi / 6 * (1e-3 * diameter_mm) ** 3)
-    low, high = DENSITIES_KG_M3
-    if low <= density <= high:
+    if not DIAMETERS_MM[0] <= diameter_mm <= DIAMETERS_MM[1]:
+        return (f"The ball's diameter is {given}, which is implausible: check that the unit is mm.",)
+    density = None if mass_g is None else 1e-3 * mass_g / (math.pi / 6 * (1e-3 * diameter_mm) ** 3)
+    if density is None or DENSITIES_KG_M3[0] <= density <= DENSITIES_KG_M3[1]:
         return ()
     return (
         f"The ball's diameter is {given} and its mass {mass_g:g} g by --mass-g {mass_g:g}, which makes {density:.2g} "
-        "kg/m3 and is implausible: see that the units are mm and g, as they were taken so.",
+        "kg/m3 and is implausible: check that the units are mm and g.",
     )

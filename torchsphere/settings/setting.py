@@ -24,13 +24,13 @@ _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0"
 
 @dataclass(frozen=True)
 class Kind:
-    """How values of a setting are read."""
+    """The type of a setting: how values are read from text and from TOML."""
 
     read: Callable[[str], Any]  # text -> value; ValueError or KeyError for text of another kind
-    expected: str  # what the text must be, in words
-    in_toml: str  # how the value is written in a TOML file, in words
-    toml_types: tuple[type, ...]  # what TOML makes of it
-    names: tuple[str, ...] = ()  # the values that there are, where the value is one of several names
+    expected: str  # the valid text, in words
+    in_toml: str  # the form in a TOML file, in words
+    toml_types: tuple[type, ...]  # types that TOML gives
+    names: tuple[str, ...] = ()  # the valid names, for a choice
 
 
 def _number(text: str) -> float:
@@ -89,18 +89,17 @@ class Group:
 
 @dataclass(frozen=True)
 class Setting:
-    """What a setting is; ``name`` and ``default`` are filled in from its field by `settings_of`."""
+    """The description of a setting; `settings_of` sets ``name`` and ``default`` from the field."""
 
     kind: Kind
     group: Group
-    metavar: str  # what stands for the value in ``--help``; empty for a switch
-    # one line, with the unit, and in brackets what is taken by default where the field's default does not tell
-    help: str
-    # ``check(name, value)`` raises SettingError where the value is out of its range; it is not called with None
+    metavar: str  # placeholder of the value in ``--help``; empty for a switch
+    help: str  # one line with the unit, and in brackets a default that the field does not state
+    # check(name, value) raises SettingError for a value out of range; None is not checked
     check: Callable[[str, Any], None] | None = None
-    flag: str = ""  # option of a switch, where it is not ``--name``
+    flag: str = ""  # option of a switch, if other than ``--name``
     per_recording: bool = True  # whether a manifest may give it for one recording
-    repeats: bool = False  # whether the option may be given several times; the value is then a list
+    repeats: bool = False  # whether the option may be given several times, as a list
     name: str = ""
     default: Any = None
 
@@ -117,7 +116,7 @@ class Setting:
         return f"{self.help} ({default})" if has_default else self.help
 
     def from_text(self, text: str) -> Any:
-        """The value from a cell or an option; SettingError where the text is of another kind."""
+        """The value of a cell or an option; SettingError for an invalid text."""
         try:
             value = self.kind.read(text.strip())
             return [value] if self.repeats else value
@@ -125,14 +124,14 @@ class Setting:
             raise SettingError(f"`{self.name}` = {text.strip()!r}: expected {self._expected(text)}") from None
 
     def _expected(self, text: str) -> str:
-        """What the text must be, and a word on decimal commas; between several numbers a comma may part them."""
+        """The valid text, with a hint on decimal commas; a comma may also separate several numbers."""
         several = self.kind.toml_types == (list,) and re.search(r"[;\s]", text.strip()) is not None
         if "," in text and (several or self.kind is NUMBER):
             return f"{self.kind.expected}; the decimal sign is a point"
         return self.kind.expected
 
     def from_toml(self, value: Any) -> Any:
-        """The value from a value of TOML; SettingError where it is of another kind."""
+        """The value of a TOML value; SettingError for an invalid value."""
         with contextlib.suppress(ValueError, KeyError):
             if not self.repeats:
                 return self._read_toml(value)
@@ -148,7 +147,7 @@ class Setting:
 
 
 def settings_of(described: type) -> dict[str, Setting]:
-    """The settings of a dataclass by the names of its fields; fields without a `Setting` are left out."""
+    """The settings of a dataclass by field name, without fields that have no `Setting`."""
     hints = get_type_hints(described, include_extras=True)
     found = {}
     for field in dataclasses.fields(described):
@@ -160,7 +159,7 @@ def settings_of(described: type) -> dict[str, Setting]:
 
 
 def check_ranges(values: object, settings: Mapping[str, Setting]) -> None:
-    """Raise SettingError where a field of ``values`` is out of its range, whether it comes to use or not."""
+    """Raise SettingError for any field of ``values`` out of its range, even if the field is not used."""
     for name, setting in settings.items():
         value = getattr(values, name)
         if setting.check is not None and value is not None:
@@ -168,7 +167,7 @@ def check_ranges(values: object, settings: Mapping[str, Setting]) -> None:
 
 
 def find(settings: Mapping[str, Setting], key: str) -> Setting:
-    """The setting of a column or key, which may have hyphens; ValueError where there is none."""
+    """The setting of a column or key, which may have hyphens; ValueError for unknown names."""
     name = key.strip().replace("-", "_")
     if name not in settings:
         hint = f"; write {name[3:]} = false" if name.startswith("no_") and name[3:] in settings else ""
@@ -177,7 +176,7 @@ def find(settings: Mapping[str, Setting], key: str) -> Setting:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a TOML file; ValueError where it is none."""
+    """The tables of a TOML file; ValueError for other files."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -185,13 +184,13 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def from_table(where: str, values: Mapping[str, Any], settings: Mapping[str, Setting]) -> dict[str, Any]:
-    """Settings from a TOML table; ValueError, which begins with ``where``, for an unknown key or a wrong value."""
+    """Settings of a TOML table; a ValueError for an unknown key or an invalid value begins with ``where``."""
     found: dict[str, Any] = {}
     for key, value in values.items():
         try:
             setting = find(settings, key)
             if setting.name in found:
-                raise ValueError(f"{setting.name} stands there twice, with '-' and with '_'; leave one out")
+                raise ValueError(f"{setting.name} is given twice, with '-' and with '_'; leave one out")
             found[setting.name] = setting.from_toml(value)
         except ValueError as error:
             raise ValueError(f"{where}: {error}") from error
