@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -30,7 +31,12 @@ HERE = Path(__file__).parent
 CACHE, FIGURES, OUTPUT, DOCS = HERE / "cache", HERE / "figures", HERE / "output", HERE.parent / "docs"
 TABLES = DOCS / "tables"
 
-#: Style of all figures.
+#: Factors that turn an increment (dx, dy, wx, wy, wz) in px and rad into px and deg.
+PX_DEG = np.array([1, 1, *3 * [180 / math.pi]])
+
+#: Colours that colour-blind readers tell apart (Okabe and Ito), and the style of all figures.
+BLUE, VERMILION, GREEN, ORANGE, SKY, PINK = "#0072B2", "#D55E00", "#009E73", "#E69F00", "#56B4E9", "#CC79A7"
+YELLOW = "#F0E442"
 STYLE = {"axes.grid": True, "grid.alpha": 0.3, "legend.fontsize": 8}
 
 
@@ -45,12 +51,17 @@ class Row:
     holds: bool  #: whether our numbers confirm the claim
 
 
+def key_of(kind: str, settings: Any) -> str:
+    """Name of a file in the cache, by settings that JSON can hold and the version of torchsphere."""
+    text = json.dumps([kind, settings, ts.__version__], sort_keys=True)
+    return f"{kind}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+
 def cached(name: str, settings: Any, measure: Callable[[], Any]) -> Any:
     """The result of ``measure``, from the cache if the same settings and version were measured before."""
-    key = json.dumps([name, settings, ts.__version__], sort_keys=True)
-    path = CACHE / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:16]}.json"
+    path = CACHE / f"{key_of(name, settings)}.json"
     if not path.exists():
-        print(f"measuring {key}", file=sys.stderr, flush=True)
+        print(f"measuring {name} {json.dumps(settings)}", file=sys.stderr, flush=True)
         found = measure()
         CACHE.mkdir(exist_ok=True)
         path.write_text(json.dumps(found))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 import torchsphere as ts
-from experiments.experiment import CACHE, Array
+from experiments.experiment import CACHE, Array, key_of
 from render import preset
 from render.frames import render_frames
 from render.shot import Shot
@@ -62,7 +62,7 @@ class Footage:
         return self.shot.setup.ball.radius_m / self.circle[2]
 
 
-def described(shot: Shot) -> dict[str, Any]:
+def settings_of(shot: Shot) -> dict[str, Any]:
     """All that a shot is made from; a table of motion by the hash of its file instead of its path."""
     whole = preset.table(shot)
     if isinstance(shot.trajectory, Table):
@@ -71,21 +71,15 @@ def described(shot: Shot) -> dict[str, Any]:
     return whole
 
 
-def key_of(kind: str, content: Any) -> str:
-    """Name of a file in the cache for what was made from ``content``, which JSON must be able to hold."""
-    text = json.dumps([kind, content, ts.__version__], sort_keys=True)
-    return f"{kind}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
-
-
 def rendered(shot: Shot) -> Footage:
     """The shot's images, rendered or from the cache."""
-    key = key_of(f"shot-{shot.name}", described(shot))
+    key = key_of(f"shot-{shot.name}", settings_of(shot))
 
     def make() -> dict[str, NDArray[Any]]:
         frames = render_frames(shot.setup, shot.trajectory, shot.times_s)
         return {"images": np.stack(list(tqdm(frames, f"rendering {shot.name}", shot.frames)))}
 
-    return Footage(shot, _kept(key, make)["images"], key)
+    return Footage(shot, _cached_arrays(key, make)["images"], key)
 
 
 def tracked(footage: Footage, circle: Circle | None = None, **options: Any) -> ts.Track:
@@ -100,7 +94,7 @@ def tracked(footage: Footage, circle: Circle | None = None, **options: Any) -> t
         columns["settings"] = np.array(json.dumps(found.settings, default=str))
         return columns
 
-    columns: dict[str, Any] = dict(_kept(key, make))
+    columns: dict[str, Any] = dict(_cached_arrays(key, make))
     circle_found, settings = (json.loads(str(columns.pop(name))) for name in ("circle", "settings"))
     return ts.Track(**columns, circle=ts.Circle(**circle_found), settings=settings)
 
@@ -116,7 +110,7 @@ def rival(footage: Footage, name: str, circle: Circle) -> Baseline:
         settings = np.array(json.dumps(found.settings, default=str))
         return columns | {"seconds": np.array(found.seconds), "settings": settings}
 
-    columns: dict[str, Any] = dict(_kept(key, make))
+    columns: dict[str, Any] = dict(_cached_arrays(key, make))
     seconds, settings = float(columns.pop("seconds")), json.loads(str(columns.pop("settings")))
     return Baseline(**columns, seconds=seconds, settings=settings)
 
@@ -133,7 +127,7 @@ def _bar(text: str, options: dict[str, Any]) -> Iterator[Callable[[int, int], No
         yield advance
 
 
-def _kept(key: str, make: Callable[[], dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
+def _cached_arrays(key: str, make: Callable[[], dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
     """Arrays by name, from the cache where they were made before."""
     path = CACHE / f"{key}.npz"
     if not path.exists():

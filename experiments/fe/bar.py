@@ -31,7 +31,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
-from experiments.experiment import OUTPUT, Array, Row, cached, claims, saved_figure, table
+from experiments.experiment import BLUE, GREEN, ORANGE, OUTPUT, PINK, Array, Row, cached, claims, saved_figure, table
 from experiments.fe.cases import BarCase
 from experiments.fe.read import Motion, force_peaks
 from experiments.fe.run import NotInstalledError, Run, run
@@ -61,7 +61,7 @@ THINNING = 5
 #: Lapses agree within this share: the paper's are differences of frame times, and so known to some 10 us.
 AGREE = 0.1
 
-COLORS = ("#E69F00", "#009E73", "#0072B2", "#CC79A7")
+COLORS = (ORANGE, GREEN, BLUE, PINK)
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def _draw_force(axis: Axes, result: Result) -> None:
 
 def _draw_convergence(axis: Axes, result: Result) -> None:
     sizes = [r.case.size_mm for r in result.runs]
-    axis.plot(sizes, [1e-3 * f.peaks[0].force_N for f in result.forces], "o-", color="#0072B2", label="finite elements")
+    axis.plot(sizes, [1e-3 * f.peaks[0].force_N for f in result.forces], "o-", color=BLUE, label="finite elements")
     axis.axhline(1e-3 * result.beam.peaks[0].force_N, color="black", label="beam model")
     axis.axhline(1e-3 * PAPER_PEAK_N, color="0.6", lw=0.8, ls="--", label="paper: about 60 kN")
     axis.set_xlim(0, None)

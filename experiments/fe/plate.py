@@ -33,7 +33,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
-from experiments.experiment import OUTPUT, Array, Row, claims, saved_figure, table
+from experiments.experiment import BLUE, ORANGE, OUTPUT, Array, Row, claims, saved_figure, table
 from experiments.fe.cases import PlateCase
 from experiments.fe.run import NotInstalledError, Run, run
 
@@ -53,7 +53,7 @@ TOUCHING = 0.02
 #: "Almost no dissipation": the share of the speed along the plate that may be lost.
 ALMOST_NONE = 0.05
 
-COLORS = ("#E69F00", "#0072B2")
+COLORS = (ORANGE, BLUE)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 import torchsphere as ts
-from experiments.experiment import CACHE, Array
+from experiments.experiment import BLUE, CACHE, GREEN, VERMILION, Array
 from experiments.paper.bar.history import History
 from experiments.paper.bar.impact import simulate
 from experiments.paper.bar.setup import Setup
@@ -38,7 +38,7 @@ BEHIND_M = 0.012
 MARGIN_S = 20e-6
 
 #: Colours of the model, of torchsphere, of its smoother, and of translations alone.
-MODEL, OURS, SMOOTH, TRANSLATION = "#009E73", "black", "#0072B2", "#D55E00"
+MODEL, OURS, SMOOTH, TRANSLATION = GREEN, "black", BLUE, VERMILION
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,19 @@ import numpy as np
 from tqdm import tqdm
 
 import torchsphere as ts
-from experiments.experiment import FIGURES, Array, Row, cached, claims, saved_figure, table
+from experiments.experiment import (
+    BLUE,
+    FIGURES,
+    GREEN,
+    ORANGE,
+    VERMILION,
+    Array,
+    Row,
+    cached,
+    claims,
+    saved_figure,
+    table,
+)
 from experiments.paper.still_ball import (
     MARGIN_PX,
     RADIUS_PX,
@@ -66,7 +78,7 @@ WAYS: dict[str, dict[str, Any]] = {
     TRANSLATION + SHARP: {"model": "translation", "roi": 1.0, "pre_blur": 0.0},
     PRINTED + SHARP: {"model": "published", "roi": 1.0, "pre_blur": 0.0},
 }
-COLORS = {TRANSLATION: "#D55E00", PRINTED: "#009E73", INNER: "#E69F00", RIGID: "#0072B2"}
+COLORS = {TRANSLATION: VERMILION, PRINTED: GREEN, INNER: ORANGE, RIGID: BLUE}
 
 #: Images by how the ball is moved in them: by a model's field, or truly.
 BY_PRINTED, BY_RIGID, RENDERED = "advected by the printed modes", "advected by the rigid rotation", "rendered"
@@ -133,7 +145,7 @@ def _measure(kind: str, cases: list[Case]) -> dict[str, list[list[list[list[floa
     return {way: [[case[way] for case in pattern] for pattern in found] for way in WAYS}
 
 
-def _cached(kind: str, cases: list[Case]) -> Errors:
+def _cached_errors(kind: str, cases: list[Case]) -> Errors:
     settings = [kind, cases, PATTERNS, SHIFTS_PX.tolist(), WAYS, SPECKLE_PX, SAMPLES, MARGIN_PX]
     raw = cached("fig02", settings, lambda: _measure(kind, cases))
     return {way: np.array(errors) for way, errors in raw.items()}
@@ -143,8 +155,8 @@ def compute() -> Result:
     """Errors by kind of images, over the rotation and over the radius."""
     turns, sizes = [(RADIUS_PX, angle) for angle in ANGLES_DEG], [(radius, 0.0) for radius in RADII_PX]
     return Result(
-        rotation={kind: _cached(kind, turns) for kind in (BY_PRINTED, BY_RIGID, RENDERED)},
-        radius={kind: _cached(kind, sizes) for kind in (BY_PRINTED, RENDERED)},
+        rotation={kind: _cached_errors(kind, turns) for kind in (BY_PRINTED, BY_RIGID, RENDERED)},
+        radius={kind: _cached_errors(kind, sizes) for kind in (BY_PRINTED, RENDERED)},
     )
 
 

@@ -28,7 +28,20 @@ from scipy import ndimage
 from tqdm import tqdm
 
 import torchsphere as ts
-from experiments.experiment import FIGURES, Array, Row, cached, claims, saved_figure, table
+from experiments.experiment import (
+    BLUE,
+    FIGURES,
+    GREEN,
+    ORANGE,
+    SKY,
+    VERMILION,
+    Array,
+    Row,
+    cached,
+    claims,
+    saved_figure,
+    table,
+)
 from experiments.paper.still_ball import RADIUS_PX, SAMPLES, SHIFTS_PX, Circle, ball, rendered
 
 PATTERNS = (0, 1)
@@ -52,7 +65,7 @@ INTERPOLATIONS = {
     "no pre-blur, 8 bit": (0.0, True, False),
     "no pre-blur, 8 bit, moved by a spline": (0.0, True, True),
 }
-COLORS = ("#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#009E73")
+COLORS = (BLUE, SKY, VERMILION, ORANGE, GREEN)
 
 
 @dataclass(frozen=True)
@@ -101,7 +114,7 @@ def box_blurred(image: Array, blur_px: int) -> Array:
     return np.asarray(ndimage.convolve1d(image, kernel / kernel.sum(), axis=-1, mode="nearest"))
 
 
-def _x(f: Array, g: Array, circle: Circle, pre_blur: float = 1.0) -> Array:
+def _measured_x(f: Array, g: Array, circle: Circle, pre_blur: float = 1.0) -> Array:
     """Measured motion along x (n,) of n pairs, NaN where there is none."""
     pairs = ts.correlate(
         np.broadcast_to(f, g.shape).astype(np.float32), g.astype(np.float32), circle, pre_blur=pre_blur
@@ -125,7 +138,7 @@ def _noise_errors(light: Array, circle: Circle, kind: str, rng: np.random.Genera
                 f, g = _grey(still + drawn[0]), _grey(still + drawn[1])
             else:
                 f, g = _grey(still)[None], _grey(still + box_blurred(drawn[1], blur_px))
-            per_noise.append(_x(f, g, circle).tolist())
+            per_noise.append(_measured_x(f, g, circle).tolist())
         found.append(per_noise)
     return found
 
@@ -141,7 +154,7 @@ def _interpolation_errors(light: Array, circle: Circle, kind: str) -> list[Any]:
         else:
             g = np.stack([blurred(light, blur_px, step) for step in range(STEPS_PER_PX)])
         g = _grey(g) if whole_grey else g
-        found.append((_x(g[0], g, circle, pre_blur) - SHIFTS_PX).tolist())
+        found.append((_measured_x(g[0], g, circle, pre_blur) - SHIFTS_PX).tolist())
     return found
 
 

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 from matplotlib.axes import Axes
 
-from experiments.experiment import FIGURES, Row, claims, saved_figure
+from experiments.experiment import BLUE, FIGURES, VERMILION, Row, claims, saved_figure
 from experiments.paper.table1 import PAPER, SPACING_M, Shot, compute
 
 SHOWN_BAR = 2.8
-FIRST, SECOND = "#0072B2", "#D55E00"
+FIRST, SECOND = BLUE, VERMILION
 #: Standard deviations that count as within the stated uncertainty, and the largest error of the delay allowed.
 WITHIN, ALLOWED_DELAY = 3.0, 0.001
 

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 import torchsphere as ts
-from experiments.experiment import FIGURES, Array, Row, claims, saved_figure
+from experiments.experiment import FIGURES, GREEN, Array, Row, claims, saved_figure
 from experiments.shots import Footage, rendered, tracked
 from render import preset
 from render.trajectory import DropWeight
@@ -136,9 +136,7 @@ def plot(drop: Drop) -> None:
         frames, sd = 1e3 * drop.motion.time_s, drop.motion.sd_acceleration_m_s2[:, 1]
         upwards = drop.motion.acceleration_m_s2[:, 1] + 9.81
         right.plot(1e3 * (drop.sensor_time_s - both.delay_s), signal, color="0.75", lw=0.5, label="accelerometer")
-        right.plot(
-            1e3 * time, 9.81 - shot.trajectory.state(time).acceleration_m_s2[:, 1], color="#009E73", label="true"
-        )
+        right.plot(1e3 * time, 9.81 - shot.trajectory.state(time).acceleration_m_s2[:, 1], color=GREEN, label="true")
         right.errorbar(frames, upwards, sd, fmt=".", color="black", ms=4, lw=0.8, label="images")
         right.set_xlabel("time (ms)")
         right.set_ylabel("acceleration without weight (m/s²)")

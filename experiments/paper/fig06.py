@@ -17,14 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
-from experiments.experiment import FIGURES, Array, Row, claims, saved_figure
+from experiments.experiment import FIGURES, GREEN, Array, Row, claims, saved_figure
 from experiments.paper import table2
 from experiments.paper.flight import FRAME_RATE_HZ, Rates
 from experiments.shots import Footage
 
 TEXTURE = ("background.kind=texture", "background.level=0.3", "background.contrast=0.4")
 BACKGROUNDS = {"uniform": (), "still texture": TEXTURE}
-WAYS = {"Hough, plain ball": ("plain", "#009E73"), "five modes, speckled ball": ("speckle", "black")}
+WAYS = {"Hough, plain ball": ("plain", GREEN), "five modes, speckled ball": ("speckle", "black")}
 #: An error of the velocity beyond this is no scatter: another circle was found, m/s.
 ASTRAY_M_S = 30.0
 

@@ -32,7 +32,7 @@ def errors_px(impact: Impact) -> dict[str, Array]:
     return {"five modes": impact.track.position - true, "translation only": impact.translation_only.position - true}
 
 
-def slow_m_s(impact: Impact) -> float:
+def velocity_error_m_s(impact: Impact) -> float:
     """Error of the velocity along x after the impact by translations alone."""
     part = impact.after()
     steps = impact.translation_only.increment[:, 0] - impact.footage.true("dx_px")[1:, 0]
@@ -46,7 +46,7 @@ def rows(impact: Impact) -> list[Row]:
     ours, lost = error["five modes"], impact.translation_only.status != "ok"
     last = errors_px(impact)["translation only"][-1]
     travel = float(np.ptp(impact.footage.true("x_px")))
-    speed, off = impact.history.velocity_m_s[-1, 0], slow_m_s(impact)
+    speed, off = impact.history.velocity_m_s[-1, 0], velocity_error_m_s(impact)
     return [
         Row(
             "fig08",

@@ -16,11 +16,11 @@ import numpy as np
 from matplotlib.axes import Axes
 
 import torchsphere as ts
-from experiments.experiment import FIGURES, Array, Row, claims, saved_figure
+from experiments.experiment import BLUE, FIGURES, GREEN, VERMILION, Array, Row, claims, saved_figure
 from experiments.paper.bar_shot import BEFORE_S, SMOOTH, Impact, compute, dense, shade
 
 #: By axis: x, y, z.
-COLORS = ("#0072B2", "#D55E00", "#009E73")
+COLORS = (BLUE, VERMILION, GREEN)
 #: Frames next to the contact that are left out of the mean spins, for their rotations reach into it.
 NEXT_TO = 1
 #: Largest error of the spin after the impact, as a share of it.

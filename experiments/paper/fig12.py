@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from experiments.experiment import FIGURES, Array, Row, cached, claims, saved_figure, table
+from experiments.experiment import BLUE, FIGURES, VERMILION, Array, Row, cached, claims, saved_figure, table
 from experiments.paper.bar.beam import free_roots, frequencies_hz, symmetric_shape
 from experiments.paper.bar.history import peaks
 from experiments.paper.bar.impact import simulate
@@ -40,7 +40,7 @@ PARTNER = {1: 2, 3: 1}
 #: Every this many steps of the force are kept.
 THINNING = 5
 
-COLORS = {1: "#0072B2", 3: "#D55E00"}
+COLORS = {1: BLUE, 3: VERMILION}
 
 
 #: Largest deviation that still counts as the paper's own estimate does: its mode 3 is off by 10 %.

@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import torchsphere as ts
-from experiments.experiment import FIGURES, Array, Row, claims, saved_figure
+from experiments.experiment import BLUE, FIGURES, VERMILION, Array, Row, claims, saved_figure
 from experiments.shots import Footage, rendered, tracked
 from render import preset
 from render.trajectory import ObliqueImpact
 
 #: By axis: x, y.
-COLORS = ("#0072B2", "#D55E00")
+COLORS = (BLUE, VERMILION)
 #: Section 6: uncertainty of the force as a share of it. Ours may be as large.
 PAPER_NOISE = 0.10
 #: Largest error of a velocity, as a share of the speed, that still follows the model.

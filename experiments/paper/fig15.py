@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.patches import Circle
 
-from experiments.experiment import FIGURES, Array, Row, claims, saved_figure
+from experiments.experiment import FIGURES, VERMILION, Array, Row, claims, saved_figure
 from experiments.paper.fig14 import Oblique, compute
 
 #: Time in the recording at which the paper shows the circle, s.
@@ -78,7 +78,7 @@ def plot(found: Oblique) -> None:
         for axis, frame in zip(figure.subplots(1, 2), shown, strict=True):
             axis.imshow(found.footage.images[frame], cmap="gray", vmin=0, vmax=180)
             x, y = found.track.position.T
-            axis.plot(x, y, "+", color="#D55E00", ms=5)
+            axis.plot(x, y, "+", color=VERMILION, ms=5)
             axis.add_patch(Circle((x[frame], y[frame]), radius, fill=False, color="white", lw=1))
             axis.set_title(
                 f"{1e3 * found.footage.shot.times_s[frame]:.2f} ms, {100 * share[frame]:.0f} % of the ball hidden",

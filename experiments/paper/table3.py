@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import torchsphere as ts
-from experiments.experiment import FIGURES, Array, Row, claims, saved_figure, table
+from experiments.experiment import BLUE, FIGURES, VERMILION, Array, Row, claims, saved_figure, table
 from experiments.paper.flight import DIAMETER_M, FRAME_RATE_HZ, MASS_KG, Rates, flight, pooled_std
 from experiments.shots import Footage, rendered, rival, tracked
 
@@ -109,7 +109,7 @@ def plot(flights: dict[str, list[Flight]]) -> None:
     """Velocity and force over time, of one shot under each light."""
     with saved_figure(FIGURES / "table3.png", (12, 6)) as figure:
         grid = figure.subplots(2, 2, sharex=True)
-        for name, color in zip(list(VARIANTS)[:2], ("#0072B2", "#D55E00"), strict=True):
+        for name, color in zip(list(VARIANTS)[:2], (BLUE, VERMILION), strict=True):
             one = flights[name][0]
             true = one.true_velocity_m_s.mean(0)
             time_ms = 1e3 * one.footage.shot.times_s

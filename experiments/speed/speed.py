@@ -66,7 +66,7 @@ def _timed(work: Callable[[], Any], pairs: int, rounds: int) -> Timing:
     return Timing(1e3 * min(walls) / pairs, 1e3 * min(cpus) / pairs)
 
 
-def _ours(shot: Shot, n: int, device: str) -> Callable[[], Any]:
+def _torchsphere_work(shot: Shot, n: int, device: str) -> Callable[[], Any]:
     """`ts.correlate` on ``n`` pairs at once, from no motion but the mean step: what a follower expects."""
     images = shot.images[: n + 1].to(device)
     circles = np.column_stack((shot.position[:n], np.full(n, shot.radius)))
@@ -80,7 +80,7 @@ def _ours(shot: Shot, n: int, device: str) -> Callable[[], Any]:
     return work
 
 
-def _theirs(shot: Shot, n: int, way: Callable[[Array, Array, Array], Array]) -> Callable[[], Any]:
+def _rival_work(shot: Shot, n: int, way: Callable[[Array, Array, Array], Array]) -> Callable[[], Any]:
     """A rival on the same pairs, one after the other."""
     images = shot.images[: n + 1].numpy().astype(np.uint8)
     circles = np.column_stack((shot.position[:n], np.full(n, shot.radius)))
@@ -96,12 +96,12 @@ def ways(shot: Shot, n: int, threads: int) -> dict[str, Timing]:
     for count in sorted({1, threads}):
         torch.set_num_threads(count)
         cv2.setNumThreads(count)
-        found[f"torchsphere, {count} thread"] = _timed(_ours(shot, n, "cpu"), n, ROUNDS)
+        found[f"torchsphere, {count} thread"] = _timed(_torchsphere_work(shot, n, "cpu"), n, ROUNDS)
         for name, way in rivals.items():
-            found[f"{name}, {count} thread"] = _timed(_theirs(shot, n, way), n, ROUNDS)
+            found[f"{name}, {count} thread"] = _timed(_rival_work(shot, n, way), n, ROUNDS)
     if torch.cuda.is_available():
         # Its status comes to the CPU, so that the work is done when the call returns.
-        work = _ours(shot, n, "cuda")
+        work = _torchsphere_work(shot, n, "cuda")
         work()
         found["torchsphere, GPU"] = _timed(work, n, ROUNDS)
     return found
@@ -121,7 +121,7 @@ def compute(quick: bool, threads: int) -> dict[str, Any]:
         by_radius[radius] = ways(shot_of(radius, pairs), pairs, threads)
     torch.set_num_threads(1)
     shot = shot_of(50, max(BATCHES))
-    by_batch = {n: _timed(_ours(shot, n, "cpu"), n, ROUNDS) for n in BATCHES}
+    by_batch = {n: _timed(_torchsphere_work(shot, n, "cpu"), n, ROUNDS) for n in BATCHES}
     torch.set_num_threads(threads)
     runs = {}
     for kind, count in FILES:
@@ -167,7 +167,7 @@ def rows(found: dict[str, Any]) -> list[Row]:
     return results
 
 
-def _line(label: str, run: Run) -> list[str]:
+def _recording_cells(label: str, run: Run) -> list[str]:
     stages = (run.import_s, run.open_s, run.circle_s, run.follow_s, run.rest_s)
     cells = [f"{run.wall_s:.1f}", f"{run.frames / run.wall_s:.0f}", *(f"{s:.1f}" for s in stages)]
     return [label, *cells, f"{run.peak_mib:.0f}", str(run.ok)]
@@ -179,8 +179,8 @@ def tables(found: dict[str, Any]) -> list[str]:
     lines = [[name, *(f"{t[name].wall_ms:.2f} ({t[name].cpu_ms:.2f})" for t in times.values())] for name in times[50]]
     by_radius = table(("way", *(f"R = {radius} px" for radius in times)), lines)
     by_batch = table(("pairs at once", "ms"), [(n, f"{t.wall_ms:.2f} ({t.cpu_ms:.2f})") for n, t in batches])
-    runs = [_line(f"{run.frames:,} frames, {FORMATS[kind]}", run) for kind, run in found["files"].items()]
-    runs += [_line(f"{count:,} frames, MRAW", run) for count, run in found["lengths"].items()]
+    runs = [_recording_cells(f"{run.frames:,} frames, {FORMATS[kind]}", run) for kind, run in found["files"].items()]
+    runs += [_recording_cells(f"{count:,} frames, MRAW", run) for count, run in found["lengths"].items()]
     head = ("recording", "s", "frames/s", "load", "open", "find", "follow", "the rest", "peak MiB", "frames ok")
     return [
         f"A pair of images, ms; the processor's time in brackets:\n\n{by_radius}",

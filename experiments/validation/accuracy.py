@@ -38,7 +38,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 import torchsphere as ts
-from experiments.experiment import DOCS, Array, cached, publish, saved_figure, table
+from experiments.experiment import BLUE, DOCS, PX_DEG, VERMILION, Array, cached, publish, saved_figure, table
 from torchsphere.synthetic import ray_caster
 
 TRANSLATION, ROTATION = slice(0, 2), slice(2, 5)
@@ -116,7 +116,7 @@ class Errors:
         """Standard deviation (5,)."""
         return np.nanstd(self.error, axis=(0, 1))
 
-    def honesty(self, k: slice) -> float:
+    def error_ratio(self, k: slice) -> float:
         """Actual error, bias included, over the stated one, of the components ``k``."""
         return float(np.sqrt(np.nanmean(self.error[..., k] ** 2 / self.variance[..., k])))
 
@@ -157,7 +157,7 @@ def make_shot(case: Case, seed: int, behind: Callable[[tuple[int, int]], torch.T
 
 def errors_of(increment: Array, covariance: Array, truth: Array) -> tuple[Array, Array]:
     """Errors and stated variances (n - 1, 5), px and deg."""
-    unit = np.array([1, 1, *3 * [180 / math.pi]])
+    unit = PX_DEG
     return (increment - truth) * unit, np.diagonal(covariance, axis1=1, axis2=2) * unit**2
 
 
@@ -205,7 +205,7 @@ def _draw(axes: Array, values: tuple[float, ...], results: list[Errors], color: 
         axis.plot(values, std, "o" + line, color=color, label=f"{way}: std")
         axis.errorbar(values, bias, error, fmt="s", color=color, mfc="white", capsize=2, label=f"{way}: |bias|")
     for k, marker, name in ((TRANSLATION, "o", "dx, dy"), (slice(2, 4), "^", "wx, wy"), (slice(4, 5), "x", "wz")):
-        axes[2].plot(values, [r.honesty(k) for r in results], marker + line, color=color, label=f"{way}: {name}")
+        axes[2].plot(values, [r.error_ratio(k) for r in results], marker + line, color=color, label=f"{way}: {name}")
 
 
 def plot(results: dict[str, Results]) -> None:
@@ -213,8 +213,8 @@ def plot(results: dict[str, Results]) -> None:
     with saved_figure(DOCS / "accuracy.png", (16, 8.5)) as figure:
         grid = figure.subplots(3, len(SERIES), sharex="col", sharey="row")
         for axes, (name, label, logarithmic, values) in zip(grid.T, SERIES, strict=True):
-            _draw(axes, values, [results["pairs"][name, v] for v in values], "#0072B2", "pairs")
-            _draw(axes, WITH_MAP[name], [results["map"][name, v] for v in WITH_MAP[name]], "#D55E00", "map")
+            _draw(axes, values, [results["pairs"][name, v] for v in values], BLUE, "pairs")
+            _draw(axes, WITH_MAP[name], [results["map"][name, v] for v in WITH_MAP[name]], VERMILION, "map")
             axes[2].axhspan(0.85, 1.15, color="0.9", zorder=0)
             axes[2].set_xlabel(label)
             for axis in axes:
@@ -244,7 +244,7 @@ def cells(found: Errors) -> list[str]:
     for part in (range(2), range(2, 5)):
         text.append(", ".join(f"{bias[k]:+.4f} ± {error[k]:.4f}" for k in part))
         text.append(", ".join(f"{std[k]:.4f}" for k in part))
-    text.append(", ".join(f"{found.honesty(slice(k, k + 1)):.2f}" for k in range(5)))
+    text.append(", ".join(f"{found.error_ratio(slice(k, k + 1)):.2f}" for k in range(5)))
     return text
 
 

@@ -77,7 +77,7 @@ def _cross(v: torch.Tensor) -> torch.Tensor:
     return torch.tensor([[0, -z, y], [z, 0, -x], [-y, x, 0]], dtype=torch.float64)
 
 
-def dangerous(request: Request, progress: None, extra: Mapping[str, Path]) -> None:
+def faulty_measure(request: Request, progress: None, extra: Mapping[str, Path]) -> None:
     """Measure; but die on poison, wait for the killer on what is held, and write down what was measured."""
     mark = request.input.with_suffix(".pid")
     if "poison" in request.input.name:
@@ -96,20 +96,20 @@ def dangerous(request: Request, progress: None, extra: Mapping[str, Path]) -> No
         file.write(f"{request.input.name}\n")
 
 
-def _kill_holder(source: Path) -> None:
+def _kill_waiting_worker(source: Path) -> None:
     while not (marks := list(source.rglob("*.pid"))):
         time.sleep(0.05)
     os.kill(int(marks[0].read_text()), signal.SIGKILL)
 
 
 Engine = Callable[[Iterator[Job]], Iterator[Outcome]]
-OWN: Engine = functools.partial(processes.run, workers=WORKERS, measure=dangerous)
+OWN: Engine = functools.partial(processes.run, workers=WORKERS, measure=faulty_measure)
 
 
 def trial(source: Path, out: Path, engine: Engine, prepare: Callable[[], None] = lambda: None) -> dict[str, Any]:
     """Run over the archive with a worker killed, then once more; ``prepare`` comes before both."""
     began = time.perf_counter()
-    killer = threading.Thread(target=_kill_holder, args=(source,), daemon=True)
+    killer = threading.Thread(target=_kill_waiting_worker, args=(source,), daemon=True)
     killer.start()
     prepare()
     archive = manifest.read(source, COMMON, out)
@@ -154,11 +154,11 @@ def _by_dask(folder: Path, count: int) -> dict[str, Any]:
     with LocalCluster(
         n_workers=WORKERS, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
     ) as cluster:
-        engine = functools.partial(dask_engine.run, address=cluster.scheduler_address, measure=dangerous)
+        engine = functools.partial(dask_engine.run, address=cluster.scheduler_address, measure=faulty_measure)
         return trial(folder / "in", folder / "out", engine)
 
 
-def _parent_killed(folder: Path, count: int) -> dict[str, Any]:
+def _with_parent_killed(folder: Path, count: int) -> dict[str, Any]:
     source, out = folder / "in", folder / "out"
     write_archive(source, count)
     when: dict[str, int] = {}
@@ -167,15 +167,15 @@ def _parent_killed(folder: Path, count: int) -> dict[str, Any]:
         with subprocess.Popen(
             [sys.executable, "-m", "experiments.validation.archive_trial", "--run", str(source), str(out)]
         ) as parent:
-            while _results(out) < count * 5 // 8:
+            while _count_results(out) < count * 5 // 8:
                 time.sleep(0.1)
             parent.kill()
-        when["done"] = _results(out)
+        when["done"] = _count_results(out)
 
     return {**trial(source, out, OWN, kill_parent), "done_when_killed": when["done"]}
 
 
-def _results(out: Path) -> int:
+def _count_results(out: Path) -> int:
     """Recordings whose results are there, while others are being written: folders whose names begin with a dot."""
     found = 0
     for _, folders, files in os.walk(out):
@@ -184,7 +184,7 @@ def _results(out: Path) -> int:
     return found
 
 
-def _state_alone(folder: Path) -> dict[str, float]:
+def _cost_of_records(folder: Path) -> dict[str, float]:
     """What the manifest and the records of many recordings cost, here missing ones, and how much memory."""
 
     def serial(jobs: Iterator[Job]) -> Iterator[Outcome]:
@@ -202,7 +202,7 @@ def _state_alone(folder: Path) -> dict[str, float]:
     return {"ms_first": 1e3 * first / MANY, "ms_second": 1e3 * (time.perf_counter() - began) / MANY, "kB": grown / MANY}
 
 
-def _one_shot(folder: Path) -> dict[str, float]:
+def _cost_of_shot(folder: Path) -> dict[str, float]:
     """Seconds to measure the demo's shot of 60 frames by one thread, without and with the map; files and kB of it."""
     folder.mkdir(parents=True)
     torch.set_num_threads(1)
@@ -231,9 +231,9 @@ def compute(count: int = COUNT) -> dict[str, Any]:
         folder = Path(name)
         found: dict[str, Any] = {"count": count, "workers": WORKERS, "version": ts.__version__}
         # First, as the memory it takes is told by how far the process grows.
-        found["state"] = _state_alone(folder / "state")
-        found["one_shot"] = _one_shot(folder / "shot")
-        for key, how in (("own processes", _by_processes), ("Dask", _by_dask), ("parent killed", _parent_killed)):
+        found["state"] = _cost_of_records(folder / "state")
+        found["one_shot"] = _cost_of_shot(folder / "shot")
+        for key, how in (("own processes", _by_processes), ("Dask", _by_dask), ("parent killed", _with_parent_killed)):
             found[key] = how(folder / key.replace(" ", "-"), count)
             OUT.parent.mkdir(exist_ok=True)
             OUT.write_text(json.dumps(found, indent=1))

@@ -10,7 +10,7 @@ import torch
 from kornia.geometry.liegroup import So3
 from matplotlib.axes import Axes
 
-from experiments.experiment import DOCS, saved_figure
+from experiments.experiment import BLUE, DOCS, VERMILION, saved_figure
 from torchsphere.synthetic import ray_caster
 
 RADIUS, SIZE, TURN, STEP = 50.0, 130, 0.45, 14.0
@@ -49,21 +49,21 @@ def panel(
     axis.imshow(image.numpy(), cmap="gray", vmin=0, vmax=255)
     angle = np.linspace(0, 2 * np.pi, 200)
     x, y = CENTRE[0].tolist()
-    axis.plot(x + RADIUS * np.cos(angle), y + RADIUS * np.sin(angle), ":", color="#0072B2", lw=1)
+    axis.plot(x + RADIUS * np.cos(angle), y + RADIUS * np.sin(angle), ":", color=BLUE, lw=1)
     if arrow is None:
         bend = np.linspace(-np.pi / 2, -np.pi / 2 + 0.9, 40)
         reach = 0.8 * RADIUS
-        axis.plot(x + reach * np.cos(bend), y + reach * np.sin(bend), color="#D55E00", lw=2)
+        axis.plot(x + reach * np.cos(bend), y + reach * np.sin(bend), color=VERMILION, lw=2)
         end = (x + reach * np.cos(bend[-1]), y + reach * np.sin(bend[-1]))
         axis.annotate(
             "",
             end,
             (x + reach * np.cos(bend[-4]), y + reach * np.sin(bend[-4])),
-            arrowprops={"arrowstyle": "-|>", "color": "#D55E00", "lw": 2},
+            arrowprops={"arrowstyle": "-|>", "color": VERMILION, "lw": 2},
         )
     else:
         axis.annotate(
-            "", (x + arrow[0], y + arrow[1]), (x, y), arrowprops={"arrowstyle": "-|>", "color": "#D55E00", "lw": 2}
+            "", (x + arrow[0], y + arrow[1]), (x, y), arrowprops={"arrowstyle": "-|>", "color": VERMILION, "lw": 2}
         )
     axis.set_title(title, fontsize=9)
     axis.set_xticks([])
@@ -78,10 +78,10 @@ def main() -> None:
         image = ray_caster.render(marks(), CENTRE, RADIUS, torch.eye(3)[None], 200.0, shape=(SIZE, SIZE))[0]
         frame.imshow(image.numpy(), cmap="gray", vmin=0, vmax=255)
         for end, name in (((45.0, 8.0), "x"), ((8.0, 45.0), "y")):
-            frame.annotate("", end, (8, 8), arrowprops={"arrowstyle": "-|>", "color": "#0072B2", "lw": 2})
-            frame.text(end[0] + 2, end[1] + 4, name, color="#0072B2", fontsize=11)
-        frame.plot(8, 8, "o", color="#0072B2", ms=8, mfc="white")
-        frame.plot(8, 8, "x", color="#0072B2", ms=6)
+            frame.annotate("", end, (8, 8), arrowprops={"arrowstyle": "-|>", "color": BLUE, "lw": 2})
+            frame.text(end[0] + 2, end[1] + 4, name, color=BLUE, fontsize=11)
+        frame.plot(8, 8, "o", color=BLUE, ms=8, mfc="white")
+        frame.plot(8, 8, "x", color=BLUE, ms=6)
         frame.set_title("axes; z into the picture", fontsize=9)
         frame.set_xticks([])
         frame.set_yticks([])

@@ -28,7 +28,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 import torchsphere as ts
-from experiments.experiment import DOCS, Array, publish, saved_figure, table
+from experiments.experiment import BLUE, DOCS, GREEN, ORANGE, VERMILION, YELLOW, Array, publish, saved_figure, table
 from experiments.shots import Footage, rendered, tracked
 from render import preset
 
@@ -39,7 +39,7 @@ COLUMNS = ("vx_m_s", "vy_m_s", "fx_N", "fy_N", "wx_rad_s", "wy_rad_s", "wz_rad_s
 LABELS = ("velocity (m/s)", "force (kN)", "spin (rad/s)")
 #: Half width of a band of 95 %, standard deviations.
 BAND = 1.96
-COLOURS = ("#0072B2", "#D55E00", "#009E73")
+COLOURS = (BLUE, VERMILION, GREEN)
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def plot(results: dict[tuple[str, str], list[Shot]]) -> None:
                     axis.plot(1e3 * shot.time_s, value - middle, color=colour, lw=1.0, label=f"${NAMES[k]}$")
                     axis.plot(1e3 * shot.time_s, true - middle, color="k", lw=0.8, ls=":")
                 if shot.contact.any():
-                    axis.axvspan(*(1e3 * shot.time_s[shot.contact][[0, -1]]), color="#F0E442", alpha=0.3, lw=0)
+                    axis.axvspan(*(1e3 * shot.time_s[shot.contact][[0, -1]]), color=YELLOW, alpha=0.3, lw=0)
                 axis.legend(fontsize=7, ncols=3, loc="upper left", framealpha=0.7)
                 if column == 0:
                     axis.set_ylabel(
@@ -143,7 +143,7 @@ def _share_bars(axis: Axes, results: dict[tuple[str, str], list[Shot]], name: st
     for number, (circle, contact) in enumerate(bars):
         share = 100 * shares(results[name, circle], contact)
         if np.isfinite(share).any():
-            colour, label = ("#E69F00", "contact") if contact else ("#0072B2", "flight")
+            colour, label = (ORANGE, "contact") if contact else (BLUE, "flight")
             pale, label = (0.45, f"{label}, found") if circle == "found" else (1.0, f"{label}, given")
             axis.bar(place + 0.2 * (number - 1.5), share, 0.19, color=colour, alpha=pale, label=label)
     axis.axhspan(90, 98, color="0.8", lw=0, zorder=0)

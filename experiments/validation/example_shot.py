@@ -8,14 +8,13 @@ reference numbers of a hand-written numpy solver on such a shot are a bias of 0.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 import torchsphere as ts
-from experiments.experiment import Array, publish, table
+from experiments.experiment import PX_DEG, Array, publish, table
 from torchsphere.geometry.orientation import chain
 from torchsphere.synthetic import ray_caster
 
@@ -61,7 +60,7 @@ def measure(seed: int, background: float) -> Errors:
     track = ts.track(images)
     if not (track.status == "ok").all():
         raise RuntimeError(f"not all frames of pattern {seed} over {background:g} grey levels were measured")
-    error = (track.increment - increment) * np.array([1, 1, *3 * [180 / math.pi]])
+    error = (track.increment - increment) * PX_DEG
     return Errors(track.circle.radius, error, float(np.linalg.norm(track.position - position, axis=1).max()))
 
 

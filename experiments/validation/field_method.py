@@ -77,19 +77,19 @@ def sphere_motion(places: Array, moved: Array, radius: float) -> tuple[Array, fl
     return fit.x / np.array([1, 1, radius, radius, radius]), float(follows.mean())
 
 
-def cut(image: Array, centre: NDArray[np.intp], half: int) -> Array | None:
+def crop(image: Array, centre: NDArray[np.intp], half: int) -> Array | None:
     """Square crop, or None where it leaves the image."""
     x, y = centre - half
     inside = x >= 0 and y >= 0 and x + 2 * half < image.shape[1] and y + 2 * half < image.shape[0]
     return image[y : y + 2 * half + 1, x : x + 2 * half + 1] if inside else None
 
 
-def sought(f: Array, g: Array, here: Array, radius: float) -> Array | None:
+def template_shift(f: Array, g: Array, here: Array, radius: float) -> Array | None:
     """How far the front of the ball moved, by the best match of its middle anywhere in ``g``; px, whole."""
     from skimage.feature import match_template
 
     half, centre = round(0.6 * radius), np.rint(here).astype(np.intp)
-    template = cut(f, centre, half)
+    template = crop(f, centre, half)
     if template is None or template.std() == 0:
         return None
     match = match_template(g, template, pad_input=True)
@@ -101,7 +101,7 @@ def pair(f: Array, g: Array, here: Array, front: Array, radius: float) -> tuple[
     """Motion (5,) between two images of a ball at ``here`` whose front moves by about ``front``; and who follows."""
     half = max(round(H * radius), 4)
     at, shift = np.rint(here).astype(np.intp), np.rint(front).astype(np.intp)
-    crops = cut(f, at, half + ROOM_PX), cut(g, at + shift, half + ROOM_PX)
+    crops = crop(f, at, half + ROOM_PX), crop(g, at + shift, half + ROOM_PX)
     if crops[0] is None or crops[1] is None:
         return np.full(5, np.nan), 0.0
     try:
@@ -124,7 +124,7 @@ def track(images: NDArray[Any], circle: tuple[float, float, float]) -> Iterator[
             front = gap * (q[:2] + radius * np.array([-q[3], q[2]]))
             found, share = pair(f, g, here, front, radius)
         if share < SHARE:
-            start = sought(f, g, here, radius)
+            start = template_shift(f, g, here, radius)
             if start is not None:
                 found, share = pair(f, g, here, start, radius)
         if share < SHARE:

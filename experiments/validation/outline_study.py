@@ -36,7 +36,7 @@ import torch
 from torch import Tensor
 
 import torchsphere as ts
-from experiments.experiment import DOCS, cached, publish, saved_figure, table
+from experiments.experiment import BLUE, DOCS, VERMILION, cached, publish, saved_figure, table
 from experiments.validation.accuracy import (
     BASE,
     HEADER,
@@ -179,7 +179,7 @@ def plot(results: dict[tuple[str, str], Errors]) -> None:
         axes = figure.subplots(1, 3, sharey=True)
         names = list(dict.fromkeys(name for _, name in results))
         place = np.arange(len(names))
-        for j, (background, color) in enumerate(zip(BACKGROUNDS, ("#0072B2", "#D55E00"), strict=True)):
+        for j, (background, color) in enumerate(zip(BACKGROUNDS, (BLUE, VERMILION), strict=True)):
             at, rows = place + 0.24 * (j - 0.5), [results[background, name] for name in names]
             for axis, k in zip(axes, (TRANSLATION, ROTATION), strict=False):
                 std = [root_mean_square(r.std()[k]) for r in rows]
@@ -187,7 +187,7 @@ def plot(results: dict[tuple[str, str], Errors]) -> None:
                 axis.plot(std, at, "o", color=color, label=f"{background}: std")
                 axis.plot(bias, at, "D", color=color, mfc="white", ms=5, label=f"{background}: |bias|")
             for k, marker, name in ((TRANSLATION, "o", "dx, dy"), (ROTATION, "^", "wx, wy, wz")):
-                axes[2].plot([r.honesty(k) for r in rows], at, marker, color=color, label=f"{background}: {name}")
+                axes[2].plot([r.error_ratio(k) for r in rows], at, marker, color=color, label=f"{background}: {name}")
         axes[0].axvline(BOUND_PX, ls=":", color="black", lw=1, label="bound, known texture")
         axes[0].axvline(TARGET_PX, ls="--", color="black", lw=1, label="target of the std")
         axes[2].axvspan(0.85, 1.15, color="0.9", zorder=0)
@@ -205,7 +205,7 @@ def plot(results: dict[tuple[str, str], Errors]) -> None:
 
 def brief(found: Errors) -> list[str]:
     """Standard deviation and bias of x and y, and actual over stated error."""
-    (bias, _), std, ratio = found.bias(), found.std(), [found.honesty(slice(k, k + 1)) for k in (0, 1)]
+    (bias, _), std, ratio = found.bias(), found.std(), [found.error_ratio(slice(k, k + 1)) for k in (0, 1)]
     return ["{:.4f}, {:.4f}".format(*std), "{:+.4f}, {:+.4f}".format(*bias), "{:.2f}, {:.2f}".format(*ratio)]
 
 

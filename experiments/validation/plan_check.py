@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from experiments.experiment import Array, Row, claims, table
+from experiments.experiment import PX_DEG, Array, Row, claims, table
 from experiments.paper.flight import pooled_std
 from experiments.shots import Footage, rendered, tracked
 from render import preset
@@ -137,11 +137,11 @@ def expected(plan: Plan) -> tuple[Setup, Array]:
         examples.append(Example(image, white_noise(image, noise, seed), still.circle, "rendered still"))
     covariance = increment_covariance(examples, setup)
     plain = differences(covariance, setup.frame_rate, setup.m_per_px, setup.mass_kg)
-    sd = np.sqrt(np.diagonal(covariance)) * np.array([1, 1, *3 * [180 / math.pi]])
+    sd = np.sqrt(np.diagonal(covariance)) * PX_DEG
     return setup, np.concatenate((sd, plain.velocity_m_s, 1e-3 * plain.force_N))
 
 
-def found(plan: Plan) -> Array:
+def measured(plan: Plan) -> Array:
     """Standard deviations (9,) that the tracker shows."""
     parts: list[list[Array]] = [[], [], []]
     for seed in SEEDS:
@@ -150,7 +150,7 @@ def found(plan: Plan) -> Array:
         velocity = track.increment[:, :2] * (footage.m_per_px * plan.frame_rate)
         force = 1e-6 * plan.mass_g * plan.frame_rate * np.diff(velocity, axis=0)
         truth = _truth(footage)
-        parts[0].append((track.increment - truth) * np.array([1, 1, *3 * [180 / math.pi]]))
+        parts[0].append((track.increment - truth) * PX_DEG)
         parts[1].append(velocity)
         parts[2].append(force)
     return np.concatenate([pooled_std(part) for part in parts])
@@ -163,7 +163,7 @@ def _truth(footage: Footage) -> Array:
 
 def compute() -> dict[str, tuple[Setup, Array, Array]]:
     """The test, expected and found standard deviations by plan."""
-    return {name: (*expected(plan), found(plan)) for name, plan in PLANS.items()}
+    return {name: (*expected(plan), measured(plan)) for name, plan in PLANS.items()}
 
 
 def rows(tests: dict[str, tuple[Setup, Array, Array]]) -> list[Row]:

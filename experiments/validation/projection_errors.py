@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import torchsphere as ts
-from experiments.experiment import Array, cached
+from experiments.experiment import BLUE, ORANGE, PINK, PX_DEG, SKY, VERMILION, Array, cached
 from experiments.validation.projection_footage import NOISE_GREY, SERIES, Case, Footage, case_of, render_footage
 
 PATTERNS = (0, 1, 2)
@@ -27,11 +27,11 @@ TRANSLATION, ROTATION = slice(0, 2), slice(2, 5)
 #: Colour (blind-safe) and marker of each way to measure.
 WAYS = {
     "translation": ("#999999", "v"),
-    "published": ("#CC79A7", "D"),
-    "rigid": ("#E69F00", "s"),
-    "finite": ("#56B4E9", "o"),
-    "default": ("#0072B2", "x"),
-    "pinhole": ("#D55E00", "^"),
+    "published": (PINK, "D"),
+    "rigid": (ORANGE, "s"),
+    "finite": (SKY, "o"),
+    "default": (BLUE, "x"),
+    "pinhole": (VERMILION, "^"),
 }
 
 #: What the models are asked for with, see `projection`.
@@ -59,7 +59,7 @@ def measure_pairs(footage: Footage, model: str, seed: int, **options: Any) -> Ar
 def measure(case: Case) -> dict[str, list[Any]]:
     """Errors (patterns, steps, 5), px and deg, by way, as nested lists."""
     errors: dict[str, list[Any]] = {way: [] for way in WAYS}
-    unit = np.array([1, 1, *3 * [180 / math.pi]])
+    unit = PX_DEG
     for seed in PATTERNS:
         footage = render_footage(case, seed)
         for way in WAYS:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from experiments import experiment
-from experiments.experiment import Row, claims, saved_figure, table
+from experiments.experiment import Row, claims, key_of, saved_figure, table
 from experiments.paper import all as everything
 from experiments.paper.bar.history import Peak
 from experiments.paper.fig05 import accelerometer, lobe
@@ -18,7 +18,7 @@ from experiments.paper.fig09 import angles_deg, mean_spin_rev_s
 from experiments.paper.fig11 import matched
 from experiments.paper.fig15 import hidden_share
 from experiments.paper.table1 import RISE_S, SPACING_M, barrier_light, gate_signals
-from experiments.shots import described, frames_of, key_of, spread
+from experiments.shots import frames_of, settings_of, spread
 from experiments.speed.files import STAGES
 from render import preset
 from render.trajectory import DropWeight
@@ -111,8 +111,8 @@ def test_the_spread_leaves_out_what_was_not_measured() -> None:
 def test_a_shots_key_changes_with_any_of_its_settings() -> None:
     shot = preset.load("paper-flight")
     other = preset.load("paper-flight", ["sensor.read_noise_grey=2.5"])
-    assert key_of("shot", described(shot)) == key_of("shot", described(preset.load("paper-flight")))
-    assert key_of("shot", described(shot)) != key_of("shot", described(other))
+    assert key_of("shot", settings_of(shot)) == key_of("shot", settings_of(preset.load("paper-flight")))
+    assert key_of("shot", settings_of(shot)) != key_of("shot", settings_of(other))
 
 
 def test_a_bar_in_a_cell_does_not_end_it() -> None:
