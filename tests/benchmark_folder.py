@@ -11,8 +11,16 @@ import tifffile
 import torch
 from shots import noisy, rotation_matrix
 
-from torchsphere.benchmark.checksum import TRUTH_COLUMNS, of_benchmark, of_suite
-from torchsphere.benchmark.folder import IMAGES, INDEX, NAME, TRUTH, VERSION
+from torchsphere.benchmark.folder import (
+    IMAGES,
+    INDEX,
+    NAME,
+    TRUTH,
+    TRUTH_COLUMNS,
+    VERSION,
+    index_checksum,
+    suite_checksum,
+)
 from torchsphere.geometry.orientation import quaternions
 from torchsphere.synthetic import ray_caster
 
@@ -25,7 +33,7 @@ def write_benchmark(folder: Path, suites: tuple[str, ...] = SUITES) -> Path:
     """Suites that differ in their pattern and start, ``FRAMES`` each; the folder is returned."""
     entries = [_suite(folder / name, seed) for seed, name in enumerate(suites)]
     index = {"benchmark": NAME, "version": VERSION, "size": "smoke", "suites": entries}
-    index |= {"checksum": of_benchmark(index), "renderer": {}}
+    index |= {"checksum": index_checksum(index), "renderer": {}}
     (folder / INDEX).write_text(json.dumps(index, indent=2))
     return folder
 
@@ -64,5 +72,5 @@ def _suite(folder: Path, seed: int) -> dict[str, object]:
         "diameter_mm": 30.0,
         "camera": None,
         "circle": [*centres[0].tolist(), RADIUS],
-        "checksum": of_suite(frames, truth),
+        "checksum": suite_checksum(frames, truth),
     }

@@ -23,12 +23,12 @@ import numpy as np
 
 import torchsphere
 from experiments.experiment import CACHE, DOCS, HERE, publish, saved_figure
-from torchsphere.benchmark import standing, table, trackers
-from torchsphere.benchmark.folder import Benchmark, read_benchmark
+from torchsphere.benchmark import leaderboard, score_rows, trackers
+from torchsphere.benchmark.folder import Benchmark, read_benchmark, read_footage
+from torchsphere.benchmark.leaderboard import Board
 from torchsphere.benchmark.make import make
 from torchsphere.benchmark.run import run
 from torchsphere.benchmark.score import KINDS
-from torchsphere.benchmark.table import Board
 
 PAGE, SCORES, FIGURE = HERE / "LEADERBOARD.md", HERE / "leaderboard.csv", DOCS / "leaderboard.png"
 FIELD = "mudic"
@@ -54,7 +54,7 @@ def benchmark(folder: Path) -> Benchmark:
     return read_benchmark(folder)
 
 
-def compute(made: Benchmark, field: Path) -> list[standing.Standing]:
+def compute(made: Benchmark, field: Path) -> list[score_rows.ScoreRow]:
     """Scores of every tracker on every suite; predictions are kept in the cache."""
     # Those of other images in there are not taken for these: their checksum is in them.
     out = CACHE / f"predictions-{torchsphere.__version__}-{made.size}"
@@ -66,9 +66,9 @@ def compute(made: Benchmark, field: Path) -> list[standing.Standing]:
     for outcome in run(made, entries, out, keep=True, started=started):
         if outcome.failed:
             print(f"{outcome.tracker} failed on {outcome.suite}: {outcome.failed}", file=sys.stderr, flush=True)
-    truth = standing.truths(made)
-    rows = [row for entry in entries for row in standing.standings(made, out / entry.name, entry.name, truth)]
-    return rows + (standing.standings(made, field, FIELD, truth) if field.is_dir() else [])
+    truth = {suite.name: read_footage(suite).truth for suite in made}
+    rows = [row for entry in entries for row in score_rows.score_folder(made, out / entry.name, entry.name, truth)]
+    return rows + (score_rows.score_folder(made, field, FIELD, truth) if field.is_dir() else [])
 
 
 def page(made: Benchmark, scores: Board) -> str:
@@ -95,7 +95,7 @@ What the scores mean and how to enter a tracker: [docs/benchmark.md](../docs/ben
 
 ![errors by suite](../docs/{FIGURE.name})
 """,
-        table.markdown(scores),
+        leaderboard.markdown(scores),
         f"""## Suites
 
 | suite | what is hard | frames | size (px) |
@@ -119,13 +119,13 @@ def plot(scores: Board) -> None:
     """The four errors by suite, a mark per tracker that measures what the panel shows."""
     with saved_figure(FIGURE, (14, 9.5)) as figure:
         axes = figure.subplots(2, 2, sharex=True)
-        rivals = [name for name in scores.trackers if not f"{name}-".startswith(table.VARIANTS)]
-        shown = [name for name in (table.OWN, "torchsphere-map") if name in scores.trackers] + rivals
+        rivals = scores.rivals()
+        shown = [name for name in (leaderboard.OWN, "torchsphere-map") if name in scores.trackers] + rivals
         place = np.arange(len(scores.suites))
-        for k, (axis, title, mean) in enumerate(zip(axes.T.flat, table.TITLES, table.MEANS, strict=True)):
+        for k, (axis, title, mean) in enumerate(zip(axes.T.flat, leaderboard.TITLES, score_rows.MEANS, strict=True)):
             for at, name in enumerate(shown):
                 rows = [scores.rows.get((name, suite)) for suite in scores.suites]
-                hidden = [row is None or (k in (1, 3) and row.rotation != standing.MEASURED) for row in rows]
+                hidden = [row is None or (k in (1, 3) and row.rotation != score_rows.MEASURED) for row in rows]
                 values = [np.nan if hide else row.values[mean] for hide, row in zip(hidden, rows, strict=True)]
                 # torchsphere in the middle of its suite, the rivals beside it.
                 own = name not in rivals
@@ -162,11 +162,11 @@ def main() -> None:
     options = parser.parse_args()
     made = benchmark(options.benchmark)
     rows = compute(made, options.field)
-    scores = table.board(rows)
-    standing.write(SCORES, rows)
+    scores = leaderboard.board(rows)
+    score_rows.write(SCORES, rows)
     plot(scores)
     PAGE.write_text(page(made, scores), encoding="utf-8")
-    publish("leaderboard", "validation.leaderboard", table.summary(scores))
+    publish("leaderboard", "validation.leaderboard", leaderboard.summary(scores))
 
 
 if __name__ == "__main__":

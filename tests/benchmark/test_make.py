@@ -1,4 +1,4 @@
-"""A benchmark is made whole or not at all, twice the same, and what was changed since is noticed."""
+"""A benchmark is made whole or not at all, made again equal, and refused after a change."""
 
 from __future__ import annotations
 
@@ -15,56 +15,68 @@ from rendering import needs_mitsuba
 from scipy import ndimage
 
 from torchsphere.benchmark import make as making
-from torchsphere.benchmark.checksum import of_suite
-from torchsphere.benchmark.folder import Benchmark, Suite, read_benchmark, read_footage
+from torchsphere.benchmark.folder import (
+    TRUTH,
+    TRUTH_COLUMNS,
+    Benchmark,
+    Suite,
+    read_benchmark,
+    read_footage,
+    read_truth,
+    suite_checksum,
+)
 from torchsphere.benchmark.make import make
-from torchsphere.benchmark.recorded import read_truth
 from torchsphere.benchmark.suites import find, merged, recipes
 
 #: The cheapest suite, and one with a pinhole camera.
 SUITES = ["small-ball-10", "perspective"]
 
-#: What was told while they were made.
+#: Progress while the suites were made.
 PROGRESS: list[tuple[int, int]] = []
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Benchmark:
-    """Give a small benchmark; not to be changed."""
+    """Return a small benchmark, which tests do not change."""
     folder = tmp_path_factory.mktemp("made") / "benchmark"
     return make(SUITES, "smoke", folder, workers=1, progress=lambda done, total: PROGRESS.append((done, total)))
 
 
 @pytest.fixture
 def copied(made: Benchmark, tmp_path: Path) -> Path:
-    """Give a copy of it, to be changed."""
+    """Return a copy of the benchmark, which tests change."""
     return Path(shutil.copytree(made.folder, tmp_path / "copy"))
 
 
-def left_in(folder: Path) -> list[str]:
+def first_ball(suite: Suite) -> list[float]:
+    """Projected centre and radius in the first row of the truth, px."""
+    truth = read_truth(suite.folder / TRUTH)
+    return [float(truth[name][0]) for name in ("x_px", "y_px", "radius_px")]
+
+
+def names_in(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
 @needs_mitsuba
 def test_a_benchmark_holds_images_and_truth_of_each_suite(made: Benchmark) -> None:
     assert [suite.name for suite in made] == SUITES
-    assert left_in(made.folder) == ["perspective", "small-ball-10", "suites.json"]
+    assert names_in(made.folder) == ["perspective", "small-ball-10", "suites.json"]
     for suite in made:
         footage = read_footage(suite)
         assert footage.images.shape == (suite.frames, suite.height, suite.width) == footage.images.shape
         assert footage.images.dtype == np.uint8
         assert footage.truth.position.shape == (8, 2)
-        assert footage.truth.time_s == pytest.approx(np.arange(8) / suite.frame_rate_hz)
-        assert np.linalg.norm(footage.truth.quaternion, axis=1) == pytest.approx(1.0)
+        assert read_truth(suite.folder / TRUTH)["time_s"] == pytest.approx(np.arange(8) / suite.frame_rate_hz)
+        assert np.linalg.det(footage.truth.orientation) == pytest.approx(1.0)
         assert footage.truth.visible.tolist() == [1.0] * 8
 
 
 @needs_mitsuba
-def test_it_says_what_a_tracker_needs(made: Benchmark) -> None:
+def test_a_suite_describes_camera_circle_and_ball(made: Benchmark) -> None:
     small, perspective = made.suites
     assert (small.camera, small.diameter_mm, small.frame_rate_hz) == (None, 30.0, 36_000.0)
-    truth = read_footage(small).truth
-    assert small.circle == pytest.approx((*truth.position[0], truth.radius[0]), abs=1e-6)
+    assert small.circle == pytest.approx(first_ball(small), abs=1e-6)
     assert small.ball == pytest.approx(small.circle, abs=2e-6)
     assert perspective.camera is not None
     assert perspective.camera.focal_px == 500.0
@@ -73,22 +85,21 @@ def test_it_says_what_a_tracker_needs(made: Benchmark) -> None:
 
 
 @needs_mitsuba
-def test_the_circle_under_perspective_is_the_outline_and_not_the_projected_centre(made: Benchmark) -> None:
+def test_under_perspective_the_circle_is_the_outline_and_not_the_projected_centre(made: Benchmark) -> None:
     suite = made.suite("perspective")
-    truth = read_footage(suite).truth
-    assert suite.ball == pytest.approx((*truth.position[0], truth.radius[0]), abs=1e-6)
-    # Pixels of the ball in an image: the backdrop is even, and speckles at the rim that look like it are few.
+    assert suite.ball == pytest.approx(first_ball(suite), abs=1e-6)
+    # Pixels of the ball: the backdrop is uniform, and few speckles at the rim have its grey level.
     shown = ndimage.binary_closing(np.abs(read_footage(suite).images[0].astype(float) - 51) > 12, iterations=4)
     y, x = np.nonzero(ndimage.binary_opening(shown, iterations=3))
     assert (x.mean(), y.mean()) == pytest.approx(suite.circle[:2], abs=0.4)
     assert np.sqrt(len(x) / np.pi) == pytest.approx(suite.circle[2], abs=0.4)
-    # The projected centre is 1.8 px aside, and the radius at its depth 1.8 px smaller.
+    # The projected centre is 1.8 px from the outline's, and the radius at its depth 1.8 px smaller.
     assert abs(x.mean() - suite.ball[0]) > 1.3
     assert np.sqrt(len(x) / np.pi) - suite.ball[2] > 1.3
 
 
 @needs_mitsuba
-def test_made_twice_by_separate_processes_the_checksums_are_equal(made: Benchmark, tmp_path: Path) -> None:
+def test_two_benchmarks_of_separate_processes_have_equal_checksums(made: Benchmark, tmp_path: Path) -> None:
     script = (
         "import sys, pathlib; from torchsphere.benchmark.make import make;"
         f"print(make({SUITES!r}, 'smoke', pathlib.Path(sys.argv[1]), workers=2).checksum)"
@@ -121,7 +132,7 @@ def test_a_suite_that_the_renderer_refuses_leaves_nothing_behind(tmp_path: Path)
     (tmp_path / "out").mkdir()
     with pytest.raises(ValueError, match=r"suite 'own': .*camera\.width = -3: expected a number of at least 1"):
         make([str(own)], "smoke", tmp_path / "out" / "benchmark")
-    assert left_in(tmp_path / "out") == []
+    assert names_in(tmp_path / "out") == []
 
 
 @needs_mitsuba
@@ -130,7 +141,7 @@ def test_an_earlier_benchmark_survives_a_later_one_that_fails(copied: Path, tmp_
     own.write_text('like = "plain"\ntitle = "wrong"\nseed = 1\n[shot.ball]\ngloss = 7\n', encoding="utf-8")
     with pytest.raises(ValueError, match="gloss"):
         make([str(own)], "smoke", copied, overwrite=True)
-    assert left_in(tmp_path) == ["copy", "own.toml"]
+    assert names_in(tmp_path) == ["copy", "own.toml"]
     for suite in read_benchmark(copied):
         read_footage(suite)
 
@@ -148,14 +159,14 @@ def test_an_interrupted_make_ends_its_processes_and_leaves_nothing(
         started.append(start(recipe, folder))
         return started[-1]
 
-    start = making._started
-    monkeypatch.setattr(making, "_started", remembered)
+    start = making._start_renderer
+    monkeypatch.setattr(making, "_start_renderer", remembered)
     monkeypatch.setattr(making.time, "sleep", interrupted)
     with pytest.raises(KeyboardInterrupt):
         make(SUITES, "smoke", tmp_path / "benchmark", workers=2)
     assert len(started) == 2
     assert all(process.poll() is not None for process in started)
-    assert left_in(tmp_path) == []
+    assert names_in(tmp_path) == []
 
 
 @needs_mitsuba
@@ -164,11 +175,13 @@ def test_progress_counts_frames(made: Benchmark) -> None:
     assert PROGRESS == [(8, 16), (16, 16)]
 
 
-def test_without_the_renderer_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_renderer_the_error_names_the_package_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(making.importlib.util, "find_spec", lambda name: None if name == "mitsuba" else object())
     with pytest.raises(ModuleNotFoundError, match=r"needs mitsuba, which is not installed: pip install 'torchsphere"):
         make(["plain"], "smoke", tmp_path / "benchmark")
-    assert left_in(tmp_path) == []
+    assert names_in(tmp_path) == []
 
 
 @pytest.mark.parametrize(
@@ -177,13 +190,13 @@ def test_without_the_renderer_it_says_what_to_install(tmp_path: Path, monkeypatc
         (["plane"], "smoke", {}, "suite 'plane' is not known: expected one of plain, "),
         (["none.toml"], "smoke", {}, "there is no such file"),
         (["plain"], "huge", {}, "size 'huge' is not known: expected one of smoke, standard, full"),
-        (["plain", "plain"], "smoke", {}, "'plain' is asked for twice"),
-        ([], "smoke", {}, "there is none to be made"),
+        (["plain", "plain"], "smoke", {}, "'plain' is given twice"),
+        ([], "smoke", {}, "none is given"),
         (["plain"], "smoke", {"seed": -1}, "seed = -1: expected a whole number of at least 0"),
         (["plain"], "smoke", {"workers": 0}, "workers = 0: expected at least 1"),
     ],
 )
-def test_bad_wishes_are_refused(
+def test_unknown_suites_sizes_and_options_are_refused(
     suites: list[str], size: str, options: dict[str, int], message: str, tmp_path: Path
 ) -> None:
     with pytest.raises(ValueError, match=message):
@@ -201,7 +214,7 @@ def test_bad_wishes_are_refused(
         ('like = "plain"\ntitle = "x"\nseed = 1\nframes = { smoke = 2 }', "frames.smoke = 2: expected a whole number"),
     ],
 )
-def test_a_file_that_is_no_suite_is_refused_by_its_name(text: str, message: str, tmp_path: Path) -> None:
+def test_a_file_that_is_no_suite_is_refused_with_its_name(text: str, message: str, tmp_path: Path) -> None:
     own = tmp_path / "own.toml"
     own.write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=message) as caught:
@@ -209,7 +222,7 @@ def test_a_file_that_is_no_suite_is_refused_by_its_name(text: str, message: str,
     assert str(own) in str(caught.value)
 
 
-def test_a_suite_takes_from_another_what_it_does_not_say() -> None:
+def test_a_suite_takes_missing_values_from_another_suite() -> None:
     plain, spin = (recipes([name], "standard")[0].shot for name in ("plain", "fast-spin"))
     assert spin["camera"] == plain["camera"]
     assert {key for key in plain["trajectory"] if plain["trajectory"][key] != spin["trajectory"][key]} == {"spin_rev_s"}
@@ -226,7 +239,7 @@ def test_a_suite_may_be_like_one_that_is_like_another(tmp_path: Path) -> None:
     assert mine["sensor"] == plain["sensor"]
 
 
-def test_full_repeats_every_suite_under_names_of_their_own() -> None:
+def test_full_repeats_every_suite_under_separate_names() -> None:
     made = recipes(["plain"], "full")
     assert [recipe.name for recipe in made] == [f"plain.{i}" for i in range(1, 11)]
     assert {recipe.kind for recipe in made} == {"plain"}
@@ -234,7 +247,7 @@ def test_full_repeats_every_suite_under_names_of_their_own() -> None:
 
 
 @needs_mitsuba
-def test_what_is_there_already_is_not_overwritten_unasked(copied: Path, tmp_path: Path) -> None:
+def test_an_existing_folder_is_not_overwritten_without_the_option(copied: Path, tmp_path: Path) -> None:
     with pytest.raises(FileExistsError, match="exists and is not empty; give another folder, or --overwrite"):
         make(["plain"], "smoke", copied)
     other = tmp_path / "other"
@@ -257,7 +270,7 @@ def test_a_changed_grey_level_is_noticed(copied: Path) -> None:
     images[3, 10, 10] ^= 1
     tifffile.imwrite(suite.images_path, images)
     with pytest.raises(
-        ValueError, match=r"images or truth have the checksum sha256:.*they are not those that were made"
+        ValueError, match=r"images or truth have the checksum sha256:.*they were changed since they were made"
     ):
         read_footage(suite)
 
@@ -273,27 +286,24 @@ def test_a_changed_truth_is_noticed(copied: Path) -> None:
 
 
 @needs_mitsuba
-def test_the_checksum_is_of_the_grey_levels_and_not_of_how_they_are_stored(copied: Path) -> None:
+def test_the_checksum_does_not_depend_on_the_compression_of_the_images(copied: Path) -> None:
     suite = first_suite(copied)
     images = tifffile.imread(suite.images_path)
     tifffile.imwrite(suite.images_path, images, compression="zlib")
     assert np.array_equal(read_footage(suite).images, images)
 
 
-def test_the_last_bits_of_the_truth_do_not_count_but_type_and_shape_of_the_images_do() -> None:
+def test_the_checksum_covers_type_and_shape_of_the_images_and_nine_decimals_of_the_truth() -> None:
     rng = np.random.default_rng(0)
     images = rng.integers(0, 255, (3, 4, 6), dtype=np.uint8)
-    truth = {
-        name: rng.uniform(-1, 1, 3)
-        for name in ("frame", "time_s", "x_px", "y_px", "radius_px", "qw", "qx", "qy", "qz", "visible")
-    }
+    truth = {name: rng.uniform(-1, 1, 3) for name in TRUTH_COLUMNS}
     nearly = {name: column.round(9) + 1e-15 for name, column in truth.items()}
-    assert of_suite(images, truth) == of_suite(images, nearly)
-    assert of_suite(images, truth) != of_suite(images.astype(np.uint16), truth)
-    assert of_suite(images, truth) != of_suite(images.reshape(3, 6, 4), truth)
-    assert of_suite(images, truth) != of_suite(images, truth | {"visible": truth["visible"] + 1e-8})
+    assert suite_checksum(images, truth) == suite_checksum(images, nearly)
+    assert suite_checksum(images, truth) != suite_checksum(images.astype(np.uint16), truth)
+    assert suite_checksum(images, truth) != suite_checksum(images.reshape(3, 6, 4), truth)
+    assert suite_checksum(images, truth) != suite_checksum(images, truth | {"visible": truth["visible"] + 1e-8})
     wide = images.astype(np.uint16)
-    assert of_suite(wide, truth) == of_suite(wide.astype(">u2"), truth)
+    assert suite_checksum(wide, truth) == suite_checksum(wide.astype(">u2"), truth)
 
 
 @needs_mitsuba
@@ -301,7 +311,7 @@ def test_the_last_bits_of_the_truth_do_not_count_but_type_and_shape_of_the_image
     ("change", "message"),
     [
         ({"version": 9}, "its version is 9, expected 1; make the benchmark again"),
-        ({"size": "full"}, "its checksum does not fit what it says"),
+        ({"size": "full"}, "its checksum does not fit its content"),
         ({"benchmark": "other"}, "it does not say that it is a benchmark of torchsphere"),
     ],
 )
@@ -313,7 +323,7 @@ def test_a_changed_description_is_noticed(copied: Path, change: dict[str, object
 
 
 @needs_mitsuba
-def test_a_damaged_folder_is_told_from_a_benchmark(copied: Path, tmp_path: Path) -> None:
+def test_a_damaged_folder_is_refused(copied: Path, tmp_path: Path) -> None:
     (suite := first_suite(copied)).images_path.write_bytes(b"no images")
     with pytest.raises(ValueError, match="is no stack of images"):
         read_footage(suite)
@@ -336,7 +346,7 @@ def test_a_damaged_folder_is_told_from_a_benchmark(copied: Path, tmp_path: Path)
         ("", "lacks the column frame"),
     ],
 )
-def test_a_truth_that_is_no_table_is_refused(text: str, message: str, tmp_path: Path) -> None:
+def test_a_truth_with_missing_columns_or_numbers_is_refused(text: str, message: str, tmp_path: Path) -> None:
     file = tmp_path / "truth.csv"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=message):
@@ -344,6 +354,6 @@ def test_a_truth_that_is_no_table_is_refused(text: str, message: str, tmp_path: 
 
 
 @needs_mitsuba
-def test_a_suite_that_is_not_there_is_named(made: Benchmark) -> None:
+def test_an_unknown_suite_is_refused_with_the_known_names(made: Benchmark) -> None:
     with pytest.raises(ValueError, match="has no suite 'plain'; expected one of small-ball-10, perspective"):
         made.suite("plain")

@@ -9,9 +9,9 @@ import pytest
 from benchmark_folder import FRAMES, SUITES, write_benchmark
 from rendering import needs_mitsuba
 
-from torchsphere.benchmark import folder, make, predictions, standing, trackers
+from torchsphere.benchmark import folder, make, predictions, trackers
+from torchsphere.benchmark.leaderboard import OWN
 from torchsphere.benchmark.run import run
-from torchsphere.benchmark.table import OWN
 from torchsphere.cli.benchmark import SOME_FAILED
 from torchsphere.cli.main import main
 
@@ -251,7 +251,7 @@ def test_scores_are_written_whole_or_not_at_all(
             if not isinstance(row, tuple) or row[0] != "tracker":
                 raise OSError(28, "No space left on device", "scores.csv")
 
-    monkeypatch.setattr("torchsphere.benchmark.standing.csv.writer", Full)
+    monkeypatch.setattr("torchsphere.benchmark.score_rows.csv.writer", Full)
     monkeypatch.setattr("torchsphere.benchmark.run.run", lambda *_, **__: [])
     assert main(arguments) == 1
     assert "no space left" in capsys.readouterr().err
@@ -375,7 +375,7 @@ def test_a_folder_that_is_no_benchmark_and_a_suite_that_is_not_there_are_refused
 def test_what_run_writes_is_what_score_reads(bench: Path, tmp_path: Path) -> None:
     suite = folder.read_benchmark(bench).suite("plain")
     main(["benchmark", "run", str(bench), "--suite", "plain", "--out", str(tmp_path), "--quiet"])
-    prediction = predictions.read(tmp_path / OWN / "plain.csv", standing.given(suite))
+    prediction = predictions.read(tmp_path / OWN / "plain.csv", suite)
     assert prediction.notes == ()
     again = tmp_path / "again.csv"
     assert (

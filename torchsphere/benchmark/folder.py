@@ -1,7 +1,9 @@
-"""Read a benchmark's folder: what its suites are, and their images and truth with the checksums verified."""
+"""A benchmark's folder: its suites, their images and truth, and the checksums that identify them."""
 
 from __future__ import annotations
 
+import csv
+import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,142 +11,95 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tifffile
 from numpy.typing import NDArray
 
-from torchsphere.benchmark.checksum import of_benchmark, of_suite
-from torchsphere.benchmark.recorded import IMAGES, TRUTH, read_images, read_truth
 from torchsphere.geometry.camera import Camera
+from torchsphere.geometry.orientation import matrices
 
 Array = NDArray[np.float64]
 
-#: The file that tells a benchmark's folder from any other, and the version of its layout and of the suites.
+#: The file that describes a benchmark, and the version of its layout and of the suites.
 INDEX, NAME, VERSION = "suites.json", "torchsphere", 1
+
+#: The files of a suite.
+IMAGES, TRUTH = "frames.tif", "truth.csv"
+
+#: Columns of the truth that scores use.
+TRUTH_COLUMNS = ("frame", "time_s", "x_px", "y_px", "radius_px", "qw", "qx", "qy", "qz", "visible")
+
+#: Kinds of suites whose ball has no pattern, so that no tracker can see its rotation.
+WITHOUT_PATTERN = ("no-speckle",)
+
+#: Decimals of the truth in the checksum; the last bits of sine and cosine differ between processors' libraries.
+CHECKSUM_DECIMALS = 9
+
+_BLOCK_FRAMES = 64
 
 
 @dataclass(frozen=True)
 class Suite:
     """One recording of a benchmark, as ``suites.json`` describes it.
 
-    Attributes
-    ----------
-    name : str
-        Name of the suite and of its folder; where a suite is repeated with other seeds, ``kind.1``, ``kind.2`` ...
-    kind : str
-        Name of the suite without the number of its repetition.
-    title : str
-        What is hard about it, in one line.
-    folder : Path
-        Where its files are.
-    seed : int
-        Of pattern, backdrop and noise.
-    frames, width, height : int
-        Number of images, and their size, px.
-    frame_rate_hz : float
-        Frames per second.
-    diameter_mm : float
-        Diameter of the ball.
-    camera : Camera or None
-        The pinhole camera, as `torchsphere.track` takes it; None where the view is orthographic.
-    circle : tuple of float
-        The true outline (x, y, radius) in frame 0, px; under perspective, where it is no circle, the one that fits
-        best, which leaves a few hundredths of a px to taste.
-    ball : tuple of float
-        Where the camera sees the ball's centre in frame 0, and the radius at its depth, px: exact under perspective,
-        too. `torchsphere.Circle` with a camera is this; without perspective it is `circle`.
-    checksum : str
-        Over images and truth.
+    Without perspective `ball` and `circle` are equal. Under perspective the outline is no circle, and `circle` is the
+    circle that fits best, to a few hundredths of a px; `ball` is exact.
     """
 
-    name: str
-    kind: str
-    title: str
+    name: str  # also of the folder; "kind.1", "kind.2", ... for repetitions with other seeds
+    kind: str  # name without the number of the repetition
+    title: str  # the difficulty, in one line
     folder: Path
-    seed: int
+    seed: int  # of pattern, backdrop and noise
     frames: int
-    width: int
-    height: int
+    width: int  # px
+    height: int  # px
     frame_rate_hz: float
     diameter_mm: float
-    camera: Camera | None
-    circle: tuple[float, float, float]
-    ball: tuple[float, float, float]
-    checksum: str
+    camera: Camera | None  # None for an orthographic view
+    circle: tuple[float, float, float]  # true outline (x, y, radius) in frame 0, px
+    ball: tuple[float, float, float]  # projected centre and the radius at its depth in frame 0, px
+    checksum: str  # of images and truth
 
     @property
     def images_path(self) -> Path:
-        """The stack of images, for whoever opens it as a recording."""
+        """The stack of images."""
         return self.folder / IMAGES
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What a tracker should find in a suite of n frames.
+    """Exact motion of n frames."""
 
-    Attributes
-    ----------
-    time_s : (n,) ndarray
-        Middle of each exposure.
-    position : (n, 2) ndarray
-        Where the camera sees the ball's centre, px.
-    radius : (n,) ndarray
-        The ball's radius at the depth of its centre, px.
-    quaternion : (n, 4) ndarray
-        Orientation (w, x, y, z) since frame 0, in the camera frame.
-    visible : (n,) ndarray
-        Share of the outline's area that is in the image and that nothing hides.
-    """
-
-    time_s: Array
-    position: Array
-    radius: Array
-    quaternion: Array
-    visible: Array
+    position: Array  # projected centre (n, 2), px
+    orientation: Array  # rotation matrices (n, 3, 3), camera frame
+    visible: Array  # share (n,) of the outline's area that is in the image and not covered
+    shows_rotation: bool = True  # False for a ball without a pattern
 
 
 @dataclass(frozen=True)
 class Footage:
-    """A suite's images (n, h, w), memory-mapped where the file allows it, and its truth; their checksum is right."""
+    """Images and truth of a suite, with a valid checksum."""
 
-    images: NDArray[Any]
+    images: NDArray[Any]  # (n, h, w), memory-mapped unless the file is compressed
     truth: Truth
 
 
 @dataclass(frozen=True)
 class Benchmark:
-    """A benchmark that was made.
-
-    Attributes
-    ----------
-    folder : Path
-        Where it is.
-    size : str
-        ``smoke``, ``standard`` or ``full``.
-    suites : tuple of Suite
-        In the order in which they were made.
-    checksum : str
-        Over all of it.
-    renderer : dict of str to str
-        Versions of what rendered it.
-    """
+    """A rendered benchmark."""
 
     folder: Path
-    size: str
-    suites: tuple[Suite, ...]
+    size: str  # "smoke", "standard" or "full"
+    suites: tuple[Suite, ...]  # in the order of ``suites.json``
     checksum: str
-    renderer: dict[str, str]
+    renderer: dict[str, str]  # versions of the renderer's libraries
 
     def __iter__(self) -> Iterator[Suite]:
-        """The suites in turn."""
+        """Iterate over the suites."""
         return iter(self.suites)
 
     def suite(self, name: str) -> Suite:
-        """A suite by its name.
-
-        Raises
-        ------
-        ValueError
-            Where the benchmark does not have it.
-        """
+        """The suite of this name; ValueError if there is none."""
         for suite in self.suites:
             if suite.name == name:
                 return suite
@@ -154,23 +109,9 @@ class Benchmark:
 
 
 def read_benchmark(folder: Path) -> Benchmark:
-    """Read what a benchmark's folder holds; images and truth are read by `read_footage`.
+    """Read the description of a benchmark, without images and truth.
 
-    Parameters
-    ----------
-    folder : Path
-        Made by `torchsphere.benchmark.make.make`.
-
-    Returns
-    -------
-    Benchmark
-
-    Raises
-    ------
-    ValueError
-        Where it is no benchmark, of another version, or its description was changed.
-    OSError
-        Where it cannot be read.
+    Raises ValueError if the folder is no benchmark, of another version, or if its description was changed.
     """
     path = folder / INDEX
     if not path.is_file():
@@ -183,8 +124,8 @@ def read_benchmark(folder: Path) -> Benchmark:
             raise ValueError("it does not say that it is a benchmark of torchsphere")
         if content.get("version") != VERSION:
             raise ValueError(f"its version is {content.get('version')!r}, expected {VERSION}")
-        if of_benchmark(content) != content["checksum"]:
-            raise ValueError("its checksum does not fit what it says, so it was changed since it was made")
+        if index_checksum(content) != content["checksum"]:
+            raise ValueError("its checksum does not fit its content, so the file was changed since it was made")
         suites = tuple(_suite(folder, entry) for entry in content["suites"])
         return Benchmark(folder, content["size"], suites, content["checksum"], dict(content["renderer"]))
     except (KeyError, TypeError, json.JSONDecodeError, UnicodeDecodeError) as error:
@@ -194,39 +135,71 @@ def read_benchmark(folder: Path) -> Benchmark:
 
 
 def read_footage(suite: Suite) -> Footage:
-    """Read images and truth of a suite and verify its checksum.
-
-    Parameters
-    ----------
-    suite : Suite
-        Of `read_benchmark`.
-
-    Returns
-    -------
-    Footage
-
-    Raises
-    ------
-    ValueError
-        Where a file is damaged or another than the one that was made.
-    OSError
-        Where a file is missing or cannot be read.
-    """
+    """Read images and truth of a suite; ValueError if a file is damaged or does not fit the checksum."""
     columns, images = read_truth(suite.folder / TRUTH), read_images(suite.images_path)
-    found = of_suite(images, columns)
+    found = suite_checksum(images, columns)
     if found != suite.checksum:
         raise ValueError(
             f"{suite.folder}: images or truth have the checksum {found[:19]}..., expected {suite.checksum[:19]}...; "
-            "they are not those that were made: make the benchmark again"
+            "they were changed since they were made: make the benchmark again"
         )
-    quaternion = np.column_stack([columns[name] for name in ("qw", "qx", "qy", "qz")])
     position = np.column_stack((columns["x_px"], columns["y_px"]))
-    truth = Truth(columns["time_s"], position, columns["radius_px"], quaternion, columns["visible"])
-    return Footage(images, truth)
+    orientation = matrices(np.column_stack([columns[name] for name in ("qw", "qx", "qy", "qz")]))
+    return Footage(images, Truth(position, orientation, columns["visible"], suite.kind not in WITHOUT_PATTERN))
+
+
+def read_images(path: Path) -> NDArray[Any]:
+    """Grey levels (n, h, w) of a stack, memory-mapped unless compressed; ValueError for any other file."""
+    try:
+        images: NDArray[Any] = tifffile.imread(path, out="memmap")
+    except (tifffile.TiffFileError, ValueError) as error:
+        raise ValueError(f"{path}: is no stack of images ({error}); make the benchmark again") from error
+    if images.ndim == 2:
+        images = images[None]
+    if images.ndim != 3 or images.dtype.kind != "u":
+        raise ValueError(f"{path}: holds {images.dtype} of the shape {images.shape}, expected grey images (n, h, w)")
+    return images
+
+
+def read_truth(path: Path) -> dict[str, Array]:
+    """The `TRUTH_COLUMNS` (n,) of a ``truth.csv`` by name; ValueError unless all are finite numbers."""
+    with path.open(newline="", encoding="utf-8") as stream:
+        rows = list(csv.reader(stream))
+    head, body = (rows[0], rows[1:]) if rows else ([], [])
+    missing = [name for name in TRUTH_COLUMNS if name not in head]
+    if missing:
+        raise ValueError(f"{path}: lacks the column {missing[0]}; expected {', '.join(TRUTH_COLUMNS)}")
+    try:
+        columns = {name: np.array([float(row[head.index(name)]) for row in body]) for name in TRUTH_COLUMNS}
+    except (ValueError, IndexError) as error:
+        raise ValueError(f"{path}: holds a row without its numbers ({error}); make the benchmark again") from error
+    for name, column in columns.items():
+        if not np.isfinite(column).all():
+            raise ValueError(f"{path}: column {name} holds a number that is not finite; make the benchmark again")
+    return columns
+
+
+def suite_checksum(images: NDArray[Any], truth: Mapping[str, NDArray[Any]]) -> str:
+    """Checksum over the grey levels (n, h, w), their shape and type, and the `TRUTH_COLUMNS` to nine decimals."""
+    digest = hashlib.sha256(f"{images.dtype.name} {images.shape}\n".encode())
+    little_endian = images.dtype.newbyteorder("<")
+    for start in range(0, len(images), _BLOCK_FRAMES):
+        digest.update(np.ascontiguousarray(images[start : start + _BLOCK_FRAMES], dtype=little_endian).tobytes())
+    for name in TRUTH_COLUMNS:
+        # The addition of zero turns -0.0 into 0.0.
+        numbers = np.round(np.asarray(truth[name], dtype=np.float64), CHECKSUM_DECIMALS) + 0.0
+        digest.update(f"\n{name} ".encode() + " ".join(f"{v:.{CHECKSUM_DECIMALS}f}" for v in numbers.tolist()).encode())
+    return f"sha256:{digest.hexdigest()}"
+
+
+def index_checksum(description: Mapping[str, Any]) -> str:
+    """Checksum over the content of ``suites.json``, without its own ``checksum`` and the versions of the renderer."""
+    counted = {name: value for name, value in description.items() if name not in ("checksum", "renderer")}
+    text = json.dumps(counted, sort_keys=True, ensure_ascii=True, allow_nan=False)
+    return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
 
 
 def _suite(folder: Path, entry: Mapping[str, Any]) -> Suite:
-    camera = entry["camera"]
     name = str(entry["name"])
     return Suite(
         name=name,
@@ -239,7 +212,7 @@ def _suite(folder: Path, entry: Mapping[str, Any]) -> Suite:
         height=int(entry["height"]),
         frame_rate_hz=float(entry["frame_rate_hz"]),
         diameter_mm=float(entry["diameter_mm"]),
-        camera=None if camera is None else _camera(camera),
+        camera=None if entry["camera"] is None else _camera(entry["camera"]),
         circle=_three(entry["circle"]),
         ball=_three(entry.get("ball", entry["circle"])),
         checksum=str(entry["checksum"]),

@@ -1,11 +1,11 @@
-"""The CSV that predictions come in: lines ``# key: value``, a line of column names, a row per frame."""
+"""The CSV file of predictions: lines ``# key: value``, a line of column names, a row per frame."""
 
 from __future__ import annotations
 
 import csv
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,60 +13,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.results.atomic_output import atomic_file
+from torchsphere.results.reader import INCREMENTS
 
 Array = NDArray[np.float64]
 
-PLACE = ("x_px", "y_px")
+POSITION = ("x_px", "y_px")
 QUATERNION = ("qw", "qx", "qy", "qz")
-SHIFT = ("dx_px", "dy_px")
-TURN = ("wx_rad", "wy_rad", "wz_rad")
-STEP = (*SHIFT, *TURN)
-SD = tuple(f"sd_{name}" for name in (*PLACE, *STEP))
+TRANSLATION, ROTATION = INCREMENTS[:2], INCREMENTS[2:]
+SD = tuple(f"sd_{name}" for name in (*POSITION, *INCREMENTS))
 
 #: Every column of numbers that is read.
-NUMBERS = (*PLACE, *QUATERNION, *STEP, "radius_px", *SD, "ms")
+NUMBERS = (*POSITION, *QUATERNION, *INCREMENTS, "radius_px", *SD, "ms")
 TEXTS = ("suite", "status")
-#: Columns of a `track.csv` of ``torchsphere track`` that say nothing here, so that the file is taken as it is.
+#: Columns of a ``track.csv`` that are accepted and not read.
 IGNORED = ("time_s", "zncc", "iterations")
 KNOWN = ("frame", *TEXTS, *NUMBERS, *IGNORED)
 
-#: What a value that is not known may read as, in small letters.
+#: Texts of an unknown value, in small letters.
 BLANK = ("", "nan", "na", "none", "null")
 
 
 @dataclass(frozen=True)
 class Table:
-    """A file of predictions as it stands, in the order of its rows.
+    """A file of predictions, m rows in the order of the file."""
 
-    Attributes
-    ----------
-    keys : mapping
-        What the lines ``# key: value`` say, the keys in small letters.
-    frames : tuple of int
-        Frame (m,) of each row, none twice.
-    numbers : mapping
-        Columns (m,) by name; NaN where a value is empty.
-    texts : mapping
-        Columns of words (m,) by name.
-    """
-
-    keys: Mapping[str, str]
-    frames: tuple[int, ...]
-    numbers: Mapping[str, Array]
-    texts: Mapping[str, tuple[str, ...]]
+    keys: Mapping[str, str]  # of the lines ``# key: value``, keys in small letters
+    frames: tuple[int, ...]  # (m,), each once
+    numbers: Mapping[str, Array]  # columns (m,) by name; NaN for an empty value
+    texts: Mapping[str, tuple[str, ...]]  # columns (m,) by name
 
 
 def read(path: Path) -> Table:
-    """Read a file of predictions.
-
-    Raises
-    ------
-    ValueError
-        In one sentence on the first thing that is wrong: no header, unknown columns or none that can be scored, a row
-        that is too short or too long, a word where a number belongs, an infinite number, a frame that is there twice.
-    OSError
-        If it cannot be read.
-    """
+    """Read a file of predictions; ValueError, in one sentence, if a name, a value or a frame is invalid."""
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
@@ -81,11 +59,11 @@ def read(path: Path) -> Table:
     for k, row in rows[1:]:
         if len(row) != len(names):
             raise ValueError(f"{path}, line {k}: {len(row)} values for {len(names)} columns; give one for each, or ','")
-    columns = {name: [(k, row[at].strip()) for k, row in rows[1:]] for at, name in enumerate(names)}
+    columns = {name: [(k, row[i].strip()) for k, row in rows[1:]] for i, name in enumerate(names)}
     frames = tuple(_frame(path, k, text) for k, text in columns["frame"])
     twice = sorted(frame for frame, count in Counter(frames).items() if count > 1)
     if twice:
-        raise ValueError(f"{path}: frame {twice[0]} is there more than once; give one row per frame")
+        raise ValueError(f"{path}: has frame {twice[0]} more than once; give one row per frame")
     numbers = {
         name: np.array([_number(path, k, name, text) for k, text in columns[name]], dtype=np.float64)
         for name in names
@@ -96,17 +74,17 @@ def read(path: Path) -> Table:
 
 
 def write(path: Path, keys: Mapping[str, str], columns: Mapping[str, Sequence[float | int | str]]) -> None:
-    """Write a file of predictions, whole or not at all; ``columns`` of one length by name, ``frame`` among them."""
+    """Write a file of predictions whole or not at all; ``columns`` of equal length by name, with ``frame``."""
     with atomic_file(path) as stream:
         for key, value in keys.items():
             stream.write(f"# {key}: {' '.join(str(value).split())}\n")
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(columns)
-        writer.writerows(zip(*(map(_text, column) for column in columns.values()), strict=True))
+        writer.writerows(zip(*(map(_cell, column) for column in columns.values()), strict=True))
 
 
 def columns_of(table: Table, names: Sequence[str]) -> Array:
-    """Columns side by side (n, len(names)); NaN for one that is not there."""
+    """Columns side by side (m, len(names)); NaN for a column that is missing."""
     return np.stack([table.numbers.get(name, np.full(len(table.frames), np.nan)) for name in names], 1)
 
 
@@ -116,22 +94,19 @@ def _key(line: str) -> tuple[str, str]:
 
 
 def _check_names(path: Path, names: Sequence[str]) -> None:
-    """ValueError unless a prediction can be read from columns of these names."""
-    if "frame" not in names:
-        raise ValueError(f"{path}: has no column 'frame', only {_list(names)}; number the frames from 0")
+    """ValueError unless the columns of these names are a prediction."""
+    listed, present = ", ".join(names), set(names)
+    if "frame" not in present:
+        raise ValueError(f"{path}: has no column 'frame', only {listed}; number the frames from 0")
     unknown = [name for name in names if name not in KNOWN]
     if unknown:
         raise ValueError(f"{path}: unknown column {unknown[0]!r}; expected some of {', '.join(KNOWN)}")
-    if len(set(names)) < len(names):
-        raise ValueError(f"{path}: a column is there twice in {_list(names)}; leave one out")
-    if not (set(PLACE) <= set(names) or set(SHIFT) <= set(names)):
-        raise ValueError(f"{path}: has neither x_px and y_px nor dx_px and dy_px, only {_list(names)}; give one pair")
-    if set(QUATERNION) & set(names) and not set(QUATERNION) <= set(names):
-        raise ValueError(f"{path}: has some of qw, qx, qy, qz only; give all four, or none where none is measured")
-
-
-def _list(names: Iterable[str]) -> str:
-    return ", ".join(names)
+    if len(present) < len(names):
+        raise ValueError(f"{path}: has a column twice in {listed}; leave one out")
+    if not (present >= set(POSITION) or present >= set(TRANSLATION)):
+        raise ValueError(f"{path}: has neither x_px and y_px nor dx_px and dy_px, only {listed}; give one pair")
+    if present & set(QUATERNION) and not present >= set(QUATERNION):
+        raise ValueError(f"{path}: has some of qw, qx, qy, qz only; give all four, or none if none is measured")
 
 
 def _frame(path: Path, line: int, text: str) -> int:
@@ -140,7 +115,7 @@ def _frame(path: Path, line: int, text: str) -> int:
     except ValueError:
         value = math.nan
     if not (value >= 0 and value == math.floor(value) and math.isfinite(value)):
-        raise ValueError(f"{path}, line {line}: frame {text!r} is no number of a frame; count from 0")
+        raise ValueError(f"{path}, line {line}: frame {text!r} is no frame number; count from 0")
     return int(value)
 
 
@@ -150,18 +125,14 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError as error:
-        raise ValueError(
-            f"{path}, line {line}: {name} = {text!r} is no number; leave it empty where not known"
-        ) from error
+        raise ValueError(f"{path}, line {line}: {name} = {text!r} is no number; leave unknown values empty") from error
     if math.isinf(value):
-        raise ValueError(f"{path}, line {line}: {name} is infinite; leave it empty where it is not known")
+        raise ValueError(f"{path}, line {line}: {name} is infinite; leave unknown values empty")
     return value
 
 
-def _text(value: float | int | str) -> str:
-    """A cell: numbers to their last bit, nothing where a number is not known."""
-    if isinstance(value, str):
-        return value
-    if isinstance(value, int):
+def _cell(value: float | int | str) -> str:
+    """A number with all its digits, empty for NaN."""
+    if isinstance(value, (str, int)):
         return str(value)
     return "" if math.isnan(value) else repr(float(value))

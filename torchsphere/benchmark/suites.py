@@ -1,8 +1,8 @@
-"""The suites of the benchmark: small TOML files that say what is rendered, and what is hard about it.
+"""The suites of the benchmark: small TOML files that describe what is rendered.
 
-A file has ``title``, ``seed``, ``frames`` (a number for each of ``smoke`` and ``standard``) and a table ``[shot]`` as a
-preset of the renderer has it. ``like = "plain"`` takes everything else from another file, so that a suite says what
-it changes. ``[smoke.shot]`` changes the shot at the size ``smoke``, where few frames have to show the same.
+A file has ``title``, ``seed``, ``frames`` (numbers for ``smoke`` and ``standard``) and a table ``[shot]``, as in a
+preset of the renderer. ``like = "plain"`` takes all other values from another file. ``[smoke.shot]`` changes the shot
+at the size ``smoke``, where few frames have to show the same difficulty.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-#: Where the suites of the package are.
+#: The suites of the package.
 FOLDER = Path(__file__).parent / "suites"
 
-#: Sizes, and how often each suite is rendered, each time with another seed. A repetition rather than more frames: the
-#: ball crosses the image in a given number of frames, and a second pattern tells more than a second crossing.
+#: Repetitions of each suite by size, each with another seed. A second pattern tells more than a longer recording,
+#: because the ball crosses the image in a given number of frames.
 SIZES = {"smoke": 1, "standard": 1, "full": 10}
 
-#: From the seed of one repetition to that of the next, so that no two recordings share a seed.
+#: Distance of the seeds of two repetitions, so that no two recordings share a seed.
 NEXT_SEED = 1000
 
 _KEYS = ("title", "like", "seed", "frames", "shot", "smoke")
@@ -28,21 +28,13 @@ _KEYS = ("title", "like", "seed", "frames", "shot", "smoke")
 
 @dataclass(frozen=True)
 class Recipe:
-    """One recording to be made.
-
-    Attributes
-    ----------
-    name, kind, title, seed
-        As in `torchsphere.benchmark.folder.Suite`.
-    shot : dict
-        What the renderer makes it from, as its presets have it; the number of frames included.
-    """
+    """One recording to be made; name, kind, title and seed as in `torchsphere.benchmark.folder.Suite`."""
 
     name: str
     kind: str
     title: str
     seed: int
-    shot: dict[str, Any]
+    shot: dict[str, Any]  # preset of the renderer, with the number of frames
 
     @property
     def frames(self) -> int:
@@ -51,52 +43,31 @@ class Recipe:
 
 
 def names() -> list[str]:
-    """Names of the suites that come with the package: the plain one first, the others by the alphabet."""
+    """Names of the package's suites: "plain" first, the others in alphabetical order."""
     return sorted((path.stem for path in FOLDER.glob("*.toml")), key=lambda name: (name != "plain", name))
 
 
 def recipes(suites: Sequence[str] | None, size: str, seed: int | None = None) -> list[Recipe]:
-    """What has to be made for a benchmark.
+    """The recordings of a benchmark; ValueError for an unknown suite or size, or an invalid file.
 
-    Parameters
-    ----------
-    suites : sequence of str, optional
-        Names of suites, or paths of ``.toml`` files of one's own; all that come with the package unless given.
-    size : str
-        One of `SIZES`.
-    seed : int, optional
-        Added to the seed of each suite, for patterns and noise that nobody has seen before.
-
-    Returns
-    -------
-    list of Recipe
-
-    Raises
-    ------
-    ValueError
-        With one sentence, where a suite or the size is not known, or a file is no suite.
+    ``suites`` are names or paths of ``.toml`` files, by default all of the package; ``size`` is of `SIZES`; ``seed`` is
+    added to the seed of each suite, for new patterns and noise.
     """
     if size not in SIZES:
         raise ValueError(f"size {size!r} is not known: expected one of {', '.join(SIZES)}")
     if seed is not None and seed < 0:
         raise ValueError(f"seed = {seed}: expected a whole number of at least 0")
     chosen = names() if suites is None else list(suites)
-    made = [recipe for name in chosen for recipe in _repeated(find(name), size, seed or 0)]
+    made = [recipe for name in chosen for recipe in _repetitions(find(name), size, seed or 0)]
     twice = sorted({recipe.kind for recipe in made if [r.name for r in made].count(recipe.name) > 1})
     if twice or not made:
-        what = f"{twice[0]!r} is asked for twice" if twice else "there is none to be made"
-        raise ValueError(f"suites: {what}; expected names from {', '.join(names())}, each once")
+        problem = f"{twice[0]!r} is given twice" if twice else "none is given"
+        raise ValueError(f"suites: {problem}; expected names from {', '.join(names())}, each once")
     return made
 
 
 def find(name: str) -> Path:
-    """The file of a suite.
-
-    Raises
-    ------
-    ValueError
-        Where there is none.
-    """
+    """The file of a suite; ValueError if there is none."""
     path = Path(name)
     if path.suffix == ".toml":
         if not path.is_file():
@@ -107,12 +78,12 @@ def find(name: str) -> Path:
     return FOLDER / f"{name}.toml"
 
 
-def _repeated(path: Path, size: str, seed: int) -> list[Recipe]:
-    """A suite as often as the size wants it."""
-    table = _whole(path)
-    own = {"smoke": "smoke", "standard": "standard", "full": "standard"}[size]
-    shot = table["shot"] | {"frames": table["frames"][own]}
-    if own == "smoke":
+def _repetitions(path: Path, size: str, seed: int) -> list[Recipe]:
+    """The recordings of a suite at a size."""
+    table = _resolved(path)
+    smoke = size == "smoke"
+    shot = table["shot"] | {"frames": table["frames"]["smoke" if smoke else "standard"]}
+    if smoke:
         shot = merged(shot, table.get("smoke", {}).get("shot", {}))
     count, kind = SIZES[size], path.stem
     return [
@@ -127,15 +98,15 @@ def _repeated(path: Path, size: str, seed: int) -> list[Recipe]:
     ]
 
 
-def _whole(path: Path) -> dict[str, Any]:
-    """The table of a suite with what it takes from another, checked."""
+def _resolved(path: Path) -> dict[str, Any]:
+    """The checked table of a suite, with the values of the suite that ``like`` names."""
     own = _read(path)
     table = own
     if "like" in own:
         if own["like"] not in names() or path == find(own["like"]):
             raise ValueError(f"{path}: like = {own['like']!r}: expected the name of another suite of the package")
-        # The other's changes at the size smoke are not taken over: they are made for its motion.
-        other = {key: value for key, value in _whole(find(own["like"])).items() if key in ("frames", "shot")}
+        # The other suite's changes at the size smoke fit its own motion only.
+        other = {key: value for key, value in _resolved(find(own["like"])).items() if key in ("frames", "shot")}
         table = merged(other, own)
     _check(path, table)
     return table
@@ -153,20 +124,20 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _check(path: Path, table: dict[str, Any]) -> None:
-    """Refuse what is no suite; what is wrong with its shot, the renderer says."""
-    wanted = {"title": (str, "a text"), "seed": (int, "a whole number"), "frames": (dict, "a table")}
-    for key, (kind, word) in (wanted | {"shot": (dict, "a table")}).items():
+    """Raise ValueError for an invalid suite; the renderer checks the shot."""
+    words = {str: "a text", int: "a whole number", dict: "a table"}
+    for key, kind in {"title": str, "seed": int, "frames": dict, "shot": dict}.items():
         if not isinstance(table.get(key), kind):
-            raise ValueError(f"{path}: {key} = {table.get(key)!r}: expected {word}")
+            raise ValueError(f"{path}: {key} = {table.get(key)!r}: expected {words[kind]}")
     for size in ("smoke", "standard"):
         count = table["frames"].get(size)
-        # Fewer frames than three have no two increments to compare.
+        # Fewer than three frames have no two increments to compare.
         if not isinstance(count, int) or count < 3:
             raise ValueError(f"{path}: frames.{size} = {count!r}: expected a whole number of at least 3")
 
 
 def merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """The table with changes put in: tables are merged, all else, lists too, is replaced."""
+    """``base`` with ``changes``: tables are merged, all other values, lists included, are replaced."""
     both = dict(base)
     for key, value in changes.items():
         old = both.get(key)

@@ -1,4 +1,4 @@
-"""Trackers by name: torchsphere's own settings, every baseline, and ``module:function`` of the user's own."""
+"""Trackers by name: torchsphere's own settings, every baseline, and a user's ``module:function``."""
 
 from __future__ import annotations
 
@@ -14,55 +14,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.benchmark.baselines import TRACKERS, Baseline
-from torchsphere.benchmark.prediction_table import IGNORED, KNOWN, PLACE, QUATERNION, STEP, TURN
+from torchsphere.benchmark.prediction_table import IGNORED, KNOWN, POSITION, QUATERNION, ROTATION
 from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.orientation import quaternions
+from torchsphere.results.reader import INCREMENTS
 from torchsphere.runtime.signals import Ending
 from torchsphere.tracking.track import Track, track
 
-#: Columns of predictions by name, each of one value per frame.
+#: Columns of predictions by name, each with one value per frame.
 Columns = Mapping[str, Sequence[Any]]
 
 
 @dataclass(frozen=True)
 class Task:
-    """What a tracker is given.
+    """The input of a tracker."""
 
-    Attributes
-    ----------
-    images : Recording or ndarray
-        Grey levels (n, h, w); an array for the user's own trackers.
-    circle : tuple of float
-        True outline (x, y, radius) in frame 0, px.
-    camera : Camera, optional
-        Where the suite tells one.
-    """
-
-    images: Any
-    circle: tuple[float, float, float]
-    camera: Camera | None
+    images: Any  # grey levels (n, h, w): a Recording, or an array for a user's tracker
+    circle: tuple[float, float, float]  # true outline (x, y, radius) in frame 0, px
+    camera: Camera | None  # None if the suite has none
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A tracker that can be run.
-
-    Attributes
-    ----------
-    name : str
-        As it was asked for.
-    settings : str
-        What it is and with which settings, one line.
-    run : callable
-        From the task to columns of predictions and the seconds that it took.
-    wants_array : bool
-        Whether it takes the images as an array only, not as a `Recording`.
-    """
+    """A tracker that can be run."""
 
     name: str
-    settings: str
-    run: Callable[[Task], tuple[Columns, float]]
-    wants_array: bool = False
+    settings: str  # method and settings, one line
+    run: Callable[[Task], tuple[Columns, float]]  # predictions and the time they took, s
+    wants_array: bool = False  # the images as an array instead of a `Recording`
 
 
 def _torchsphere(sphere_map: bool | None, use_camera: bool = True) -> Callable[[Task], tuple[Columns, float]]:
@@ -84,7 +63,7 @@ def _baseline(name: str) -> Callable[[Task], tuple[Columns, float]]:
     return run
 
 
-#: torchsphere by the names that the command line knows, each with a line on what it is.
+#: torchsphere's settings by the names that the command line takes, each with a description.
 OWN: dict[str, tuple[str, Callable[[Task], tuple[Columns, float]]]] = {
     "torchsphere": (
         "torchsphere.track with its defaults, a map of the ball where the ball turns far; model 'pinhole' where the "
@@ -96,8 +75,8 @@ OWN: dict[str, tuple[str, Callable[[Task], tuple[Columns, float]]]] = {
     "torchsphere-no-camera": ("the defaults, and never told of a camera", _torchsphere(None, use_camera=False)),
 }
 
-#: What the baselines are, for the leaderboard; their modules say how the settings were chosen.
-RIVALS = {
+#: Descriptions of the baselines for the leaderboard.
+BASELINES = {
     "translation_only": "torchsphere.track with two modes, the standard correlation, roi 1.0",
     "published": "torchsphere.track with the paper's five printed modes, roi 1.0",
     "ecc": "OpenCV findTransformECC, euclidean",
@@ -110,35 +89,28 @@ RIVALS = {
 
 
 def names() -> tuple[str, ...]:
-    """Names of the trackers that are built in."""
+    """Names of the built-in trackers."""
     return (*OWN, *TRACKERS)
 
 
 def resolve(name: str) -> Entry:
-    """The tracker of that name.
-
-    Raises
-    ------
-    ValueError
-        If there is none, or a ``module:function`` cannot be imported or called.
-    """
+    """The tracker of this name; ValueError if there is none, or if ``module:function`` cannot be imported."""
     if name in OWN:
         return Entry(name, *OWN[name])
     if name in TRACKERS:
-        text = RIVALS.get(name, f"torchsphere.benchmark.baselines.{name}")
-        return Entry(name, f"{text}; defaults of torchsphere.benchmark.baselines.{name}", _baseline(name))
+        settings = f"{BASELINES[name]}; defaults of torchsphere.benchmark.baselines.{name}"
+        return Entry(name, settings, _baseline(name))
     if ":" in name:
-        function = _imported(name)
-        return Entry(name, f"the function {name}", _users(name, function), wants_array=True)
+        return Entry(name, f"the function {name}", _user_tracker(name, _imported(name)), wants_array=True)
     raise ValueError(f"no tracker is called {name!r}; expected one of {', '.join(names())}, or module:function")
 
 
 def _imported(name: str) -> Callable[..., Any]:
-    """The function ``module:function``; the present folder is searched as ``python -m`` does."""
+    """The function ``module:function``, searched in the working directory too, as by ``python -m``."""
     module, _, attribute = name.partition(":")
-    here = str(Path.cwd())
-    if here not in sys.path:
-        sys.path.insert(0, here)
+    directory = str(Path.cwd())
+    if directory not in sys.path:
+        sys.path.insert(0, directory)
     try:
         function = getattr(importlib.import_module(module), attribute, None)
     except ImportError as error:
@@ -146,15 +118,15 @@ def _imported(name: str) -> Callable[..., Any]:
     except Ending:
         raise
     except (Exception, SystemExit) as error:
-        told = f"{type(error).__name__}: {error}"
-        raise ValueError(f"tracker {name!r}: importing {module} failed ({told}); correct the module") from error
+        reason = f"{type(error).__name__}: {error}"
+        raise ValueError(f"tracker {name!r}: importing {module} failed ({reason}); correct the module") from error
     if not callable(function):
         raise ValueError(f"tracker {name!r}: {module} has no function {attribute!r}")
     return function
 
 
-def _users(name: str, function: Callable[..., Any]) -> Callable[[Task], tuple[Columns, float]]:
-    """A function ``(images, circle) -> columns`` of somebody else's as a tracker."""
+def _user_tracker(name: str, function: Callable[..., Any]) -> Callable[[Task], tuple[Columns, float]]:
+    """A user's function ``(images, circle) -> columns`` as a tracker."""
 
     def run(task: Task) -> tuple[Columns, float]:
         began = time.perf_counter()
@@ -163,21 +135,15 @@ def _users(name: str, function: Callable[..., Any]) -> Callable[[Task], tuple[Co
         except Ending:
             raise
         except SystemExit as error:
-            # It would end the whole run, and without a word where its code is 0.
+            # SystemExit would end the whole run, and with code 0 without a message.
             raise RuntimeError(f"{name} called for the program's end (SystemExit: {error.code})") from error
-        return checked(name, found, len(task.images)), time.perf_counter() - began
+        return _checked(name, found, len(task.images)), time.perf_counter() - began
 
     return run
 
 
-def checked(name: str, found: Any, frames: int) -> Columns:
-    """What a user's function returned as columns of n rows.
-
-    Raises
-    ------
-    ValueError
-        If it is no mapping, or a column has another length or a name that is not known.
-    """
+def _checked(name: str, found: Any, frames: int) -> Columns:
+    """Columns of n rows from the result of a user's function; ValueError for another type, name or length."""
     if isinstance(found, (Track, Baseline)):
         return columns_of(found)
     if not isinstance(found, Mapping):
@@ -195,21 +161,20 @@ def checked(name: str, found: Any, frames: int) -> Columns:
 
 
 def columns_of(found: Track | Baseline) -> Columns:
-    """The motion as columns of predictions; a baseline's rotations only where it measures any."""
-    n = len(found.status)
-    columns: dict[str, Sequence[Any]] = {"frame": range(n), "status": found.status.tolist()}
-    columns |= _named(PLACE, found.position)
-    step = _named(STEP, _after_blank(found.increment))
+    """The motion as columns of predictions, without the rotations that a baseline does not measure."""
+    columns: dict[str, Sequence[Any]] = {"frame": range(len(found.status)), "status": found.status.tolist()}
+    columns |= _named(POSITION, found.position)
+    increments = _named(INCREMENTS, _per_frame(found.increment))
     if isinstance(found, Track):
         sd = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))
-        columns |= step | _named([f"sd_{name}" for name in STEP], _after_blank(sd))
+        columns |= increments | _named([f"sd_{name}" for name in INCREMENTS], _per_frame(sd))
         return columns | _named(QUATERNION, quaternions(found.orientation))
-    measured = {name for k, name in enumerate(STEP) if name not in TURN or np.isfinite(found.increment[:, k]).any()}
-    return columns | {name: values for name, values in step.items() if name in measured}
+    missing = {name for name, values in increments.items() if name in ROTATION and np.isnan(values).all()}
+    return columns | {name: values for name, values in increments.items() if name not in missing}
 
 
-def _after_blank(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows of increments (n - 1, k) as rows of frames (n, k): none leads to frame 0."""
+def _per_frame(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rows of increments (n - 1, k) as rows of frames (n, k), NaN in frame 0."""
     return np.concatenate((np.full((1, values.shape[1]), np.nan), values))
 
 

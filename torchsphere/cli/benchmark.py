@@ -14,7 +14,7 @@ from torchsphere.settings.choices import SIZES, TRACKERS
 if TYPE_CHECKING:
     from torchsphere.benchmark.folder import Benchmark
     from torchsphere.benchmark.run import Outcome
-    from torchsphere.benchmark.standing import Standing
+    from torchsphere.benchmark.score_rows import ScoreRow
 
 #: Exit code where a tracker failed on a suite; its other results are written.
 SOME_FAILED = 3
@@ -115,15 +115,16 @@ def _make(options: dict[str, Any]) -> int:
 def _run(options: dict[str, Any]) -> int:
     from tqdm import tqdm
 
-    from torchsphere.benchmark import folder, standing, trackers
+    from torchsphere.benchmark import score_rows, trackers
+    from torchsphere.benchmark.folder import read_benchmark, read_footage
     from torchsphere.benchmark.run import folder_of, run
 
-    made, out, quiet = folder.read_benchmark(options["benchmark"]), options["out"], options["quiet"]
+    made, out, quiet = read_benchmark(options["benchmark"]), options["out"], options["quiet"]
     asked = dict.fromkeys(options["tracker"] or ["torchsphere"])
     names = trackers.names() if "all" in asked else tuple(asked)
     entries = [trackers.resolve(name) for name in names]
     suites = _suites(made, options["suite"])
-    truth = standing.truths(made.suite(name) for name in suites)
+    truth = {name: read_footage(made.suite(name)).truth for name in suites}
     with tqdm(total=len(entries) * len(suites), unit="run", file=sys.stderr, leave=False, disable=quiet) as bar:
 
         def started(tracker: str, suite: str) -> None:
@@ -136,8 +137,8 @@ def _run(options: dict[str, Any]) -> int:
             sentence = "interrupted; predictions that were made are kept, and the same command with --keep goes on"
             print(f"torchsphere: {sentence}", file=sys.stderr)
             return 130
-    rows = [row for name in names for row in standing.standings(made, out / folder_of(name), name, truth)]
-    standing.write(out / "scores.csv", [*standing.earlier(out / "scores.csv", made, rows), *rows])
+    rows = [row for name in names for row in score_rows.score_folder(made, out / folder_of(name), name, truth)]
+    score_rows.write(out / "scores.csv", [*score_rows.read_earlier(out / "scores.csv", made, rows), *rows])
     _print_scores(rows, quiet)
     kept, failed = sum(o.kept for o in outcomes), [o for o in outcomes if o.failed]
     _say(quiet, f"{len(outcomes) - kept} run, {kept} kept from before, {len(failed)} failed; see {out / 'scores.csv'}")
@@ -153,32 +154,33 @@ def _failures(failed: Sequence[Outcome]) -> int:
 
 
 def _score(options: dict[str, Any]) -> int:
-    from torchsphere.benchmark import folder, standing
+    from torchsphere.benchmark import score_rows
+    from torchsphere.benchmark.folder import read_benchmark, read_footage
 
-    made, path, quiet = folder.read_benchmark(options["benchmark"]), options["predictions"], options["quiet"]
+    made, path, quiet = read_benchmark(options["benchmark"]), options["predictions"], options["quiet"]
     if not path.exists():
         raise ValueError(f"{path}: does not exist; give a folder with SUITE.csv files, or one such file")
     name = options["name"] or (path.resolve().name if path.is_dir() else path.stem)
     if path.is_dir():
-        truth = standing.truths(made.suite(suite) for suite in _suites(made, options["suite"]))
-        rows = standing.standings(made, path, name, truth)
+        truth = {suite: read_footage(made.suite(suite)).truth for suite in _suites(made, options["suite"])}
+        rows = score_rows.score_folder(made, path, name, truth)
     else:
         asked = options["suite"] or [path.stem]
         if len(asked) != 1:
             raise ValueError(f"{path}: is the file of one suite, but {len(asked)} were given by --suite; give one")
-        rows = [standing.of_file(made.suite(asked[0]), path, name)]
+        rows = [score_rows.score_file(made.suite(asked[0]), path, name)]
     if options["out"] is not None:
-        standing.write(options["out"], rows)
+        score_rows.write(options["out"], rows)
     _print_scores(rows, quiet)
     return 0
 
 
 def _table(options: dict[str, Any]) -> int:
-    from torchsphere.benchmark import standing, table
+    from torchsphere.benchmark import leaderboard, score_rows
     from torchsphere.results.atomic_output import atomic_file
 
-    rows = [row for path in options["scores"] for row in standing.read(path)]
-    text = "# Leaderboard\n\n" + table.markdown(table.board(rows))
+    rows = [row for path in options["scores"] for row in score_rows.read(path)]
+    text = "# Leaderboard\n\n" + leaderboard.markdown(leaderboard.board(rows))
     if options["out"] is None:
         print(text, end="")
     else:
@@ -192,16 +194,16 @@ def _suites(made: Benchmark, asked: Sequence[str] | None) -> list[str]:
     return [made.suite(name).name for name in dict.fromkeys(asked)] if asked else [suite.name for suite in made]
 
 
-def _print_scores(rows: Sequence[Standing], quiet: bool) -> None:
+def _print_scores(rows: Sequence[ScoreRow], quiet: bool) -> None:
     """Print the table over all suites, and notes on missing predictions to stderr."""
-    from torchsphere.benchmark import table
+    from torchsphere.benchmark import leaderboard
 
     if quiet:
         return
     for row in rows:
         if row.notes:
             print(f"torchsphere: {row.tracker} on {row.suite}: {row.notes}", file=sys.stderr)
-    print(table.summary(table.board(rows)), end="")
+    print(leaderboard.summary(leaderboard.board(rows)), end="")
 
 
 def _say(quiet: bool, sentence: str) -> None:
