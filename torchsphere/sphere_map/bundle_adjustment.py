@@ -36,7 +36,7 @@ class _Level(NamedTuple):
 #: Levels of the map, coarse to fine; coarse cells align poses that are off by a px (docs/constants.md).
 LEVELS = (_Level(2.0, 0.02, 0.1), _Level(1.5, 0.01, 0.1), _Level(1.0, 0.001, 0.02))
 
-#: Blur of the outline at the start, px.
+#: Blur of the outline at the start, px (docs/constants.md).
 INITIAL_BLUR_PX = 0.3
 
 #: Largest number of eliminations at one level.
@@ -51,19 +51,19 @@ RADIUS_ERROR_PX = 0.012
 #: Blur that optics alone make, px, and systematic error of the radius per px of further blur (docs/constants.md).
 OPTICS_BLUR_PX, RADIUS_ERROR_PER_BLUR = 0.3, 0.8
 
-#: Number of fits of gains and offsets, each followed by a fit of the map, before the first level.
+#: Number of fits of gains and offsets, each followed by a fit of the map, before the first level (docs/constants.md).
 BRIGHTNESS_ROUNDS = 2
 
-#: Largest number of steps with one elimination, and length of a step, in lengths of the step before, at which they end.
+#: Largest number of steps with one elimination, and ratio of two steps from which they end (docs/constants.md).
 MAX_STEPS, MAX_STEP_RATIO = 4, 0.8
 
-#: Shares of a step, tried in turn until the squares fall: near the limb no step is linear.
+#: Shares of a step, tried in turn until the squares fall: near the limb no step is linear (docs/constants.md).
 STEP_SHARES: tuple[float, ...] = (1.0, 0.3, 0.1)
 
 #: Share that is tried first after a step whose first share was accepted (docs/constants.md).
 EXTENDED_SHARE = 2.0
 
-#: Least decrease of the weighted squares for another step; 1 is about one standard deviation of all unknowns together.
+#: Smallest decrease of the weighted squares for another step (docs/constants.md).
 MIN_DECREASE = 1.0
 
 

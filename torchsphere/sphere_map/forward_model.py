@@ -20,13 +20,13 @@ from torchsphere.sphere_map import cube_map
 from torchsphere.sphere_map.cube_map import Stencil
 from torchsphere.sphere_map.window import Window
 
-#: Distance from the centre, radii, to which all rays further out are drawn: the outline's pixels show the limb.
+#: Distance from the centre, radii, to which all rays further out are drawn (docs/constants.md).
 MAX_RAY_DISTANCE = 0.998
 
-#: Least blur of the edge by the optics, px.
+#: Least blur of the edge by the optics, px (docs/constants.md).
 MIN_BLUR_PX = 0.05
 
-#: Standard deviation of the transition between rays that meet the ball and rays that miss it, px.
+#: Standard deviation of the transition between rays that meet the ball and rays that miss it, px (docs/constants.md).
 RAY_TRANSITION_PX = 0.1
 
 #: Standard deviations beyond which a Gaussian is zero (its tail is 1e-15), and bound of a pixel's half diagonal, px.
@@ -35,7 +35,7 @@ BLUR_CUTOFF_SD, HALF_DIAGONAL_PX = 8.0, 0.75
 #: Number of functions in `shading_basis`.
 SHADING_TERMS = 4
 
-#: Depth of the surface, radii, below which a ray does not move over the texture: the ray follows the limb.
+#: Depth of the surface, radii, below which a ray follows the limb (docs/constants.md).
 MIN_DEPTH = 0.1
 
 #: Step of the difference quotient by the edge's blur, px.

@@ -36,10 +36,10 @@ SHARED_UNKNOWNS = 2
 #: Largest number of steps of the conjugate gradients for a map.
 MAX_MAP_STEPS = 60
 
-#: Share of the squared residuals that a change of the shading must explain, and largest number of such changes.
+#: Share of the squared residuals that a shading must explain, and largest number of its changes (docs/constants.md).
 MIN_EXPLAINED, SHADING_ROUNDS = 0.01, 4
 
-#: Prior standard deviation of the shading's terms: a ball that turns little does not separate light from texture.
+#: Prior standard deviation of the shading's terms (docs/constants.md).
 SHADING_SD = 0.3
 
 

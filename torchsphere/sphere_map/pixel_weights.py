@@ -15,7 +15,7 @@ from torch import Tensor
 from torchsphere.sphere_map.forward_model import Pose
 from torchsphere.sphere_map.window import Window
 
-#: Limits of the rings in which the residual variance is measured, px from the outline.
+#: Limits of the rings in which the residual variance is measured, px from the outline (docs/constants.md).
 RING_LIMITS_PX = (-6.0, -4.0, -3.0, -2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0)
 
 #: Side of the square over which squared residuals are averaged to find hidden parts, px (docs/constants.md).

@@ -27,13 +27,13 @@ from torchsphere.sphere_map.window import Window, cut_window
 
 Array = NDArray[np.float64]
 
-#: Largest number of keyframes, and smallest number of frames for a map.
+#: Largest number of keyframes, and smallest number of frames for a map (docs/constants.md).
 MAX_KEYFRAMES, MIN_FRAMES = 36, 6
 
-#: Residual variance within the disc, in variances of the noise, from which the map is refused.
+#: Residual variance within the disc, in variances of the noise, from which the map is refused (docs/constants.md).
 MAX_MISFIT = 4.0
 
-#: Misfit of a frame, and its move by the registration in radii, from which the frame is not placed on the map.
+#: Largest misfit of a frame on the map, and largest move by its registration, radii (docs/constants.md).
 MAX_FRAME_MISFIT, MAX_MOVE = 2.0, 0.1
 
 #: Blur of the outline, px, from which the map is refused: a blur by an object in front (docs/constants.md).
@@ -42,7 +42,7 @@ MAX_EDGE_BLUR_PX = 2.0
 #: Systematic error of the radius as a share of the radius, beyond the noise of the images (docs/constants.md).
 RADIUS_ERROR_SHARE = 0.002
 
-#: Largest correction of the radius by the map, as a share of the radius.
+#: Largest correction of the radius by the map, as a share of the radius (docs/constants.md).
 MAX_RADIUS_CHANGE = 0.05
 
 

@@ -12,10 +12,10 @@ from torchsphere.sphere_map.forward_model import Pose, TexturedBall
 from torchsphere.sphere_map.pixel_weights import ResidualProfile
 from torchsphere.sphere_map.window import Window
 
-#: Largest number of steps, and length below which a step is the last, px; steps shrink about tenfold each.
+#: Largest number of steps, and length of the last step, px (docs/constants.md).
 MAX_STEPS, TOLERANCE_PX = 12, 2e-3
 
-#: Number of steps, or length of a step, px, after which brightness and visibility are estimated a second time.
+#: Number of steps, or length of a step, px, before the second estimate of the weights (docs/constants.md).
 REWEIGHT_STEP, REWEIGHT_PX = 2, 0.01
 
 #: Length of a step, px, up to which the next step uses the same Jacobian (docs/constants.md).

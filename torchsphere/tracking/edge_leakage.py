@@ -20,19 +20,19 @@ from torchsphere.imaging import crop
 #: Error of a step over the motion of the front, per squared leakage in contrasts of the texture (docs/constants.md).
 ERROR_PER_LEAKAGE = 0.4
 
-#: Blur of a pixel and of the spline, px, in addition to the pre-blur.
+#: Blur of a pixel and of the spline, px, in addition to the pre-blur (docs/constants.md).
 PIXEL_BLUR_PX = 0.5
 
 #: Largest share that is stated (docs/constants.md).
 MAX_SHARE = 0.6
 
-#: Radii within which the texture is taken, and distances from the outline, px, between which the background is taken.
+#: Radius of the texture, radii, and distances of the background from the outline, px (docs/constants.md).
 TEXTURE_RADIUS, BACKGROUND_PX = 0.9, (2.0, 5.0)
 
 #: Leakage from which the region is made smaller, and distance of its border from the outline, px (docs/constants.md).
 NOTABLE_SHARE, BORDER_DISTANCE_PX = 0.02, 2.5
 
-#: Smallest region of interest by default, share of the radius.
+#: Smallest region of interest by default, share of the radius (docs/constants.md).
 MIN_ROI = 0.7
 
 

@@ -43,10 +43,10 @@ TREND_FROM = 16
 #: Error of the centre times the rotation, px rad, from which a pair is correlated again (docs/constants.md).
 CENTRE_TOLERANCE_PX_RAD = 0.005
 
-#: Weight of an error of the radius relative to one of the centre.
+#: Weight of an error of the radius relative to one of the centre (docs/constants.md).
 RADIUS_WEIGHT = 10.0
 
-#: Number of frames without the ball from which its outline alone is enough to go on.
+#: Number of frames without the ball from which its outline alone is enough to go on (docs/constants.md).
 RESTART_AFTER = 3
 
 Progress = Callable[[int, int], None]

@@ -32,13 +32,13 @@ from torchsphere.settings.limits import SettingError, is_whole
 from torchsphere.tracking.follow import Follower
 from torchsphere.tracking.record import Record
 
-#: Largest number of frames that are followed, and largest number that tell radius and hidden background.
+#: Largest number of followed frames, and of those chosen for radius and background (docs/constants.md).
 FRAMES, MAX_CHOSEN = 65, 16
 
-#: Failed searches for the ball after which the remaining frames are left out.
+#: Failed searches for the ball after which the remaining frames are left out (docs/constants.md).
 MAX_SEARCHES = 4
 
-#: Distance beyond the outline up to which the limb is looked at, px, with the reach of the spline.
+#: Distance beyond the outline up to which the limb is looked at, px, with the reach of the spline (docs/constants.md).
 LIMB_REACH_PX = 16.0
 
 #: Bias of the interpolation, px, that the residuals cannot tell from a radius (docs/constants.md).
@@ -59,7 +59,7 @@ ROUNDS = 2
 #: Standard deviation of a frame's radius, over that of the first, from which it is left out (docs/constants.md).
 MAX_SD_RATIO = 1.2
 
-#: Smallest number of pairs or frames that have a scatter.
+#: Smallest number of pairs or frames that have a scatter (docs/constants.md).
 MIN_PAIRS = 3
 
 #: Pairs correlated at once.

@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-#: Motion of the ball's front per frame, px, from which two images of it cannot be the same bit for bit.
+#: Motion of the ball's front per frame, px, from which two images cannot be identical (docs/constants.md).
 MIN_MOTION_PX = 0.05
 
 #: Distance of the rows in which two images are compared first.

@@ -24,28 +24,28 @@ from torchsphere.tracking import rotation_search
 from torchsphere.tracking.prediction import BallState
 from torchsphere.tracking.successive_pairs import PairSetup, correlate_one
 
-#: Radius of the ball in the small images on which first guesses are refined, px.
+#: Radius of the ball in the small images on which first guesses are refined, px (docs/constants.md).
 SMALL_RADIUS_PX = 25.0
 
 #: Largest number of iterations on the small images, and their tolerance, px.
 MAX_ITERATIONS, TOLERANCE_PX = 20, 0.01
 
-#: Correlation coefficient on the small images below which a guess is dropped: a part of the ball may be hidden.
+#: Correlation coefficient on the small images below which a guess is dropped (docs/constants.md).
 MIN_SMALL_ZNCC = 0.2
 
 #: Number of first guesses of a search over rotations that are tried at full size.
 MAX_TRIED = 3
 
-#: Number of failed searches from which further ones wait, and the wait as a share of the frames since the first one.
+#: Failed searches before further ones wait, and wait as a share of the frames since the first (docs/constants.md).
 FREE_SEARCHES, WAIT_SHARE = 4, 0.25
 
-#: Height of the outline's step, as a share of that in the last frame, below which no ball is assumed there.
+#: Smallest height of the outline's step, as a share of that in the last frame (docs/constants.md).
 MIN_CONTRAST = 0.4
 
-#: Relative error of the radius up to which a ball found by its outline alone is the same ball.
+#: Relative error of the radius up to which a ball found by its outline alone is the same ball (docs/constants.md).
 RESTART_RADIUS = 0.06
 
-#: Share of the disc in the image below which a ball that was not measured counts as out of the frame.
+#: Share of the disc in the image below which the ball has left the image (docs/constants.md).
 MIN_IN_FRAME = 0.5
 
 

@@ -60,10 +60,10 @@ SHARE_ON_MAP = 1.2
 POSITIONS = (np.arange(32) + 0.5) / 16 - 1
 AREA_SHARES = np.sqrt(1 - POSITIONS**2) / np.sqrt(1 - POSITIONS**2).sum()
 
-#: Share of the radius within which the fineness is taken: the limb's texture is foreshortened.
+#: Share of the radius within which the fineness is taken: the limb's texture is foreshortened (docs/constants.md).
 INNER = 0.8
 
-#: Fineness of speckle of 4 px, and of noise, which no texture exceeds.
+#: Fineness of speckle of 4 px, and of noise, which no texture exceeds (docs/constants.md).
 TYPICAL_FINENESS, MAX_FINENESS = 0.41, 1.0
 
 Array = NDArray[np.float64]

@@ -20,7 +20,7 @@ from torchsphere.imaging import crop, interlacing
 from torchsphere.runtime import threads
 from torchsphere.tracking.prediction import circle_path
 
-#: Error of a prediction, as a share of the radius, that ends its batch.
+#: Error of a prediction, as a share of the radius, that ends its batch (docs/constants.md).
 PREDICTION_TOLERANCE = 0.1
 
 
