@@ -17,7 +17,7 @@ from torchsphere.correlation.reference import Reference, nuisances
 from torchsphere.geometry import motion_models
 from torchsphere.geometry.motion_models import Displacement
 
-#: Least sum of 15 squared scores of uneven light; noise has a mean of 15 and a standard deviation of 5.5.
+#: Least sum of 15 squared scores of uneven light (docs/constants.md).
 MIN_UNEVEN_SCORE = 40.0
 
 #: Largest turn out of the image plane at which uneven light is allowed for, deg (docs/constants.md).
