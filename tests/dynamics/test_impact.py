@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import pulses
 import pytest
 from pulses import LENGTH, M_PER_PX, MASS_KG, NOISES_M, PEAK_N, RATE, Pulse, pulse
 
@@ -192,3 +193,42 @@ def test_a_recording_too_short_for_a_velocity_says_so(motion: Kinematics) -> Non
     result, reason = impact(dataclasses.replace(motion, velocity_m_s=np.full_like(motion.velocity_m_s, np.nan)))
     assert result is None
     assert reason.startswith("No frame has a velocity")
+
+
+def short_contact(seed: int, frames: float, monkeypatch: pytest.MonkeyPatch) -> tuple[Pulse, Impact]:
+    """A half-sine of force over so many frames, with the impulse of 14 frames, and its impact."""
+    monkeypatch.setattr(pulses, "LENGTH", frames)
+    monkeypatch.setattr(pulses, "PEAK_N", PEAK_N * 14 / frames)
+    made = pulse(seed, NOISES_M[0])
+    motion = ts.kinematics(made.track, frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
+    found, reason = impact(motion, ball(MASS_KG, 0.03), normal_deg=180.0)
+    assert reason == ""
+    assert found is not None
+    return made, found
+
+
+def error_in_sd(estimate: Estimate | None, true: float) -> float:
+    assert estimate is not None
+    return float(abs(estimate.value - true) / estimate.sd)
+
+
+@pytest.mark.parametrize("frames", [0.5, 1.0, 1.5, 2.0])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_short_contact_has_right_edges_and_impulse_and_no_force(
+    monkeypatch: pytest.MonkeyPatch, frames: float, seed: int
+) -> None:
+    truth, found = short_contact(seed, frames, monkeypatch)
+    assert found.peak_force is not None
+    assert found.mean_force is not None
+    assert np.isnan([found.peak_force.value, found.peak_force.sd, found.mean_force.value, found.mean_force.sd]).all()
+    assert error_in_sd(found.contact_start, truth.edges_s[0]) < 3
+    assert error_in_sd(found.contact_end, truth.edges_s[1]) < 3
+    assert error_in_sd(found.duration, frames / RATE) < 3
+    assert error_in_sd(found.peak_time, float(truth.edges_s.mean())) < 3
+    # The impulse of the pulse of 14 frames.
+    assert error_in_sd(found.impulse_size, PEAK_N * 14 / RATE * 2 / np.pi) < 3
+
+
+def test_a_contact_of_three_frames_has_a_force(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, found = short_contact(1, 3.0, monkeypatch)
+    assert error_in_sd(found.peak_force, PEAK_N * 14 / 3) < 3

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.dynamics.impact import MIN_RESOLVED_FRAMES, contact_frames
 from torchsphere.dynamics.impact_estimate import Estimate, Impact
 from torchsphere.dynamics.kinematics import Kinematics
-from torchsphere.dynamics.peak_force import MIN_RESOLVED_FRAMES, contact_frames
 
 #: Fewest frames of flight on either side that separate flight from contact (docs/constants.md).
 MIN_FLIGHT_FRAMES = 6

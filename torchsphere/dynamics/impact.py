@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,7 @@ from numpy.typing import NDArray
 
 from torchsphere.dynamics.ball import Ball
 from torchsphere.dynamics.impact_estimate import Estimate, Impact
-from torchsphere.dynamics.kinematics import Kinematics
-from torchsphere.dynamics.peak_force import peak_force, without_unresolved_force
+from torchsphere.dynamics.kinematics import Draws, Kinematics
 from torchsphere.dynamics.rebound import (
     Rebound,
     direction,
@@ -38,6 +38,12 @@ Quantity = Callable[[Rebound], Array]
 
 #: Share of a normal distribution within a standard deviation.
 ONE_SD = 0.6827
+
+#: Least duration of a contact whose force is resolved, frames (docs/constants.md).
+MIN_RESOLVED_FRAMES = 2.5
+
+#: Standard deviation of an edge of a shorter contact, frames (docs/constants.md).
+SHORT_CONTACT_SD = 0.5
 
 _NO_CONTACT = "No contact was found: one steady motion explains all frames as well."
 _ACCELERATED = (
@@ -140,9 +146,9 @@ def impact(
     drawn = rebound(draws.velocity_m_s[:, drawn_frames], draws.spin_rad_s[:, drawn_frames], draws.contact_s, normal_deg)
     estimates = _estimates(smoothed, drawn, ball, has_normal=normal_deg is not None)
     if ball is not None:
-        estimates["peak_force"], estimates["peak_time"] = peak_force(motion, draws, ball.mass_kg)
+        estimates["peak_force"], estimates["peak_time"] = _peak_force(motion, draws, ball.mass_kg)
     missing = _missing(smoothed, ball, has_normal=normal_deg is not None)
-    return without_unresolved_force(Impact(**estimates, ball=ball, missing=missing), motion.time_s), ""
+    return _without_unresolved_force(Impact(**estimates, ball=ball, missing=missing), motion.time_s), ""
 
 
 def _estimates(smoothed: Rebound, drawn: Rebound, ball: Ball | None, *, has_normal: bool) -> dict[str, Any]:
@@ -206,3 +212,76 @@ def _missing(smoothed: Rebound, ball: Ball | None, *, has_normal: bool) -> tuple
     elif not has_spin:
         sentences.append(_NO_SPIN)
     return tuple(sentences)
+
+
+def _peak_force(motion: Kinematics, draws: Draws, mass: float) -> tuple[Estimate, Estimate]:
+    """Largest force and its time, between the frames by a parabola through three frames.
+
+    To first order the error of the largest force is that of its frame. The largest forces of the drawn motions are no
+    measure of this error, because noise raises every maximum.
+    """
+    assert motion.contact_s is not None
+    start, end = motion.contact_s
+    time_s, acceleration = motion.time_s[draws.span], motion.acceleration_m_s2[draws.span]
+    force = mass * np.where(np.isfinite(acceleration).all(1), norm(acceleration), -np.inf)
+    outside = (time_s < start) | (time_s > end)
+    frame = int((force if outside.all() else np.where(outside, -np.inf, force)).argmax())
+    direction = acceleration[frame] / norm(acceleration[frame])
+    drawn = mass * draws.acceleration_m_s2 @ direction
+    peak, peak_time = float(force[frame]), float(time_s[frame])
+    if 0 < frame < len(force) - 1 and np.isfinite(force[[frame - 1, frame + 1]]).all():
+        three = slice(frame - 1, frame + 2)
+        vertex_time, vertex = _vertex(time_s[three], force[three])
+        peak, peak_time = max(peak, float(vertex)), float(vertex_time)
+    # The parabola again, because all drawn motions may have their largest force in the same frame.
+    drawn_frames = np.where(outside, -np.inf, drawn).argmax(1).clip(1, len(force) - 2)
+    threes = drawn_frames[:, None] + np.arange(-1, 2)
+    drawn_times, _ = _vertex(time_s[threes], np.take_along_axis(drawn, threes, 1))
+    sd, sd_time = float(np.std(drawn[:, frame])), float(np.nanstd(drawn_times))
+    times = Estimate(np.asarray(peak_time), np.asarray(sd_time), "s")
+    return Estimate(np.asarray(peak), np.asarray(sd), "N"), times
+
+
+def _vertex(time: Array, value: Array) -> tuple[Array, Array]:
+    """Time and value of the vertex of parabolas through three points (..., 3), or of the highest point if outside."""
+    slopes = np.diff(value) / np.diff(time)
+    curvature = (slopes[..., 1] - slopes[..., 0]) / (time[..., 2] - time[..., 0])
+    highest = value.argmax(-1)[..., None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        vertex = 0.5 * (time[..., 0] + time[..., 1]) - 0.5 * slopes[..., 0] / curvature
+    is_inside = (curvature < 0) & (vertex > time[..., 0]) & (vertex < time[..., 2])
+    found = np.where(is_inside, vertex, np.take_along_axis(time, highest, -1)[..., 0])
+    passed = found - time[..., 0]
+    return found, value[..., 0] + slopes[..., 0] * passed + curvature * passed * (found - time[..., 1])
+
+
+def contact_frames(impact: Impact, time_s: Array) -> float:
+    """Frames that the contact lasts."""
+    return float(impact.duration.value) / float(np.diff(time_s).min())
+
+
+def _without_unresolved_force(impact: Impact, time_s: Array) -> Impact:
+    """The impact without its force if the contact is too short to resolve it; ``time_s`` (n,) are the frames' times.
+
+    Impulse, speeds and spin remain, because they follow from the flights before and after.
+    """
+    if contact_frames(impact, time_s) >= MIN_RESOLVED_FRAMES:
+        return impact
+    sd_edge = SHORT_CONTACT_SD * float(np.diff(time_s).min())
+    return replace(
+        impact,
+        contact_start=_widened(impact.contact_start, sd_edge),
+        contact_end=_widened(impact.contact_end, sd_edge),
+        duration=_widened(impact.duration, sd_edge * np.sqrt(2)),
+        peak_force=_unknown(impact.peak_force),
+        mean_force=_unknown(impact.mean_force),
+        peak_time=impact.peak_time and _widened(impact.peak_time, sd_edge),
+    )
+
+
+def _widened(estimate: Estimate, sd: float) -> Estimate:
+    return replace(estimate, sd=np.hypot(estimate.sd, sd))
+
+
+def _unknown(estimate: Estimate | None) -> Estimate | None:
+    return estimate and replace(estimate, value=np.asarray(np.nan), sd=np.asarray(np.nan))

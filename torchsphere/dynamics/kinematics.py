@@ -1,6 +1,6 @@
-"""Velocity, acceleration, spin and force of a track, with uncertainty.
+"""Velocity, acceleration, spin and force of a track, and its mean motion, with uncertainty.
 
-They come from a smoother by default (`estimation.rts`), or from local polynomials; `si_units` converts them.
+The source is a smoother (`estimation.rts`) by default, or local polynomials; `si_units` converts the units.
 """
 
 from __future__ import annotations
@@ -13,14 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.dynamics.depth_plane import in_depth_plane
-from torchsphere.dynamics.scale import scale
+from torchsphere.dynamics.scale import Scale, scale
+from torchsphere.dynamics.shared_errors import SharedErrors
 from torchsphere.dynamics.si_units import Draws, Kinematics, Units, in_si_units
+from torchsphere.estimation.measurements import measured_increments, poses
 from torchsphere.estimation.rates import polynomials, smoothed
 from torchsphere.settings.choices import METHODS, ORDER, WINDOW
 from torchsphere.settings.limits import FRAME_RATES, as_float, as_positive
 from torchsphere.tracking.track import Track
 
-__all__ = ["Draws", "Kinematics", "kinematics", "kinematics_of_many"]
+__all__ = ["Draws", "Kinematics", "kinematics", "kinematics_of_many", "mean_motion"]
 
 #: Longest recording that is smoothed, frames; a longer one gets local polynomials (docs/constants.md).
 MAX_SMOOTHED_FRAMES = 1500
@@ -134,6 +136,48 @@ def kinematics_of_many(
         in_si_units(track, motion, moments / rate, Units(pixel, rate, lab_frame), mass_kg)
         for track, motion, moments, pixel in zip(tracks, motions, times, scales, strict=True)
     ]
+
+
+def mean_motion(track: Track, motion: Kinematics | None) -> dict[str, Array]:
+    """Means over the measured steps and their standard deviations, for the summary; NaN if nothing was measured.
+
+    ``increment_px_rad`` (5,); with ``motion`` also ``velocity_m_s`` (2,) and ``spin_rad_s`` (3,) in its axes. The
+    standard deviations have the same names with ``sd_``.
+    """
+    step, sd = _mean_step(track, Scale(1.0, 0.0, "px"))
+    means = {"increment_px_rad": step, "sd_increment_px_rad": sd}
+    if motion is None:
+        return means
+    step, sd = _mean_step(in_depth_plane(track), motion.scale)
+    units = Units(motion.scale, motion.frame_rate, motion.lab_frame)
+    velocity, spin = units.rates(step)
+    sd_velocity, sd_spin = units.sd_rates(sd)
+    means |= {"velocity_m_s": velocity, "sd_velocity_m_s": sd_velocity}
+    return means | {"spin_rad_s": spin, "sd_spin_rad_s": sd_spin}
+
+
+def _mean_step(track: Track, scale: Scale) -> tuple[Array, Array]:
+    """Mean (5,) of the measured steps and its standard deviation, px and rad; ``scale`` gives the lengths' error.
+
+    In a sum of successive steps the errors of the poses between the first and the last cancel. The errors of these two
+    remain, the share of each step's error that stays in all later poses, and the errors that all steps share.
+    """
+    # Rotations of 0 without a standard deviation come from a model without rotations, not from a measurement.
+    has_sd = np.isfinite(np.diagonal(track.covariance, axis1=1, axis2=2))
+    valid = np.repeat(measured_increments(track), (2, 3), axis=1) & has_sd
+    count = valid.sum(0)
+    divisor = np.where(count > 0, count, np.nan)
+    mean = np.where(valid, track.increment, 0.0).sum(0) / divisor
+    measured = poses([track], [np.arange(float(len(track.status)))])
+    variance = np.diagonal(measured.covariance[0].numpy(), axis1=1, axis2=2)
+    # A step adds the error of its second pose and subtracts that of its first: only the ends of a run remain.
+    edge = np.zeros((1, valid.shape[1]), dtype=bool)
+    before, after = np.concatenate((edge, valid)), np.concatenate((valid, edge))
+    end_variance = np.where(before != after, variance, 0.0).sum(0)
+    lasting_variance = np.where(valid, measured.drift[0].numpy(), 0.0).sum(0)
+    shared = SharedErrors.of(track, scale)
+    own_sd = np.hypot(np.sqrt(end_variance + lasting_variance) / divisor, shared.steady)
+    return mean, shared.total_sd(mean[None], own_sd[None])[0]
 
 
 def _check_track(track: Any) -> None:

@@ -36,12 +36,8 @@ def scale(
 ) -> Scale:
     """Scale from the ball's diameter and its outline, or as given.
 
-    ``relative_sd`` is the relative standard deviation of the given diameter or pixel size.
-
-    Raises
-    ------
-    ValueError
-        Unless exactly one of diameter and pixel size is given, finite and positive, and ``relative_sd`` is in [0, 1).
+    ``relative_sd`` is the relative standard deviation of the given diameter or pixel size. Raises ValueError unless
+    exactly one of both is given, finite and positive, and ``relative_sd`` is in [0, 1).
     """
     relative = as_float(relative_sd)
     if not 0 <= relative < 1:
@@ -54,7 +50,7 @@ def scale(
         size, sd, origin = length, 0.0, "given" if relative else "given, taken as exact"
     else:
         size = length / (2 * circle.radius)
-        # A given circle has no stated uncertainty: its share is unknown, and the summary says so.
+        # The uncertainty of a given circle is unknown, and the summary says so.
         sd = 0.0 if math.isnan(circle.sd_radius) else size * circle.sd_radius / circle.radius
         origin = f"ball of {1e3 * length:g} mm over an outline of radius {circle.radius:.3f} px"
     if relative:

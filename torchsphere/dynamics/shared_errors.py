@@ -14,8 +14,7 @@ from torchsphere.tracking.track import Track
 #: Relative change of the rotation per relative change of the radius (docs/constants.md).
 ROTATION_PER_RADIUS = 2.1
 
-#: Rotation about z that a circle off the ball's centre by (d_x, d_y) px adds, over ``(w_x d_x + w_y d_y) / R``
-#: (docs/constants.md).
+#: Rotation about z by an error (d_x, d_y) of the centre, per ``(w_x d_x + w_y d_y) / R`` (docs/constants.md).
 ROTATION_Z_PER_CENTRE = -0.85
 
 #: Change of the steady error from the start of a flight to its end, as a share of that error (docs/constants.md).
@@ -36,15 +35,12 @@ class SharedErrors:
     scale: float  # of all lengths, relative
     step: float  # of a step by the radius, px per rad of rotation
     rotation: float  # of all rotations by the radius, relative
-    # distance of the followed point from the ball's centre (2,), px. The point turns with the ball about z
-    centre: Array
-    # factor of the centre's error: rotation about z per px of the error and per rad of rotation in the image
-    # plane
-    rotation_z: float
+    centre: Array  # of the followed point from the ball's centre (2,), px; the point turns with the ball about z
+    rotation_z: float  # factor of the centre's error: rotation about z per px and per rad of rotation about x and y
 
     @staticmethod
     def of(track: Track, scale: Scale) -> SharedErrors:
-        """Shared errors of a track; a circle without an uncertainty adds none, and the summary says so."""
+        """Shared errors of a track; a circle without an uncertainty adds no error, and the summary says so."""
         sd_radius = float(np.nan_to_num(track.circle.sd_radius))
         sd_centre = np.nan_to_num([track.circle.sd_x, track.circle.sd_y])
         # A steady error of the steps moves the followed point away from the centre, by half of the total on average.
@@ -65,7 +61,7 @@ class SharedErrors:
 
         ``spin_z`` (n,) is the spin about z, for accelerations.
         """
-        # A point off the centre circles round the centre.
+        # A point beside the centre moves on a circle around the centre.
         by_centre = np.abs(values[:, 4:]) * self.centre[::-1]
         if spin_z is not None:
             by_centre = np.hypot(by_centre, spin_z[:, None] ** 2 * self.centre)

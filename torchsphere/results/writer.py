@@ -19,8 +19,7 @@ import torch
 from numpy.typing import NDArray
 
 from torchsphere.dynamics.impact_estimate import Impact
-from torchsphere.dynamics.kinematics import Kinematics
-from torchsphere.dynamics.mean_motion import mean_motion
+from torchsphere.dynamics.kinematics import Kinematics, mean_motion
 from torchsphere.dynamics.shared_errors import ROTATION_PER_RADIUS
 from torchsphere.geometry.orientation import quaternions
 from torchsphere.recording import Recording
