@@ -65,6 +65,15 @@ from torchsphere.sphere_map.window import cut_window
 FRAMES, BEYOND = 60, 1.08
 BOUND_PX, TARGET_PX = 0.0017, 0.0026
 
+#: Ways in the table on the pages, with their names there.
+PUBLISHED = {
+    "pairs": "pairs, region 0.95 R (default)",
+    "region 1.08 R": "region extended to 1.08 R",
+    "region 1.08 R, background out": "the same, background taken out",
+    "fused edge": "pairs fused with an edge fit",
+    "map": "map (`--map on`)",
+}
+
 #: Increments (n - 1, 5) and their covariances (n - 1, 5, 5), px and rad.
 Steps = tuple[Array, Array]
 
@@ -213,12 +222,14 @@ def main() -> None:
     """Measure, draw, and print the table."""
     results = compute()
     plot(results)
-    ways = dict.fromkeys(way for _, way in results)
     print(table(("background", "way", *HEADER), [(*key, *cells(found)) for key, found in results.items()]))
     head = ["way"]
     for background in BACKGROUNDS:
         head += [f"std x, y (px), {background}", "bias x, y (px)", "actual/stated"]
-    lines = [[way, *(cell for background in BACKGROUNDS for cell in brief(results[background, way]))] for way in ways]
+    lines = [
+        [name, *(cell for background in BACKGROUNDS for cell in brief(results[background, way]))]
+        for way, name in PUBLISHED.items()
+    ]
     publish("outline", "validation.outline_study", table(head, lines))
 
 

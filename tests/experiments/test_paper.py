@@ -1,16 +1,14 @@
-"""The parts of the experiments of the paper that measure nothing: geometry, simulated instruments, and the page."""
+"""The parts of the paper's experiments that measure nothing: geometry, simulated instruments, and the page."""
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
-from experiments import experiment
-from experiments.experiment import Row, claims, key_of, saved_figure, table
+from experiments.experiment import Row
 from experiments.paper import all as everything
 from experiments.paper.bar.history import Peak
 from experiments.paper.fig05 import accelerometer, lobe
@@ -18,8 +16,6 @@ from experiments.paper.fig09 import angles_deg, mean_spin_rev_s
 from experiments.paper.fig11 import matched
 from experiments.paper.fig15 import hidden_share
 from experiments.paper.table1 import RISE_S, SPACING_M, barrier_light, gate_signals
-from experiments.shots import frames_of, settings_of, spread
-from experiments.speed.files import STAGES
 from render import preset
 from render.trajectory import DropWeight
 
@@ -99,26 +95,6 @@ def test_every_wanted_peak_gets_the_nearest_one() -> None:
     assert matched((), (Peak(1.0, 1.0),)) == []
 
 
-def test_frames_shown_include_both_ends() -> None:
-    assert list(frames_of(3, 11)) == [0, 5, 10]
-
-
-def test_the_spread_leaves_out_what_was_not_measured() -> None:
-    mean, std = spread(np.array([1.0, np.nan, 3.0]))
-    assert (mean, std) == pytest.approx((2.0, np.sqrt(2.0)))
-
-
-def test_a_shots_key_changes_with_any_of_its_settings() -> None:
-    shot = preset.load("paper-flight")
-    other = preset.load("paper-flight", ["sensor.read_noise_grey=2.5"])
-    assert key_of("shot", settings_of(shot)) == key_of("shot", settings_of(preset.load("paper-flight")))
-    assert key_of("shot", settings_of(shot)) != key_of("shot", settings_of(other))
-
-
-def test_a_bar_in_a_cell_does_not_end_it() -> None:
-    assert claims([ROW]).splitlines()[-1] == r"| fig00 | It is so. | 1 \| 2 | 3 | yes |"
-
-
 def test_an_experiment_that_fails_gets_a_row_that_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(name: str) -> ModuleType:
         raise ValueError(f"no such shot: {name}")
@@ -144,22 +120,3 @@ def test_an_unknown_name_is_refused_with_the_known_ones(capsys: pytest.CaptureFi
     with pytest.raises(SystemExit):
         everything.main(["fig99"])
     assert "'fig99' is no experiment of the paper; expected one of fig02" in capsys.readouterr().err
-
-
-def test_a_figure_makes_its_folder_and_is_saved(tmp_path: Path) -> None:
-    path = tmp_path / "figures" / "fig00.png"
-    with saved_figure(path, (1, 1)) as figure:
-        figure.subplots()
-    assert path.stat().st_size > 0
-
-
-def test_a_published_table_names_the_command_that_measures_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(experiment, "TABLES", tmp_path)
-    experiment.publish("times", "speed.speed", table(("way", "ms"), [("ours", 1)]))
-    text = (tmp_path / "times.md").read_text()
-    assert text == "*Measured by `python -m experiments.speed.speed`.*\n\n| way | ms |\n| --- | --- |\n| ours | 1 |\n"
-
-
-@pytest.mark.parametrize(("place", "name"), [stage[:2] for stage in STAGES])
-def test_what_the_clock_is_put_around_is_where_it_is_looked_for(place: str, name: str) -> None:
-    assert callable(getattr(importlib.import_module(place), name))
