@@ -120,7 +120,7 @@ def test_pixels_that_are_no_number_are_refused_even_where_they_are_masked_and_th
     arguments = ["track", str(tmp_path / "nan.npy"), "--out", str(tmp_path / "out"), "--circle", CIRCLE, "--quiet"]
     sentence = refused([*arguments, "--ignore", "3,3 8,3 8,8 3,8"], capsys)
     assert "image 3 holds values that are not finite" in sentence
-    assert "replace them in the file (even where a mask is to leave them out" in sentence
+    assert "replace them in the file (a mask comes after reading" in sentence
 
 
 def test_cuda_without_a_device_is_refused(tmp_path: Path, short: Path, capsys, monkeypatch) -> None:

@@ -1,17 +1,17 @@
-"""The command ``torchsphere batch``: its options, its engine, its progress bar and its closing sentence."""
+"""The command ``torchsphere batch``: options, engine, and closing sentences."""
 
 from __future__ import annotations
 
 import argparse
-import contextlib
 import functools
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from torchsphere.cli.console import progress_bar, say
 from torchsphere.cli.options import add_command, add_out, add_quiet, add_settings, given
 from torchsphere.request import PER_RECORDING, joined, read_config
 
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 #: Exit code where recordings failed; their reasons are in summary.csv.
 SOME_FAILED = 3
 
-#: Failed recordings that are named at the end; all of them stand in summary.csv.
+#: Largest number of failed recordings that the closing sentences name; summary.csv has all.
 FAILURES_NAMED = 5
 
 
 def add(commands: Any) -> None:
-    """Add the command to those of ``torchsphere``."""
+    """Add the command to the parser."""
     text = "Measure an archive: all recordings of a folder or a manifest, one result folder each; only what is new."
     example = "torchsphere batch shots --out results --diameter-mm 30 --mass-g 110 --workers 8"
     epilog = (
@@ -65,18 +65,14 @@ def _shard(text: str) -> tuple[int, int]:
 
 
 def run(options: dict[str, Any], measure: Measure | None = None) -> int:
-    """Run over the archive; 0 where all recordings of its share are done, 3 where some failed, 130 on Ctrl-C.
+    """Run over the archive; 0 where all recordings of the share are done, 3 where some failed, 130 on Ctrl-C.
 
-    ``measure`` measures one recording: by default `torchsphere.measure.measure`.
-
-    Raises
-    ------
-    ValueError, OSError
-        With one sentence on what is wrong with the manifest, the output folder or the engine.
+    ``measure`` measures one recording, by default as `torchsphere.measure.measure`. Raises ValueError or OSError for an
+    invalid manifest, output folder or engine.
     """
     from torchsphere.archive import folder, manifest
 
-    # Workers on other machines have other working folders.
+    # Workers on other machines have other working folders, hence absolute paths.
     source, out = options["source"].absolute(), options["out"].absolute()
     common = {} if options["config"] is None else read_config(options["config"], PER_RECORDING)
     common = _absolute(joined(common, given(options, PER_RECORDING)))
@@ -88,7 +84,7 @@ def run(options: dict[str, Any], measure: Measure | None = None) -> int:
     if not options["quiet"]:
         notes = list(archive.notes)
         if not claims.are_supported():
-            notes.append(f"{out}: its file system has no locks, so two runs at once would repeat each other's work.")
+            notes.append(f"{out}: its file system has no locks, so two runs at once would measure recordings twice.")
         for note in notes:
             print(f"torchsphere: {note}", file=sys.stderr)
     return _run(archive, out, engine, options)
@@ -100,15 +96,20 @@ def _run(archive: Archive, out: Path, engine: Engine, options: Mapping[str, Any]
 
     shard, retry, quiet = options["shard"] or (1, 1), options["retry_failed"], options["quiet"]
     try:
-        with _progress(quiet) as changed:
+        with progress_bar(quiet, "", "recording") as show:
+
+            def changed(counts: Counts) -> None:
+                if show is not None:
+                    show(counts.done + counts.failed, counts.total, f"{counts.failed} failed")
+
             counts = archive_run.run(archive, out, engine, shard=shard, retry_failed=retry, changed=changed)
     except archive_run.Interrupted as stop:
-        _say(f"interrupted; {_counts_text(stop.counts)}; the same command goes on", quiet)
+        say(quiet, f"interrupted; {_counts_text(stop.counts)}; the same command goes on")
         return 130
     table = out / SUMMARIES[0]
-    _say(f"{_counts_text(counts)}; see {table}", quiet)
+    say(quiet, f"{_counts_text(counts)}; see {table}")
     for sentence in _failures(counts, table):
-        _say(sentence, quiet)
+        say(quiet, sentence)
     return SOME_FAILED if counts.failed else 0
 
 
@@ -119,19 +120,14 @@ def _counts_text(counts: Counts) -> str:
 
 
 def _failures(counts: Counts, table: Path) -> list[str]:
-    """The first recordings that failed and why, and where the others stand."""
-    told = [f"failed  {name}: {reason.removeprefix(f'{name}: ')}" for name, reason in counts.failures[:FAILURES_NAMED]]
-    more = len(counts.failures) - len(told)
-    return [*told, f"and {more} more; their reasons stand in {table}"] if more else told
-
-
-def _say(sentence: str, quiet: bool) -> None:
-    if not quiet:
-        print(sentence)
+    """Sentences on the first failed recordings with their reasons, and on the number of the others."""
+    named = [f"failed  {name}: {reason.removeprefix(f'{name}: ')}" for name, reason in counts.failures[:FAILURES_NAMED]]
+    more = len(counts.failures) - len(named)
+    return [*named, f"and {more} more; their reasons stand in {table}"] if more else named
 
 
 def _absolute(common: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings with the names of mask images as other working folders need them."""
+    """The settings with absolute paths of mask images."""
     if "ignore" not in common:
         return dict(common)
     masks = [str(Path(text).absolute()) if Path(text).is_file() else text for text in common["ignore"]]
@@ -150,43 +146,13 @@ def _engine(options: Mapping[str, Any], on_gpu: bool, measure: Measure | None) -
     if options["scheduler"] is not None:
         return functools.partial(dask_engine.run, address=options["scheduler"], measure=measure)
     if on_gpu and not torch.cuda.device_count():
-        # Each recording would fail for it, and stand as failed on a machine that has one.
+        # Otherwise each recording would fail, and stay failed on a machine with a GPU.
         raise ValueError(
             "--device cuda was asked for, but torch finds no CUDA device here; leave it out to use the CPU"
         )
     workers = options["workers"]
     if workers is None:
-        # Processes that share a GPU would each hold its context and its memory.
-        workers = max(1, torch.cuda.device_count()) if on_gpu else _cores()
+        # Each process on a GPU takes memory of its own. A job scheduler may give fewer cores than there are.
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        workers = max(1, torch.cuda.device_count()) if on_gpu else cores
     return functools.partial(processes.run, workers=workers, measure=measure)
-
-
-def _cores() -> int:
-    """Cores that this process may use: a job scheduler may have given it fewer than there are."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-@contextlib.contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[Counts], None] | None]:
-    """A callback that shows a bar on stderr, with failures and time left, or None."""
-    if quiet:
-        yield None
-        return
-    from tqdm import tqdm
-
-    bar: tqdm[Any] | None = None
-
-    def show(counts: Counts) -> None:
-        nonlocal bar
-        ended = counts.done + counts.failed
-        if bar is None:
-            # Recordings that need no measurement are no part of the rate that tells the time left.
-            bar = tqdm(total=counts.total, initial=ended, unit="recording", file=sys.stderr, leave=False)
-        bar.set_postfix_str(f"{counts.failed} failed", refresh=False)
-        bar.update(ended - bar.n)
-
-    try:
-        yield show
-    finally:
-        if bar is not None:
-            bar.close()

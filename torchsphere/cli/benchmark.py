@@ -8,12 +8,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from torchsphere.cli.console import progress_bar, say
 from torchsphere.cli.options import add_command, add_out, add_quiet
 from torchsphere.settings.choices import SIZES, TRACKERS
 
 if TYPE_CHECKING:
     from torchsphere.benchmark.folder import Benchmark
-    from torchsphere.benchmark.run import Outcome
     from torchsphere.benchmark.score_rows import ScoreRow
 
 #: Exit code where a tracker failed on a suite; its other results are written.
@@ -21,21 +21,11 @@ SOME_FAILED = 3
 
 
 def add(commands: Any) -> None:
-    """Add the command to those of ``torchsphere``."""
+    """Add the command to the parser."""
     text = "Measure a ball tracker, torchsphere or any other, against recordings with exact truth."
     parser = add_command(commands, "benchmark", _make, text, "docs/benchmark.md says what the files and scores mean.")
     actions = parser.add_subparsers(required=True, dest="action", metavar="ACTION", parser_class=type(parser))
-    _add_make(actions)
-    _add_run(actions)
-    _add_score(actions)
-    _add_table(actions)
 
-
-def _add_action(actions: Any, name: str, run: Callable[[dict[str, Any]], int], text: str, example: str) -> Any:
-    return add_command(actions, name, run, text, f"example:  torchsphere benchmark {name} {example}")
-
-
-def _add_make(actions: Any) -> None:
     text = "Render the suites: images, truth, checksums (extra 'render')."
     parser = _add_action(actions, "make", _make, text, "--out bench --size smoke")
     add_out(parser, "folder for the benchmark")
@@ -46,22 +36,14 @@ def _add_make(actions: Any) -> None:
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier benchmark")
     add_quiet(parser, "no progress, no closing sentence")
 
-
-def _add_run(actions: Any) -> None:
     text = "Run trackers on the suites and score them; exit code 3 where a tracker failed on a suite."
     parser = _add_action(actions, "run", _run, text, "bench --tracker torchsphere --tracker ecc --out mine")
     _add_benchmark(parser)
-    parser.add_argument(
-        "--tracker",
-        action="append",
-        metavar="NAME",
-        help=f"{', '.join(TRACKERS)}, 'all' of these, or module:function; may be repeated (torchsphere)",
-    )
+    trackers = f"{', '.join(TRACKERS)}, 'all' of these, or module:function; may be repeated (torchsphere)"
+    parser.add_argument("--tracker", action="append", metavar="NAME", help=trackers)
     add_out(parser, "folder for predictions and scores.csv")
     parser.add_argument("--keep", action="store_true", help="do not run again what was run before on these images")
 
-
-def _add_score(actions: Any) -> None:
     text = "Score predictions that were made elsewhere: a folder with a SUITE.csv per suite, or one file with --suite."
     parser = _add_action(actions, "score", _score, text, "bench predictions --name mine --out mine.csv")
     _add_benchmark(parser)
@@ -69,12 +51,14 @@ def _add_score(actions: Any) -> None:
     parser.add_argument("--name", metavar="TEXT", help="what the tracker is called (the folder's or file's name)")
     parser.add_argument("--out", type=Path, metavar="FILE.csv", help="write the scores, for 'table'")
 
-
-def _add_table(actions: Any) -> None:
     text = "Join scores into a leaderboard in Markdown."
     parser = _add_action(actions, "table", _table, text, "scores.csv mine.csv --out LEADERBOARD.md")
     parser.add_argument("scores", type=Path, nargs="+", metavar="SCORES.csv", help="what 'run' or 'score' wrote")
     parser.add_argument("--out", type=Path, metavar="FILE.md", help="write it there instead of printing it")
+
+
+def _add_action(actions: Any, name: str, run: Callable[[dict[str, Any]], int], text: str, example: str) -> Any:
+    return add_command(actions, name, run, text, f"example:  torchsphere benchmark {name} {example}")
 
 
 def _add_benchmark(parser: argparse.ArgumentParser) -> None:
@@ -84,17 +68,10 @@ def _add_benchmark(parser: argparse.ArgumentParser) -> None:
 
 
 def _make(options: dict[str, Any]) -> int:
-    from tqdm import tqdm
-
     from torchsphere.benchmark.make import make
 
     quiet = options["quiet"]
-    with tqdm(unit="frame", file=sys.stderr, leave=False, desc="rendering", disable=quiet) as bar:
-
-        def progress(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
+    with progress_bar(quiet, "rendering") as progress:
         try:
             made = make(
                 options["suite"],
@@ -106,9 +83,9 @@ def _make(options: dict[str, Any]) -> int:
                 workers=options["workers"],
             )
         except ModuleNotFoundError as error:
-            # The error says what to install; the command line would ask to install all of torchsphere again.
+            # This error names the package to install; `main` would ask for all of torchsphere.
             raise ValueError(str(error)) from error
-    _say(quiet, f"{len(made.suites)} suites of size {made.size}, {made.checksum}; in {options['out']}")
+    say(quiet, f"{len(made.suites)} suites of size {made.size}, {made.checksum}; in {options['out']}")
     return 0
 
 
@@ -134,22 +111,16 @@ def _run(options: dict[str, Any]) -> int:
         try:
             outcomes = run(made, entries, out, suites=suites, keep=options["keep"], started=started)
         except KeyboardInterrupt:
-            sentence = "interrupted; predictions that were made are kept, and the same command with --keep goes on"
+            sentence = "interrupted; finished predictions are kept, and the same command with --keep goes on"
             print(f"torchsphere: {sentence}", file=sys.stderr)
             return 130
     rows = [row for name in names for row in score_rows.score_folder(made, out / folder_of(name), name, truth)]
     score_rows.write(out / "scores.csv", [*score_rows.read_earlier(out / "scores.csv", made, rows), *rows])
     _print_scores(rows, quiet)
     kept, failed = sum(o.kept for o in outcomes), [o for o in outcomes if o.failed]
-    _say(quiet, f"{len(outcomes) - kept} run, {kept} kept from before, {len(failed)} failed; see {out / 'scores.csv'}")
-    return _failures(failed)
-
-
-def _failures(failed: Sequence[Outcome]) -> int:
-    """Exit code, and a sentence on stderr for each failure."""
+    say(quiet, f"{len(outcomes) - kept} run, {kept} kept from before, {len(failed)} failed; see {out / 'scores.csv'}")
     for outcome in failed:
-        sentence = f"{outcome.tracker} failed on {outcome.suite}: {outcome.failed}"
-        print(f"torchsphere: {sentence}", file=sys.stderr)
+        print(f"torchsphere: {outcome.tracker} failed on {outcome.suite}: {outcome.failed}", file=sys.stderr)
     return SOME_FAILED if failed else 0
 
 
@@ -190,7 +161,7 @@ def _table(options: dict[str, Any]) -> int:
 
 
 def _suites(made: Benchmark, asked: Sequence[str] | None) -> list[str]:
-    """Names of the suites asked for, each once; ValueError for an unknown suite."""
+    """Names of the requested suites, each once; ValueError for an unknown suite."""
     return [made.suite(name).name for name in dict.fromkeys(asked)] if asked else [suite.name for suite in made]
 
 
@@ -204,8 +175,3 @@ def _print_scores(rows: Sequence[ScoreRow], quiet: bool) -> None:
         if row.notes:
             print(f"torchsphere: {row.tracker} on {row.suite}: {row.notes}", file=sys.stderr)
     print(leaderboard.summary(leaderboard.board(rows)), end="")
-
-
-def _say(quiet: bool, sentence: str) -> None:
-    if not quiet:
-        print(sentence)

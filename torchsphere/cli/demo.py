@@ -1,4 +1,4 @@
-"""The command ``torchsphere demo``: a synthetic shot, tracked as any other, and beside its true motion."""
+"""The command ``torchsphere demo``: the track of a synthetic shot, compared with the true motion."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def add(commands: Any) -> None:
-    """Add the command to those of ``torchsphere``."""
+    """Add the command to the parser."""
     text = "Track a synthetic shot and compare with its true motion."
     parser = add_command(commands, "demo", run, text, "example:  torchsphere demo --out demo")
     parser.add_argument(
@@ -28,13 +28,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: dict[str, Any]) -> int:
-    """Make the shot, measure it and print both motions; 0 when the result was written.
-
-    Raises
-    ------
-    ValueError, OSError
-        With one sentence on what is wrong with the result folder.
-    """
+    """Make the shot, measure it and print both motions; raises ValueError or OSError for a bad result folder."""
     from torchsphere.synthetic import demo_shot
 
     shot = demo_shot.make_shot()

@@ -1,4 +1,4 @@
-"""The command ``torchsphere info``: what a recording is and, with ``--preview``, where the ball is in it."""
+"""The command ``torchsphere info``: facts about a recording and, with ``--preview``, the circle of the ball."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def add(commands: Any) -> None:
-    """Add the command to those of ``torchsphere``."""
+    """Add the command to the parser."""
     text = "Say what a recording is; with --preview, also where the ball is in it."
     parser = add_command(commands, "info", run, text, "example:  torchsphere info shot.cine --preview p.png")
     parser.add_argument("input", type=Path, metavar="INPUT", help="file or folder of images")
@@ -20,13 +20,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: dict[str, Any]) -> int:
-    """Print what the file is, and draw the preview that was asked for.
-
-    Raises
-    ------
-    ValueError, OSError
-        With one sentence on what is wrong with the file, or that no ball was found.
-    """
+    """Print the facts and draw the preview; raises ValueError or OSError for a bad file, or if no ball is found."""
     from torchsphere.recording import open_recording
 
     with open_recording(options["input"]) as recording:
@@ -67,9 +61,8 @@ def _preview(recording: Recording, path: Path) -> None:
         raise ValueError(f"--preview {path}: expected a name that ends in .png")
     source = Source.open(recording, "cpu")
     circle = calibrate_circle(source, find(source.images, source.count), None, Options())
-    text = circle.text()
-    title = f"frame {circle.frame}: --circle {text}"
-    preview_figure(path, recording.images(circle.frame, circle.frame + 1)[0], circle, title)
+    image, text = recording.images(circle.frame, circle.frame + 1)[0], circle.text()
+    preview_figure(path, image, circle, f"frame {circle.frame}: --circle {text}")
     print(f"{'circle':<11} --circle {text}   ({circle.sd_text}; frame {circle.frame})")
     if circle.doubt:
         print(f"{'note':<11} {circle.warning('in the preview')}")

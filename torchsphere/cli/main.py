@@ -1,7 +1,6 @@
 """The command line ``torchsphere``: its commands, exit codes and refusals.
 
-Each command has a module of its own, which imports what the command needs only when it runs: ``--help`` and a wrong
-option wait for no library, and no command waits for another's.
+The module of a command imports its libraries when the command runs, so that ``--help`` and refusals are fast.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from torchsphere.settings.limits import SettingError
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser that reports bad options as every other bad input: one sentence, exit code 2."""
+    """A parser that reports bad options in one sentence, with exit code 2."""
 
     def error(self, message: str) -> NoReturn:
         if message.endswith("expected one argument"):
@@ -34,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = vars(known)
     run, name = options.pop("run"), " ".join(filter(None, (options.pop("command"), options.pop("action", None))))
     if unknown:
-        # argparse itself would send the user to the list of commands.
+        # argparse itself would name the help of the whole program.
         parser.prog += f" {name}"
         parser.error(f"unrecognized arguments: {' '.join(unknown)}")
     try:
@@ -51,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _sentence(error: Exception) -> str:
-    """The error in one line: settings are named as options, and errors of the system get the words for what to do."""
+    """The error in one line, with settings named as options, and with advice on errors of the system."""
     if isinstance(error, SettingError):
         return error.as_options()
     if isinstance(error, OSError) and error.strerror is not None:

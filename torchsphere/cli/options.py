@@ -1,4 +1,4 @@
-"""Options of the command line from descriptions of settings, and values of several options."""
+"""Options of the command line from descriptions of settings, and options of several commands."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from torchsphere.settings.setting import SWITCH, Group, Setting
 
 
 def add_command(commands: Any, name: str, run: Callable[[dict[str, Any]], int], help_text: str, epilog: str) -> Any:
-    """Add a command to those of ``torchsphere``; ``run`` gets its options. Returns its parser."""
+    """Add a command with the function ``run`` of its options, and return its parser."""
     parser = commands.add_parser(name, help=help_text, description=help_text, epilog=epilog, allow_abbrev=False)
     parser.set_defaults(run=run)
     return parser
@@ -42,7 +42,7 @@ def _reader(setting: Setting) -> Callable[[str], Any]:
         try:
             return setting.from_text(text)
         except SettingError as error:
-            # argparse names the option itself.
+            # argparse adds the name of the option.
             raise argparse.ArgumentTypeError(str(error).partition(" = ")[2]) from error
 
     return read

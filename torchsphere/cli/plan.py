@@ -1,14 +1,12 @@
-"""The command ``torchsphere plan``: from its options to its folder."""
+"""The command ``torchsphere plan``: the plan of a test from the options."""
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from torchsphere.cli.console import progress_bar, say
 from torchsphere.cli.options import add_command, add_out, add_quiet, add_settings, given
 from torchsphere.planning.plan_request import PLAN_SETTINGS, PlanRequest, Vector
 
@@ -20,16 +18,15 @@ if TYPE_CHECKING:
     from torchsphere.planning.plan import Plan
     from torchsphere.planning.rehearsal import Target
 
-#: Effective modulus of a steel ball on an aluminium target, Pa: 1 / (0.91 / 210 GPa + 0.89 / 72 GPa), the ball and the
-#: bar of the paper's section 5.
+#: Effective modulus of steel on aluminium, Pa: 1 / (0.91 / 210 GPa + 0.89 / 72 GPa), as in the paper's section 5.
 STEEL_ON_ALUMINIUM_PA = 60e9
 
-#: Size of the rendered spots, px, and their grey levels, where none are given.
+#: Default size of the rendered spots, px, and default grey levels.
 SPECKLE_PX, GREY = 4.0, (30.0, 220.0)
 
 
 def add(commands: Any) -> None:
-    """Add the command to those of ``torchsphere``."""
+    """Add the command to the parser."""
     text = "Before the test: motion blur, frames in view, expected uncertainty of velocity, spin and force."
     example = (
         "torchsphere plan --speed 72 --fps 36000 --shutter-us 12.3 --px-per-mm 3.6 --diameter-mm 30 --mass-g 110 "
@@ -45,13 +42,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: dict[str, Any]) -> int:
-    """Make the plan, write its folder, print its table; 0 when it was written.
-
-    Raises
-    ------
-    ValueError, OSError
-        With one sentence on what is wrong; then nothing has been written.
-    """
+    """Make the plan, write the folder, print the table; raises ValueError or OSError before anything is written."""
     from torchsphere.planning import presentation
     from torchsphere.report import plan_figure
     from torchsphere.results import atomic_output, writer
@@ -64,8 +55,7 @@ def run(options: dict[str, Any]) -> int:
         writer.write_summary(folder, presentation.as_table(made))
         (folder / "summary.json").rename(folder / "plan.json")
         plan_figure.plan_figure(made).savefig(folder / "plan.png")
-    if not quiet:
-        print(f"{presentation.text(made)}\nresult  {out}")
+    say(quiet, f"{presentation.text(made)}\nresult  {out}")
     return 0
 
 
@@ -74,9 +64,9 @@ def _from_images(request: PlanRequest, quiet: bool) -> Plan:
 
     setup = _setup(request)
     modes = camera_modes.read_modes(request.modes) if request.modes is not None else []
-    with _progress(quiet) as progress:
+    with progress_bar(quiet, "planning", delay_s=1.0) as progress:
         return plan.from_images(
-            _look(request, setup),
+            _examples(request, setup),
             setup,
             _target(request, setup),
             width_px=request.width,
@@ -88,7 +78,7 @@ def _from_images(request: PlanRequest, quiet: bool) -> Plan:
 
 
 def _setup(request: PlanRequest) -> Setup:
-    """The test; the request has checked that all of its numbers are there."""
+    """The setup of the test; the request has checked that all numbers are given."""
     from torchsphere.planning.expected import Setup
 
     assert request.speed is not None
@@ -110,8 +100,8 @@ def _setup(request: PlanRequest) -> Setup:
     )
 
 
-def _look(request: PlanRequest, setup: Setup) -> ExampleSource:
-    """Examples of the ball: the images, or a pattern whose spots grow with the ball."""
+def _examples(request: PlanRequest, setup: Setup) -> ExampleSource:
+    """Examples of the ball: the images, or a rendered pattern with spots that scale with the ball."""
     from torchsphere.planning import example_image
 
     if request.image:
@@ -124,10 +114,10 @@ def _look(request: PlanRequest, setup: Setup) -> ExampleSource:
     low, high = request.grey or GREY
 
     @functools.lru_cache(maxsize=4)
-    def look(radius_px: float) -> tuple[Example, ...]:
+    def rendered(radius_px: float) -> tuple[Example, ...]:
         return example_image.rendered_examples(radius_px, speckle * radius_px / setup.radius_px, low, high)
 
-    return look
+    return rendered
 
 
 def _target(request: PlanRequest, setup: Setup) -> Target:
@@ -174,10 +164,9 @@ def _tracked(request: PlanRequest, path: Path, circle: Vector | None, quiet: boo
     with open_recording(path) as recording:
         rate, exposure = request.fps or recording.frame_rate, _shutter_s(request) or recording.exposure_s
         origin = f"recording {path.name}"
-        # Before the work of tracking.
         free_flight.require_calibration(origin, rate, request.diameter_mm, request.mass_g)
-        with _progress(quiet) as progress:
-            # Increments from frame to frame, as in the paper's table; a map would hide their scatter.
+        with progress_bar(quiet, "planning", delay_s=1.0) as progress:
+            # Increments from frame to frame, as in the paper's table; a map would hide the scatter.
             tracked = track(recording, circle, sphere_map=False, progress=progress)
         flight = free_flight.from_track(
             tracked,
@@ -188,20 +177,3 @@ def _tracked(request: PlanRequest, path: Path, circle: Vector | None, quiet: boo
             diameter_mm=request.diameter_mm,
         )
         return flight, recording.shape[2]
-
-
-@contextlib.contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
-    """A callback that shows a bar on stderr, or None."""
-    if quiet:
-        yield None
-        return
-    from tqdm import tqdm
-
-    with tqdm(file=sys.stderr, leave=False, desc="planning", delay=1.0) as bar:
-
-        def advance(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        yield advance

@@ -6,11 +6,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from torchsphere.cli.console import say
 from torchsphere.cli.options import add_command, add_quiet
 
 
 def add(commands: Any) -> None:
-    """Add the command to those of ``torchsphere``."""
+    """Add the command to the parser."""
     text = "Draw figures and report again from a result folder, or from a folder of results."
     parser = add_command(commands, "report", run, text, "example:  torchsphere report result")
     parser.add_argument("folder", type=Path, metavar="DIR", help="what 'track' or 'batch' wrote")
@@ -20,7 +21,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: dict[str, Any]) -> int:
-    """Run the command; a result that cannot be drawn is named, and the others are drawn all the same."""
+    """Draw one result or all results of a folder; raises ValueError at the end if results could not be drawn."""
     from tqdm import tqdm
 
     from torchsphere.report import index_page
@@ -28,10 +29,10 @@ def run(options: dict[str, Any]) -> int:
     folder, quiet = options["folder"], options["quiet"]
     if not (folder / "summary.csv").is_file():
         _draw(folder, options)
-        _say(quiet, f"report  {folder / 'report.html'}")
+        say(quiet, f"report  {folder / 'report.html'}")
         return 0
     rows = index_page.read_rows(folder)
-    wrong = []
+    failures = []
     for row in tqdm(rows, unit="result", file=sys.stderr, leave=False, desc="drawing", disable=quiet):
         result = index_page.result_folder(folder, row)
         if result is None:
@@ -39,11 +40,11 @@ def run(options: dict[str, Any]) -> int:
         try:
             _draw(result, options)
         except (ValueError, OSError) as error:
-            wrong.append(str(error) if str(error).startswith(str(result)) else f"{result}: {error}")
+            failures.append(str(error) if str(error).startswith(str(result)) else f"{result}: {error}")
     index_page.write_index(folder, rows)
-    _say(quiet, f"report  {folder / 'index.html'}")
-    if wrong:
-        raise ValueError(f"{len(wrong)} of {len(rows)} results could not be drawn; the first: {wrong[0]}")
+    say(quiet, f"report  {folder / 'index.html'}")
+    if failures:
+        raise ValueError(f"{len(failures)} of {len(rows)} results could not be drawn; the first: {failures[0]}")
     return 0
 
 
@@ -61,8 +62,3 @@ def _draw(folder: Path, options: dict[str, Any]) -> None:
         from torchsphere.report import paraview
 
         paraview.write_paraview(read(folder))
-
-
-def _say(quiet: bool, sentence: str) -> None:
-    if not quiet:
-        print(sentence)

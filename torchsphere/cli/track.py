@@ -1,24 +1,21 @@
-"""The command ``torchsphere track``: its options, its progress bar and what it prints."""
+"""The command ``torchsphere track``: options and printed outcome."""
 
 from __future__ import annotations
 
-import contextlib
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
+from torchsphere.cli.console import progress_bar
 from torchsphere.cli.options import add_command, add_out, add_quiet, add_settings, given
 from torchsphere.request import SETTINGS, Request, joined, read_config
 
 if TYPE_CHECKING:
-    from tqdm import tqdm
-
     from torchsphere.measure import Measurement
     from torchsphere.tracking.track import Track
 
 
 def add(commands: Any) -> None:
-    """Add the command to those of ``torchsphere``."""
+    """Add the command to the parser."""
     text = "Measure the motion of the ball in one recording."
     example = "example:  torchsphere track shot.cihx --out result --diameter-mm 30 --mass-g 110"
     parser = add_command(commands, "track", run, text, example)
@@ -31,45 +28,18 @@ def add(commands: Any) -> None:
     add_settings(parser, SETTINGS)
 
 
-class _Bar:
-    """A progress bar on stderr that appears with the first progress, so that a refusal stands alone."""
-
-    def __init__(self) -> None:
-        self._bar: tqdm[NoReturn] | None = None
-
-    def __call__(self, done: int, total: int) -> None:
-        if self._bar is None:
-            from tqdm import tqdm
-
-            self._bar = tqdm(total=total, unit="frame", file=sys.stderr, leave=False, desc="tracking")
-        if done < self._bar.n:
-            self._bar.reset(total)
-            self._bar.set_description("on the map")
-        self._bar.update(done - self._bar.n)
-
-    def close(self) -> None:
-        if self._bar is not None:
-            self._bar.close()
-
-
 def measure_with_progress(
     request: Request, quiet: bool, extra: dict[str, Path] | None = None, name: str | None = None
 ) -> Measurement:
     """`torchsphere.measure.measure`, with a progress bar unless ``quiet``."""
     from torchsphere.measure import measure
 
-    with contextlib.closing(_Bar()) as bar:
-        return measure(request, None if quiet else bar, extra, name=name)
+    with progress_bar(quiet, "tracking", second_pass="on the map") as progress:
+        return measure(request, progress, extra, name=name)
 
 
 def run(options: dict[str, Any]) -> int:
-    """Measure one recording and print the outcome; 0 when the result was written.
-
-    Raises
-    ------
-    ValueError, OSError
-        With one sentence on what is wrong; then nothing has been written.
-    """
+    """Measure one recording and print the outcome; raises ValueError or OSError before anything is written."""
     from_file = {} if options["config"] is None else read_config(options["config"])
     settings = joined(from_file, given(options, SETTINGS))
     done = measure_with_progress(Request(input=options["input"], out=options["out"], **settings), options["quiet"])
@@ -79,7 +49,7 @@ def run(options: dict[str, Any]) -> int:
 
 
 def status_text(tracked: Track) -> str:
-    """Number of frames, in all and per status."""
+    """Numbers of all frames and of frames per status."""
     from torchsphere.results.writer import status_counts
 
     counts = ", ".join(f"{count} {name}" for name, count in status_counts(tracked).items())
