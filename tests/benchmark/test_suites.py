@@ -1,4 +1,4 @@
-"""Every suite of the benchmark is what its title says, in numbers: its motion by the truth, its look by its images."""
+"""Every suite of the benchmark has the property in its title: motion by the truth, appearance by the images."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ ALL = [
     *("perspective", "small-ball-10", "small-ball-20", "textured-background"),
 ]
 
-#: Where the ball is not wholly seen at all times.
-PARTLY_SEEN = ("leaving-the-frame", "occlusion")
+#: Suites in which a part of the ball is hidden in some frames.
+PARTLY_HIDDEN = ("leaving-the-frame", "occlusion")
 
 both_sizes = pytest.mark.parametrize("size", ["smoke", "standard"])
 
@@ -62,7 +62,7 @@ def turns_deg(name: str, size: str = "standard") -> Array:
 
 @cache
 def image(name: str, frame: int = 0, *, clean: bool = False) -> Array:
-    """An image of the suite at the size standard; without noise, saturation and rounding where it is `clean`."""
+    """An image of the suite at the size standard; ``clean`` is without noise, saturation and rounding."""
     made = shot(name)
     number = frame % made.frames
     render = render_radiance if clean else render_frames
@@ -76,11 +76,11 @@ def from_centre(name: str, frame: int = 0) -> Array:
     return np.hypot(x - of["x_px"][frame], y - of["y_px"][frame]) / of["radius_px"][frame]
 
 
-def test_the_suites_are_those_that_were_promised() -> None:
+def test_the_suites_are_complete() -> None:
     assert names() == ALL
 
 
-def test_sizes_are_a_few_frames_and_many_and_ten_times_as_many() -> None:
+def test_smoke_has_few_frames_and_full_ten_times_those_of_standard() -> None:
     counts = {size: [recipe.frames for recipe in recipes(None, size)] for size in SIZES}
     assert max(counts["smoke"]) <= 24
     assert sum(counts["smoke"]) < 200
@@ -96,7 +96,7 @@ def test_no_two_recordings_share_a_seed() -> None:
     assert max(recipe.seed for recipe in recipes(None, "smoke")) < NEXT_SEED
 
 
-def test_a_seed_makes_another_pattern_and_other_noise() -> None:
+def test_a_seed_changes_pattern_backdrop_and_noise() -> None:
     setup = shot("plain").setup
     other = seeded(setup, 5)
     assert {other.pattern.seed, other.background.seed, other.sensor.seed, other.quality.seed} == {5}
@@ -105,16 +105,16 @@ def test_a_seed_makes_another_pattern_and_other_noise() -> None:
 
 @both_sizes
 @pytest.mark.parametrize("name", ALL)
-def test_the_ball_is_wholly_seen_at_first_and_in_most_suites_throughout(name: str, size: str) -> None:
+def test_the_whole_ball_is_visible_in_the_first_frame_and_in_most_suites_in_all_frames(name: str, size: str) -> None:
     visible, setup = columns(name, size)["visible"], shot(name, size).setup
     assert visible[0] == 1
-    if name in PARTLY_SEEN:
+    if name in PARTLY_HIDDEN:
         assert visible.min() < 1
         return
     assert (visible == 1).all()
     for centre in shot(name, size).trajectory(shot(name, size).times_s).position_m:
         edge = outline(setup.camera, centre, setup.ball.radius_m)
-        # A tracker's region goes a little beyond the outline.
+        # The region of a tracker extends a little beyond the outline.
         assert edge.min() > 4
         assert (edge < [setup.camera.width - 5, setup.camera.height - 5]).all()
 
@@ -141,13 +141,13 @@ def test_motion_blur_moves_more_than_3_px_while_the_shutter_is_open(size: str) -
     made = shot("motion-blur", size)
     moved = steps_px("motion-blur", size) * made.setup.shutter.exposure_s * made.frame_rate_hz
     assert moved == pytest.approx(4.8, abs=0.01)
-    # The renderer's own advice, or the blur is a row of ghosts; and the paper's limit of section 3.3.
+    # The renderer's limit for a continuous blur, and the paper's limit in section 3.3.
     assert (moved / made.setup.shutter.subframes <= 0.301).all()
     assert (moved < 5).all()
 
 
 @needs_mitsuba
-def test_motion_blur_takes_contrast_along_the_motion() -> None:
+def test_motion_blur_reduces_contrast_along_the_motion() -> None:
     made = shot("motion-blur")
     frozen = dataclasses.replace(made.setup, shutter=Shutter())
     sharp = next(render_radiance(frozen, made.trajectory, np.zeros(1)))
@@ -162,7 +162,7 @@ def test_motion_blur_takes_contrast_along_the_motion() -> None:
 
 
 @needs_mitsuba
-def test_low_light_leaves_22_grey_levels_and_noise_of_2_6() -> None:
+def test_low_light_has_22_grey_levels_and_noise_of_2_6() -> None:
     inside = from_centre("low-light") < 0.9
     clean, noisy = image("low-light", clean=True), image("low-light")
     dark, bright = np.percentile(clean[inside], (1, 99))
@@ -172,10 +172,10 @@ def test_low_light_leaves_22_grey_levels_and_noise_of_2_6() -> None:
 
 
 @pytest.mark.parametrize(("name", "radius"), [("small-ball-10", 10.0), ("small-ball-20", 20.0)])
-def test_small_balls_are_as_small_as_they_say(name: str, radius: float) -> None:
+def test_small_balls_have_the_radius_in_their_name(name: str, radius: float) -> None:
     assert columns(name)["radius_px"] == pytest.approx(radius)
     setup = shot(name).setup
-    # Finer speckles than two pixels could not be seen.
+    # Speckles below two pixels are not resolved.
     assert setup.pattern.speckle_mm * setup.camera.scale_px_per_mm > 2
 
 
@@ -188,7 +188,7 @@ def test_highlights_saturate_about_a_tenth_of_the_ball(frame: int) -> None:
 
 @needs_mitsuba
 def test_highlights_stand_still_while_the_pattern_turns() -> None:
-    # The mirrored lamps alone, by a ball without a pattern and almost black: what does not change as it turns.
+    # A ball that is almost black and without a pattern shows the reflected lamps alone.
     made = shot("highlights")
     dark = merged(preset.table(made), {"pattern": {"kind": "plain", "brightest": 0.08}})
     setup = preset.build(type(made.setup), {name: dark[name] for name in ("ball", "pattern", "lighting", "sensor")})
@@ -196,26 +196,26 @@ def test_highlights_stand_still_while_the_pattern_turns() -> None:
     inside = from_centre("highlights") < 0.5
     shown = next(render_radiance(setup, made.trajectory, np.zeros(1)))
     assert shown[inside].max() > 200
-    # In the suite they outshine its dark speckles, too.
+    # In the suite the lamps are brighter than the dark speckles, too.
     assert image("highlights", clean=True)[shown > 200].min() > 180
 
 
 @both_sizes
 def test_occlusion_hides_a_third_of_the_ball(size: str) -> None:
     visible = columns("occlusion", size)["visible"]
-    # A post of 26.7 px over a disc of 100 px hides 33.6 % where it is in the middle; no frame shows it just there.
+    # A post of 26.7 px over a disc of 100 px hides 33.6 % in the middle; no frame has the post exactly there.
     assert visible.min() == pytest.approx(1 - 0.336, abs=0.008)
     assert (visible < 0.95).sum() >= 4
 
 
-def test_occlusion_ends_as_it_began() -> None:
+def test_occlusion_begins_and_ends_with_the_whole_ball() -> None:
     visible = columns("occlusion")["visible"]
     assert (visible[:8] == 1).all()
     assert (visible[-8:] == 1).all()
 
 
 @needs_mitsuba
-def test_occlusion_throws_a_shadow_on_the_ball() -> None:
+def test_occlusion_casts_a_shadow_on_the_ball() -> None:
     frame = int(columns("occlusion")["visible"].argmin())
     made = shot("occlusion")
     table = preset.table(made)
@@ -225,53 +225,53 @@ def test_occlusion_throws_a_shadow_on_the_ball() -> None:
     without = next(render_radiance(free, made.trajectory, made.times_s[[frame]], numbers=[frame]))
     right = (from_centre("occlusion", frame) < 0.9) & (np.arange(384) > 220)
     darker = (image("occlusion", frame, clean=True) / without)[right]
-    # Half of the light is the lamp's, and the post hides a part of the lamp.
+    # Half of the light is from the lamp, and the post hides a part of the lamp.
     assert np.percentile(darker, 10) < 0.85
     assert np.percentile(darker, 90) > 0.95
 
 
 @both_sizes
-def test_perspective_sees_the_ball_from_ten_radii(size: str) -> None:
+def test_perspective_has_the_camera_at_ten_radii(size: str) -> None:
     assert columns("perspective", size)["z_m"] / 0.015 == pytest.approx(10.0)
     assert shot("perspective", size).setup.camera.distortion == (0, 0, 0)
 
 
-def test_perspective_shows_another_side_as_the_ball_passes() -> None:
+def test_perspective_changes_the_viewing_direction_by_30_deg() -> None:
     of = columns("perspective")
-    seen = np.degrees(np.arctan(of["x_m"] / of["z_m"]))
-    assert seen[-1] - seen[0] > 30
+    direction = np.degrees(np.arctan(of["x_m"] / of["z_m"]))
+    assert direction[-1] - direction[0] > 30
 
 
 @both_sizes
-def test_off_axis_sees_the_ball_14_to_35_deg_aside(size: str) -> None:
+def test_off_axis_has_the_ball_14_to_35_deg_from_the_axis(size: str) -> None:
     of = columns("off-axis", size)
-    aside = np.degrees(np.arctan(np.hypot(of["x_m"], of["y_m"]) / of["z_m"]))
-    assert aside.min() > 14
-    assert aside.max() < 35
+    angle = np.degrees(np.arctan(np.hypot(of["x_m"], of["y_m"]) / of["z_m"]))
+    assert angle.min() > 14
+    assert angle.max() < 35
     if size == "standard":
-        assert aside.max() > 34
+        assert angle.max() > 34
     made = shot("off-axis", size)
     position = made.trajectory(made.times_s).position_m[-1]
     edge = outline(made.setup.camera, position, 0.015)
     width, height = np.ptp(edge, axis=0)
-    # Seen from far away at the angle a, a ball's outline is longer by 1 / cos(a) towards the axis.
-    assert width / height > 0.99 / np.cos(np.radians(aside[-1])) > 1.03
+    # For a distant ball at the angle a, the outline is longer by 1 / cos(a) towards the axis.
+    assert width / height > 0.99 / np.cos(np.radians(angle[-1])) > 1.03
 
 
 def test_lens_distortion_bends_the_corner_by_9_px_and_the_path_of_the_ball() -> None:
     camera, of = shot("lens-distortion").setup.camera, columns("lens-distortion")
     corner = np.hypot(255.5, 127.5)
-    seen = camera.project(np.array([[255.5, 127.5, 2000.0]]))[0] - camera.centre_px
-    assert corner - np.hypot(*seen) == pytest.approx(8.7, abs=0.1)
+    distorted = camera.project(np.array([[255.5, 127.5, 2000.0]]))[0] - camera.centre_px
+    assert corner - np.hypot(*distorted) == pytest.approx(8.7, abs=0.1)
     straight = 255.5 + 2000.0 * of["x_m"] / of["z_m"]
     assert np.abs(of["x_px"] - straight).max() > 2
     assert np.abs(of["x_px"] - straight).min() < 0.05
-    # So far away that its perspective alone is small: the radius over the distance.
+    # The distance in radii is large, so that the perspective alone is small.
     assert of["z_m"] / 0.015 == pytest.approx(40.0)
 
 
 @needs_mitsuba
-def test_textured_background_stands_still_and_is_no_noise() -> None:
+def test_textured_background_is_still_and_not_noise() -> None:
     outside = (from_centre("textured-background") > 1.3) & (from_centre("textured-background", -1) > 1.3)
     first, last = (image("textured-background", frame)[outside] for frame in (0, -1))
     assert first.std() == pytest.approx(0.25 * 0.3 * 255, rel=0.1)
@@ -280,7 +280,7 @@ def test_textured_background_stands_still_and_is_no_noise() -> None:
 
 
 @both_sizes
-def test_leaving_the_frame_goes_from_all_to_nothing(size: str) -> None:
+def test_leaving_the_frame_goes_from_the_whole_ball_to_none(size: str) -> None:
     visible = columns("leaving-the-frame", size)["visible"]
     assert visible[0] == 1
     assert visible[-1] == 0
@@ -295,22 +295,22 @@ def test_long_recording_turns_the_ball_once_around_in_400_frames() -> None:
 
 @pytest.mark.parametrize(("name", "size_px"), [("coarse-speckle", 12.0), ("fine-speckle", 2.0), ("plain", 4.0)])
 @needs_mitsuba
-def test_speckles_are_as_large_as_they_say(name: str, size_px: float) -> None:
+def test_speckles_have_the_stated_size(name: str, size_px: float) -> None:
     setup = shot(name).setup
     assert setup.pattern.speckle_mm * setup.camera.scale_px_per_mm == pytest.approx(size_px)
-    # Width of the autocorrelation in the image, in the ball's middle where the view is straight.
+    # Width of the autocorrelation at the ball's centre, where the surface is parallel to the image.
     x, y = round(columns(name)["x_px"][0]), round(columns(name)["y_px"][0])
     patch = image(name, clean=True)[y - 32 : y + 32, x - 32 : x + 32]
     power = np.abs(np.fft.fft2(patch - patch.mean())) ** 2
     correlation = np.fft.ifft2(power).real / power.mean()
     across = (correlation[0, :32] + correlation[:32, 0]) / 2
     half = np.interp(-0.5, -across[: int((across < 0.5).argmax()) + 1], np.arange(int((across < 0.5).argmax()) + 1))
-    # The pixel and the optics' blur of 0.5 px widen it, most where it is fine.
+    # The pixel and the optics' blur of 0.5 px increase the width, most for fine speckle.
     assert 0.75 * size_px < 2 * half < 1.2 * size_px + 0.8
 
 
 @needs_mitsuba
-def test_no_speckle_shows_nothing_but_shading_and_noise() -> None:
+def test_no_speckle_has_only_shading_and_noise() -> None:
     inside = from_centre("no-speckle") < 0.8
     shown = image("no-speckle")
     grain = shown - ndimage.gaussian_filter(shown, 3.0)

@@ -1,4 +1,4 @@
-"""The commands ``torchsphere benchmark run``, ``score`` and ``table``: what they write and how they refuse."""
+"""The commands ``torchsphere benchmark run``, ``score`` and ``table``: their files and refusals."""
 
 import csv
 import shutil
@@ -20,7 +20,7 @@ TOY = Path(__file__).parents[1] / "toy_tracker.sh"
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a benchmark of two small suites."""
+    """Return a benchmark of two small suites."""
     return write_benchmark(tmp_path_factory.mktemp("bench"))
 
 
@@ -30,7 +30,7 @@ def scores(path: Path) -> dict[tuple[str, str], dict[str, str]]:
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    """The one sentence with which a command refuses."""
+    """The sentence that a refused command prints."""
     assert main(["benchmark", *map(str, arguments)]) == 1
     printed = capsys.readouterr()
     assert printed.out == ""
@@ -40,7 +40,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
 
 
 def toy(bench: Path, out: Path) -> Path:
-    """Predictions of the tracker in shell and awk."""
+    """Write predictions of the tracker in shell and awk."""
     out.mkdir()
     for suite in SUITES:
         done = subprocess.run(["sh", TOY, bench, suite], capture_output=True, text=True, check=True)
@@ -48,7 +48,7 @@ def toy(bench: Path, out: Path) -> Path:
     return out
 
 
-def test_torchsphere_and_a_baseline_are_run_scored_and_told(
+def test_torchsphere_and_a_baseline_are_run_scored_and_printed(
     bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
@@ -76,7 +76,7 @@ def test_torchsphere_and_a_baseline_are_run_scored_and_told(
 
 @needs_mitsuba
 def test_a_smoke_benchmark_is_made_run_and_scored(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    # The cheapest suites of those with a pattern, without one, and with frames that show no ball.
+    # The cheapest suites with a pattern, without a pattern, and with frames without a ball.
     suites = [word for name in ("small-ball-20", "no-speckle", "leaving-the-frame") for word in ("--suite", name)]
     bench, out = tmp_path / "bench", tmp_path / "out"
     assert main(["benchmark", "make", "--out", str(bench), "--size", "smoke", "--workers", "1", *suites]) == 0
@@ -92,7 +92,7 @@ def test_a_smoke_benchmark_is_made_run_and_scored(tmp_path: Path, capsys: pytest
     assert all(float(row["silent_percent"]) == 0 for row in found.values())
 
 
-def test_without_the_renderer_make_says_what_to_install(
+def test_without_the_renderer_make_names_the_package_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(make.importlib.util, "find_spec", lambda name: None)
@@ -100,15 +100,15 @@ def test_without_the_renderer_make_says_what_to_install(
     assert not (tmp_path / "bench").exists()
 
 
-def test_every_tracker_that_is_named_can_be_resolved() -> None:
+def test_every_named_tracker_can_be_resolved() -> None:
     assert [trackers.resolve(name).name for name in trackers.names()] == list(trackers.names())
     assert all(trackers.resolve(name).settings for name in trackers.names())
 
 
-def test_a_camera_is_told_to_torchsphere_where_the_suite_has_one(bench: Path) -> None:
+def test_torchsphere_uses_the_camera_of_a_suite(bench: Path) -> None:
     suite = folder.read_benchmark(bench).suite("plain")
     images = folder.read_footage(suite).images[:3]
-    # A ball at 40 radii turns by about dx / distance less than it seems to.
+    # For a ball at 40 radii, the rotation is smaller than the apparent rotation by about dx / distance.
     camera = folder.Camera(focal_px=640.0)
     told, _ = trackers.resolve("torchsphere").run(trackers.Task(images, suite.circle, camera))
     untold, _ = trackers.resolve("torchsphere-no-camera").run(trackers.Task(images, suite.circle, camera))
@@ -144,19 +144,17 @@ def test_scores_of_two_commands_join_into_one_leaderboard(
     assert "'first' is there twice" in refused(capsys, "table", a, a)
 
 
-def test_a_function_of_the_users_own_is_run_from_its_module(bench: Path, tmp_path: Path) -> None:
+def test_a_users_function_is_run_from_its_module(bench: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert main(["benchmark", "run", str(bench), "--tracker", "user_tracker:still", "--out", str(out), "--quiet"]) == 0
     row = scores(out / "scores.csv")["user_tracker:still", "plain"]
     assert (out / "user_tracker-still" / "plain.csv").is_file()
     assert float(row["lost_percent"]) == pytest.approx(100 * (FRAMES - 3) / (FRAMES - 1), rel=1e-4)
-    # Frames 1 and 2 are believed and off by more than a px.
+    # Frames 1 and 2 are not doubted and wrong by more than a px.
     assert float(row["silent_percent"]) == pytest.approx(100 * 2 / (FRAMES - 1), rel=1e-4)
 
 
-def test_the_scores_of_an_earlier_run_stay_beside_those_of_a_new_one_on_the_same_images(
-    bench: Path, tmp_path: Path
-) -> None:
+def test_scores_of_an_earlier_run_on_the_same_images_are_kept(bench: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     arguments = ["benchmark", "run", str(bench), "--out", str(out), "--quiet"]
     assert main([*arguments, "--tracker", "edge_fit"]) == 0
@@ -165,7 +163,7 @@ def test_the_scores_of_an_earlier_run_stay_beside_those_of_a_new_one_on_the_same
     after = scores(out / "scores.csv")
     assert {key: after[key] for key in before} == before
     assert set(after) - set(before) == {("user_tracker:still", "plain")}
-    # Of other images, or of another version: they do not stand beside these.
+    # Scores on other images or of another version are not kept.
     text = (out / "scores.csv").read_text()
     (out / "scores.csv").write_text(text.replace("edge_fit,plain,sha256:", "edge_fit,plain,sha256:0"))
     assert main([*arguments, "--tracker", "user_tracker:still", "--suite", "plain"]) == 0
@@ -182,7 +180,7 @@ def test_the_scores_of_an_earlier_run_stay_beside_those_of_a_new_one_on_the_same
         ("user_tracker:long_quaternions", "qw, qx, qy, qz have the length 4 in frame 0"),
     ],
 )
-def test_a_tracker_that_returns_nonsense_has_failed(
+def test_a_tracker_with_an_invalid_result_has_failed(
     bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, sentence: str
 ) -> None:
     arguments = ["benchmark", "run", str(bench), "--tracker", name, "--suite", "plain", "--out", str(tmp_path)]
@@ -209,7 +207,7 @@ def test_a_tracker_that_ends_the_program_has_failed_and_the_others_are_run(
     asked = ["--tracker", "user_tracker:exits", "--tracker", "user_tracker:still"]
     assert main(["benchmark", "run", str(bench), *asked, "--out", str(tmp_path), "--quiet"]) == SOME_FAILED
     said = capsys.readouterr().err
-    assert "user_tracker:exits failed on fast-flight: RuntimeError: user_tracker:exits called for the program" in said
+    assert "user_tracker:exits failed on fast-flight: RuntimeError: user_tracker:exits ended the program" in said
     assert "(SystemExit: 0)" in said
     assert "(SystemExit: no licence)" in said
     found = scores(tmp_path / "scores.csv")
@@ -242,7 +240,7 @@ def test_scores_are_written_whole_or_not_at_all(
     before = (tmp_path / "scores.csv").read_text()
 
     class Full:
-        """A disk that is full after the head of the table."""
+        """A disk that is full after the first row of the table."""
 
         def __init__(self, *_: object, **__: object) -> None:
             pass
@@ -266,7 +264,7 @@ def test_a_leaderboard_is_written_whole_or_not_at_all(
     board.write_text("an earlier one")
 
     def stop(self: Path, target: Path) -> Path:
-        """Killed, or a disk that is full, before the file has its name."""
+        """Fail before the file has its final name, as after a kill or on a full disk."""
         raise OSError(28, "No space left on device", str(target))
 
     with monkeypatch.context() as patched:
@@ -274,7 +272,7 @@ def test_a_leaderboard_is_written_whole_or_not_at_all(
         assert "no space left" in refused(capsys, "table", out, "--out", board)
     assert board.read_text() == "an earlier one"
     assert not list(tmp_path.glob(".*"))
-    # A folder is named as it was given, and nothing is left beside it.
+    # The message names the folder as given, and no temporary file is left.
     assert f"{made}: is a directory" in refused(capsys, "table", out, "--out", made)
     assert f"{made}: is a directory" in refused(capsys, "score", bench, made, "--out", made)
     assert not list(tmp_path.glob(".*"))
@@ -282,7 +280,7 @@ def test_a_leaderboard_is_written_whole_or_not_at_all(
     assert board.read_text().startswith("# Leaderboard\n")
 
 
-def test_keep_runs_only_what_is_not_there_of_these_images_or_failed_before(bench: Path, tmp_path: Path) -> None:
+def test_keep_runs_only_trackers_without_valid_predictions_of_these_images(bench: Path, tmp_path: Path) -> None:
     made, entry = folder.read_benchmark(bench), trackers.resolve("user_tracker:raises")
     assert [outcome.kept for outcome in run(made, [entry], tmp_path)] == [False, False]
     assert [outcome.kept for outcome in run(made, [entry], tmp_path, keep=True)] == [True, False]
@@ -292,7 +290,9 @@ def test_keep_runs_only_what_is_not_there_of_these_images_or_failed_before(bench
     assert [outcome.kept for outcome in run(made, [entry], tmp_path)] == [False, False]
 
 
-def test_ctrl_c_says_that_what_was_run_is_kept(bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_ctrl_c_keeps_the_predictions_and_says_so(
+    bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     arguments = ["benchmark", "run", str(bench), "--tracker", "user_tracker:still", "--tracker", "user_tracker:stopped"]
     assert main([*arguments, "--out", str(tmp_path), "--quiet"]) == 130
     assert "the same command with --keep goes on" in capsys.readouterr().err
@@ -309,20 +309,20 @@ def test_ctrl_c_says_that_what_was_run_is_kept(bench: Path, tmp_path: Path, caps
         ("user_tracker:not_a_function", "user_tracker has no function 'not_a_function'"),
     ],
 )
-def test_a_tracker_that_is_not_there_is_refused_before_anything_is_run(
+def test_an_unknown_tracker_is_refused_before_any_run(
     bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, sentence: str
 ) -> None:
     assert sentence in refused(capsys, "run", bench, "--tracker", name, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
-def test_predictions_of_another_suite_under_this_ones_name_are_refused(
+def test_predictions_of_another_suite_are_refused(
     bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made = toy(bench, tmp_path / "toy")
     shutil.copy(made / "plain.csv", made / "fast-flight.csv")
     assert "of suite 'plain', not 'fast-flight'" in refused(capsys, "score", bench, made)
-    # Without the line that says so, the ball's place in frame 0 does.
+    # Without the line "# suite", the position in frame 0 shows the other suite.
     (made / "fast-flight.csv").write_text("frame,x_px,y_px\n0,28.0,30.5\n")
     assert "another suite's file" in refused(capsys, "score", bench, made)
 
@@ -353,7 +353,7 @@ def test_a_suite_without_a_file_is_lost_and_one_file_can_be_scored_alone(
     assert "elsewhere.csv: does not exist" in refused(capsys, "score", bench, tmp_path / "elsewhere.csv")
 
 
-def test_images_that_were_changed_are_not_run_on_and_not_scored(
+def test_changed_images_are_refused_by_run_and_score(
     bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     changed = shutil.copytree(bench, tmp_path / "changed")
@@ -365,14 +365,14 @@ def test_images_that_were_changed_are_not_run_on_and_not_scored(
     assert "make the benchmark again" in refused(capsys, "score", changed, toy(bench, tmp_path / "toy"))
 
 
-def test_a_folder_that_is_no_benchmark_and_a_suite_that_is_not_there_are_refused(
+def test_a_folder_without_a_benchmark_and_an_unknown_suite_are_refused(
     bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert "is no benchmark" in refused(capsys, "run", tmp_path, "--out", tmp_path / "out")
     assert "has no suite 'plan'" in refused(capsys, "run", bench, "--suite", "plan", "--out", tmp_path / "out")
 
 
-def test_what_run_writes_is_what_score_reads(bench: Path, tmp_path: Path) -> None:
+def test_score_reads_the_files_that_run_writes(bench: Path, tmp_path: Path) -> None:
     suite = folder.read_benchmark(bench).suite("plain")
     main(["benchmark", "run", str(bench), "--suite", "plain", "--out", str(tmp_path), "--quiet"])
     prediction = predictions.read(tmp_path / OWN / "plain.csv", suite)

@@ -17,7 +17,7 @@ from torchsphere.benchmark.folder import Benchmark, Suite, read_footage
 from torchsphere.benchmark.trackers import Entry, Task
 from torchsphere.recording import open_recording
 
-#: Frames of the untimed first run of a built-in tracker.
+#: Frames of the untimed first run of a built-in tracker (docs/constants.md).
 WARM_UP = 3
 
 

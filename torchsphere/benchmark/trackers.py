@@ -136,7 +136,7 @@ def _user_tracker(name: str, function: Callable[..., Any]) -> Callable[[Task], t
             raise
         except SystemExit as error:
             # SystemExit would end the whole run, and with code 0 without a message.
-            raise RuntimeError(f"{name} called for the program's end (SystemExit: {error.code})") from error
+            raise RuntimeError(f"{name} ended the program (SystemExit: {error.code})") from error
         return _checked(name, found, len(task.images)), time.perf_counter() - began
 
     return run
