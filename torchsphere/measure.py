@@ -64,7 +64,7 @@ def measure(
     began = time.perf_counter()
     with open_recording(request.input) as recording:
         start, stop = resolve_range(request.frames, len(recording))
-        with draw.drawing_process(_draws_in_parallel(request, stop - start)) as pool, threads.one_each():
+        with draw.drawing_process(_draws_in_parallel(request, stop - start)) as pool, threads.single_threaded_torch():
             hashed = draw.begin(pool, hash_files, recording.files)
             chosen = restrict(recording, start, stop)
             ignore = read_ignore(request.ignore, recording.shape[1:]) if request.ignore else None

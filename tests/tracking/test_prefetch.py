@@ -18,7 +18,7 @@ from torchsphere.correlation.options import Options
 from torchsphere.recording import open_recording
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
-from torchsphere.runtime.threads import Begun
+from torchsphere.runtime.threads import Call
 from torchsphere.tracking import prefetch, successive_pairs
 from torchsphere.tracking.prediction import BallState
 from torchsphere.tracking.prefetch import Prefetcher
@@ -163,7 +163,7 @@ def test_an_interrupt_waits_for_the_call_under_way(made: Shot) -> None:
         raise KeyboardInterrupt
 
     batches = Prefetcher(counted(made)[0], SETUP)
-    batches._begun = (FIRST, NEXT, Begun(interrupted, lambda: settled.append(True)))
+    batches._begun = (FIRST, NEXT, Call(interrupted, lambda: settled.append(True)))
     with pytest.raises(KeyboardInterrupt):
         batches.get(state_in(made, FIRST), NEXT)
     assert settled == [True]

@@ -147,7 +147,7 @@ def _end(workers: Collection[_Worker]) -> None:
 
 def _serve(connection: Connection, measure: Measure, index: int, is_one_of_many: bool) -> None:
     """Run in the worker process: settle jobs until the connection ends."""
-    signals.serve_parent()
+    signals.become_worker()
     # An exception removes the unfinished result folder.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     if is_one_of_many:

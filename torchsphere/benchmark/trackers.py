@@ -18,7 +18,7 @@ from torchsphere.benchmark.prediction_table import IGNORED, KNOWN, POSITION, QUA
 from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.orientation import quaternions
 from torchsphere.results.reader import INCREMENTS
-from torchsphere.runtime.signals import Ending
+from torchsphere.runtime.signals import Termination
 from torchsphere.tracking.track import Track, track
 
 #: Columns of predictions by name, each with one value per frame.
@@ -115,7 +115,7 @@ def _imported(name: str) -> Callable[..., Any]:
         function = getattr(importlib.import_module(module), attribute, None)
     except ImportError as error:
         raise ValueError(f"tracker {name!r}: {error}; run from its folder, or set PYTHONPATH") from error
-    except Ending:
+    except Termination:
         raise
     except (Exception, SystemExit) as error:
         reason = f"{type(error).__name__}: {error}"
@@ -132,7 +132,7 @@ def _user_tracker(name: str, function: Callable[..., Any]) -> Callable[[Task], t
         began = time.perf_counter()
         try:
             found = function(task.images, task.circle)
-        except Ending:
+        except Termination:
             raise
         except SystemExit as error:
             # SystemExit would end the whole run, and with code 0 without a message.

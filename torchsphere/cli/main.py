@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.prog += f" {name}"
         parser.error(f"unrecognized arguments: {' '.join(unknown)}")
     try:
-        with signals.in_order():
+        with signals.sigterm_as_exception():
             return int(run(options))
     except (ValueError, OSError) as error:
         print(f"torchsphere: {_sentence(error)}", file=sys.stderr)

@@ -98,7 +98,7 @@ def correlate_pairs(
     def correlate_rows(a: int, b: int) -> Correlation:
         return _correlate_rows(f[a:b], g[a:b], circles[a:b], start[a:b], ignore, options, half)
 
-    with threads.sharing(f.device, (2 * half) ** 2) as shared:
+    with threads.row_runner(f.device, (2 * half) ** 2) as shared:
         return Correlation.joined(shared(correlate_rows, len(f)))
 
 

@@ -49,7 +49,7 @@ def drawing_process(wanted: bool = True) -> Iterator[Executor | None]:
         return
     # Spawned, not forked: torch's threads do not survive a fork.
     spawned = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(1, spawned, initializer=signals.serve_parent)
+    pool = ProcessPoolExecutor(1, spawned, initializer=signals.become_worker)
     try:
         begin(pool, load_matplotlib)
         yield pool

@@ -81,7 +81,7 @@ def sample(recording: object, track: Track, ignore: Tensor | None = None) -> Sam
     for start in range(0, len(rows), BATCH):
         batch = rows[start : start + BATCH]
         read = _read(source, batch)
-        images += threads.each(encoding.webp, [read[int(row)].numpy() for row in batch], at_most=None)
+        images += threads.parallel_map(encoding.webp, [read[int(row)].numpy() for row in batch], at_most=None)
         maps.append(_maps(read, batch, track, ignore, step))
     side = max(m.shape[-1] for m in maps)
     residual = np.concatenate([_padded(m, side) for m in maps])

@@ -1,4 +1,4 @@
-"""What a recording's files are known by, wherever they lie; without torch, so that a process beside can tell it."""
+"""Identity of the files of a recording; without torch, so that a background process starts quickly."""
 
 from __future__ import annotations
 

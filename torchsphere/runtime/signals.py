@@ -1,4 +1,4 @@
-"""How processes end: a request to end (SIGTERM) becomes an exception, and a worker ends with its parent."""
+"""How processes end: a request to terminate (SIGTERM) becomes an exception, and a worker ends with its parent."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from collections.abc import Iterator
 from typing import Any, NoReturn
 
 
-class Ending(SystemExit):
-    """The end that the system asked for; any other `SystemExit` is that of the code that raises it."""
+class Termination(SystemExit):
+    """The exit that the system requested, unlike a `SystemExit` that code raises by itself."""
 
 
 @contextlib.contextmanager
-def in_order() -> Iterator[None]:
-    """Make a request to end (SIGTERM), as job schedulers send it, an exception, so that what was begun is cleaned up.
+def sigterm_as_exception() -> Iterator[None]:
+    """Turn SIGTERM, as job schedulers send it, into `Termination`: unfinished folders and child processes are removed.
 
-    Unfinished folders are removed, and processes that were started end, too. The exit code is the shells' own, 143.
+    The exit code is that of the shells, 143. Does nothing outside the main thread.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
-    def end(number: int, _: Any) -> NoReturn:
-        raise Ending(128 + number)
+    def terminate(number: int, _: Any) -> NoReturn:
+        raise Termination(128 + number)
 
-    before = signal.signal(signal.SIGTERM, end)
+    before = signal.signal(signal.SIGTERM, terminate)
     try:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
 
 
-def serve_parent() -> None:
+def become_worker() -> None:
     """Make this process a worker: it leaves Ctrl-C to its parent, and ends at once when the parent has ended."""
     # Ctrl-C reaches all processes of a terminal; the parent ends its workers in order.
     signal.signal(signal.SIGINT, signal.SIG_IGN)

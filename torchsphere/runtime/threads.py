@@ -1,9 +1,8 @@
-"""Rows of a batch, or images, shared out among threads, each with torch's own threads switched off.
+"""Rows of a batch, or images, shared among threads, while torch's own threads are switched off.
 
-Torch shares each operation out by itself; on arrays as small as a batch's that costs more than it gives, and where
-other programs use the cores, too, its threads wait for each other: measured ten times slower with two threads than
-with one. Threads that each take some of the rows through all operations wait for Python's lock alone, which torch and
-compiled loops let go of: worth it where an operation takes longer than it takes to hand the lock over.
+Torch splits every operation by itself. On small arrays that costs more than it gains, and beside other busy programs
+torch's threads wait for each other: two threads measured ten times slower than one. The threads here take some rows
+through all operations. They wait for Python's lock only, which torch and compiled loops release.
 """
 
 from __future__ import annotations
@@ -21,76 +20,69 @@ from typing import Any, Generic, TypeVar
 
 import torch
 
-#: Pixels that are worth a thread of their own. A compiled loop lets go of Python's lock, but what lies between two of
-#: them does not, and takes 2.4 ms per batch, as long as six pairs of 50 px. Measured on two cores, pairs of 50 px: 32
-#: at once took 0.47 ms each on one thread and 0.45 to 0.50 on two, 64 took 0.41 and 0.31, and 128 0.46 and 0.26; 32 of
-#: 100 px 1.6 and 0.95; 128 of 15 px 0.14 and 0.19.
-LEAST_PIXELS = 400_000
+#: Pixels of a batch per thread, from which a further thread saves time, px (docs/constants.md).
+PIXELS_PER_THREAD = 400_000
 
-#: Threads at most for functions of many short operations. Measured on two cores: images registered on a map took 21 ms
-#: each on one thread, 20 on two, and 1.4 times as long on four, eight or sixteen.
-FEW = 2
+#: Most threads for functions of many short operations (docs/constants.md).
+SHORT_CALL_THREADS = 2
 
 Result = TypeVar("Result")
-Run = Callable[[Callable[[int, int], Any], int], list[Any]]
+RowRunner = Callable[[Callable[[int, int], Any], int], list[Any]]
 
-#: Threads that torch might use before `one_each` left it one.
-_ALLOWED: ContextVar[int | None] = ContextVar("allowed", default=None)
+#: Number of threads that torch was allowed before `single_threaded_torch`.
+_thread_limit_before: ContextVar[int | None] = ContextVar("thread_limit_before", default=None)
 
 
 @contextlib.contextmanager
-def one_each() -> Iterator[None]:
-    """Torch's operations with a thread each, as suits small arrays; `sharing` has as many threads as before."""
+def single_threaded_torch() -> Iterator[None]:
+    """Give each operation of torch one thread, as suits small arrays; the functions below keep their thread limit."""
     count = torch.get_num_threads()
-    token = _ALLOWED.set(_ALLOWED.get() or count)
+    token = _thread_limit_before.set(thread_limit())
     torch.set_num_threads(1)
     try:
         yield
     finally:
         torch.set_num_threads(count)
-        _ALLOWED.reset(token)
+        _thread_limit_before.reset(token)
 
 
-def _allowed() -> int:
-    """Threads that torch might use, but for `one_each`."""
-    return _ALLOWED.get() or torch.get_num_threads()
+def thread_limit() -> int:
+    """Number of threads that torch is allowed, `single_threaded_torch` left aside."""
+    return _thread_limit_before.get() or torch.get_num_threads()
 
 
 def has_idle_cores() -> bool:
-    """Whether what one thread does leaves cores idle: torch may use several, and this process is no worker of many."""
-    return _allowed() > 1 and multiprocessing.parent_process() is None
+    """Whether one thread leaves cores idle: torch is allowed several, and this process is no worker of many."""
+    return thread_limit() > 1 and multiprocessing.parent_process() is None
 
 
 @functools.cache
-def _threads(count: int) -> ThreadPoolExecutor:
-    """So many threads, which stay: begun anew for each batch, with memory of their own, they took a tenth of its time.
+def _pool(count: int) -> ThreadPoolExecutor:
+    """Pool of ``count`` threads, kept: new threads for each batch took a tenth of its time. They see no idle cores."""
 
-    To what they run no core lies idle.
-    """
-
-    def begin() -> None:
+    def initialise() -> None:
         torch.set_num_threads(1)
-        _ALLOWED.set(1)
+        _thread_limit_before.set(1)
 
-    return ThreadPoolExecutor(count, "torchsphere", begin)
+    return ThreadPoolExecutor(count, "torchsphere", initialise)
 
 
 if hasattr(os, "register_at_fork"):
-    # A process that is forked has none of the threads.
-    os.register_at_fork(after_in_child=_threads.cache_clear)
+    # A forked process has none of the threads.
+    os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
-def _in_order(count: int, function: Callable[..., Result], *columns: Iterable[Any]) -> Iterator[Result]:
-    """Results of the calls, as they are asked for; at the end, also that by an error, none of the calls is running."""
-    pool = _threads(count)
+def _ordered_results(count: int, function: Callable[..., Result], *columns: Iterable[Any]) -> Iterator[Result]:
+    """Results of the calls, in order. No call runs any more at the end, also after an error."""
+    pool = _pool(count)
     calls: deque[Future[Result]] = deque()
     try:
         for row in zip(*columns, strict=True):
             calls.append(pool.submit(function, *row))
         while calls:
-            found = calls[0].result()
+            result = calls[0].result()
             calls.popleft()
-            yield found
+            yield result
     finally:
         for call in calls:
             call.cancel()
@@ -98,64 +90,54 @@ def _in_order(count: int, function: Callable[..., Result], *columns: Iterable[An
 
 
 @dataclass(frozen=True)
-class Begun(Generic[Result]):
-    """A call that may be under way.
+class Call(Generic[Result]):
+    """A call that may run in the background."""
 
-    Attributes
-    ----------
-    result : callable
-        What it returns or raises, once it has.
-    settle : callable
-        Wait until it is not running, for whoever does without its result.
-    """
-
-    result: Callable[[], Result]
-    settle: Callable[[], object]
+    result: Callable[[], Result]  # waits, then returns or raises what the call does
+    stop: Callable[[], object]  # cancels the call, or waits until it has ended; its result is not needed
 
 
-def beside(device: torch.device, function: Callable[..., Result], *arguments: Any) -> Begun[Result]:
-    """Begin a call in a thread of its own where a core is likely to lie idle; elsewhere its result is worked out late.
-
-    A GPU has no idle cores.
-    """
+def submit(device: torch.device, function: Callable[..., Result], *arguments: Any) -> Call[Result]:
+    """Start a call in the background where a core is idle. Elsewhere, as on a GPU, `Call.result` makes the call."""
     if device.type != "cpu" or not has_idle_cores():
-        return Begun(functools.partial(function, *arguments), lambda: None)
-    call = _threads(1).submit(function, *arguments)
-    return Begun(call.result, lambda: None if call.cancel() else wait([call]))
+        return Call(functools.partial(function, *arguments), lambda: None)
+    call = _pool(1).submit(function, *arguments)
+    return Call(call.result, lambda: None if call.cancel() else wait([call]))
 
 
-def each(function: Callable[..., Result], *columns: Iterable[Any], at_most: int | None = FEW) -> Iterator[Result]:
-    """Like `map`, on as many threads as torch may use: for functions that take milliseconds, on the CPU.
+def parallel_map(
+    function: Callable[..., Result], *columns: Iterable[Any], at_most: int | None = SHORT_CALL_THREADS
+) -> Iterator[Result]:
+    """Like `map`, on as many threads as torch is allowed, for functions that take milliseconds on the CPU.
 
-    Results come in order. Arguments are all taken at once, and results wait for whoever takes them. There are as many
-    threads as ``at_most`` says; None is for functions that seldom hold Python's lock.
+    Results come in order; all arguments are read at once. ``at_most`` limits the threads; None, for functions that
+    seldom hold Python's lock, does not.
     """
-    count = _allowed() if at_most is None else min(_allowed(), at_most)
+    count = thread_limit() if at_most is None else min(thread_limit(), at_most)
     if count == 1:
         yield from map(function, *columns)
         return
-    with one_each():
-        yield from _in_order(count, function, *columns)
+    with single_threaded_torch():
+        yield from _ordered_results(count, function, *columns)
 
 
 @contextlib.contextmanager
-def sharing(device: torch.device, pixels: float) -> Iterator[Run]:
-    """A function that calls ``part(start, stop)`` for shares of ``n`` rows, on as many threads as torch may use.
+def row_runner(device: torch.device, pixels: float) -> Iterator[RowRunner]:
+    """A function that calls ``part(start, stop)`` for shares of ``n`` rows of ``pixels`` each, on several threads.
 
-    ``pixels`` is what belongs to each row. On a GPU, where torch may use one thread, and where there are too few pixels
-    for two shares, one call gets all rows. Torch's number of threads is what it was afterwards.
+    One call gets all rows on a GPU, where torch is allowed one thread, and where the pixels are too few for two shares.
     """
-    count = _allowed() if device.type == "cpu" else 1
+    count = thread_limit() if device.type == "cpu" else 1
     if count == 1:
         yield lambda part, n: [part(0, n)]
         return
-    with one_each():
+    with single_threaded_torch():
 
         def run(part: Callable[[int, int], Any], n: int) -> list[Any]:
-            shares = max(1, min(count, n, int(n * pixels / LEAST_PIXELS)))
+            shares = max(1, min(count, n, int(n * pixels / PIXELS_PER_THREAD)))
             limits = [round(n * i / shares) for i in range(shares + 1)]
             if shares == 1:
                 return [part(0, n)]
-            return list(_in_order(count, part, limits[:-1], limits[1:]))
+            return list(_ordered_results(count, part, limits[:-1], limits[1:]))
 
         yield run

@@ -186,7 +186,7 @@ def _gradient(linearised: LinearisedState) -> _Gradient:
         image_squares = float(weighted.double() @ residual.double())
         return by_coefficients.numpy(), (model.jacobian.T @ weighted).numpy(), image_squares
 
-    images = threads.each(image_gradient, state.windows, state.poses, linearised.model)
+    images = threads.parallel_map(image_gradient, state.windows, state.poses, linearised.model)
     for i, (image_by_map, image_by_pose, image_squares) in enumerate(images):
         by_map += image_by_map
         by_poses[map_fit.image_unknowns(i, n)] += image_by_pose

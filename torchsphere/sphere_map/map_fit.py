@@ -108,7 +108,7 @@ def eliminate(linearised: LinearisedState) -> Elimination:
         weighted = weights[:, None] * jacobian
         return design, weights, design.T @ weighted, jacobian.T @ weighted
 
-    images = threads.each(image_equations, state.windows, state.poses, linearised.model)
+    images = threads.parallel_map(image_equations, state.windows, state.poses, linearised.model)
     for i, (design, weights, image_coupling, image_normal) in enumerate(images):
         products.add(design, weights)
         columns = image_unknowns(i, n)
@@ -182,7 +182,7 @@ def _normal_matrix(state: State, projections: list[Projection]) -> scipy.sparse.
         design = design_matrix(window, projected.stencil, projected.map_slopes(window, pose))
         return design, pixel_weights.weights(window, pose, state.profile).double().numpy()
 
-    for design, weights in threads.each(image_design, state.windows, state.poses, projections):
+    for design, weights in threads.parallel_map(image_design, state.windows, state.poses, projections):
         products.add(design, weights)
     return products.matrix()
 
@@ -197,7 +197,7 @@ def _gradient(state: State, projections: list[Projection]) -> Array:
         return projected.stencil.adjoint(ray_values).double().numpy()
 
     gradient = -roughness_gradient(state.ball)
-    for part in threads.each(image_gradient, state.windows, state.poses, projections):
+    for part in threads.parallel_map(image_gradient, state.windows, state.poses, projections):
         gradient += part
     return gradient
 

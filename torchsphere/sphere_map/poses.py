@@ -156,7 +156,7 @@ def _register_all(frames: _Frames, adjustment: Adjustment, report: Callable[[int
         chunk = others[first : first + MAX_KEYFRAMES]
         poses = [_undrifted(i, frames, adjusted) for i in chunk]
         windows = [frames.window(i, pose, ball.radius) for i, pose in zip(chunk, poses, strict=True)]
-        registrations = zip(chunk, threads.each(register, poses, windows), strict=True)
+        registrations = zip(chunk, threads.parallel_map(register, poses, windows), strict=True)
         for done, (i, registered) in enumerate(registrations, len(keys) + first + 1):
             report(done)
             if registered is not None:

@@ -25,7 +25,7 @@ class State:
     def project(self) -> list[Projection]:
         """Projection of the ball into each image."""
         ball, project = self.ball, forward_model.project
-        return list(threads.each(lambda window, pose: project(window, pose, ball), self.windows, self.poses))
+        return list(threads.parallel_map(lambda window, pose: project(window, pose, ball), self.windows, self.poses))
 
     def predict(self, projections: list[Projection]) -> list[Tensor]:
         """Grey levels (p,) of the model in each image."""
@@ -33,7 +33,7 @@ class State:
         def levels(window: Window, pose: Pose, projected: Projection) -> Tensor:
             return forward_model.grey_levels(window, projected, pose, self.ball.coefficients)
 
-        return list(threads.each(levels, self.windows, self.poses, projections))
+        return list(threads.parallel_map(levels, self.windows, self.poses, projections))
 
     def linearise(self, projections: list[Projection]) -> LinearisedState:
         """The state with the model linearised in each image."""
@@ -41,7 +41,7 @@ class State:
         def model(window: Window, pose: Pose, projected: Projection) -> Linearisation:
             return forward_model.linearise(window, pose, self.ball, projected)
 
-        return LinearisedState(self, list(threads.each(model, self.windows, self.poses, projections)))
+        return LinearisedState(self, list(threads.parallel_map(model, self.windows, self.poses, projections)))
 
     def fit_brightness(self, levels: list[Tensor]) -> State:
         """With the gains and offsets that fit best; the model gives the images these ``levels`` (p,)."""

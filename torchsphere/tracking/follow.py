@@ -79,7 +79,7 @@ class Follower:
     def run(self, stop: int) -> Record:
         """Measure frame after frame up to ``stop``, in batches that grow while they succeed."""
         with contextlib.ExitStack() as stack:
-            shared = stack.enter_context(threads.sharing(self._source.device, (2 * self._state.radius) ** 2))
+            shared = stack.enter_context(threads.row_runner(self._source.device, (2 * self._state.radius) ** 2))
             self._setup = dataclasses.replace(self._setup, shared=shared)
             batches = stack.enter_context(contextlib.closing(Prefetcher(self._source, self._setup)))
             at, size = self._state.frame + 1, 1

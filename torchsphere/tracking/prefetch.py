@@ -11,7 +11,7 @@ from torch import Tensor
 
 from torchsphere.recording.frame_source import CACHE_BYTES, Source
 from torchsphere.runtime import threads
-from torchsphere.runtime.threads import Begun
+from torchsphere.runtime.threads import Call
 from torchsphere.tracking.prediction import BallState, linear_trend
 from torchsphere.tracking.successive_pairs import PREDICTION_TOLERANCE, PairSetup, PreparedBatch, prepare
 
@@ -22,7 +22,7 @@ class Prefetcher:
     def __init__(self, source: Source, setup: PairSetup) -> None:
         self._source, self._setup = source, setup
         #: First frame, number of pairs and call of the batch that is prepared in the background.
-        self._begun: tuple[int, int, Begun[PreparedBatch]] | None = None
+        self._begun: tuple[int, int, Call[PreparedBatch]] | None = None
         #: Memory for the images of this batch and of the next, used in turns.
         self._buffers = torch.empty(0), torch.empty(0)
 
@@ -39,9 +39,9 @@ class Prefetcher:
                     return call.result()
                 except BaseException:
                     # After an interrupt no thread may read on while the recording is closed.
-                    call.settle()
+                    call.stop()
                     raise
-            call.settle()
+            call.stop()
         return self._prepare(state, count)
 
     def prefetch(self, state: BallState, last: PreparedBatch, count: int) -> None:
@@ -64,7 +64,7 @@ class Prefetcher:
         growth = float(near[:, 5].mean()) if near.shape[-1] == 6 else 0.0
         frame = state.frame + len(near)
         at_end = BallState(frame, last.images[-1:], circles[-1, :2], float(circles[-1, 2]), increment, trend, growth)
-        self._begun = frame, count, threads.beside(self._source.device, self._prepare, at_end, count)
+        self._begun = frame, count, threads.submit(self._source.device, self._prepare, at_end, count)
 
     def _prepare(self, state: BallState, count: int) -> PreparedBatch:
         # The last image is read a second time: joined to the others, all images would be copied.
@@ -87,5 +87,5 @@ class Prefetcher:
     def close(self) -> None:
         """Wait for the call that is under way."""
         if self._begun is not None:
-            self._begun[2].settle()
+            self._begun[2].stop()
             self._begun = None

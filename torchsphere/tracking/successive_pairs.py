@@ -31,7 +31,7 @@ class PairSetup:
     options: Options
     ignore: Tensor | None  # (h, w), True where the images are not to be used
     in_place: bool  # the ball turns without leaving its place: the region stays on the circle
-    shared: threads.Run  # shares rows out among threads: see `torchsphere.runtime.threads.sharing`
+    shared: threads.RowRunner  # shares rows out among threads: see `torchsphere.runtime.threads.row_runner`
 
 
 @dataclass(frozen=True)

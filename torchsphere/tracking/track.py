@@ -107,7 +107,7 @@ class _Start:
     options: Options  # adapted to the ball
 
 
-@threads.one_each()
+@threads.single_threaded_torch()
 def track(
     recording: Any,
     circle: Any = None,
