@@ -49,7 +49,7 @@ LEVEL_IMAGES, LEVEL_TAIL = 5, 0.2
 #: Unit of residual maps, share of the range of grey levels: 1/4 of 254 levels, so that int8 reaches to 32 levels.
 RESIDUAL_STEP = 1 / 1016
 
-#: Largest radius of a ball whose map has the pixels of the images, px.
+#: Largest radius of a ball whose map has the pixels of the images, px (docs/constants.md).
 MAX_FULL_RADIUS_PX = 72.0
 
 #: Radius of a larger ball in its map, whose pixels are binned, px (docs/constants.md).
