@@ -10,7 +10,7 @@ from shots import speckle
 
 from torchsphere import Circle
 from torchsphere.cli.main import main
-from torchsphere.detection.detect import confirm, refined
+from torchsphere.detection.detect import given_circle_warning, refined_circle_warning
 from torchsphere.synthetic import demo_shot as demo
 from torchsphere.synthetic import ray_caster
 
@@ -23,12 +23,12 @@ def image(demo_shot: demo.Shot) -> torch.Tensor:
 
 @pytest.mark.parametrize("circle", [(64.3, 92.6, 40.0), (64.6, 92.3, 40.8)])
 def test_a_circle_that_a_careful_hand_gives_is_confirmed(image: torch.Tensor, circle: tuple[float, ...]) -> None:
-    assert confirm(image, Circle(*circle)) == ""
+    assert given_circle_warning(image, Circle(*circle)) == ""
 
 
 @pytest.mark.parametrize("circle", [(64.3, 92.6, 36.0), (64.3, 92.6, 44.0), (70.3, 92.6, 40.0)])
 def test_one_that_is_off_is_told_with_the_outline_that_is_seen(image: torch.Tensor, circle: tuple[float, ...]) -> None:
-    said = confirm(image, Circle(*circle))
+    said = given_circle_warning(image, Circle(*circle))
     assert said.startswith(f"The circle that was given, {circle[0]},{circle[1]},{circle[2]} px, is not the outline")
     assert "at 64." in said
     assert ",40." in said
@@ -37,12 +37,12 @@ def test_one_that_is_off_is_told_with_the_outline_that_is_seen(image: torch.Tens
 def test_one_that_was_fitted_and_is_doubted_is_not_asked_for_again(image: torch.Tensor) -> None:
     # The advice was to give --circle, by who had.
     for radius, guessed, why in ((7.5, False, "so small"), (40.0, True, "no limb")):
-        said = refined(Circle(64.3, 92.6, radius, 0.1, 0.1, 0.1, sd_guessed=guessed))
+        said = refined_circle_warning(Circle(64.3, 92.6, radius, 0.1, 0.1, 0.1, sd_guessed=guessed))
         assert said.startswith(f"The circle that was given was fitted by --refine, at 64.3,92.6,{radius} px")
         assert why in said
         assert "leave out --refine" in said
         assert "--circle" not in said
-    assert refined(Circle(64.3, 92.6, 40.0, 0.1, 0.1, 0.1)) == ""
+    assert refined_circle_warning(Circle(64.3, 92.6, 40.0, 0.1, 0.1, 0.1)) == ""
 
 
 def test_a_small_ball_that_was_given_and_fitted_is_told_to_leave_out_the_fit(tmp_path: Path) -> None:
@@ -60,4 +60,4 @@ def test_a_small_ball_that_was_given_and_fitted_is_told_to_leave_out_the_fit(tmp
 
 def test_one_that_is_far_off_is_not_confirmed(image: torch.Tensor) -> None:
     for radius in (25.0, 30.0, 55.0):
-        assert "was not confirmed" in confirm(image, Circle(64.3, 92.6, radius))
+        assert "was not confirmed" in given_circle_warning(image, Circle(64.3, 92.6, radius))

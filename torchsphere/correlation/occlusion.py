@@ -133,10 +133,8 @@ def weight_by_view(reference: Reference, q: Tensor, model: Displacement) -> Refe
 
 def is_occluded(reference: Reference, solution: Solution, model: Displacement) -> Tensor:
     """True (n,) where the motion of the whole does not explain a part of the pair."""
-    warped, weights = (
-        illumination.in_reference_light(reference, solution.warped, solution.weights, model),
-        solution.weights,
-    )
+    weights = solution.weights
+    warped = illumination.in_reference_light(reference, solution.warped, weights, model)
     rows, alike = _judge_rows(reference, warped, weights, weights, solution.q, model)
     weights = weights[rows]
     found = torch.zeros_like(solution.converged)

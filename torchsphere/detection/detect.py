@@ -172,7 +172,7 @@ def _within(circle: Tensor, shape: torch.Size) -> bool:
     return min(x, y, width - 1 - x, height - 1 - y) > radius - 1.5
 
 
-def confirm(image: Tensor, given: Circle) -> str:
+def given_circle_warning(image: Tensor, given: Circle) -> str:
     """A warning where the outline in ``image`` (h, w) is not the ``given`` circle, else an empty string."""
     told = f"The circle that was given, {given.text(1)} px,"
     try:
@@ -187,7 +187,7 @@ def confirm(image: Tensor, given: Circle) -> str:
     return f"{told} is not the outline that the image shows at {seen.text(1)} px; --refine takes that. {CHECK_ADVICE}"
 
 
-def refined(fitted: Circle) -> str:
+def refined_circle_warning(fitted: Circle) -> str:
     """A warning where a given circle, ``fitted`` to the image, may not be the ball's outline, else an empty string."""
     if not fitted.doubt:
         return ""

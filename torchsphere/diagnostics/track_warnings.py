@@ -7,7 +7,7 @@ import math
 import numpy as np
 import torch
 
-from torchsphere.detection.detect import confirm, refined
+from torchsphere.detection.detect import given_circle_warning, refined_circle_warning
 from torchsphere.diagnostics.camera_shake import camera_shake
 from torchsphere.diagnostics.missing_frames import missing_frames
 from torchsphere.dynamics.kinematics import Kinematics
@@ -130,11 +130,13 @@ def _circle_warnings(recording: Recording, track: Track, start: int) -> list[str
         sentences.append("The circle was given without an uncertainty; its share of the results' is not included.")
         if track.settings["camera"] is None:
             frame = start + circle.frame
-            doubt = confirm(torch.as_tensor(recording.images(frame, frame + 1)[0]).float(), circle)
+            doubt = given_circle_warning(torch.as_tensor(recording.images(frame, frame + 1)[0]).float(), circle)
             sentences += [doubt] if doubt else []
     if track.settings["circle_refined"] and circle.doubt:
         in_preview = "with 'torchsphere info INPUT --preview FILE.png'"
-        sentences.append(refined(circle) if track.settings["circle_given"] else circle.warning(in_preview))
+        sentences.append(
+            refined_circle_warning(circle) if track.settings["circle_given"] else circle.warning(in_preview)
+        )
     return sentences
 
 

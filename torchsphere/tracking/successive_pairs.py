@@ -10,12 +10,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.correlation.forward_backward import solve_both_ways
 from torchsphere.correlation.gauss_newton import CoarseSolution
 from torchsphere.correlation.options import Options, margin
 from torchsphere.correlation.reference import SLACK_PX, Filtered, Pairs
 from torchsphere.correlation.result import Correlation
-from torchsphere.correlation.solve import solve, solve_coarsely
+from torchsphere.correlation.solve import average_both_ways, solve, solve_coarsely
 from torchsphere.imaging import crop, interlacing
 from torchsphere.runtime import threads
 from torchsphere.tracking.prediction import circle_path
@@ -167,4 +166,4 @@ def _measure(pairs: Pairs, near: Tensor, start: Tensor, targets: Tensor, setup: 
         size = pairs.circles[:, 2:] * (1 + found.growth[:, None].to(pairs.circles))
         arrived = torch.cat((centre, size), -1)
         targets = torch.where(arrived.isfinite(), arrived, targets)
-    return solve_both_ways(pairs, targets, found, setup.options)
+    return average_both_ways(pairs, targets, found, setup.options)
