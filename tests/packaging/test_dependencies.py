@@ -43,8 +43,9 @@ def imported(folder: str) -> frozenset[str]:
                 names |= {alias.name for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.level == 0:
                 names.add(node.module)
-            elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("pytest.importorskip", "extras.load"):
-                names.add(node.args[0].value)
+            elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("pytest.importorskip", "load"):
+                # `load` of the baselines takes the name of a library, others a path.
+                names |= {arg.value for arg in node.args[:1] if isinstance(arg, ast.Constant)}
     return frozenset({name.partition(".")[0] for name in names} - set(sys.stdlib_module_names) - OWN)
 
 
