@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from torchsphere.diagnostics.impact_warnings import impact_warnings
 from torchsphere.diagnostics.track_warnings import bandwidth_warnings, track_warnings, window_warnings
-from torchsphere.diagnostics.unused_settings import unused
+from torchsphere.diagnostics.unused_settings import unused_settings
 from torchsphere.dynamics.ball import ball
 from torchsphere.dynamics.impact import impact
 from torchsphere.dynamics.impact_estimate import Impact
@@ -78,7 +78,7 @@ def measure(
                 *window_warnings(tracked, motion),
                 *bandwidth_warnings(motion),
                 *impact_notes,
-                *unused(request, motion, found, has_rate=frame_rate is not None),
+                *unused_settings(request, motion, found, has_rate=frame_rate is not None),
                 *without_effect(request.ignore, recording.shape[1:]),
                 *hides_ball(ignore, circle.x, circle.y, circle.radius, start + circle.frame),
             )

@@ -17,27 +17,25 @@ from torchsphere.imaging import interpolation
 from torchsphere.recording import Recording
 from torchsphere.tracking.track import Track
 
-# Evidence of all constants: docs/constants.md.
-
-#: Side of a subset, px; the most subsets that are compared, and the fewest that show a shake.
+#: Side of a subset, px; the most subsets that are compared, and the fewest that show a shake (docs/constants.md).
 SUBSET_PX, MAX_SUBSETS, MIN_SUBSETS = 32, 32, 6
 
-#: Most images that are compared with the first one.
+#: Most images that are compared with the first image (docs/constants.md).
 IMAGES = 12
 
-#: Least distance of a subset from the ball's outline, px.
+#: Least distance of a subset from the ball's outline, px (docs/constants.md).
 CLEARANCE_PX = 6.0
 
-#: Blur of the subsets, px, and the border that the blur falsifies, px.
+#: Blur of the subsets, px, and width of the border that lacks neighbours for the blur, px (docs/constants.md).
 BLUR_PX, BLUR_BORDER = 1.0, 4
 
-#: Standard deviation of a displacement from which the subset's texture is too weak, px.
+#: Standard deviation of a displacement from which the subset's texture is too weak, px (docs/constants.md).
 MAX_SD_PX = 0.05
 
-#: Least shake that is reported, px.
+#: Least shake that is reported, px (docs/constants.md).
 MIN_SHAKE_PX = 0.1
 
-#: Least ratio of the median to its standard deviation, and to the spread of the subsets.
+#: Least ratio of the median to its standard deviation, and to the spread of the subsets (docs/constants.md).
 MIN_OVER_MEDIAN_SD, MIN_OVER_SPREAD = 6.0, 2.0
 
 Array = NDArray[np.float64]
@@ -58,7 +56,7 @@ def camera_shake(recording: Recording, track: Track, start: int) -> CameraShake 
     known = np.flatnonzero(np.isfinite(track.position[:, 0]))
     if len(known) < 2:
         return None
-    first, compared = int(known[0]), _evenly_spread(known[1:], IMAGES)
+    first, compared = int(known[0]), _thinned(known[1:], IMAGES)
 
     def image(frame: int) -> Array:
         return torch.as_tensor(recording.images(start + frame, start + frame + 1)[0]).double().numpy()
@@ -67,16 +65,18 @@ def camera_shake(recording: Recording, track: Track, start: int) -> CameraShake 
     corners = _corners(reference.shape, track, np.append(first, compared))
     if len(corners) < MIN_SUBSETS:
         return None
-    subsets = _cut(reference, corners)
+    subsets = _blurred_subsets(reference, corners)
     shakes = [
-        CameraShake(_common_displacement(_displacements(subsets, _cut(image(int(frame)), corners))), int(frame))
+        CameraShake(
+            _common_displacement(_displacements(subsets, _blurred_subsets(image(int(frame)), corners))), int(frame)
+        )
         for frame in compared
     ]
     largest = max(shakes)
     return largest if largest.px >= MIN_SHAKE_PX else None
 
 
-def _evenly_spread(items: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+def _thinned(items: NDArray[np.int64], count: int) -> NDArray[np.int64]:
     """At most ``count`` of the items (n, ...), evenly spread."""
     return items[np.unique(np.linspace(0, len(items) - 1, min(count, len(items))).round().astype(int))]
 
@@ -90,22 +90,21 @@ def _corners(shape: tuple[int, ...], track: Track, frames: NDArray[np.int64]) ->
     low = corners[None, :, ::-1]
     distance = np.clip(centres, low, low + SUBSET_PX - 1) - centres
     is_clear = (np.hypot(distance[..., 0], distance[..., 1]) > track.circle.radius + CLEARANCE_PX).all(0)
-    return _evenly_spread(corners[is_clear], MAX_SUBSETS)
+    return _thinned(corners[is_clear], MAX_SUBSETS)
 
 
-def _cut(image: Array, corners: NDArray[np.int64]) -> Array:
+def _blurred_subsets(image: Array, corners: NDArray[np.int64]) -> Array:
     """Blurred subsets (s, m, m) of an image, without their borders."""
     offsets = np.arange(SUBSET_PX)
-    cut = image[corners[:, :1, None] + offsets[:, None], corners[:, 1:, None] + offsets]
+    subsets = image[corners[:, :1, None] + offsets[:, None], corners[:, 1:, None] + offsets]
     inner = slice(BLUR_BORDER, -BLUR_BORDER)
-    return interpolation.blur(torch.from_numpy(cut), BLUR_PX).numpy()[:, inner, inner]
+    return interpolation.blur(torch.from_numpy(subsets), BLUR_PX).numpy()[:, inner, inner]
 
 
 def _displacements(reference: Array, subsets: Array) -> Array:
     """Displacements (k, 2) as (x, y), px, of subsets (s, m, m) from the reference's; weak textures are left out."""
     down, right = np.gradient(reference, axis=(1, 2))
-    parameters = (right, down, reference, np.ones_like(reference))
-    jacobian = np.stack(parameters, -1).reshape(len(reference), -1, 4)
+    jacobian = np.stack((right, down, reference, np.ones_like(reference)), -1).reshape(len(reference), -1, 4)
     normal = jacobian.swapaxes(1, 2) @ jacobian
     size = np.sqrt(np.diagonal(normal, axis1=1, axis2=2)).clip(1e-9)
     scaled = normal / size[:, :, None] / size[:, None] + 1e-9 * np.eye(4)

@@ -88,48 +88,39 @@ def _force_warnings(motion: Kinematics, impact: Impact) -> list[str]:
     sd = np.linalg.norm(motion.sd_acceleration_m_s2, axis=1)
     largest = np.nanmax(size[inside], initial=0.0)
     is_force_free = size + 2 * sd < NO_FORCE * largest
-    pause = _longest_run(inside & is_force_free & _between(inside & (size > NO_FORCE * largest)))
+    pause = _longest_run(inside & is_force_free & _filled(inside & (size > NO_FORCE * largest)))
     # The force of a contact that the recording cuts off goes on outside: two impacts need a flight between them.
     flight = outside & is_force_free
     is_parted = np.logical_or.accumulate(flight & (motion.time_s > end))
     is_parted |= np.logical_or.accumulate((flight & (motion.time_s < start))[::-1])[::-1]
     other = np.where(outside & is_parted & (size - SIGNIFICANT_SD * sd > OTHER_IMPACT * largest), size, 0.0)
     numbers = np.rint(motion.time_s * motion.frame_rate).astype(int)
-    return _pause_warnings(numbers[pause]) + _other_impact_warnings(other, largest, numbers)
+    sentences = []
+    if len(pause) >= MIN_PAUSE_FRAMES:
+        first, middle, last = numbers[pause[[0, len(pause) // 2, -1]]]
+        sentences.append(
+            f"Within the contact, from frame {first} to {last}, there is next to no force: two impacts are stated as "
+            f"one, with the impulse and the energy of both. Measure each alone, with --frames up to {middle} and from "
+            f"{middle}."
+        )
+    if other.any():
+        frame = int(other.argmax())
+        sentences.append(
+            f"In frame {numbers[frame]}, outside the contact, the ball is pushed by {100 * other[frame] / largest:.0f} "
+            "% of the contact's largest force: another impact, which is in none of the numbers of this one. Measure "
+            "each alone with --frames."
+        )
+    return sentences
 
 
-def _pause_warnings(pause: NDArray[np.int64]) -> list[str]:
-    """Whether the force pauses for these frames of the contact."""
-    if len(pause) < MIN_PAUSE_FRAMES:
-        return []
-    middle = pause[len(pause) // 2]
-    return [
-        f"Within the contact, from frame {pause[0]} to {pause[-1]}, there is next to no force: two impacts are stated "
-        f"as one, with the impulse and the energy of both. Measure each alone, with --frames up to {middle} and from "
-        f"{middle}."
-    ]
+def _filled(mask: Mask) -> Mask:
+    """Mask that is True from the first to the last True value of the ``mask`` (n,)."""
+    return np.logical_or.accumulate(mask) & np.logical_or.accumulate(mask[::-1])[::-1]
 
 
-def _other_impact_warnings(size: Array, largest: float, numbers: NDArray[np.int64]) -> list[str]:
-    """Whether accelerations (n,) outside the contact are of another impact; ``largest`` is that in the contact."""
-    if not size.any():
-        return []
-    frame = int(size.argmax())
-    return [
-        f"In frame {numbers[frame]}, outside the contact, the ball is pushed by {100 * size[frame] / largest:.0f} % of "
-        "the contact's largest force: another impact, which is in none of the numbers of this one. Measure each alone "
-        "with --frames."
-    ]
-
-
-def _between(chosen: Mask) -> Mask:
-    """True from the first to the last of the ``chosen`` (n,)."""
-    return np.logical_or.accumulate(chosen) & np.logical_or.accumulate(chosen[::-1])[::-1]
-
-
-def _longest_run(chosen: Mask) -> NDArray[np.int64]:
-    """Indices of the longest run of the ``chosen`` (n,)."""
-    indices = np.flatnonzero(chosen)
+def _longest_run(mask: Mask) -> NDArray[np.int64]:
+    """Indices of the longest run of True values of the ``mask`` (n,)."""
+    indices = np.flatnonzero(mask)
     return max(np.split(indices, np.flatnonzero(np.diff(indices) > 1) + 1), key=len)
 
 

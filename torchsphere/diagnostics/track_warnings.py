@@ -36,7 +36,7 @@ def track_warnings(
 ) -> tuple[str, ...]:
     """Warnings on a track; ``start`` is the number of its first frame in the recording."""
     return (
-        # A given frame rate makes up for a file without a frame rate.
+        # A given frame rate replaces that of the file.
         *(note for note in recording.notes if request.fps is None or "no frame rate" not in note),
         *_frame_warnings(request, track, start),
         *_calibration_warnings(request, recording, frame_rate),
@@ -55,7 +55,7 @@ def window_warnings(track: Track, motion: Kinematics | None) -> tuple[str, ...]:
         return ()
     window, method = motion.about["window_frames"], motion.about["method"]
     for quantities, group in (("velocities, accelerations and spins are", 0), ("spins are", 1)):
-        # A motion that was not measured at all has another sentence.
+        # Another sentence reports a motion that was not measured at all.
         longest = max((stop - start for start, stop in runs(measured_increments(track)[:, group])), default=window)
         if longest >= window:
             continue

@@ -1,4 +1,4 @@
-"""What was given and does not come to use, in words for the summary's warnings: no option is ignored silently."""
+"""Settings that were given and had no effect, as sentences for the summary: no option is ignored silently."""
 
 from __future__ import annotations
 
@@ -9,38 +9,35 @@ from torchsphere.settings.limits import option_name
 from torchsphere.settings.setting import Group
 
 
-def unused(request: Request, motion: Kinematics | None, found: Impact | None, *, has_rate: bool) -> tuple[str, ...]:
-    """Sentences on the settings that were given, other than their defaults, and changed nothing.
+def unused_settings(
+    request: Request, motion: Kinematics | None, impact: Impact | None, *, has_rate: bool
+) -> tuple[str, ...]:
+    """Sentences on settings other than their defaults that had no effect; ``has_rate`` tells of a frame rate.
 
-    Parameters
-    ----------
-    request : Request
-    motion : Kinematics or None
-        None where frame rate or scale are not known.
-    found : Impact or None
-    has_rate : bool
-        Whether the frame rate is known.
+    ``motion`` is None without a frame rate or a scale, ``impact`` is None if no impact was found.
     """
     if motion is None:
         has_scale = request.diameter_mm is not None or request.mm_per_px is not None
-        wanted = [(has_rate, "a frame rate (--fps)"), (has_scale, "a scale (--diameter-mm or --mm-per-px)")]
-        lacking = " and ".join(name for there, name in wanted if not there) or "a measured motion"
-        # The distance of a pinhole camera is taken in radii, so that the diameter is of use there.
+        needed = [(has_rate, "a frame rate (--fps)"), (has_scale, "a scale (--diameter-mm or --mm-per-px)")]
+        lacking = " and ".join(name for is_there, name in needed if not is_there) or "a measured motion"
+        # The distance of a pinhole camera is measured in radii of the ball, so that the diameter has an effect.
         given = _given(request, KINEMATICS, POLYNOMIALS, IMPACT)
         if request.distance_mm is not None:
             given = [name for name in given if name != "diameter_mm"]
-        return _told(given, f"without {lacking} there are no kinematics")
+        return _sentences(given, f"without {lacking} there are no kinematics")
     method = motion.about["method"]
-    said: list[str] = []
+    sentences: list[str] = []
     if method != "savitzky-golay":
-        said += _told(_given(request, POLYNOMIALS), f"the method {method} has neither; see --method savitzky-golay")
-    if found is None:
-        said += _told(_given(request, IMPACT), "no impact is reported")
-    return tuple(said)
+        sentences += _sentences(
+            _given(request, POLYNOMIALS), f"the method {method} has neither; see --method savitzky-golay"
+        )
+    if impact is None:
+        sentences += _sentences(_given(request, IMPACT), "no impact is reported")
+    return tuple(sentences)
 
 
 def _given(request: Request, *groups: Group) -> list[str]:
-    """Names of the settings of some groups that were given, other than their defaults."""
+    """Names of the settings of some groups whose values are not their defaults."""
     return [
         name
         for name, setting in SETTINGS.items()
@@ -48,5 +45,6 @@ def _given(request: Request, *groups: Group) -> list[str]:
     ]
 
 
-def _told(names: list[str], reason: str) -> tuple[str, ...]:
+def _sentences(names: list[str], reason: str) -> tuple[str, ...]:
+    """One sentence on the settings, or none without settings."""
     return (f"Given and not used: {', '.join(map(option_name, names))}, as {reason}.",) if names else ()

@@ -51,10 +51,7 @@ class DelayFit:
 def fit_delay(a: Array, b: Array, start: float) -> DelayFit:
     """Least squares of ``b(t) = g a(t - d) + o`` over all samples (n,) that both have, from a first ``d``.
 
-    Raises
-    ------
-    ValueError
-        If no delay puts the one signal over the other.
+    Raises ValueError if no delay puts the one signal over the other.
     """
     spline, times = CubicSpline(np.arange(len(a)), a), np.arange(float(len(b)))
     delay, gain, offset = start, 1.0, 0.0
