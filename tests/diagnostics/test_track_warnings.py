@@ -53,7 +53,7 @@ def test_a_window_too_long_for_the_rotation_alone_warns_of_the_spins(falling: ts
     assert sentence.endswith(
         "there are 6 at most, so that spins are empty; give --window 5 or less, or --method smoother."
     )
-    # A rotation that was measured nowhere has a sentence of its own.
+    # Another sentence reports a rotation that was not measured at all.
     rotation[:, 2:] = np.nan
     assert warnings_of(dataclasses.replace(falling, increment=rotation), "savitzky-golay", 7) == ()
 

@@ -32,14 +32,14 @@ def test_a_long_flight_without_contact_has_none(monkeypatch: pytest.MonkeyPatch)
     assert not contact_search.find(series.between(60, 700)).found[0]
 
 
-def test_long_recordings_found_together_are_what_each_is_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_long_recordings_in_a_batch_give_the_results_that_each_gives_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     series, _ = long_series(200, monkeypatch)
     both, alone = contact_search.find(series.repeated(2)), contact_search.find(series)
     for row in range(2):
         np.testing.assert_allclose(both.windows[row], alone.windows[0], atol=1e-6)
 
 
-def test_a_short_recording_beside_a_long_one_is_searched_as_it_is_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_short_recording_in_a_batch_with_a_long_recording_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pulses, "FRAMES", 80)
     short = pulse(3, NOISES_M[0])
     monkeypatch.setattr(pulses, "FRAMES", 1400)

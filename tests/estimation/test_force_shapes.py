@@ -35,7 +35,7 @@ def two_peaks(share: np.ndarray) -> np.ndarray:
 
 
 def shaped(shape: Shape, seed: int, noise_m: float) -> Pulse:
-    """A pulse as of `pulses`, of another shape: integrated in fiftieths of a frame, right to 1e-3 of the noise."""
+    """A pulse of another shape than in `pulses`, integrated in fiftieths of a frame: exact to 1e-3 of the noise."""
     rng = np.random.default_rng(seed)
     start = 33 + rng.random()
     share = ((np.arange((FRAMES - 1) * PARTS) + 0.5) / PARTS - start) / LENGTH
@@ -57,9 +57,9 @@ def shaped(shape: Shape, seed: int, noise_m: float) -> Pulse:
     return filmed(push, noise_m, rng)
 
 
-#: Most that the forces may be off by, N, root mean square over the contact, and least share that the bands of 95 % may
-#: hold, at a noise of 1.5 and 7.5 um. The soft start of Hertz' law is no spring's: where the noise is small, errors of
-#: 0.3 % of the peak are stated as 0.15 %.
+#: Largest error of the force, N, root mean square over the contact, and least share of values in the bands of 95 %, at
+#: a noise of 1.5 and 7.5 um. No spring has the soft start of Hertz' law: at small noise, errors of 0.3 % of the peak are
+#: stated as 0.15 %.
 LIMITS = {
     hertz: ((120, 0.6), (260, 0.85)),
     squared_sine: ((80, 0.85), (260, 0.85)),
@@ -71,7 +71,7 @@ LIMITS = {
 
 @pytest.mark.parametrize("shape", LIMITS, ids=lambda shape: shape.__name__)
 @pytest.mark.parametrize("number", [0, 1], ids=["1.5 um", "7.5 um"])
-def test_forces_of_other_shapes_are_found_with_bands_that_hold_them(shape: Shape, number: int) -> None:
+def test_forces_of_other_shapes_lie_within_their_bands(shape: Shape, number: int) -> None:
     made = [shaped(shape, seed, NOISES_M[number]) for seed in range(SHOTS)]
     found = kinematics_of_many([p.track for p in made], frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
     off = np.concatenate([(k.force_N - p.force_N)[p.touching, 0] for p, k in zip(made, found, strict=True)])

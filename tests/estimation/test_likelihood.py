@@ -73,11 +73,11 @@ def test_the_filters_give_the_likelihood_of_the_joint_covariance() -> None:
                 spring = float(springs[0, place]) if smooth[m] else None
                 expected = dense(own, WINDOWS[0, place], freedom, *powers, spring)
                 found = fit[0, freedom, place, m], noise[0, freedom, place, m]
-                # Of the 1e8 of what is unknown beforehand, double precision leaves about seven digits.
+                # The prior variance of 1e8 leaves about seven digits of double precision.
                 torch.testing.assert_close(torch.stack(found), torch.tensor(expected).double(), rtol=1e-5, atol=1e-5)
 
 
-def test_the_rough_process_alone_is_what_it_is_beside_the_smooth_one() -> None:
+def test_the_rough_process_has_the_same_likelihood_with_and_without_the_smooth_process() -> None:
     own = series()
     flight = torch.tensor([-6.0, -2.0], dtype=torch.float64).expand(1, 2, 3, 2)
     contact = torch.tensor([-1.0, 2.0], dtype=torch.float64).expand(1, 2, 3, 2)
@@ -87,7 +87,7 @@ def test_the_rough_process_alone_is_what_it_is_beside_the_smooth_one() -> None:
         torch.testing.assert_close(one, other)
 
 
-def test_what_drifts_between_frames_that_are_left_out_is_added_up() -> None:
+def test_drifts_of_frames_that_are_left_out_are_added_up() -> None:
     own = series()
     thin = own.between(1, 8, 3)
     assert thin.times.tolist() == [[1.0, 5.0, 8.5]]
@@ -110,7 +110,7 @@ def long_series() -> Series:
 LONG_WINDOWS = torch.tensor([[[7.2, 11.4], [5.0, 12.0], [8.1, 8.7], [9.5, 13.25]]], dtype=torch.float64)
 
 
-def test_a_filter_among_many_that_share_their_flights_is_what_it_is_alone() -> None:
+def test_filters_that_share_their_flights_give_the_likelihood_of_a_single_filter() -> None:
     own = long_series()
     pairs = torch.cartesian_prod(torch.tensor([-9.0, -2.0]), torch.tensor([-3.0, 0.0, 3.0, 5.0])).double()
     flight, contact = (v.expand(1, 2, 1, -1) for v in pairs.T)
@@ -124,7 +124,7 @@ def test_a_filter_among_many_that_share_their_flights_is_what_it_is_alone() -> N
                 torch.testing.assert_close(one[..., 0, 0], other[..., place, m], rtol=0.0, atol=1e-5)
 
 
-def test_recordings_beside_each_other_have_the_likelihoods_that_they_have_alone() -> None:
+def test_recordings_in_a_batch_have_the_likelihoods_that_they_have_alone() -> None:
     one, flight = long_series(), torch.tensor([-6.0, -2.0], dtype=torch.float64)
     later = Series(one.times + 0.5, one.value.flip(-1), one.variance, one.drift, one.seen)
     both = Series(*(torch.cat(pair) for pair in zip(one, later, strict=True)))

@@ -1,4 +1,4 @@
-"""Which process the data choose for a force of known shape, in each degree of freedom."""
+"""Process, interval and intensities that the data choose for a force of known shape."""
 
 from collections.abc import Callable
 
@@ -24,11 +24,11 @@ def triangle(share: np.ndarray) -> np.ndarray:
 
 
 def moved(shape: Callable[[np.ndarray], np.ndarray], seed: int) -> np.ndarray:
-    """Positions (t,) of what a force of that shape moves, in units of their noise."""
+    """Positions (t,) of a body under a force of that shape, in units of their noise."""
     fine = (np.arange(FRAMES * 100) + 0.5) / 100
     share = (fine - START) / LENGTH
     acceleration = np.where((share > 0) & (share < 1), TOP * shape(np.clip(share, 0, 1)), 0.0)
-    # Each hundredth of a frame adds its own step: right to 1e-3 of the noise.
+    # Steps of a hundredth of a frame: exact to 1e-3 of the noise.
     position = (np.cumsum(acceleration) / 100).cumsum() / 100
     return np.concatenate(([0.0], position))[::100][:FRAMES] + np.random.default_rng(seed).normal(size=FRAMES)
 
@@ -60,18 +60,18 @@ def test_a_half_sine_is_found_smooth_and_a_triangle_rough(shape: Callable, smoot
     np.testing.assert_allclose(share_smooth(shape, shape), smooth, atol=0.1)
 
 
-def test_a_rough_force_is_not_taken_for_smooth_because_that_beside_it_is() -> None:
+def test_a_rough_force_stays_rough_beside_smooth_forces() -> None:
     assert share_smooth(triangle, half_sine, half_sine, half_sine)[0] < 0.1
 
 
-def test_a_flight_that_is_weighed_beside_a_contact_is_what_it_is_alone() -> None:
+def test_a_flight_in_a_batch_with_a_contact_gives_the_results_that_it_gives_alone() -> None:
     touched, free = series(half_sine, half_sine), series(no_force, no_force)
     both = Series(*map(torch.cat, zip(touched, free, strict=True)))
     beside, alone = contact_search.find(both), contact_search.find(free)
     assert beside.found.tolist() == [True, False]
     assert not alone.windows.any()
     assert not beside.windows[1].any()
-    # Where nothing touches, neither process does anything: all that is left are the intensities of flight.
+    # Without contact only the intensities of flight have an effect.
     np.testing.assert_allclose(alone.flight[0], beside.flight[1], rtol=1e-12)
     np.testing.assert_allclose(alone.noise[0], beside.noise[1], rtol=1e-12)
 
@@ -81,11 +81,11 @@ def brief(share: np.ndarray) -> np.ndarray:
     return half_sine(np.clip((share - 0.325) / 0.35, 0, 1))
 
 
-def test_a_change_that_a_steady_acceleration_may_hide_is_not_ruled_out_and_none_is_not_made_up() -> None:
+def test_a_weak_change_stays_possible_and_no_change_is_not_taken_for_a_change() -> None:
     # Rates change by 0.43 noise standard deviations per frame: a spin about an axis that an impact hardly turns.
     found = contact_search.find(series(brief, *[lambda share: 0.0034 * brief(share)] * 8, *[no_force] * 8))
     assert bool(found.found[0])
-    # Such a change is one of an intensity of 1e-8. One in eight that are none looks like a third of it by chance.
+    # Such a change has an intensity of 1e-8. One in eight values without change looks like a third of it by chance.
     weighed = (found.contact[0] > 1e-11).double().mean(0)
     assert float(weighed[1:9].min()) > 0.9
     assert float(weighed[9:].median()) < 0.1
@@ -101,7 +101,7 @@ def fading(share: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("shape", [fading, lambda share: fading(1 - share)])
-def test_a_contact_that_fades_or_swells_may_have_lasted_as_long_as_it_did(shape: Callable) -> None:
+def test_the_intervals_of_a_force_that_fades_or_swells_include_the_true_interval(shape: Callable) -> None:
     windows = contact_search.find(series(shape, shape)).windows[0]
     assert float(windows[:, 0].min()) < START + 0.5
     assert float(windows[:, 1].max()) > START + LENGTH - 0.5

@@ -35,7 +35,7 @@ def test_a_spring_of_no_stiffness_is_an_integrator() -> None:
     np.testing.assert_allclose(spring_noise(duration, none), white_noise(duration, STATES), rtol=1e-12)
 
 
-def test_its_noise_is_the_sum_of_what_each_moment_adds() -> None:
+def test_the_noise_of_a_spring_is_the_sum_over_many_small_steps() -> None:
     last = np.stack([exponential(t, 0.8)[:, -1] for t in (np.arange(2000) + 0.5) / 2000])
     found = spring_noise(np.array([1.0]), np.array([0.8]))[0]
     np.testing.assert_allclose(found, last.T @ last / 2000, rtol=1e-6)
@@ -55,7 +55,7 @@ def test_without_noise_a_spring_of_a_half_turn_makes_a_half_sine() -> None:
 
 
 @pytest.mark.parametrize("spring", SPRINGS)
-def test_without_noise_each_spring_makes_a_force_that_begins_and_ends_at_none(spring: float) -> None:
+def test_without_noise_each_spring_makes_a_force_that_begins_and_ends_at_0(spring: float) -> None:
     first = np.array([0.0, 0.0, 0.0, *initial_jerk_snap(np.array(spring))])
     steps = spring_matrix(np.array([0.25, 0.5, 0.75, 1.0]), np.array(np.pi * spring))
     force = (steps @ first)[:, 2]

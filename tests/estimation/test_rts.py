@@ -41,9 +41,9 @@ def covered(shots: tuple[list[Pulse], list[Kinematics]], name: str, part: bool) 
 def test_bands_of_95_percent_hold_nine_of_ten_values_in_flight_and_contact(
     shots: tuple[list[Pulse], list[Kinematics]], name: str, part: bool
 ) -> None:
-    # That they hold no more than 98 of 100 takes more shots than a test has: the errors of a flight, and of a force
-    # that is none, are one error each, so that of 24 shots a share is known to 2 percent. Of 96 other shots the
-    # shares are 94 to 98 (velocity, spin) and 95 to 99 (force). Bands too wide show in their widths, below.
+    # An upper limit needs more shots: the errors within a flight are one error each, so that 24 shots give a share to
+    # 2 percent. Of 96 other shots the shares are 94 to 98 (velocity, spin) and 95 to 99 percent (force). The next
+    # test limits the widths of the bands.
     assert covered(shots, name, part) >= 0.9
 
 
@@ -56,8 +56,8 @@ def test_bands_in_contact_are_as_wide_as_the_errors_or_up_to_half_as_much_again(
         [(getattr(k, name) - getattr(p, name))[p.touching, 0] for p, k in zip(made, found, strict=True)]
     )
     sd = np.concatenate([getattr(k, f"sd_{name}")[p.touching, 0] for p, k in zip(made, found, strict=True)])
-    # Of 24 shots the ratio is known to some 15 percent, as one shot's errors may be three times another's. Of 1024
-    # others it is 1.1 (force, 7.5 um) and 1.4 (1.5 um).
+    # 24 shots give the ratio to some 15 percent, as the errors of shots differ by a factor of three. Of 1024 other
+    # shots it is 1.1 (force, 7.5 um) and 1.4 (1.5 um).
     assert 0.85 < np.sqrt((sd**2).mean() / (off**2).mean()) < 1.5
 
 
@@ -70,11 +70,11 @@ def test_the_peak_force_of_every_shot_is_right_to_half_a_kilonewton(
     off = np.array([float(peak.value) - PEAK_N for peak in peaks])
     assert np.abs(off).max() < PEAK_OFF_N
     assert abs(off.mean()) < 0.2 * PEAK_OFF_N
-    # It is stated to be off by no more than twice what it is off by, and by no less than that.
+    # The stated standard deviation is between one and two times the error.
     assert 0.5 < np.sqrt(np.mean((off / [float(peak.sd) for peak in peaks]) ** 2)) < 1.1
 
 
-def test_the_contact_is_found_as_well_as_is_stated(
+def test_the_edges_of_the_contact_have_the_stated_accuracy(
     shots: tuple[list[Pulse], list[Kinematics]],
 ) -> None:
     off = np.array([(k.contact_s - p.edges_s) / k.sd_contact_s for p, k in zip(*shots, strict=True)])
@@ -84,10 +84,12 @@ def test_the_contact_is_found_as_well_as_is_stated(
     assert all(np.all(k.sd_contact_s < 1.0 / RATE) for k in shots[1])
 
 
-def test_a_batch_gives_each_recording_what_it_gets_alone(shots: tuple[list[Pulse], list[Kinematics]]) -> None:
+def test_a_batch_gives_each_recording_the_result_that_it_gets_alone(
+    shots: tuple[list[Pulse], list[Kinematics]],
+) -> None:
     alone = ts.kinematics(shots[0][1].track, frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
     for name in ("velocity_m_s", "force_N", "spin_rad_s", "contact_s"):
-        # Sums of other order may take one of the 32 candidates for its neighbour: a tenth of the uncertainty.
+        # Another order of sums may choose a neighbour of one of the 32 candidates: a tenth of the uncertainty.
         off = np.abs(getattr(alone, name) - getattr(shots[1][1], name))
         assert np.all(off < 0.1 * getattr(alone, f"sd_{name}"))
 
@@ -108,7 +110,7 @@ def test_a_gap_is_bridged_with_bands_that_grow_into_it() -> None:
     assert np.all(np.abs(motion.spin_rad_s - made.spin_rad_s)[hidden] < 4 * motion.sd_spin_rad_s[hidden])
 
 
-def test_frames_before_the_first_and_after_the_last_are_not_made_up() -> None:
+def test_frames_before_the_first_and_after_the_last_measured_frame_are_empty() -> None:
     made = pulse(4, NOISES_M[1])
     ends = np.r_[0:5, 70:FRAMES]
     position, orientation = made.track.position.copy(), made.track.orientation.copy()
@@ -123,7 +125,7 @@ def test_frames_before_the_first_and_after_the_last_are_not_made_up() -> None:
         assert np.isfinite(values[5:70]).all()
 
 
-def test_without_rotation_the_translation_stands() -> None:
+def test_a_track_without_rotation_has_translation_and_force() -> None:
     made = pulse(5, NOISES_M[1])
     increment, covariance = made.track.increment.copy(), made.track.covariance.copy()
     increment[:, 2:], covariance[:, 2:], covariance[:, :, 2:] = np.nan, np.nan, np.nan
@@ -136,7 +138,7 @@ def test_without_rotation_the_translation_stands() -> None:
     assert abs(np.abs(motion.force_N[:, 0]).max() - PEAK_N) < 1500
 
 
-def test_steady_flight_has_no_contact_and_says_how_it_was_smoothed() -> None:
+def test_steady_flight_has_no_contact_and_states_its_bandwidth() -> None:
     made = pulse(6, NOISES_M[1])
     steady = dataclasses.replace(
         made.track,
@@ -149,10 +151,10 @@ def test_steady_flight_has_no_contact_and_says_how_it_was_smoothed() -> None:
     motion = ts.kinematics(steady, frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
     assert motion.contact_s is None
     assert motion.about["contact_found"] is False
-    # A parabola through 30 frames passes little beyond a period of about twice their length.
+    # A parabola through 30 frames passes periods of about twice their length and more.
     assert motion.about["bandwidth_flight_translation_Hz"]["acceleration"] < RATE / 15
-    # Of 30 independent errors a line's slope has sd * sqrt(12 / 30^3), a parabola's up to twice that at its ends. The
-    # noise that 30 frames tell is their own to 15 percent.
+    # With 30 independent errors the slope of a line has sd * sqrt(12 / 30^3), that of a parabola up to twice as much at
+    # its ends. 30 frames give the noise to 15 percent.
     slope = NOISES_M[1] * RATE * np.sqrt(12 / 30**3)
     assert 0.85 * slope < motion.sd_velocity_m_s[15, 0] < 6 * slope
 
@@ -166,19 +168,19 @@ def test_the_smoother_passes_more_in_contact_than_in_flight(shots: tuple[list[Pu
         assert in_contact["acceleration"] > RATE / 28 > in_flight["acceleration"]
 
 
-def test_an_impact_between_two_frames_is_smoothed_although_its_states_are_one_number() -> None:
-    # The covariance ahead of such a contact is singular but for rounding, in one of its 32 intervals.
+def test_an_impact_between_two_frames_is_smoothed_although_its_covariance_is_singular() -> None:
+    # In one of the 32 intervals the covariance is singular but for rounding.
     before = shot(2, n=20, step=(9, 1), start=(80, 60), radius=40)
     after = shot(2, n=14, step=(-5, 4), start=(250, 80), radius=40)
     tracked = ts.track(torch.cat((before.images, after.images)), before.circle, sphere_map=False)
     motion = ts.kinematics(tracked, frame_rate=1000, diameter_m=0.03)
-    m_s = 0.03 / 80 * 1000  # of a px per frame; each step trembles by 0.3 of it
+    m_s = 0.03 / 80 * 1000  # of a px per frame; the steps scatter by 0.3 px
     np.testing.assert_allclose(motion.velocity_m_s[5:15].mean(0), [9 * m_s, 1 * m_s], atol=0.3 * m_s)
     np.testing.assert_allclose(motion.velocity_m_s[24:30].mean(0), [-5 * m_s, 4 * m_s], atol=0.3 * m_s)
     assert np.isfinite(motion.sd_velocity_m_s).all()
 
 
-def test_a_system_that_is_singular_but_for_rounding_is_solved_where_it_says_anything() -> None:
+def test_a_system_that_is_singular_but_for_rounding_is_solved_in_its_regular_part() -> None:
     direction = torch.tensor([[1.0, 1e3, -1e-3]], dtype=torch.float64)
     matrix = direction.mT @ direction * (1 + 1e-14 * torch.randn(3, 3, generator=torch.Generator().manual_seed(1)))
     matrix[0, 0] -= 1e-11
@@ -189,7 +191,7 @@ def test_a_system_that_is_singular_but_for_rounding_is_solved_where_it_says_anyt
     torch.testing.assert_close(solution[1], both[1])
 
 
-def test_a_root_of_a_covariance_is_one_and_does_not_turn_with_its_rounding() -> None:
+def test_a_root_reproduces_its_covariance_and_is_stable_against_rounding() -> None:
     generator = torch.Generator().manual_seed(4)
     some = torch.randn(6, 6, generator=generator, dtype=torch.float64)
     alike = torch.eye(6, dtype=torch.float64) * 1e-4

@@ -14,7 +14,7 @@ INTERVAL_S, COUNT = 1e-6, 2000
 
 
 def barrier(time_s: np.ndarray, at_s: float) -> np.ndarray:
-    """A ball that darkens a barrier for 270 us, with edges of 15 us."""
+    """Signal of a ball that darkens a barrier for 270 us, with edges of 15 us."""
     return 1 / (1 + np.exp(-(time_s - at_s) / 15e-6)) - 1 / (1 + np.exp(-(time_s - at_s - 270e-6) / 15e-6))
 
 
@@ -56,7 +56,7 @@ def darkened(time_s: np.ndarray, at_s: float) -> np.ndarray:
 
 @pytest.mark.parametrize("first_s", [400e-6, 1200e-6])
 @pytest.mark.parametrize("shape", [darkened, barrier])
-def test_barriers_that_stay_dark_or_are_cut_by_the_end_have_the_delay_of_their_edges(shape, first_s: float) -> None:
+def test_barriers_that_stay_dark_or_are_cut_off_have_the_delay_of_their_edges(shape, first_s: float) -> None:
     # With the first at 1200 us the second is dark from 1829 us on, and the record ends at 2000.
     delay, time_s, ratios = 628.63e-6, INTERVAL_S * np.arange(COUNT), []
     for seed in range(20):
@@ -81,7 +81,7 @@ def test_signals_of_two_shapes_have_no_velocity(case: str) -> None:
         light_gate(time_s, first, second, spacing_m=0.04)
 
 
-def test_one_barrier_twice_is_no_gate() -> None:
+def test_two_signals_of_one_barrier_are_refused() -> None:
     time_s, first, _ = gate(628.63e-6, 0.05, 3)
     with pytest.raises(ValueError, match="light_gate"):
         light_gate(time_s, first, first, spacing_m=0.04)

@@ -100,15 +100,15 @@ def _force_warnings(motion: Kinematics, impact: Impact) -> list[str]:
         first, middle, last = numbers[pause[[0, len(pause) // 2, -1]]]
         sentences.append(
             f"Within the contact, from frame {first} to {last}, there is next to no force: two impacts are stated as "
-            f"one, with the impulse and the energy of both. Measure each alone, with --frames up to {middle} and from "
-            f"{middle}."
+            f"one, with the impulse and the energy of both. Measure each impact alone, with --frames up to {middle} and "
+            f"from {middle}."
         )
     if other.any():
         frame = int(other.argmax())
         sentences.append(
             f"In frame {numbers[frame]}, outside the contact, the ball is pushed by {100 * other[frame] / largest:.0f} "
-            "% of the contact's largest force: another impact, which is in none of the numbers of this one. Measure "
-            "each alone with --frames."
+            "% of the contact's largest force: another impact, which the numbers do not include. Measure each impact "
+            "alone with --frames."
         )
     return sentences
 
