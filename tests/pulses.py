@@ -1,4 +1,4 @@
-"""Tracks of a ball that a pulse of force and torque turns back, with exact truth."""
+"""Tracks of a ball that rebounds by a pulse of force and torque, with exact truth."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import torchsphere as ts
 from torchsphere.geometry.orientation import chain
 
-#: The pulse of PHYSICS.md, section 4: 29 kN, 14 frames, 50 kfps, 110 g. A pixel of 0.1 mm.
+#: A pulse of 29 kN over 14 frames at 50 kfps, a ball of 110 g, a pixel of 0.1 mm.
 RATE, MASS_KG, PEAK_N, FRAMES, LENGTH, M_PER_PX = 50e3, 0.11, 29e3, 80, 14.0, 1e-4
 NOISES_M = (1.5e-6, 7.5e-6)
 
@@ -26,18 +26,18 @@ class Pulse:
 
 @dataclass(frozen=True)
 class Push:
-    """What a force in -x does to a ball of 70 m/s in x: all of n frames, or between them."""
+    """Effect of a force in -x on a ball of 70 m/s in x, in n frames."""
 
-    path_m: np.ndarray  # (n,), by which the ball falls behind
+    path_m: np.ndarray  # (n,), distance behind a ball without the force
     slowed_m_s: np.ndarray  # (n,)
     force_N: np.ndarray  # (n,)  # noqa: N815
-    gained: np.ndarray  # (n,), share of the change that is done
-    gained_between: np.ndarray  # (50 (n - 1),), in the middle of each fiftieth of a frame
+    gained: np.ndarray  # (n,), share of the change of velocity and spin
+    gained_between: np.ndarray  # (50 (n - 1),), the same in the middle of each fiftieth of a frame
     edges: np.ndarray  # (2,), frames
 
 
 def pulse(seed: int, noise_m: float) -> Pulse:
-    """A ball of 70 m/s in x that a half-sine of force turns back and spins up to 20 rev/s about an oblique axis."""
+    """A ball of 70 m/s in x that rebounds by a half-sine of force, with a spin up to 20 rev/s about an oblique axis."""
     rng = np.random.default_rng(seed)
     start = 33 + rng.random()
     t = np.arange(FRAMES, dtype=float)
@@ -60,12 +60,12 @@ def pulse(seed: int, noise_m: float) -> Pulse:
 
 
 def filmed(push: Push, noise_m: float, rng: np.random.Generator) -> Pulse:
-    """The track of a ball that is pushed, and spun up to 20 rev/s in the same time."""
+    """The track of a ball under a push, with a spin up to 20 rev/s in the same time."""
     t = np.arange(FRAMES, dtype=float)
     position_px = (70 / RATE * t - push.path_m) / M_PER_PX
     axis = np.array([0.3, 0.5, 0.81]) / np.linalg.norm([0.3, 0.5, 0.81])
     first, last = np.array([0.0, 0.001, 0.0]), 20 * 2 * np.pi / RATE * axis
-    # Fifty steps per frame: the midpoint's rotation of each is right to 1e-9 rad.
+    # Fifty steps per frame: the rotation at the midpoint of each is right to 1e-9 rad.
     steps = (first + push.gained_between[:, None] * last) / 50
     turned = chain(np.concatenate((np.zeros((1, 3)), steps)), np.ones(len(steps) + 1, dtype=bool))[::50]
     sd = noise_m / M_PER_PX * np.array([1.0, 1.0, 0.024, 0.024, 0.024])

@@ -1,4 +1,4 @@
-"""Synthetic shots whose truth is known: a ball with a pattern, poses, noise and the rounding of a camera."""
+"""Synthetic shots with known truth: a ball with a pattern, poses, noise and the rounding of a camera."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SHAPE = (256, 512)
 
 @dataclass(frozen=True)
 class Shot:
-    """Images of a ball (n, h, w) and how it moved: px and rad, camera frame, float64."""
+    """Images of a ball (n, h, w) and its true motion: px and rad, camera frame, float64."""
 
     images: Tensor
     centres: Tensor  # (n, 2)
@@ -35,7 +35,7 @@ class Shot:
 
 
 def rotation_matrix(vector: Tensor) -> Tensor:
-    """Rodrigues' formula, (3,) in rad -> (3, 3): the tests' own, so that a sign shared with the package shows."""
+    """Rodrigues' formula, (3,) in rad -> (3, 3); independent of the package, so that a wrong sign there shows."""
     angle = float(vector.norm())
     x, y, z = vector.tolist()
     cross = torch.tensor([[0, -z, y], [z, 0, -x], [-y, x, 0]], dtype=torch.float64)
@@ -52,7 +52,7 @@ def speckle(seed: int, radius: float, low: float = 30.0, high: float = 220.0) ->
 
 @functools.lru_cache(maxsize=1)
 def spot(x: float, y: float, level: float = 60.0, height: float = 150.0) -> Pattern:
-    """A grey ball with one bright spot, where the surface is seen at (x, y) radii from the centre before it turns."""
+    """A grey ball with one bright spot, at first at (x, y) radii from the centre in the image."""
     steps = torch.linspace(-CUBE_HALF_WIDTH, CUBE_HALF_WIDTH, 96)
     z, v, u = torch.meshgrid(steps, steps, steps, indexing="ij")
     squared = (u - x) ** 2 + (v - y) ** 2 + (z + math.sqrt(1 - x**2 - y**2)) ** 2
@@ -87,9 +87,9 @@ def shot(
     noise: float = 2.0,
     subsamples: int = 3,
 ) -> Shot:
-    """The example shot, unless told otherwise: a speckled ball over a uniform background, 8 bit.
+    """By default the example shot: a speckled ball over a uniform background, 8 bit.
 
-    Nine rays per pixel leave 3 grey levels of error at the outline; a study of the outline needs more.
+    Nine rays per pixel leave an error of 3 grey levels at the outline; a study of the outline needs more.
     """
     generator = torch.Generator().manual_seed(seed + 100)
     phase = torch.rand(n, 2, generator=generator, dtype=torch.float64)
@@ -113,9 +113,9 @@ def pair(
     shape: tuple[int, int] = (130, 130),
     background: float = 90.0,
 ) -> tuple[Tensor, Tensor, tuple[float, float, float]]:
-    """Images f and g (h, w), float64 and noise-free, of a ball that moves by q = (dx, dy, wx, wy, wz), and its circle.
+    """Images f and g (h, w), float64, without noise, of a ball that moves by q, and the circle of the ball.
 
-    Rotations in degrees.
+    q = (dx, dy, wx, wy, wz), px and degrees.
     """
     motion = torch.tensor(q, dtype=torch.float64)
     centres = torch.tensor(centre, dtype=torch.float64) + torch.stack((torch.zeros(2), motion[:2]))
@@ -126,7 +126,7 @@ def pair(
 
 @dataclass(frozen=True)
 class ExampleTrack:
-    """A shot, its track, and the calls that reported progress."""
+    """A shot, its track, and the reports of progress."""
 
     shot: Shot
     track: Track
@@ -157,7 +157,7 @@ def angles_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.rad2deg(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
 
 
-#: An oblique axis, so that no mode of the rotation is spared.
+#: An oblique axis: all modes of the rotation are used.
 OBLIQUE = (0.35, 0.85, 0.4)
 
 
@@ -181,9 +181,9 @@ def clean(
     high: float = 220.0,
     exposure: float = 0.0,
 ) -> Shot:
-    """A shot without noise and rounding, for a disturbance to be put in: steady motion about the oblique axis.
+    """A shot without noise and rounding, to which a disturbance is added: steady motion about the oblique axis.
 
-    ``exposure`` is the share of the frame interval over which the image is the mean, centred on the frame's pose.
+    The image is the mean over the share ``exposure`` of the frame interval, around the pose of the frame.
     """
     turn = torch.deg2rad(torch.tensor(turned(turn_deg), dtype=torch.float64))
     step_px, first = (torch.tensor(v, dtype=torch.float64) for v in (step, start))
@@ -205,7 +205,7 @@ def clean(
 
 
 def flickered(images: Tensor, amount: float, seed: int = 0) -> Tensor:
-    """Each frame with a brightness of its own, uniform within ``amount`` either way."""
+    """Each frame times a random brightness, uniform within 1 +- ``amount``."""
     generator = torch.Generator().manual_seed(seed + 300)
     return images * (1 + amount * (2 * torch.rand(len(images), 1, 1, generator=generator) - 1))
 
@@ -216,25 +216,25 @@ def pixel_grid(images: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def covered(images: Tensor, cover: Tensor, level: float) -> Tensor:
-    """The images behind something of one grey level; ``cover`` (n or 1, h, w) from 0 to 1."""
+    """The images behind an object of one grey level; ``cover`` (n or 1, h, w) from 0 to 1."""
     return images * (1 - cover) + level * cover
 
 
 def bar(images: Tensor, middle: float, width: float, slope: float = 0.0) -> Tensor:
-    """Cover (1, h, w) of a still bar across the image, its edges as soft as a pixel."""
+    """Cover (1, h, w) of a still bar across the image, with edges as wide as a pixel."""
     x, y = pixel_grid(images)
     across = (x - middle + slope * (y - 120)).abs()
     return (0.5 * width - across + 0.5).clamp(0, 1)[None]
 
 
 def edge(images: Tensor, places: Tensor, slope: float = 0.0) -> Tensor:
-    """Cover (n, h, w) of a straight edge at the columns ``places`` (n,) and all that is to its right."""
+    """Cover (n, h, w) of the half-plane to the right of a straight edge at the columns ``places`` (n,)."""
     x, y = pixel_grid(images)
     return (x + slope * (y - 120) - places.float()[:, None, None] + 0.5).clamp(0, 1)
 
 
 def highlight(made: Shot, place: tuple[float, float] = (-0.35, -0.4), size: float = 0.12) -> Tensor:
-    """Saturated reflection of a lamp: it moves with the ball's centre and does not turn with it."""
+    """Saturated reflection of a lamp, which moves with the ball and does not rotate."""
     x, y = pixel_grid(made.images)
     cx, cy = (made.centres + made.radius * torch.tensor(place)).float().unbind(-1)
     squared = (x - cx[:, None, None]) ** 2 + (y - cy[:, None, None]) ** 2
@@ -242,14 +242,14 @@ def highlight(made: Shot, place: tuple[float, float] = (-0.35, -0.4), size: floa
 
 
 def shaded(made: Shot, amount: float = 0.5) -> Tensor:
-    """Light from the left: it falls off across the ball, and the ball turns through it."""
+    """Light from the left, which decreases across the ball and does not rotate with the ball."""
     x, _ = pixel_grid(made.images)
     across = ((x - made.centres[:, 0, None, None].float()) / made.radius).clamp(-1, 1)
     return made.images * (1 - amount * 0.5 * (1 + across))
 
 
-def lit(made: Shot, direction: tuple[float, float, float], around: float = 0.3) -> Tensor:
-    """The images as albedo of a matt ball under a distant lamp in that direction, and some light from all around."""
+def lamp_lit(made: Shot, direction: tuple[float, float, float], around: float = 0.3) -> Tensor:
+    """The images as albedo of a matt ball under a distant lamp in that direction and some uniform light."""
     x, y = pixel_grid(made.images)
     towards = torch.tensor(direction) / torch.tensor(direction).norm()
     cx, cy = made.centres.float().T[..., None, None]
@@ -260,7 +260,7 @@ def lit(made: Shot, direction: tuple[float, float, float], around: float = 0.3) 
 
 
 def compressed(images: Tensor, step: float = 12.0) -> Tensor:
-    """Blocks of 8 x 8 px whose cosine transform is rounded to multiples that grow with the frequency, as JPEG does."""
+    """The images in blocks of 8 x 8 px with a rounded cosine transform, as by JPEG."""
     k = torch.arange(8, dtype=torch.float32)
     basis = torch.cos((2 * k[None, :] + 1) * k[:, None] * math.pi / 16) * 0.5
     basis[0] /= math.sqrt(2)

@@ -27,7 +27,7 @@ def made_track(increment: np.ndarray, sd: np.ndarray, circle: ts.Circle) -> ts.T
 
 
 def falling_track() -> ts.Track:
-    """Nine frames: 2 px per frame to the right, each frame 0.1 px per frame faster downwards, turning clockwise."""
+    """Nine frames: 2 px per frame to the right, downwards faster by 0.1 px in each frame, clockwise rotation."""
     k = np.arange(8)
     zero = np.zeros(8)
     increment = np.stack((zero + 2.0, 0.1 * k, zero, zero, zero + 0.01), 1)

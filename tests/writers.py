@@ -1,4 +1,4 @@
-"""Small writers of camera formats, so that values and orientation are tested against known arrays."""
+"""Small writers of camera formats: tests compare values and orientation with known arrays."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def pack(values: NDArray[np.integer], bits: int) -> bytes:
 
 
 def stored(images: NDArray[np.integer], bits: int) -> bytes:
-    """Give images as a camera stores them: 8 bit, packed, or 16 bit little-endian."""
+    """Bytes of images as a camera stores them: 8 bit, packed, or 16 bit little-endian."""
     if bits in (10, 12):
         return pack(images, bits)
     return images.astype("u1" if bits in (8, 24) else "<u2").tobytes()
@@ -35,7 +35,7 @@ def write_mraw(
     text: bool = False,
     **more: str,
 ) -> Path:
-    """Write a Photron recording; ``more`` replaces header values (text header) by their names there."""
+    """Write a Photron recording; ``more`` replaces values of the text header by name."""
     n, height, width = images.shape
     shifted = images << (bits - depth) if side == "Higher" else images
     path.with_suffix(".mraw").write_bytes(stored(shifted, bits))
@@ -85,7 +85,7 @@ def write_cine(
     annotation: bytes = b"",
     mosaic: int = 0,
 ) -> Path:
-    """Write images (n, h, w) or blue-green-red (n, h, w, 3); rows bottom-up unless packed or told otherwise."""
+    """Write images (n, h, w) or blue-green-red (n, h, w, 3); rows bottom-up unless packed or ``top_down``."""
     n, height, width = images.shape[:3]
     packed = bits in (10, 12)
     rows = images if packed or top_down else images[:, ::-1]

@@ -1,4 +1,4 @@
-"""Real recordings, where they lie beside the project."""
+"""Real recordings, if the folder of samples is present."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from torchsphere import Recording, Track, open_recording, track
 def photron(shared_data: Path) -> Recording:
     path = shared_data / "photron" / "ball_12bit.cihx"
     if not path.is_file():
-        pytest.skip("the Photron sample is not here")
+        pytest.skip("the Photron sample is not present")
     return open_recording(path)
 
 
@@ -33,9 +33,9 @@ def test_the_photron_ball_without_texture_has_a_path_but_no_rotation(photron: Re
     measured = track(photron)
     assert (measured.status[1:] == "weak_texture").all()
     assert np.isnan(measured.increment[:, 2:]).all()
-    # Half a px of diameter, from a careful look at the images.
+    # The diameter was read from the images by eye, to half a px.
     assert 2 * measured.circle.radius == pytest.approx(125.8, abs=0.5)
-    # A free ball: a parabola is a smooth curve; its residual stays under 0.05 px.
+    # The path of a free ball is a parabola; the residual stays below 0.05 px.
     residual = residual_from_a_parabola(measured)
     assert np.sqrt((residual**2).mean(0)).max() < 0.05
     assert np.abs(residual).max() < 0.05

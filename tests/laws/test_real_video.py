@@ -1,4 +1,4 @@
-"""A real patterned ball that turns in place on an air cushion, filmed as compressed video."""
+"""A real patterned ball that rotates in place on an air cushion, recorded as compressed video."""
 
 from pathlib import Path
 
@@ -8,12 +8,12 @@ import pytest
 import torchsphere as ts
 from torchsphere.recording.ignore_mask import read_ignore
 
-#: A fifth of the recording: fast turns are measured both ways, which takes 0.2 s per frame.
+#: A fifth of the recording: fast rotations are measured in both directions, which takes 0.2 s per frame.
 FRAMES = 60
 
 CIRCLE = (109.1, 179.4, 45.0)
 
-#: The two regions that the recording's own configuration leaves out: the animal on top, the cup below.
+#: The two regions that the configuration of the recording excludes: the animal on top, the cup below.
 IGNORE = (
     "96,156 113,147 106,128 82,130 81,150",
     "71,213 90,219 114,218 135,211 154,196 150,217 121,228 99,234 75,225",
@@ -28,7 +28,7 @@ def film(shared_data: Path) -> tuple[np.ndarray, np.ndarray]:
     return images, read_ignore(IGNORE, images.shape[1:])
 
 
-def both_ways(film: tuple[np.ndarray, np.ndarray], **options: float) -> np.ndarray:
+def reversal_differences(film: tuple[np.ndarray, np.ndarray], **options: float) -> np.ndarray:
     """Angle (n - 1,) between the rotations of the film and those of the reversed film, deg."""
     images, ignore = film
     forth = ts.track(images, CIRCLE, ignore=ignore, in_place=True, **options)
@@ -40,12 +40,12 @@ def both_ways(film: tuple[np.ndarray, np.ndarray], **options: float) -> np.ndarr
 
 
 def test_a_ball_turning_in_place_is_followed_alike_forward_and_backward(film: tuple[np.ndarray, np.ndarray]) -> None:
-    # The reversed film shows the reversed rotation; 0.06 deg against a mean of 5 deg per frame. The camera is 8 radii
-    # away and no model here knows it: which pixels are believed then depends on the way, by up to 0.5 deg in a tenth of
-    # the frames, so that only the median is held to it.
-    assert np.nanmedian(both_ways(film)) < 0.06
+    # The reversed film shows the reversed rotation; 0.06 deg of 5 deg per frame. The camera is 8 radii away, which the
+    # model does not include: the choice of pixels depends on the direction, by up to 0.5 deg in a tenth of the frames.
+    # The bound is therefore for the median.
+    assert np.nanmedian(reversal_differences(film)) < 0.06
 
 
-def test_the_linearised_model_without_doubts_agrees_in_all_frames(film: tuple[np.ndarray, np.ndarray]) -> None:
-    difference = both_ways(film, finite_from_deg=180.0, robust=False)
+def test_the_linearised_model_without_rejected_pixels_agrees_in_all_frames(film: tuple[np.ndarray, np.ndarray]) -> None:
+    difference = reversal_differences(film, finite_from_deg=180.0, robust=False)
     assert np.sqrt(np.nanmean(difference**2)) < 0.06

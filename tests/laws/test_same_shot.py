@@ -1,4 +1,4 @@
-"""The same shot through every way in gives the same track."""
+"""The same shot in every file format gives the same track."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ FRAMES = 12
 
 @pytest.fixture(scope="module")
 def images() -> np.ndarray:
-    """12-bit levels, so that no way in may lose bits."""
+    """12-bit levels, so that a format that loses bits fails."""
     return demo_shot.make_shot().images[:FRAMES].astype(np.uint16) * 16
 
 
@@ -59,7 +59,7 @@ def write_mraw(folder: Path, images: np.ndarray) -> Path:
 
 
 def write_video(folder: Path, images: np.ndarray) -> Path:
-    """FFV1, which loses nothing, in 16 bit grey."""
+    """FFV1, which is lossless, in 16-bit grey."""
     av = pytest.importorskip("av", reason="the extra 'video' is not installed")
     path = folder / "shot.mkv"
     with av.open(str(path), "w") as container:
@@ -73,11 +73,13 @@ def write_video(folder: Path, images: np.ndarray) -> Path:
 
 
 @pytest.mark.parametrize("write", [write_tiff, write_npy, write_mraw, write_video])
-def test_the_same_shot_gives_the_same_track(write, tmp_path: Path, images: np.ndarray, from_array: ts.Track) -> None:
+def test_the_same_shot_gives_the_same_track_in_every_format(
+    write, tmp_path: Path, images: np.ndarray, from_array: ts.Track
+) -> None:
     with ts.open_recording(write(tmp_path, images)) as recording:
         np.testing.assert_array_equal(recording.images(0, FRAMES), images)
         track = ts.track(recording)
     assert (from_array.status == "ok").all()
-    # The same numbers go in, in the same batches: nothing but rounding may differ.
+    # The same numbers in the same batches: only rounding may differ.
     np.testing.assert_allclose(track.increment, from_array.increment, rtol=0, atol=1e-6)
     np.testing.assert_allclose(track.position, from_array.position, rtol=0, atol=1e-6)

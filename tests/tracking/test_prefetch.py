@@ -1,4 +1,4 @@
-"""The next batch is prepared while the last one is measured: the same numbers, and no batch from a stray path."""
+"""Preparation of the next batch in the background: the same numbers, and none after an unreliable batch."""
 
 import dataclasses
 import threading
@@ -37,13 +37,13 @@ def made() -> Shot:
 
 @pytest.fixture(params=[True, False], ids=["idle", "busy"])
 def idle(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> bool:
-    """Whether another core lies idle."""
+    """Whether another core is idle."""
     monkeypatch.setattr(threads, "has_idle_cores", lambda: request.param)
     return bool(request.param)
 
 
 def counted(made: Shot, fails_at: int = 99) -> tuple[Source, list[int]]:
-    """The images, the numbers of those that were read, and an error for those from ``fails_at`` on."""
+    """The images, and the numbers of the images read; images from ``fails_at`` on raise an error."""
     reads: list[int] = []
 
     def read(start: int, stop: int) -> Tensor:
@@ -68,7 +68,9 @@ def first(made: Shot) -> PreparedBatch:
     return Prefetcher(counted(made)[0], SETUP).get(state_in(made, 0), FIRST)
 
 
-def test_the_next_batch_is_prepared_where_the_ball_will_be(made: Shot, first: PreparedBatch, idle: bool) -> None:
+def test_the_next_batch_is_prepared_at_the_next_positions_of_the_ball(
+    made: Shot, first: PreparedBatch, idle: bool
+) -> None:
     source, _ = counted(made)
     batches = Prefetcher(source, SETUP)
     batches.prefetch(state_in(made, 0), first, NEXT)
@@ -81,9 +83,7 @@ def test_the_next_batch_is_prepared_where_the_ball_will_be(made: Shot, first: Pr
     np.testing.assert_allclose(circles[:, :2], made.centres[FIRST:], atol=0.1)
 
 
-def test_with_an_idle_core_the_images_are_read_before_they_are_asked_for(
-    made: Shot, first: PreparedBatch, idle: bool
-) -> None:
+def test_with_an_idle_core_the_next_images_are_read_in_advance(made: Shot, first: PreparedBatch, idle: bool) -> None:
     source, reads = counted(made)
     batches = Prefetcher(source, SETUP)
     batches.prefetch(state_in(made, 0), first, NEXT)
@@ -100,7 +100,7 @@ def test_a_batch_prepared_for_other_frames_is_dropped(made: Shot, first: Prepare
     batches, anew = Prefetcher(source, SETUP), Prefetcher(source, SETUP)
     batches.prefetch(state_in(made, 0), first, NEXT)
     for _ in range(2):
-        found, expected = (which.get(state_in(made, frame), pairs) for which in (batches, anew))
+        found, expected = (prefetcher.get(state_in(made, frame), pairs) for prefetcher in (batches, anew))
         assert torch.equal(found.images, expected.images)
         assert torch.equal(found.circles, expected.circles)
         assert torch.equal(found.coarse.q, expected.coarse.q)
@@ -129,26 +129,26 @@ def with_coarse(batch: PreparedBatch, **changed: Tensor) -> PreparedBatch:
     return dataclasses.replace(batch, coarse=batch.coarse._replace(**changed))
 
 
-#: Batches that do not tell reliably where the ball goes on.
-UNSURE: dict[str, Callable[[PreparedBatch], PreparedBatch]] = {
+#: Batches from which the next position of the ball is uncertain.
+UNRELIABLE: dict[str, Callable[[PreparedBatch], PreparedBatch]] = {
     "not converged": lambda batch: with_coarse(batch, converged=torch.arange(FIRST) != 7),
     "too small for a coarse solution": lambda batch: dataclasses.replace(
         batch, coarse=CoarseSolution.none(batch.start)
     ),
-    "off its path": lambda batch: with_coarse(batch, q=batch.coarse.q + 0.3),
+    "off the expected path": lambda batch: with_coarse(batch, q=batch.coarse.q + 0.3),
 }
 
 
-@pytest.mark.parametrize("kind", UNSURE)
-def test_no_batch_is_begun_behind_an_unreliable_one(made: Shot, first: PreparedBatch, kind: str) -> None:
+@pytest.mark.parametrize("kind", UNRELIABLE)
+def test_no_batch_is_begun_after_an_unreliable_batch(made: Shot, first: PreparedBatch, kind: str) -> None:
     batches = Prefetcher(counted(made)[0], SETUP)
-    batches.prefetch(state_in(made, 0), UNSURE[kind](first), NEXT)
+    batches.prefetch(state_in(made, 0), UNRELIABLE[kind](first), NEXT)
     assert batches._begun is None
     batches.prefetch(state_in(made, 0), first, NEXT)
     assert batches._begun is not None
 
 
-def test_no_batch_is_begun_for_a_ball_that_comes_nearer_in_its_place(made: Shot, first: PreparedBatch) -> None:
+def test_no_batch_is_begun_for_a_ball_in_place_that_comes_nearer(made: Shot, first: PreparedBatch) -> None:
     nearer = with_coarse(first, q=torch.nn.functional.pad(first.coarse.q, (0, 1), value=1e-3))
     for in_place in (True, False):
         batches = Prefetcher(counted(made)[0], dataclasses.replace(SETUP, in_place=in_place))
@@ -169,7 +169,7 @@ def test_an_interrupt_waits_for_the_call_under_way(made: Shot) -> None:
     assert settled == [True]
 
 
-def test_no_batch_is_begun_where_two_are_too_large_to_keep_or_no_pair_is_left(
+def test_no_batch_is_begun_if_two_batches_are_too_large_or_no_pair_is_left(
     made: Shot, first: PreparedBatch, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     batches = Prefetcher(counted(made)[0], SETUP)
@@ -180,9 +180,7 @@ def test_no_batch_is_begun_where_two_are_too_large_to_keep_or_no_pair_is_left(
 
 
 @pytest.mark.usefixtures("idle")
-def test_an_unreadable_image_raises_where_its_batch_is_asked_for_and_not_before(
-    made: Shot, first: PreparedBatch
-) -> None:
+def test_an_unreadable_image_raises_only_when_its_batch_is_requested(made: Shot, first: PreparedBatch) -> None:
     source, _ = counted(made, fails_at=FIRST + 4)
     batches = Prefetcher(source, SETUP)
     batches.prefetch(state_in(made, 0), first, NEXT)
@@ -192,7 +190,7 @@ def test_an_unreadable_image_raises_where_its_batch_is_asked_for_and_not_before(
         batches.get(state_in(made, FIRST), NEXT)
 
 
-def test_a_ball_in_place_is_expected_there(made: Shot) -> None:
+def test_a_ball_in_place_is_expected_at_the_same_position(made: Shot) -> None:
     batches = Prefetcher(counted(made)[0], dataclasses.replace(SETUP, in_place=True))
     state = state_in(made, 0)
     batches.prefetch(state, batches.get(state, 3), 2)

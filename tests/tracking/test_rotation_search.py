@@ -1,4 +1,4 @@
-"""Balls that turn and travel far from one frame to the next, from a cold start."""
+"""Balls with large rotations and steps from frame to frame, without a first guess."""
 
 import dataclasses
 
@@ -32,21 +32,21 @@ def test_large_turns_are_measured_in_every_frame(degrees: float, step: float) ->
     measured = track(made.images, made.circle, sphere_map=False)
     assert set(measured.status) == {"ok"}
     px, deg, in_sd = worst_errors(measured, made)
-    # The bounds promised. Measured: 0.012 to 0.021 px and 0.019 to 0.032 deg; noise alone makes 0.013 and 0.02.
+    # The promised bounds. Measured: 0.012 to 0.021 px and 0.019 to 0.032 deg; noise alone makes 0.013 and 0.02.
     assert px < 0.05
     assert deg < 0.1
     assert in_sd < 6
 
 
 @pytest.mark.parametrize("degrees", [10, 20])
-def test_large_turns_need_no_circle(degrees: float) -> None:
+def test_large_turns_need_no_given_circle(degrees: float) -> None:
     made = recorded(clean(n=12, step=(8.0, 0.3), turn_deg=degrees))
     measured = track(made.images, sphere_map=False)
     assert set(measured.status) == {"ok"}
     off = abs(measured.circle.radius - made.radius)
     px, deg, _ = worst_errors(measured, made)
-    # The radius is the outline's alone, good to 0.35 px. PHYSICS section 3: 0.026 px and 0.021 deg per px of radius at
-    # 0.5 deg per frame, in proportion to the turn; and the errors of a given circle.
+    # The radius comes from the outline alone, right to 0.35 px. An error of it costs 0.026 px and 0.021 deg per px at
+    # 0.5 deg per frame, in proportion to the rotation. The errors with a given circle add to this.
     assert off < 0.5
     assert px < 0.05 + 0.052 * degrees * off
     assert deg < 0.1 + 0.042 * degrees * off
@@ -54,7 +54,7 @@ def test_large_turns_need_no_circle(degrees: float) -> None:
 
 def test_a_sudden_turn_is_found_by_the_search_over_rotations() -> None:
     before, after = clean(n=4, step=(6.0, 0.4)), clean(n=4, step=(6.0, 0.4), start=(110.0, 140.0), turn_deg=18.0)
-    # Both begin in the same orientation, and the second turns by 18 deg from its first image to its second.
+    # Both shots start in the same orientation; the second rotates by 18 deg from its first image to its second.
     images = noisy(torch.cat((before.images[:1], after.images[1:])), 2.0, 3)
     measured = track(images, before.circle, sphere_map=False)
     assert set(measured.status) == {"ok"}
@@ -65,15 +65,15 @@ def test_a_sudden_turn_is_found_by_the_search_over_rotations() -> None:
 
 
 @pytest.mark.parametrize("degrees", [0.5, 9.0, 15.0, 25.0])
-def test_the_search_comes_near_enough_to_start_from(degrees: float) -> None:
+def test_the_search_finds_a_guess_that_a_correlation_can_start_from(degrees: float) -> None:
     made = recorded(clean(n=2, step=(-40.0, 20.0), turn_deg=degrees, start=(250.0, 100.0)))
     guesses = rotation_search.find_guesses(made.images[0], made.images[1], made.centres[0], made.radius)
     off = (guesses - made.increments[0]) * torch.tensor([1.0, 1.0, 50.0, 50.0, 50.0])
-    # Half a step of the grid along all three axes is 0.09 rad, 4.5 px on the front; a small image's pixel is 4 px.
+    # Half a step of the grid along all axes is 0.09 rad, 4.5 px on the front; a pixel of the small image is 4 px.
     assert float(off.norm(dim=-1).min()) < 6
 
 
-def test_a_search_in_parts_finds_what_one_of_all_rotations_does(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_in_parts_finds_the_same_as_a_search_of_all_rotations_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     made = recorded(clean(n=2, turn_deg=9.0))
     monkeypatch.setattr(rotation_search, "AT_ONCE", 10**9)
     at_once = rotation_search.find_guesses(made.images[0], made.images[1], made.centres[0], made.radius)
@@ -82,7 +82,7 @@ def test_a_search_in_parts_finds_what_one_of_all_rotations_does(monkeypatch: pyt
     np.testing.assert_array_equal(at_once, in_parts)
 
 
-def test_footage_without_the_ball_is_searched_in_ever_fewer_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recording_without_the_ball_is_searched_in_fewer_and_fewer_frames(monkeypatch: pytest.MonkeyPatch) -> None:
     made = recorded(clean(n=1))
     blank = torch.stack([noisy(torch.full(made.images.shape[1:], 100.0), 2.0, seed) for seed in range(40)])
     searched = []
@@ -94,21 +94,21 @@ def test_footage_without_the_ball_is_searched_in_ever_fewer_frames(monkeypatch: 
     monkeypatch.setattr(rotation_search, "find_guesses", nothing)
     measured = track(torch.cat((made.images, blank)), made.circle, sphere_map=False)
     assert not (measured.status[1:] == "ok").any()
-    # Frames 1 to 5, then after ever longer waits.
+    # Frames 1 to 5, then after longer and longer waits.
     assert len(searched) < 20
 
 
-def test_the_search_finds_nothing_where_there_is_no_such_ball() -> None:
+def test_the_search_finds_nothing_in_an_image_without_the_ball() -> None:
     made, other = recorded(clean(n=1)), recorded(clean(n=1, seed=5, start=(150.0, 110.0)))
     blank = noisy(torch.full(made.images.shape[1:], 100.0), 2.0, 1)
     for image in (blank, other.images[0]):
         assert len(rotation_search.find_guesses(made.images[0], image, made.centres[0], made.radius)) == 0
 
 
-def test_wrong_starts_never_pass_for_a_measurement() -> None:
+def test_a_wrong_start_never_gives_a_wrong_measurement_with_the_status_ok() -> None:
     made = recorded(clean(n=9, turn_deg=4.0))
     generator = torch.Generator().manual_seed(1)
-    # Up to three speckles off, in all five components.
+    # Errors of up to three speckles in all five components.
     off = torch.randn(8, 5, generator=generator, dtype=torch.float64) * torch.tensor([4.0, 4.0, 0.08, 0.08, 0.08])
     circles = torch.cat((made.centres[:-1], torch.full((8, 1), made.radius)), -1)
     found = correlate(made.images[:-1], made.images[1:], circles, start=made.increments + off)
@@ -123,14 +123,14 @@ def test_the_linearised_model_is_kept_on_request() -> None:
     start = made.increments[0]
     linear = correlate(made.images[0], made.images[1], circle, start=start, finite_from_deg=180.0)
     exact = correlate(made.images[0], made.images[1], circle, start=start)
-    of_finite = correlate(made.images[0], made.images[1], circle, start=start, model="finite", jacobian="autograd")
-    torch.testing.assert_close(exact.q, of_finite.q, atol=1e-6, rtol=0)  # the same sums
-    # PHYSICS section 3: the linearised model is off by 0.02 px at 5 deg, and by more in rotation.
+    finite = correlate(made.images[0], made.images[1], circle, start=start, model="finite", jacobian="autograd")
+    torch.testing.assert_close(exact.q, finite.q, atol=1e-6, rtol=0)  # the same sums
+    # The linearised model errs by 0.02 px at 5 deg, and by more in rotation.
     assert float((linear.q - exact.q)[0, 2:].norm()) > np.deg2rad(0.03)
 
 
 @pytest.mark.parametrize("model", ["translation", "published"])
-def test_the_paper_s_models_are_never_replaced(model: str) -> None:
+def test_the_models_of_the_paper_are_never_replaced(model: str) -> None:
     made = recorded(clean(n=2, turn_deg=3.0))
     found, plain = (
         correlate(made.images[0], made.images[1], made.circle, start=made.increments[0], model=model, robust=robust)
@@ -139,7 +139,7 @@ def test_the_paper_s_models_are_never_replaced(model: str) -> None:
     torch.testing.assert_close(found.q, plain.q, atol=0, rtol=0, equal_nan=True)
 
 
-def test_the_truth_of_these_shots_turns_as_it_says() -> None:
+def test_the_truth_of_these_shots_has_the_requested_rotation() -> None:
     made = clean(n=3, turn_deg=15.0)
     step = made.orientations[1] @ made.orientations[0].T
     expected = rotation_matrix(torch.deg2rad(torch.tensor(turned(15.0), dtype=torch.float64)))

@@ -1,4 +1,4 @@
-"""Pairs of a batch are measured around the ball's true place, wherever it was expected."""
+"""Pairs of a batch are measured at the ball's true position, whatever position was expected."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def truly(made: Shot) -> Tensor:
 
 
 def correlated(images: Tensor, balls: Tensor, start: Tensor, truly: Tensor) -> tuple[Correlation, Tensor]:
-    """With the ball expected at ``balls``, and ``truly`` in the first image."""
+    """Correlation with the ball expected at ``balls`` (n, 3); ``truly`` in the first image."""
     return successive_pairs.correlate_successive(successive_pairs.prepare(images, balls, start, SETUP), truly[0], SETUP)
 
 
@@ -38,13 +38,13 @@ def filtered_where_off(before: Filtered, images: Tensor, balls: Tensor, expected
     return successive_pairs._filter_where_off(before, images, balls, expected, SETUP, interlaced=False)
 
 
-#: Like a ball that slows down, (12, 3): 4 px in the last image, more than the crops leave room for from the 10th on.
+#: Error (12, 3) of the expected circles of a ball that slows down: 4 px at the end, too much for the crops from 10 on.
 OFF = torch.tensor([0.033, 0.0, 0.0], dtype=torch.float64) * torch.arange(12)[:, None] ** 2
 
 
-def test_images_filtered_anew_are_taken_by_a_field_only_where_the_others_are(made: Shot, truly: Tensor) -> None:
+def test_images_filtered_anew_are_reduced_to_a_field_only_if_the_others_are(made: Shot, truly: Tensor) -> None:
     images = made.images.clone()
-    # The last two alone, which are cut anew, show the ball at two instants.
+    # Only the last two images, which are cut anew, show the ball at two instants.
     for later in (11, 10):
         images[later, 1::2] = made.images[later - 1, 1::2]
     start = made.increments.clone()
@@ -55,19 +55,19 @@ def test_images_filtered_anew_are_taken_by_a_field_only_where_the_others_are(mad
     np.testing.assert_allclose(found.q[-2, :2], expected.q[-2, :2], atol=0.02)
 
 
-def test_a_path_that_is_expected_wrongly_at_its_end_changes_nothing(made: Shot, truly: Tensor) -> None:
+def test_a_wrong_prediction_of_the_end_of_the_path_changes_nothing(made: Shot, truly: Tensor) -> None:
     start = made.increments.clone()
     start[:, 0] += OFF[:, 0].diff()
     found, circles = correlated(made.images, truly + OFF, start, truly)
     expected, _ = correlated(made.images, truly, made.increments, truly)
     assert set(found.status) == set(expected.status) == {"ok"}
     np.testing.assert_allclose(circles[:, :2], truly[:, :2], atol=0.1)
-    # Circles that differ by hundredths of a px may take the other squares of the chessboard: a third of its noise.
+    # Circles that differ by hundredths of a px may select other pixels: a third of the noise.
     apart = (found.q - expected.q).double() / expected.covariance.diagonal(dim1=1, dim2=2).sqrt()
     assert float(apart.abs().max()) < 0.5
 
 
-def test_a_ball_that_was_expected_elsewhere_from_the_first_image_on_changes_nothing(made: Shot, truly: Tensor) -> None:
+def test_a_wrong_prediction_from_the_first_image_on_changes_nothing(made: Shot, truly: Tensor) -> None:
     away = torch.tensor([0.4, -0.3, 0.0], dtype=torch.float64)
     found, circles = correlated(made.images, truly + away, made.increments, truly)
     expected, _ = correlated(made.images, truly, made.increments, truly)
@@ -76,7 +76,7 @@ def test_a_ball_that_was_expected_elsewhere_from_the_first_image_on_changes_noth
     assert float(apart.abs().max()) < 0.5
 
 
-def test_images_are_filtered_anew_from_the_first_whose_crop_leaves_too_little_room(made: Shot, truly: Tensor) -> None:
+def test_images_are_filtered_anew_from_the_first_with_too_small_a_margin_of_the_crop(made: Shot, truly: Tensor) -> None:
     before = filtered(made.images, truly + OFF)
     found = filtered_where_off(before, made.images, truly, truly + OFF)
     anew = filtered(made.images, truly)
@@ -96,7 +96,7 @@ def test_a_ball_that_comes_nearer_than_expected_gets_larger_crops(made: Shot, tr
     assert len(found.c) == len(made.images)
 
 
-def test_images_that_reach_the_border_go_with_those_that_do_not(made: Shot, truly: Tensor) -> None:
+def test_crops_that_reach_the_border_join_with_crops_that_do_not(made: Shot, truly: Tensor) -> None:
     before = filtered(made.images, truly)
     moved = truly.clone()
     moved[-2:, 1] = 20.0  # half above the image

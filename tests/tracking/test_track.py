@@ -1,4 +1,4 @@
-"""Whole recordings of known truth."""
+"""Tracks of whole recordings with known truth."""
 
 from collections import Counter
 
@@ -15,10 +15,10 @@ from torchsphere.correlation.solve import solve
 from torchsphere.tracking import successive_pairs
 
 
-def test_the_example_shot_is_measured_as_the_paper_would_need_it(example: ExampleTrack) -> None:
+def test_the_example_shot_is_measured_within_the_promised_bounds(example: ExampleTrack) -> None:
     measured, errors = example.track, example.errors
     assert Counter(measured.status.tolist()) == {"ok": 60}
-    # The bounds promised for this shot: px and degrees.
+    # The promised bounds, px and degrees.
     assert np.abs(errors[:, :2].mean(0)).max() < 0.003, errors.mean(0)
     assert errors[:, :2].std(0).max() < 0.008, errors.std(0)
     assert errors[:, 2:].std(0).max() < 0.012, errors.std(0)
@@ -26,28 +26,28 @@ def test_the_example_shot_is_measured_as_the_paper_would_need_it(example: Exampl
     assert off.max() < 0.3
 
 
-def test_the_example_shots_uncertainty_is_honest(example: ExampleTrack) -> None:
+def test_the_stated_uncertainty_of_the_example_shot_agrees_with_its_errors(example: ExampleTrack) -> None:
     sd = np.sqrt(np.einsum("nii->ni", example.track.covariance))
     sd[:, 2:] = np.rad2deg(sd[:, 2:])
     ratio = example.errors.std(0) / sd.mean(0)
-    # 59 pairs tell a standard deviation to 1 / sqrt(2 * 58) = 9 %: three of it either way.
+    # 59 pairs give a standard deviation to 1 / sqrt(2 * 58) = 9 %; the tolerance is three times this.
     assert np.all((ratio > 0.73) & (ratio < 1.3)), ratio
 
 
-def test_the_example_shots_circle_is_calibrated(example: ExampleTrack) -> None:
+def test_the_circle_of_the_example_shot_is_calibrated(example: ExampleTrack) -> None:
     x, y, radius = example.shot.circle
     circle = example.track.circle
-    # 0.2 px of radius bias x by 0.005 px and wy by 0.004 deg, less than one pair's noise (PHYSICS section 3).
+    # An error of 0.2 px of the radius biases x by 0.005 px and wy by 0.004 deg, less than the noise of a pair.
     assert abs(circle.radius - radius) < 0.2
     assert max(abs(circle.x - x), abs(circle.y - y)) < 0.3
     assert 0 < circle.sd_radius < 0.3
 
 
-def test_orientations_chain_the_true_rotation(example: ExampleTrack) -> None:
+def test_orientations_agree_with_the_true_rotation(example: ExampleTrack) -> None:
     truth = example.shot.orientations.numpy()
     off = angles_between(example.track.orientation, truth)
-    # 59 increments: their noise telescopes to 0.01 deg; a systematic 0.5 % of 0.57 deg per frame, from a radius that is
-    # off by 0.2 px or the interpolation, adds up to 0.17 deg. A wrong order or sign would be off by tens of degrees.
+    # The noise of 59 increments cancels to 0.01 deg. A systematic error of 0.5 % of 0.57 deg per frame, by radius or
+    # interpolation, adds up to 0.17 deg. A wrong order or sign would cost tens of degrees.
     assert off.max() < 0.5
     np.testing.assert_allclose(example.track.orientation[0], np.eye(3), atol=1e-12)  # the definition
 
@@ -81,11 +81,11 @@ def test_progress_is_reported_up_to_the_last_frame(example: ExampleTrack) -> Non
     assert example.progress[-1] == (60, 60)
 
 
-def test_steps_of_22_px_need_no_guess() -> None:
+def test_steps_of_22_px_need_no_first_guess() -> None:
     made = shot(2, n=12, step=(22.0, 3.0))
     measured = track(made.images)
     assert set(measured.status) == {"ok"}
-    # As for slow steps; 11 pairs know their mean to 0.005 / sqrt(11) px.
+    # The bounds of slow steps; the mean of 11 pairs has an uncertainty of 0.005 / sqrt(11) px.
     errors = increment_errors(measured, made)
     assert np.abs(errors[:, :2].mean(0)).max() < 0.006
     assert errors[:, :2].std(0).max() < 0.008
@@ -94,16 +94,16 @@ def test_steps_of_22_px_need_no_guess() -> None:
 
 def test_a_sudden_change_of_motion_is_followed() -> None:
     before = shot(2, n=8, step=(9.0, 1.0), start=(80.0, 120.0))
-    # An impact: the second half starts near where the first one ends, and goes elsewhere.
+    # An impact: the second half starts near the end of the first half and moves in another direction.
     after = shot(2, n=8, step=(-5.0, 4.0), start=(153.0, 120.0))
     images = torch.cat((before.images, after.images))
     measured = track(images, before.circle)
     assert set(measured.status) == {"ok"}
     off = np.linalg.norm(measured.position - np.concatenate((before.centres, after.centres)), axis=1)
-    assert off.max() < 0.2  # the jump between the halves turns the ball by 4 deg: linearising it costs 0.02 px
+    assert off.max() < 0.2  # the jump between the halves rotates the ball by 4 deg: linearising costs 0.02 px
 
 
-def test_what_lies_behind_an_impact_is_not_solved_only_to_be_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pairs_after_an_impact_are_not_solved_in_the_interrupted_batch(monkeypatch: pytest.MonkeyPatch) -> None:
     before = shot(2, n=40, step=(3.0, 1.0), start=(80.0, 90.0))
     after = shot(2, n=30, step=(-3.0, 2.0), start=(200.0, 131.0))
     images = torch.cat((before.images, after.images))
@@ -116,7 +116,7 @@ def test_what_lies_behind_an_impact_is_not_solved_only_to_be_given_up(monkeypatc
     monkeypatch.setattr(successive_pairs, "solve", counting)
     measured = track(images, before.circle, sphere_map=False)
     assert set(measured.status) == {"ok"}
-    # The batch that the impact interrupts holds 23 pairs more. A pair is solved again where its centre was off.
+    # The interrupted batch holds 23 further pairs. A pair is solved again if its centre was wrong.
     assert sum(solved) < 1.25 * len(images)
 
 
@@ -126,13 +126,13 @@ def test_five_degrees_per_frame_are_measured_with_the_exact_model(given: bool) -
     measured = track(made.images, made.circle if given else None, model="finite", sphere_map=False)
     assert set(measured.status) == {"ok"}
     errors = increment_errors(measured, made)
-    # PHYSICS section 3: 0.002 px per degree of bias along the front's motion, over noise of 0.005 px; and 0.026 px per
-    # px of radius at 0.5 deg, that is 0.28 at 5.5 deg, of a radius that was found: no more than two of its stated sd.
-    of_radius = 0.0 if given else 0.28 * 2 * measured.circle.sd_radius
+    # The bias along the motion of the front is 0.002 px per degree, the noise 0.005 px. An error of the radius costs
+    # 0.026 px per px at 0.5 deg, that is 0.28 at 5.5 deg; a found radius errs by two standard deviations at most.
+    by_radius = 0.0 if given else 0.28 * 2 * measured.circle.sd_radius
     assert given or measured.circle.sd_radius < 0.2
-    assert np.abs(errors[:, :2].mean(0)).max() < 0.015 + of_radius
-    # The bound for slow turns, and what the radius adds in eleven steps.
-    assert np.linalg.norm(measured.position - made.centres.numpy(), axis=1).max() < 0.3 + 11 * of_radius
+    assert np.abs(errors[:, :2].mean(0)).max() < 0.015 + by_radius
+    # The bound for slow turns, and the error by the radius in eleven steps.
+    assert np.linalg.norm(measured.position - made.centres.numpy(), axis=1).max() < 0.3 + 11 * by_radius
 
 
 def test_blank_frames_are_flagged_and_the_ball_is_found_again() -> None:
@@ -142,7 +142,7 @@ def test_blank_frames_are_flagged_and_the_ball_is_found_again() -> None:
     measured = track(images, made.circle)
     assert (np.delete(measured.status, [10, 11, 12, 13]) == "ok").all()
     assert "ok" not in measured.status[10:14]
-    assert measured.status[13] == "lost"  # found again: known position, no increment that leads to it
+    assert measured.status[13] == "lost"  # found again: a known position, but no increment
     assert np.isnan(measured.position[10:13]).all()
     assert np.isnan(measured.orientation[10:13]).all()
     assert np.isnan(measured.increment[9:13]).all()
@@ -150,11 +150,11 @@ def test_blank_frames_are_flagged_and_the_ball_is_found_again() -> None:
     kept = np.delete(np.arange(24), [10, 11, 12])
     off = np.linalg.norm(measured.position - made.centres.numpy(), axis=1)
     assert off[kept].max() < 0.3
-    # Across the gap the ball turns by 4 x 0.57 deg at once, which linearising takes for 1 % less.
+    # Across the gap the ball rotates by 4 x 0.57 deg at once; linearising gives 1 % less.
     assert angles_between(measured.orientation[kept], made.orientations.numpy()[kept]).max() < 0.5
 
 
-def test_a_ball_that_leaves_the_frame_is_said_to_have_left() -> None:
+def test_a_ball_that_leaves_the_image_gets_the_status_out_of_frame() -> None:
     made = shot(2, n=22, step=(9.0, 0.0), start=(420.0, 120.0))
     measured = track(made.images, made.circle)
     share_gone = (made.centres[:, 0].numpy() + made.radius - 511) / (2 * made.radius)
@@ -164,7 +164,7 @@ def test_a_ball_that_leaves_the_frame_is_said_to_have_left() -> None:
     assert np.isnan(measured.position[gone]).all()
     assert np.isnan(measured.increment[gone[1:]]).all()
     seen = np.isfinite(measured.position[:, 0])
-    # What is measured on a part of the ball is still a measurement.
+    # A measurement on a part of the ball is still a measurement.
     assert np.linalg.norm(measured.position - made.centres.numpy(), axis=1)[seen].max() < 0.5
 
 
@@ -184,7 +184,7 @@ def test_a_still_ball_does_not_move() -> None:
     made = shot(6, n=6, step=(0.0, 0.0), jitter=0.0, rotation_deg=(0.0, 0.0, 0.0))
     measured = track(made.images, made.circle)
     assert set(measured.status) == {"ok"}
-    # Noise of two grey levels: 0.005 px and 0.007 deg; three of it.
+    # Noise of two grey levels makes 0.005 px and 0.007 deg; the tolerance is three times this.
     assert np.abs(increment_errors(measured, made)).max() < 0.021
 
 
@@ -193,7 +193,7 @@ def test_a_plain_ball_has_a_path_but_no_rotation() -> None:
     measured = track(made.images)
     assert (measured.status[1:] == "weak_texture").all()
     assert np.isnan(measured.increment[:, 2:]).all()
-    # 300 rays with noise of 1.3 % of the edge's height: about 0.005 px per centre.
+    # 300 rays with noise of 1.3 % of the height of the edge give about 0.005 px per centre.
     assert np.abs(increment_errors(measured, made)[:, :2]).max() < 0.05
     sd = np.sqrt(np.einsum("nii->ni", measured.covariance))
     assert np.isfinite(sd[:, :2]).all()
@@ -202,7 +202,7 @@ def test_a_plain_ball_has_a_path_but_no_rotation() -> None:
     assert np.isnan(measured.orientation[1:]).all()
 
 
-def test_hopeless_images_get_statuses_from_the_list_and_no_numbers() -> None:
+def test_images_without_the_ball_get_a_status_and_no_numbers() -> None:
     made = shot(5, n=8)
     generator = torch.Generator().manual_seed(1)
     images = made.images.clone()

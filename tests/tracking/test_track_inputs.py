@@ -1,4 +1,4 @@
-"""What goes into a track: images of every kind, circles, masks, devices, and what is refused."""
+"""Input of `track`: images of every kind, circles, masks, devices, and refusals."""
 
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ def save_npy(folder: Path, images: np.ndarray) -> Any:
     return open_recording(folder / "shot.npy")
 
 
-WAYS_IN = {
+IMAGE_TYPES = {
     "float32 tensor": lambda images, folder: images,
     "float64 array": lambda images, folder: images.numpy().astype(np.float64),
     "uint8 array": lambda images, folder: images.numpy().astype(np.uint8),
@@ -36,30 +36,30 @@ WAYS_IN = {
 }
 
 
-@pytest.mark.parametrize("way", WAYS_IN.values(), ids=WAYS_IN.keys())
-def test_every_way_in_gives_the_same_track(short: Any, way: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize("convert", IMAGE_TYPES.values(), ids=IMAGE_TYPES.keys())
+def test_every_type_of_images_gives_the_same_track(short: Any, convert: Any, tmp_path: Path) -> None:
     expected = track(short.images, short.circle)
-    measured = track(way(short.images, tmp_path), short.circle)
+    measured = track(convert(short.images, tmp_path), short.circle)
     # Whole grey levels are the same numbers in every type.
     np.testing.assert_array_equal(measured.increment, expected.increment)
     np.testing.assert_array_equal(measured.status, expected.status)
     np.testing.assert_array_equal(measured.orientation, expected.orientation)
 
 
-def test_sixteen_bits_of_gain_change_nothing(short: Any) -> None:
+def test_a_gain_to_sixteen_bits_changes_nothing(short: Any) -> None:
     levels = (short.images.numpy() * 257).astype(np.uint16)
     measured, expected = track(levels, short.circle), track(short.images, short.circle)
     # A gain changes nothing; float32 rounds to 1e-5 px.
     np.testing.assert_allclose(measured.increment, expected.increment, atol=1e-4)
 
 
-def test_double_precision_is_had_on_request(short: Any) -> None:
+def test_double_precision_is_available_on_request(short: Any) -> None:
     double, single = (track(short.images, short.circle, dtype=d) for d in (torch.float64, torch.float32))
     assert double.settings["dtype"] == "float64"
     np.testing.assert_allclose(double.increment, single.increment, atol=4e-4)  # convergence stops within 2e-4 px
 
 
-def test_a_given_circle_is_taken_as_it_is_and_refined_on_request_only(short: Any) -> None:
+def test_a_given_circle_is_kept_and_refined_on_request_only(short: Any) -> None:
     x, y, radius = short.circle
     off = (x + 0.8, y - 0.6, radius + 0.7)
     kept = track(short.images, off).circle
@@ -71,8 +71,8 @@ def test_a_given_circle_is_taken_as_it_is_and_refined_on_request_only(short: Any
     assert same == Circle(*off)
 
 
-def test_a_circle_that_was_found_and_does_not_fit_the_camera_is_not_said_to_be_given() -> None:
-    # The blotches touch the ball, and the circle found is off by 6 px.
+def test_a_found_circle_that_does_not_fit_the_camera_is_not_called_a_given_circle() -> None:
+    # The blotches touch the ball, and the found circle errs by 6 px.
     made = shot(n=12, background=textured(1, 3.0, 30), step=(8.4, 0.2))
     with pytest.raises(ValueError, match=r"the circle found, at \(86.9, 120.5\).*give that with circle") as caught:
         track(made.images, model="pinhole", camera=Camera(distance_radii=20.0))
@@ -81,14 +81,14 @@ def test_a_circle_that_was_found_and_does_not_fit_the_camera_is_not_said_to_be_g
         track(made.images, (86.9, 120.5, 53.9), model="pinhole", camera=Camera(distance_radii=20.0), refine=True)
 
 
-def test_an_occlusion_that_is_ignored_does_not_harm(short: Any) -> None:
+def test_an_ignored_occlusion_does_no_harm(short: Any) -> None:
     images = short.images.clone()
     ignore = np.zeros(images.shape[1:], bool)
     ignore[100:110, :] = True
     images[:, 100:110] = 250
     measured = track(images, short.circle, ignore=ignore)
     assert set(measured.status) == {"ok"}
-    # An eighth of the ball is missing: a few per cent more noise, 0.005 px and 0.008 deg, five pairs at three sd.
+    # An eighth of the ball is missing: a little more noise than 0.005 px and 0.008 deg; five pairs at three of it.
     errors = np.abs(increment_errors(measured, short))
     assert errors[:, :2].max() < 0.02
     assert errors[:, 2:].max() < 0.03
@@ -99,43 +99,43 @@ def test_backwards_in_time_the_motion_is_the_opposite(short: Any) -> None:
     forth = track(short.images, short.circle).increment
     back = track(short.images.flip(0), (x, y, short.radius)).increment[::-1]
     off = np.abs(forth + back)
-    # The noise is the same both ways; the gradients are the other image's: a share of 0.005 px and 0.008 deg.
+    # The noise is the same both ways, the gradients belong to the other image: a share of 0.005 px and 0.008 deg.
     assert off[:, :2].max() < 0.01
     assert np.rad2deg(off[:, 2:]).max() < 0.015
 
 
 @pytest.mark.parametrize("noise", [0.0, 20.0])
-def test_a_circle_where_no_ball_is_gives_no_path(noise: float) -> None:
+def test_a_circle_in_an_empty_image_gives_no_path(noise: float) -> None:
     images = torch.stack([noisy(torch.full((192, 320), 128.0), noise, seed) for seed in range(5)])
     measured = track(images, (120.0, 92.0, 40.0), sphere_map=False)
     assert np.isin(measured.status[1:], ["low_correlation", "lost"]).all()
     assert np.isnan(measured.position[1:]).all()
 
 
-def nothing(image: torch.Tensor, kind: str, seed: int = 0) -> torch.Tensor:
+def empty_image(image: torch.Tensor, kind: str, seed: int = 0) -> torch.Tensor:
     """An image of the same size that shows no ball."""
     noise = torch.randn(image.shape, generator=torch.Generator().manual_seed(seed))
     return {"blank": torch.zeros_like(image), "dark": 5 + 2 * noise, "no number": torch.nan * image}[kind]
 
 
 @pytest.mark.parametrize("kind", ["blank", "dark", "no number"])
-def test_a_first_frame_without_a_ball_is_not_vouched_for_whatever_circle_was_given(short: Any, kind: str) -> None:
+def test_a_first_frame_without_a_ball_is_lost_whatever_circle_was_given(short: Any, kind: str) -> None:
     images = short.images.clone()
-    images[0] = nothing(images[0], kind)
+    images[0] = empty_image(images[0], kind)
     measured = track(images, short.circle)
     assert measured.status[0] == "lost"
     assert np.isnan(measured.position[0]).all()
     assert np.isnan(measured.orientation[0]).all()
-    # Found again by its outline in frame 3, and followed from there.
+    # The outline gives the ball in frame 3, and the ball is followed from there.
     assert measured.status.tolist()[3:] == ["lost", "ok", "ok"]
     np.testing.assert_allclose(measured.orientation[3], np.eye(3), atol=1e-12)
     assert np.isfinite(measured.sd_steady).all()
-    alone = track(torch.stack([nothing(images[0], kind, seed) for seed in range(3)]), short.circle)
+    alone = track(torch.stack([empty_image(images[0], kind, seed) for seed in range(3)]), short.circle)
     assert set(alone.status) <= {"lost", "low_correlation"}
     assert np.isnan(alone.position).all()
 
 
-def test_a_first_frame_that_shows_the_ball_is_ok_though_all_others_are_blank(short: Any) -> None:
+def test_a_first_frame_that_shows_the_ball_is_ok_even_if_all_others_are_blank(short: Any) -> None:
     images = short.images.clone()
     images[1:] = 0
     measured = track(images, short.circle)
@@ -143,7 +143,7 @@ def test_a_first_frame_that_shows_the_ball_is_ok_though_all_others_are_blank(sho
     np.testing.assert_allclose(measured.position[0], short.circle[:2])
 
 
-def test_a_circle_is_not_fitted_to_values_that_are_no_numbers(short: Any) -> None:
+def test_a_circle_is_not_fitted_to_values_that_are_not_finite(short: Any) -> None:
     images = short.images.clone()
     images[:, 100, 90] = torch.nan
     with pytest.raises(ValueError, match="not finite"):
@@ -193,7 +193,7 @@ BAD = {
 
 
 @pytest.mark.parametrize(("change", "sentence"), BAD.values(), ids=BAD.keys())
-def test_arguments_that_cannot_be_are_refused_with_a_sentence(change: dict[str, Any], sentence: str) -> None:
+def test_invalid_arguments_are_refused_with_a_sentence(change: dict[str, Any], sentence: str) -> None:
     arguments = {"recording": IMAGES} | change
     with pytest.raises(ValueError, match=sentence):
         track(arguments.pop("recording"), **arguments)
@@ -207,5 +207,5 @@ def test_cuda_without_a_cuda_device_is_refused() -> None:
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device is here")
 def test_cuda_gives_the_same_track(short: Any) -> None:
-    there, here = track(short.images, short.circle, device="cuda"), track(short.images, short.circle)
-    np.testing.assert_allclose(there.increment, here.increment, atol=4e-4)  # convergence stops within 2e-4 px
+    cuda, cpu = track(short.images, short.circle, device="cuda"), track(short.images, short.circle)
+    np.testing.assert_allclose(cuda.increment, cpu.increment, atol=4e-4)  # convergence stops within 2e-4 px

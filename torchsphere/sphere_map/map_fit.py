@@ -68,10 +68,9 @@ def add_prior(normal: scipy.sparse.csr_matrix, observed: NDArray[np.int64], cell
 
 def _factorise(matrix: scipy.sparse.csr_matrix) -> scipy.sparse.linalg.SuperLU:
     """Sparse factorisation; raises LinAlgError if the matrix is singular."""
-    options = {"SymmetricMode": True}
-    splu = scipy.sparse.linalg.splu
+    settings = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
     try:
-        return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+        return scipy.sparse.linalg.splu(matrix.tocsc(), **settings)
     except RuntimeError as error:  # SciPy's error for a singular matrix
         raise np.linalg.LinAlgError(str(error)) from error
 

@@ -71,24 +71,28 @@ def find_initial_circle(
 ) -> tuple[Circle, Options]:
     """The ball in the first tracked frame, and the options with a camera whose focal length is known."""
     if given is not None:
-        return _given_circle(source, given, refine, options)
+        return _check_given_circle(source, given, refine, options)
     outline = detect.find(source.images, source.count, mask)
-    circle, options = _sphere_of(outline, source, options)
+    circle, options = _sphere_from_outline(outline, source, options)
     if options.camera is not None:
-        circle = _fitted_in_perspective(source, outline, circle, options.camera)
+        circle = _fit_in_perspective(source, outline, circle, options.camera)
     return calibrate_circle(source, circle, mask, options), options
 
 
-def _given_circle(source: Source, given: Any, refine: bool, options: Options) -> tuple[Circle, Options]:
+def _check_given_circle(source: Source, given: Any, refine: bool, options: Options) -> tuple[Circle, Options]:
     """The circle that was given, checked and, if asked for, fitted to its image."""
-    x, y, radius = _three_numbers((given.x, given.y, given.radius) if isinstance(given, Circle) else given)
+    values = (given.x, given.y, given.radius) if isinstance(given, Circle) else given
+    try:
+        x, y, radius = (float(v) for v in values)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"circle: expected three numbers (x, y, radius) in px, got {values!r}") from error
     circle = dataclasses.replace(given, x=x, y=y, radius=radius) if isinstance(given, Circle) else Circle(x, y, radius)
     if not is_whole(circle.frame) or not 0 <= circle.frame < source.count:
         raise ValueError(f"circle: its frame {circle.frame!r} is not one of the recording's 0 to {source.count - 1}")
     image = source.images(circle.frame, circle.frame + 1)[0]
     check_circle(torch.tensor([[circle.x, circle.y, circle.radius]]), image.shape)
     if not isinstance(given, Circle):
-        circle, options = _sphere_of(circle, source, options)
+        circle, options = _sphere_from_outline(circle, source, options)
     elif options.camera is not None:
         options = dataclasses.replace(options, camera=options.camera.settled(image.shape, circle.radius))
     return detect.refine_circle(image, circle, camera=options.camera) if refine else circle, options
@@ -104,7 +108,7 @@ def shows_outline(source: Source, circle: Circle, options: Options) -> bool:
     return True
 
 
-def _fitted_in_perspective(source: Source, outline: Circle, sphere: Circle, camera: Camera) -> Circle:
+def _fit_in_perspective(source: Source, outline: Circle, sphere: Circle, camera: Camera) -> Circle:
     """The ``sphere`` of a found ``outline``, fitted to its image with the camera's perspective."""
     try:
         return detect.refine_circle(source.images(outline.frame, outline.frame + 1)[0], sphere, camera=camera)
@@ -117,7 +121,7 @@ def _fitted_in_perspective(source: Source, outline: Circle, sphere: Circle, came
         ) from error
 
 
-def _sphere_of(outline: Circle, source: Source, options: Options) -> tuple[Circle, Options]:
+def _sphere_from_outline(outline: Circle, source: Source, options: Options) -> tuple[Circle, Options]:
     """Projected centre and radius at its depth of a ball with that outline, and the options with a settled camera."""
     if options.camera is None:
         return outline, options
@@ -125,14 +129,6 @@ def _sphere_of(outline: Circle, source: Source, options: Options) -> tuple[Circl
     sphere = sphere_of_outline(torch.tensor([outline.x, outline.y, outline.radius], dtype=torch.float64), camera)
     x, y, radius = sphere.tolist()
     return dataclasses.replace(outline, x=x, y=y, radius=radius), dataclasses.replace(options, camera=camera)
-
-
-def _three_numbers(given: Any) -> tuple[float, float, float]:
-    try:
-        x, y, radius = (float(v) for v in given)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"circle: expected three numbers (x, y, radius) in px, got {given!r}") from error
-    return x, y, radius
 
 
 @dataclass(frozen=True)
@@ -150,7 +146,7 @@ class _Flight:
         return np.flatnonzero(self.followed.status == "ok")
 
     @property
-    def even_frames(self) -> NDArray[np.int64]:
+    def evenly_lit_frames(self) -> NDArray[np.int64]:
         """Measured frames without an object that takes light from one side of the ball."""
         return self.frames[~self.followed.uneven_light[self.frames]]
 
@@ -178,9 +174,8 @@ def calibrate_circle(source: Source, found: Circle, ignore: Tensor | None, optio
     source = source.cached(found.frame, stop)
 
     def follow(circle: Circle) -> _Flight:
-        return _Flight(
-            source, ignore, options, Follower(source, circle, ignore, options, searches=MAX_SEARCHES).run(stop)
-        )
+        follower = Follower(source, circle, ignore, options, searches=MAX_SEARCHES)
+        return _Flight(source, ignore, options, follower.run(stop))
 
     flight = follow(found)
     if len(flight.frames) < 3:
@@ -209,18 +204,13 @@ def _fit_limb(flight: _Flight, found: Circle) -> Circle:
     image = flight.source.images(found.frame, found.frame + 1)[0].cpu()
     if outline_fit.is_plain(image, torch.tensor([found.x, found.y, found.radius], dtype=torch.float64)):
         return found
-    # Image and background are on the CPU, wherever the pairs are measured.
-    ignore = None if flight.ignore is None else flight.ignore.cpu()
-    hidden = _hidden_background(flight, found, image.shape)
-    fits = (
-        at_limb(image[None], found, ignore, flight.options.camera),
-        at_limb(
-            (image - _still_background(flight, found, image)).to(image)[None],
-            found,
-            hidden if ignore is None else hidden | ignore,
-            flight.options.camera,
-        ),
-    )
+    difference = (image - _still_background(flight, found, image)).to(image)
+    hidden, ignore, camera = _hidden_background(flight, found, image.shape), flight.ignore, flight.options.camera
+    if ignore is not None:
+        # Image and background are on the CPU, wherever the pairs are measured.
+        ignore = ignore.cpu()
+        hidden = hidden | ignore
+    fits = at_limb(image[None], found, ignore, camera), at_limb(difference[None], found, hidden, camera)
     return min(fits, key=lambda circle: math.hypot(circle.sd_x, circle.sd_y, circle.sd_radius))
 
 
@@ -241,9 +231,9 @@ def _still_background(flight: _Flight, found: Circle, image: Tensor) -> Tensor:
 
 def _radius_over_frames(flight: _Flight, found: Circle) -> float:
     """Median radius over several frames; that of ``found`` where later frames are less certain than its own."""
-    if len(flight.even_frames) < MIN_PAIRS:
+    if len(flight.evenly_lit_frames) < MIN_PAIRS:
         return found.radius
-    chosen = _spread(flight.even_frames)
+    chosen = _spread(flight.evenly_lit_frames)
     circles = flight.circles(found, chosen)
     images = torch.cat([flight.source.images(int(i), int(i) + 1) for i in chosen])
     fitted, covariance = limb_fit.fit(images, circles, ignore=flight.ignore, camera=flight.options.camera)
@@ -279,7 +269,7 @@ def _radius_correction(flight: _Flight, tried: Circle) -> tuple[float, float]:
     The increments may have been found with another radius; they adapt. Pairs with uneven light are left out: a target
     that takes light leaves a larger residual than a wrong radius.
     """
-    even, increment = flight.even_frames, flight.followed.increment
+    even, increment = flight.evenly_lit_frames, flight.followed.increment
     # Pairs next to those that show the uneven light have some of it: both frames must be without.
     second = even[np.isin(even - 1, even)]
     if len(second) < MIN_PAIRS:

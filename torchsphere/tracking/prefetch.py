@@ -50,19 +50,19 @@ class Prefetcher:
         Nothing is begun where the last batch is unreliable, where two batches are too large to keep, or for a ball
         that stays in place and comes nearer, whose radius would drift.
         """
-        steps, near = last.coarse.iterations, last.coarse.q.to("cpu", torch.float64)
-        if count < 1 or last.images.nbytes > CACHE_BYTES or not bool((last.coarse.converged & (steps > 0)).all()):
+        iterations, coarse = last.coarse.iterations, last.coarse.q.to("cpu", torch.float64)
+        if count < 1 or last.images.nbytes > CACHE_BYTES or not bool((last.coarse.converged & (iterations > 0)).all()):
             return
-        if self._setup.in_place and near.shape[-1] == 6:
+        if self._setup.in_place and coarse.shape[-1] == 6:
             return
         circles = last.circles if self._setup.in_place else last.circles_from(state.circle)
         if bool(((circles - last.circles)[:, :2].norm(dim=-1) >= PREDICTION_TOLERANCE * state.radius).any()):
             return
-        moved = torch.zeros(len(near), 5, dtype=torch.float64)
-        moved[:, : min(5, near.shape[-1])] = near[:, :5]
+        moved = torch.zeros(len(coarse), 5, dtype=torch.float64)
+        moved[:, : min(5, coarse.shape[-1])] = coarse[:, :5]
         increment, trend = linear_trend(moved.numpy())
-        growth = float(near[:, 5].mean()) if near.shape[-1] == 6 else 0.0
-        frame = state.frame + len(near)
+        growth = float(coarse[:, 5].mean()) if coarse.shape[-1] == 6 else 0.0
+        frame = state.frame + len(coarse)
         at_end = BallState(frame, last.images[-1:], circles[-1, :2], float(circles[-1, 2]), increment, trend, growth)
         self._begun = frame, count, threads.submit(self._source.device, self._prepare, at_end, count)
 

@@ -15,7 +15,7 @@ import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from kornia.geometry.liegroup import So3
 from torch import Tensor
 
-from torchsphere.imaging import interpolation
+from torchsphere.imaging.interpolation import blur
 
 #: Radius of the ball in the small images, and their blur, px (docs/constants.md).
 SMALL_RADIUS_PX, BLUR_PX = 12.5, 1.0
@@ -57,7 +57,7 @@ def find_guesses(f: Tensor, g: Tensor, centre: Tensor, radius: float, ignore: Te
     factor = max(1, round(radius / SMALL_RADIUS_PX))
     if ignore is not None:
         f, g = (torch.where(ignore, image[~ignore].mean(), image) for image in (f, g))
-    small_f, small_g = (_shrunk(image, factor) for image in (f, g))
+    small_f, small_g = (blur(F.avg_pool2d(image[None, None], factor)[0], BLUR_PX)[0] for image in (f, g))
     # Pixel i of the small image is the mean of the pixels from i factor on.
     place = (centre.to("cpu", torch.float64) + 0.5) / factor - 0.5
     vectors = _rotation_vectors()
@@ -68,10 +68,6 @@ def find_guesses(f: Tensor, g: Tensor, centre: Tensor, radius: float, ignore: Te
     at = at[chosen]
     matched = torch.stack((at % small_g.shape[-1], at // small_g.shape[-1]), -1).double()
     return torch.cat(((matched - place) * factor, vectors[chosen]), -1)
-
-
-def _shrunk(image: Tensor, factor: int) -> Tensor:
-    return interpolation.blur(F.avg_pool2d(image[None, None], factor)[0], BLUR_PX)[0]
 
 
 def _templates(image: Tensor, place: Tensor, radius: float, vectors: Tensor) -> tuple[Tensor, Tensor]:

@@ -84,10 +84,10 @@ def correlate_successive(batch: PreparedBatch, circle: Tensor, setup: PairSetup)
         filtered = filtered.rows(0, count + 1)
         filtered = _filter_where_off(filtered, batch.images, circles, expected, setup, interlaced=batch.interlaced)
     pairs = _pairs(filtered, circles)
-    near, start, targets = batch.coarse.q, batch.start, circles[1:]
+    coarse, start, targets = batch.coarse.q, batch.start, circles[1:]
 
     def measure(a: int, b: int) -> Correlation:
-        return _measure(pairs.rows(a, b), near[a:b], start[a:b], targets[a:b], setup)
+        return _measure(pairs.rows(a, b), coarse[a:b], start[a:b], targets[a:b], setup)
 
     found = Correlation.joined(setup.shared(measure, len(targets)))
     return dataclasses.replace(found, iterations=found.iterations + batch.coarse.iterations[: len(targets)]), circles
@@ -157,9 +157,9 @@ def _count_plausible(coarse: CoarseSolution, off: Tensor, radius: float) -> int:
     return min(count_leading(on_path), 1 + count_leading(coarse.converged.cpu().numpy()), len(on_path))
 
 
-def _measure(pairs: Pairs, near: Tensor, start: Tensor, targets: Tensor, setup: PairSetup) -> Correlation:
-    """Motion of the pairs from ``near``, both ways where they turn fast; ``targets`` (m, 3) in the images g."""
-    found = solve(pairs, near, setup.options, start)
+def _measure(pairs: Pairs, coarse: Tensor, start: Tensor, targets: Tensor, setup: PairSetup) -> Correlation:
+    """Motion of the pairs from ``coarse``, both ways where they turn fast; ``targets`` (m, 3) in the images g."""
+    found = solve(pairs, coarse, setup.options, start)
     if not setup.in_place:
         # The measured centre: an error of 2 px in the expected one makes errors of 0.06 px on the way back.
         centre = pairs.circles[:, :2] + found.q[:, :2].to(pairs.circles)
