@@ -1,4 +1,4 @@
-"""What the command line says to bad input."""
+"""Refusals of the command line."""
 
 from torchsphere.cli.main import main
 

@@ -1,6 +1,6 @@
-"""The settings of ``torchsphere track``: what to measure of a recording, and how.
+"""The settings of ``torchsphere track``, described once.
 
-Options of ``track`` and ``batch``, TOML files and manifest columns follow from this one description.
+Options of ``track`` and ``batch``, TOML files and manifest columns follow from this description.
 """
 
 from __future__ import annotations
@@ -57,15 +57,14 @@ def _require_percent(name: str, value: float) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What to measure of one recording, and how.
+    """The settings of one measurement.
 
-    ``input`` is the recording, ``out`` the folder for the result. Each other field is a setting that its `Setting`
-    describes.
+    ``input`` is the recording, ``out`` the folder for the result. A `Setting` describes each other field.
 
     Raises
     ------
     SettingError
-        Where a setting is out of its range, or two settings contradict each other.
+        If a setting is out of its range, or settings contradict each other.
     """
 
     input: Path
@@ -188,10 +187,10 @@ class Request:
         self.camera()
 
     def camera(self) -> Camera | None:
-        """The camera that was given, if any."""
+        """The camera, or None for a model without one."""
         if not self.model.startswith("pinhole"):
             return None
-        # Imported here: with torch, which takes 1.2 s and which --help and a wrong option do not need.
+        # Torch takes 1.2 s to import, and --help and refusals do not need it.
         from torchsphere.geometry.camera import Camera
 
         radii = None
@@ -200,36 +199,30 @@ class Request:
         return Camera(self.focal_px, self.principal_px, self.distortion, radii)
 
 
-#: All settings by name, and those that a manifest may give for one recording.
+#: All settings by name, and the settings that a manifest may give for one recording.
 SETTINGS = settings_of(Request)
 PER_RECORDING = {name: setting for name, setting in SETTINGS.items() if setting.per_recording}
 
 
 def read_config(path: Path, settings: Mapping[str, Setting] = SETTINGS) -> dict[str, Any]:
-    """Settings from a TOML file.
-
-    Raises
-    ------
-    ValueError, OSError
-        If it is no TOML file, a key is no setting, or a value is of another kind.
-    """
+    """Settings from a TOML file; raises ValueError or OSError for other files, unknown keys and invalid values."""
     return from_table(str(path), read_toml(path), settings)
 
 
 def joined(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    """The ``common`` settings with ``own`` ones in their place; an own scale replaces a common one of either kind."""
+    """The ``common`` settings, overridden by ``own``; an own scale replaces a common scale of either kind."""
     scales = ("diameter_mm", "mm_per_px")
     dropped = scales if own.keys() & set(scales) else ()
     return {name: value for name, value in common.items() if name not in dropped} | dict(own)
 
 
 def check(settings: Mapping[str, Any]) -> None:
-    """Raise ValueError where settings contradict each other."""
+    """Raise ValueError for settings that contradict each other."""
     Request(input=Path(), out=Path(), **settings)
 
 
 def _require_shell(request: Request) -> None:
-    """Raise SettingError where shell and inertia contradict each other, the mass or the diameter."""
+    """Raise SettingError if shell and inertia contradict each other, the mass or the diameter."""
     if request.shell_mm is None and request.inertia_kg_m2 is None:
         return
     if request.mass_g is None:
@@ -245,20 +238,20 @@ def _require_shell(request: Request) -> None:
 
 
 def require_shell_within(shell_mm: float, radius_mm: float) -> None:
-    """Raise SettingError where a shell is thicker than its ball."""
+    """Raise SettingError if the shell is thicker than the radius."""
     if shell_mm > radius_mm:
         raise SettingError(f"`shell_mm` = {shell_mm:g}: thicker than the ball's radius of {radius_mm:g} mm")
 
 
 def _require_camera(request: Request) -> None:
-    """Raise SettingError unless a camera is given where, and only where, the model takes one."""
+    """Raise SettingError unless a camera is given exactly for the models with a camera."""
     if request.distance_mm is not None and request.diameter_mm is None:
         raise SettingError("`distance_mm` was given without `diameter_mm`; the distance in radii needs both")
     has_camera = request.model.startswith("pinhole")
     if (request.focal_px is not None or request.distance_mm is not None) != has_camera:
         raise SettingError(
-            f"`model` = {request.model}: the models pinhole and pinhole6 need a camera, and only they take one; give "
-            "`focal_px`, or `distance_mm` with `diameter_mm`, together with one of them"
+            f"`model` = {request.model}: the models pinhole and pinhole6, and no others, need a camera; give "
+            "`focal_px`, or `distance_mm` with `diameter_mm`, together with one of these models"
         )
     if request.focal_px is not None and request.distance_mm is not None:
         raise SettingError("`focal_px` and `distance_mm` were both given; one follows from the other, leave one out")
@@ -271,5 +264,5 @@ def _require_camera(request: Request) -> None:
             )
     if not has_camera and (request.principal_px is not None or any(request.distortion)):
         raise SettingError(
-            f"`principal_px` and `distortion` belong to the models pinhole and pinhole6; {request.model} heeds neither"
+            f"`principal_px` and `distortion` belong to the models pinhole and pinhole6; {request.model} uses neither"
         )

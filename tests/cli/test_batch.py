@@ -1,4 +1,4 @@
-"""The command ``torchsphere batch``: what it writes and returns, and one clear sentence for what it cannot use."""
+"""The command ``torchsphere batch``: output, exit code, and refusals in one sentence."""
 
 import csv
 import errno
@@ -30,7 +30,7 @@ def shots(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Recordings are pretended to be measured in this process."""
+    """Replace the worker processes by a pretended measurement in this process."""
     monkeypatch.setattr(processes, "run", lambda jobs, **_: serial(jobs))
 
 
@@ -56,26 +56,26 @@ def test_a_folder_is_measured_with_the_settings_of_track(tmp_path: Path, capsys:
     assert int(row["warnings"]) == len(summary["warnings"])
 
 
-def test_what_the_model_does_not_measure_is_empty_in_the_table(tmp_path: Path) -> None:
+def test_quantities_outside_the_model_are_empty_in_the_table(tmp_path: Path) -> None:
     write_recording(tmp_path / "in" / "shot.tif", 0)
     out = tmp_path / "out"
     options = ["--out", str(out), "--workers", "1", *TRACKED, "--model", "translation"]
     assert main(["batch", str(tmp_path / "in"), *options]) == 0
     (row,) = rows(out)
     assert (row["state"], row["frames"], row["ok"], row["mean_spin_rad_s"]) == ("done", "5", "0", "")
-    # The ball turns, and the model takes that for a part of its step of 1.25 m/s.
+    # The model takes the turn of the ball for a part of the step of 1.25 m/s.
     assert float(row["mean_speed_m_s"]) == pytest.approx(1.25, abs=0.15)
 
 
 @pytest.mark.usefixtures("here")
-def test_the_exit_code_tells_failures_from_success_and_the_table_why(
+def test_the_exit_code_distinguishes_failures_and_the_table_has_the_reasons(
     shots: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
     assert main(["batch", str(shots), "--out", str(out)]) == batch.SOME_FAILED
     assert capsys.readouterr().out.startswith("1 of 2 recordings done, 1 failed (2 measured in this run)")
     assert rows(out)[1]["reason"].endswith("is bad")
-    # What failed is no success of a run that had nothing to do, either.
+    # A run without new recordings is no success while a failure stays.
     assert main(["batch", str(shots), "--out", str(out)]) == batch.SOME_FAILED
     assert capsys.readouterr().out.startswith("1 of 2 recordings done, 1 failed (0 measured in this run)")
     assert main(["batch", str(shots), "--out", str(out), "--retry-failed", "--quiet"]) == batch.SOME_FAILED
@@ -85,7 +85,7 @@ def test_the_exit_code_tells_failures_from_success_and_the_table_why(
 
 
 @pytest.mark.usefixtures("here")
-def test_the_end_names_a_handful_of_what_failed_and_where_the_others_stand(
+def test_the_closing_sentences_name_some_failures_and_the_file_with_all(
     shots: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
@@ -99,7 +99,7 @@ def test_the_end_names_a_handful_of_what_failed_and_where_the_others_stand(
     assert main(["batch", str(shots), "--out", str(out)]) == batch.SOME_FAILED
     first, *told, last = capsys.readouterr().out.splitlines()
     assert first.startswith("1 of 8 recordings done, 7 failed")
-    # The one of the earlier run as well: it is counted, too.
+    # The failure of the earlier run is counted and named, too.
     assert [line.split(":")[0].split()[1] for line in told] == ["b.npy", "c0.npy", "c1.npy", "c2.npy", "c3.npy"]
     assert last == f"and 2 more; their reasons stand in {out / 'summary.csv'}"
 
@@ -118,9 +118,7 @@ def test_the_command_line_wins_over_the_config_and_a_recording_over_both(shots: 
     assert [row["frame_rate"] for row in rows(out)] == ["200", "300"]
 
 
-def test_every_setting_has_an_option_that_turns_it_from_its_default(
-    shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_switches_change_the_defaults_of_settings(shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[Any] = []
 
     def engine(jobs: Any, **_: Any) -> Any:
@@ -133,9 +131,7 @@ def test_every_setting_has_an_option_that_turns_it_from_its_default(
     assert seen == [{"lab_frame": True, "report": False}] * 2
 
 
-def test_a_region_to_ignore_may_be_given_several_times_as_of_track(
-    shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_option_ignore_may_be_repeated(shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[Any] = []
 
     def engine(jobs: Any, **_: Any) -> Any:
@@ -162,7 +158,7 @@ def test_a_shard_measures_its_part_and_leaves_the_rest_pending(shots: Path, tmp_
     assert [row["state"] for row in rows(out)] == ["done", "failed", *["done"] * 6]
 
 
-def test_ctrl_c_says_what_is_kept(
+def test_ctrl_c_prints_the_finished_recordings(
     shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def interrupted(*_: Any, **__: Any) -> None:
@@ -176,14 +172,14 @@ def test_ctrl_c_says_what_is_kept(
 
 
 @pytest.mark.usefixtures("here")
-def test_what_is_left_out_of_a_folder_is_said(shots: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_ignored_images_of_a_folder_are_noted(shots: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (shots / "photo.png").touch()
     main(["batch", str(shots), "--out", str(tmp_path / "out")])
     assert "1 single image(s) were left out" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("here")
-def test_a_file_system_without_locks_is_said_and_the_run_goes_on(
+def test_a_file_system_without_locks_is_noted_and_the_run_goes_on(
     shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def refuse(*_: int) -> None:
@@ -221,7 +217,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_what_cannot_be_used_is_refused_in_one_sentence(
+def test_invalid_input_is_refused_in_one_sentence(
     case: str, shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -251,7 +247,7 @@ def test_a_missing_dask_is_named_with_its_extra(
     assert "pip install 'torchsphere[dask]'" in capsys.readouterr().err
 
 
-def test_a_gpu_that_is_not_there_fails_the_run_and_no_recording(
+def test_a_missing_gpu_fails_the_run_and_no_recording(
     shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("torch.cuda.device_count", lambda: 0)
@@ -260,7 +256,9 @@ def test_a_gpu_that_is_not_there_fails_the_run_and_no_recording(
     assert not (tmp_path / "out").exists()
 
 
-def test_every_core_that_may_be_used_is(shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_there_is_a_worker_for_each_available_core_or_gpu(
+    shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     seen: list[int] = []
 
     def engine(jobs: Any, workers: int, measure: Any) -> Any:

@@ -9,7 +9,7 @@ from torchsphere.cli.main import main
 def test_the_demo_recovers_its_motion_within_the_stated_uncertainty(tmp_path: Path, capsys) -> None:
     assert main(["demo", "--out", str(tmp_path / "demo"), "--quiet"]) == 0
     printed = capsys.readouterr().out
-    # Two standard deviations hold 95 % of good values: of 13 quantities at most two may be outside, and none far.
+    # Of 13 quantities 95 % lie within two standard deviations, so at most two may lie outside, and none far.
     table = [line for line in printed.splitlines() if line.startswith(("velocity", "spin", "force", "position"))]
     ratios = [abs(float(line.split()[-1])) for line in table]
     assert len(ratios) == 13
@@ -17,7 +17,7 @@ def test_the_demo_recovers_its_motion_within_the_stated_uncertainty(tmp_path: Pa
     assert max(ratios) < 3
     names = {path.name for path in (tmp_path / "demo").iterdir()}
     assert {"track.csv", "track.parquet", "kinematics.csv", "summary.json", "figures", "shot.tif", "truth.csv"} <= names
-    # Its images lie in a temporary folder while they are measured.
+    # The images lie in a temporary folder during the measurement.
     summary = json.loads((tmp_path / "demo" / "summary.json").read_text())
     assert summary["input"]["path"] == "synthetic example shot"
     assert "<title>synthetic example shot: " in (tmp_path / "demo" / "report.html").read_text()

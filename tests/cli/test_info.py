@@ -8,7 +8,7 @@ import pytest
 from torchsphere.cli.main import main
 
 
-def test_info_finds_the_ball_only_for_its_preview_and_its_help_says_so(short: Path, capsys) -> None:
+def test_info_finds_the_ball_for_a_preview_alone_and_the_help_says_so(short: Path, capsys) -> None:
     assert main(["info", str(short)]) == 0
     assert "circle" not in capsys.readouterr().out
     with pytest.raises(SystemExit):
@@ -16,7 +16,7 @@ def test_info_finds_the_ball_only_for_its_preview_and_its_help_says_so(short: Pa
     assert "with --preview, also where the ball is" in " ".join(capsys.readouterr().out.split())
 
 
-def test_info_says_what_the_file_knows_and_draws_the_circle(tmp_path: Path, short: Path, capsys) -> None:
+def test_info_prints_the_facts_of_the_file_and_draws_the_circle(tmp_path: Path, short: Path, capsys) -> None:
     preview = tmp_path / "preview.png"
     assert main(["info", str(short), "--preview", str(preview)]) == 0
     printed = capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""The command line as a program, whatever the command."""
+"""The command line as a program."""
 
 import subprocess
 import sys
@@ -33,7 +33,7 @@ def test_every_command_shows_an_example(capsys) -> None:
         (["benchmark", "run", "bench", "--out", "mine", "--overwrite"], "torchsphere benchmark run"),
     ],
 )
-def test_an_option_that_a_command_does_not_have_leads_to_the_help_of_that_command(
+def test_the_refusal_of_an_unknown_option_names_the_help_of_the_command(
     arguments: list[str], command: str, capsys
 ) -> None:
     with pytest.raises(SystemExit) as stop:

@@ -1,4 +1,4 @@
-"""``torchsphere plan`` from its command line: what it writes, and what it refuses."""
+"""The command ``torchsphere plan``: written files, and refusals."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,7 @@ from plan_setups import (
 from refusals import refused
 
 
-def test_the_command_writes_figure_and_numbers_and_says_what_to_do(tmp_path: Path, capsys) -> None:
+def test_the_command_writes_figure_numbers_and_advice(tmp_path: Path, capsys) -> None:
     modes = tmp_path / "modes.csv"
     modes.write_text("width_px,height_px,fps_max\n256,64,40000\n256,24,80000\n")
     image = tmp_path / "ball.tif"
@@ -51,9 +51,7 @@ def test_the_command_writes_figure_and_numbers_and_says_what_to_do(tmp_path: Pat
         (["--blurred"], "add --image"),
     ],
 )
-def test_what_cannot_be_planned_is_refused_in_words_and_writes_nothing(
-    tmp_path: Path, more: list[str], said: str
-) -> None:
+def test_invalid_settings_are_refused_and_nothing_is_written(tmp_path: Path, more: list[str], said: str) -> None:
     with pytest.raises((ValueError, OSError), match=said):
         planned(*GIVEN, *more, "--out", str(tmp_path / "plan"))
     assert list(tmp_path.iterdir()) == []
@@ -66,6 +64,6 @@ def test_a_number_that_is_not_finite_is_refused(tmp_path: Path, capsys, option: 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_plan_without_its_numbers_names_those_that_are_missing(tmp_path: Path) -> None:
+def test_the_refusal_of_an_incomplete_plan_names_the_missing_settings(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="needs --shutter-us, --noise;"):
         planned(*TEST, "--out", str(tmp_path))

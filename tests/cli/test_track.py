@@ -1,4 +1,4 @@
-"""The command ``torchsphere track``: what it writes."""
+"""The command ``torchsphere track``: written results."""
 
 import csv
 import html
@@ -75,9 +75,7 @@ def test_options_come_from_a_file_and_the_command_line_wins(tmp_path: Path, shor
     assert summary["input"]["last_frame"] == 3
 
 
-def test_a_file_of_options_may_begin_with_a_byte_order_mark_and_says_nothing_twice(
-    tmp_path: Path, short: Path, capsys
-) -> None:
+def test_a_file_of_options_may_have_a_byte_order_mark_and_no_setting_twice(tmp_path: Path, short: Path, capsys) -> None:
     config = tmp_path / "shot.toml"
     config.write_text('fps = 1000\nframes = "0:4"\n', encoding="utf-8-sig")
     arguments = ["track", str(short), "--circle", CIRCLE, "--config", str(config), "--quiet"]
@@ -88,7 +86,7 @@ def test_a_file_of_options_may_begin_with_a_byte_order_mark_and_says_nothing_twi
     assert "mm_per_px is given twice" in capsys.readouterr().err
 
 
-def test_a_region_beside_the_image_is_told_to_be_without_effect(tmp_path: Path, short: Path) -> None:
+def test_a_region_outside_the_image_is_warned_of(tmp_path: Path, short: Path) -> None:
     out = tmp_path / "result"
     arguments = [
         "track",
@@ -107,7 +105,7 @@ def test_a_region_beside_the_image_is_told_to_be_without_effect(tmp_path: Path, 
     assert any("--ignore '900,900 910,900 910,910' covers no pixel" in sentence for sentence in warnings)
 
 
-def test_a_camera_comes_from_the_command_line_or_a_file_and_its_focal_length_from_the_distance(
+def test_the_focal_length_follows_from_the_distance_and_other_camera_settings_from_a_file(
     tmp_path: Path, short: Path
 ) -> None:
     config = tmp_path / "shot.toml"
@@ -117,18 +115,16 @@ def test_a_camera_comes_from_the_command_line_or_a_file_and_its_focal_length_fro
     assert main([*arguments, "--distance-mm", "1500", "--diameter-mm", "30", "--fps", "1000", "--quiet"]) == 0
     summary = json.loads((out / "summary.json").read_text())
     camera = summary["settings"]["camera"]
-    # 1.5 m are 100 radii of 15 mm: the focal length is 100 times the outline of 40 px, but for a part in 20 000.
+    # 1.5 m are 100 radii of 15 mm: the focal length is 100 times the outline of 40 px, to a part in 20 000.
     assert camera["focal_px"] == pytest.approx(4000.0, rel=1e-4)
     assert (camera["principal_px"], camera["distortion"]) == ([70, 80], [-0.1, 0.01, 0])
     _, table = rows(out / "kinematics.csv")
     assert [(row["frame"], row["time_s"]) for row in table] == [("1", "0.001"), ("2", "0.002"), ("3", "0.003")]
-    # 5.3 px per frame of 1 ms at 15 mm / 40 px, seen from so far that neither perspective nor distortion counts.
+    # 5.3 px per frame of 1 ms at 15 mm / 40 px; at this distance perspective and distortion are negligible.
     assert all(float(row["vx_m_s"]) == pytest.approx(5.3 * 0.015 / 40 * 1000, rel=0.02) for row in table[1:-1])
 
 
-def test_without_a_mass_there_are_no_newtons_and_without_an_impact_the_summary_says_so(
-    tmp_path: Path, short: Path
-) -> None:
+def test_without_a_mass_there_is_no_force_and_the_summary_states_a_missing_impact(tmp_path: Path, short: Path) -> None:
     out = tmp_path / "result"
     arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--fps", "36000", "--diameter-mm", "30"]
     assert main([*arguments, "--quiet"]) == 0
@@ -140,7 +136,7 @@ def test_without_a_mass_there_are_no_newtons_and_without_an_impact_the_summary_s
     assert summary["differentiation"]["method"] == "smoother"
 
 
-def test_the_demo_s_impact_stands_in_the_summary_with_its_uncertainty(tmp_path: Path, demo_shot: demo.Shot) -> None:
+def test_the_summary_has_the_impact_of_the_demo_with_its_uncertainty(tmp_path: Path, demo_shot: demo.Shot) -> None:
     path = tmp_path / "shot.tif"
     tifffile.imwrite(path, demo_shot.images, photometric="minisblack")
     out = tmp_path / "result"
@@ -150,7 +146,7 @@ def test_the_demo_s_impact_stands_in_the_summary_with_its_uncertainty(tmp_path: 
     )
     summary = json.loads((out / "summary.json").read_text())
     found = summary["impact"]
-    # The demo's ball comes at 71.55 m/s and leaves at -32.4 m/s, and its force peaks at 53.7 kN.
+    # The ball of the demo arrives at 71.55 m/s and leaves at -32.4 m/s; the force peaks at 53.7 kN.
     for name, true, part in (("velocity_before", 71.55, 0), ("velocity_after", -32.4, 0)):
         assert abs(found[name]["value"][part] - true) < 3 * found[name]["sd"][part]
     assert found["restitution_normal"]["value"] == pytest.approx(32.4 / 71.55, abs=0.005)
@@ -160,26 +156,24 @@ def test_the_demo_s_impact_stands_in_the_summary_with_its_uncertainty(tmp_path: 
 
 
 @pytest.mark.parametrize("method", ["savitzky-golay", "differences"])
-def test_other_ways_to_differentiate_are_named_in_the_summary(method: str, tmp_path: Path, short: Path) -> None:
+def test_the_summary_names_the_method_of_differentiation(method: str, tmp_path: Path, short: Path) -> None:
     out = tmp_path / "result"
     arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--fps", "36000", "--mm-per-px", "0.375"]
     assert main([*arguments, "--method", method, "--window", "5", "--order", "2", "--quiet"]) == 0
     assert json.loads((out / "summary.json").read_text())["differentiation"]["method"] == method
 
 
-def test_a_window_longer_than_the_recording_is_told_and_the_track_kept(tmp_path: Path, short: Path) -> None:
+def test_a_window_longer_than_the_recording_is_warned_of_and_the_track_is_kept(tmp_path: Path, short: Path) -> None:
     out = tmp_path / "result"
     arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--fps", "36000", "--mm-per-px", "0.375"]
     assert main([*arguments, "--method", "savitzky-golay", "--window", "9", "--no-report", "--quiet"]) == 0
     warnings = json.loads((out / "summary.json").read_text())["warnings"]
-    (said,) = (sentence for sentence in warnings if "savitzky-golay" in sentence)
-    assert "there are 8 at most" in said
-    assert "give --window 7 or less" in said
+    (warning,) = (sentence for sentence in warnings if "savitzky-golay" in sentence)
+    assert "there are 8 at most" in warning
+    assert "give --window 7 or less" in warning
 
 
-def test_an_existing_result_is_replaced_only_on_request_and_other_files_never(
-    tmp_path: Path, short: Path, capsys
-) -> None:
+def test_an_existing_result_is_replaced_on_request_and_other_files_never(tmp_path: Path, short: Path, capsys) -> None:
     out = tmp_path / "result"
     arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--frames", "0:3", "--quiet"]
     assert main(arguments) == 0
@@ -189,15 +183,15 @@ def test_an_existing_result_is_replaced_only_on_request_and_other_files_never(
     assert (out / "summary.json").stat().st_mtime_ns == before
     assert main([*arguments, "--overwrite"]) == 0
     assert (out / "summary.json").stat().st_mtime_ns > before
-    strangers = tmp_path / "thesis"
-    strangers.mkdir()
-    (strangers / "chapter1.txt").write_text("years of work")
-    assert main(["track", str(short), "--out", str(strangers), "--circle", CIRCLE, "--overwrite", "--quiet"]) == 1
-    assert [path.name for path in strangers.iterdir()] == ["chapter1.txt"]
+    other_files = tmp_path / "thesis"
+    other_files.mkdir()
+    (other_files / "chapter1.txt").write_text("years of work")
+    assert main(["track", str(short), "--out", str(other_files), "--circle", CIRCLE, "--overwrite", "--quiet"]) == 1
+    assert [path.name for path in other_files.iterdir()] == ["chapter1.txt"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result", "thesis"]
 
 
-def test_a_frame_rate_that_was_given_is_not_missed(tmp_path: Path, short: Path) -> None:
+def test_a_missing_frame_rate_is_warned_of(tmp_path: Path, short: Path) -> None:
     arguments = ["track", str(short), "--circle", CIRCLE, "--frames", "0:2", "--quiet", "--out"]
     for name, given, noted in (("without", (), True), ("with", ("--fps", "100"), False)):
         assert main([*arguments, str(tmp_path / name), *given]) == 0
@@ -218,7 +212,7 @@ def test_a_frame_rate_that_was_given_is_not_missed(tmp_path: Path, short: Path) 
         (["--mm-per-px", "0.375"], ""),
     ],
 )
-def test_a_diameter_or_a_mass_in_another_unit_is_told_once_and_taken_as_it_is(
+def test_a_diameter_or_a_mass_in_another_unit_is_warned_of_once_and_used(
     given: list[str], said: str, tmp_path: Path, short: Path
 ) -> None:
     arguments = ["track", str(short), "--circle", CIRCLE, "--frames", "0:2", "--no-report", "--quiet"]
@@ -240,12 +234,11 @@ def test_a_rotation_without_texture_stays_empty_in_the_table(tmp_path: Path) -> 
     _, table = rows(tmp_path / "out" / "track.csv")
     assert {row["status"] for row in table} == {"weak_texture"}
     assert all(row["wx_rad"] == "nan" and row["sd_wy_rad"] == "nan" for row in table)
-    # Edges of a plain ball of this size and contrast are good to a hundredth of a px.
+    # The outline of a plain ball of this size and contrast is accurate to a hundredth of a px.
     assert all(float(row["dx_px"]) == pytest.approx(3.0, abs=0.03) for row in table[1:])
 
 
-def test_a_rotation_that_the_model_does_not_know_is_empty_everywhere(tmp_path: Path, demo_shot: demo.Shot) -> None:
-    # It was stated as 0, with an orientation that never changes.
+def test_a_rotation_outside_the_model_is_empty_everywhere(tmp_path: Path, demo_shot: demo.Shot) -> None:
     path, out = tmp_path / "shot.tif", tmp_path / "out"
     tifffile.imwrite(path, demo_shot.images[16:50], photometric="minisblack")
     scale = ["--fps", "36000", "--diameter-mm", "30", "--mass-g", "110"]
@@ -269,12 +262,12 @@ def test_a_rotation_that_the_model_does_not_know_is_empty_everywhere(tmp_path: P
     assert "the model 'translation' knows none" in page
     assert "Put a pattern of spots" not in page
     assert "nan" not in page.split("<script")[0].lower()
-    # Images have their residual all the same: it shows what the model leaves unexplained.
+    # Images keep their residual, which shows the motion outside the model.
     assert read(out).sampled.has_residual[1:].all()  # type: ignore[union-attr]
 
 
-def test_an_impact_that_the_recording_cuts_off_is_doubted(tmp_path: Path, demo_shot: demo.Shot) -> None:
-    # Its contact lasts from frame 26 to frame 38: the ball seemed to gain 38 J, without a word.
+def test_an_impact_at_the_start_of_the_recording_is_warned_of(tmp_path: Path, demo_shot: demo.Shot) -> None:
+    # The contact lasts from frame 26 to frame 38; without the warning the ball would seem to gain 38 J.
     path, out = tmp_path / "late.tif", tmp_path / "out"
     tifffile.imwrite(path, demo_shot.images[32:], photometric="minisblack")
     scale = ["--fps", "36000", "--diameter-mm", "30", "--mass-g", "110"]
@@ -283,8 +276,8 @@ def test_an_impact_that_the_recording_cuts_off_is_doubted(tmp_path: Path, demo_s
     assert any("starts within the contact" in sentence for sentence in warnings)
 
 
-def test_images_that_are_missing_from_a_flight_are_told(tmp_path: Path, demo_shot: demo.Shot) -> None:
-    # Their step is taken for a blow of 4 MN.
+def test_images_missing_from_a_flight_are_warned_of(tmp_path: Path, demo_shot: demo.Shot) -> None:
+    # Without the warning their step would seem to be an impact of 4 MN.
     path, out = tmp_path / "gap.tif", tmp_path / "out"
     tifffile.imwrite(path, np.delete(demo_shot.images[:24], slice(15, 18), axis=0), photometric="minisblack")
     assert main(["track", str(path), "--out", str(out), "--no-report", "--quiet"]) == 0

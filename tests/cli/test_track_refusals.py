@@ -1,4 +1,4 @@
-"""The command ``torchsphere track``: one clear sentence for whatever it cannot use, and nothing half written."""
+"""The command ``torchsphere track``: refusals in one sentence, without an unfinished result."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ CIRCLE = "64.3,92.6,40"
 
 
 def _files(folder: Path) -> dict[str, str]:
-    """Files that are no recording, or none that can be tracked, by what is wrong with them."""
+    """Files that cannot be opened or tracked, by name."""
     rng = np.random.default_rng(0)
     files = {name: str(folder / name) for name in ("empty.tif", "text.mp4", "foreign.xyz", "cut.tif", "png.tif")}
     Path(files["empty.tif"]).touch()
@@ -106,14 +106,12 @@ def test_a_file_that_cannot_be_tracked_is_refused_in_one_sentence(name: str, tmp
 
 
 @pytest.mark.parametrize("case", BAD_OPTIONS)
-def test_an_option_without_sense_is_refused_in_one_sentence(case: str, tmp_path: Path, short: Path, capsys) -> None:
+def test_an_invalid_option_is_refused_in_one_sentence(case: str, tmp_path: Path, short: Path, capsys) -> None:
     refused(["track", str(short), "--out", str(tmp_path / "out"), "--quiet", *BAD_OPTIONS[case]], capsys)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_pixels_that_are_no_number_are_refused_even_where_they_are_masked_and_the_advice_says_so(
-    tmp_path: Path, short: Path, capsys
-) -> None:
+def test_pixels_that_are_not_finite_are_refused_even_under_a_mask(tmp_path: Path, short: Path, capsys) -> None:
     images = tifffile.imread(short).astype(np.float32)
     images[3, 5, 5] = np.nan
     np.save(tmp_path / "nan.npy", images)
@@ -131,7 +129,7 @@ def test_cuda_without_a_device_is_refused(tmp_path: Path, short: Path, capsys, m
 
 
 @pytest.mark.parametrize("text", ["speed = 3", "fps = 'fast'", "fps = ", "frames = [1, 2]", "circle = [1, 2]"])
-def test_a_config_that_says_nothing_known_is_refused(text: str, tmp_path: Path, short: Path, capsys) -> None:
+def test_an_invalid_config_is_refused(text: str, tmp_path: Path, short: Path, capsys) -> None:
     config = tmp_path / "shot.toml"
     config.write_text(text)
     arguments = ["track", str(short), "--out", str(tmp_path / "out"), "--config", str(config), "--quiet"]
@@ -148,20 +146,22 @@ def test_a_config_that_says_nothing_known_is_refused(text: str, tmp_path: Path, 
         ("no_report = true", "report = false"),
     ],
 )
-def test_a_config_s_refusal_says_what_to_write(text: str, advice: str, tmp_path: Path, short: Path, capsys) -> None:
+def test_the_refusal_of_a_config_states_a_valid_form(
+    text: str, advice: str, tmp_path: Path, short: Path, capsys
+) -> None:
     config = tmp_path / "shot.toml"
     config.write_text(text)
     arguments = ["track", str(short), "--out", str(tmp_path / "out"), "--config", str(config), "--quiet"]
     assert advice in refused(arguments, capsys)
 
 
-def test_a_recording_without_a_ball_is_refused_with_the_option_that_helps(tmp_path: Path, capsys) -> None:
+def test_the_refusal_of_a_recording_without_a_ball_names_a_helpful_option(tmp_path: Path, capsys) -> None:
     np.save(tmp_path / "flat.npy", np.full((6, 80, 90), 100, dtype=np.uint8))
     sentence = refused(["track", str(tmp_path / "flat.npy"), "--out", str(tmp_path / "out"), "--quiet"], capsys)
     assert "give its outline with --circle" in sentence
 
 
-def test_a_mask_over_the_ball_is_named_where_no_ball_is_found_and_where_its_circle_was_given(
+def test_a_mask_over_the_ball_is_named_with_a_found_and_with_a_given_circle(
     tmp_path: Path, short: Path, capsys
 ) -> None:
     mask = np.full(tifffile.imread(short).shape[1:], 255, dtype=np.uint8)
@@ -175,16 +175,16 @@ def test_a_mask_over_the_ball_is_named_where_no_ball_is_found_and_where_its_circ
     assert "--ignore covers 100 % of the ball in frame 0" in capsys.readouterr().out
 
 
-def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path, short: Path, capsys) -> None:
+def test_a_result_folder_below_a_file_is_refused(tmp_path: Path, short: Path, capsys) -> None:
     (tmp_path / "file").touch()
     refused(["track", str(short), "--out", str(tmp_path / "file" / "out"), "--circle", CIRCLE, "--quiet"], capsys)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-def test_a_folder_that_may_not_be_made_is_named_before_anything_is_tracked(
+def test_a_folder_without_permission_is_refused_before_tracking(
     tmp_path: Path, short: Path, capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # The tests may run as a user who may write anywhere.
+    # Tests may run as root, who may write anywhere.
     monkeypatch.setattr("torchsphere.results.atomic_output.os.access", lambda *_: False)
     monkeypatch.setattr("torchsphere.measure.track", None)
     assert main(["track", str(short), "--out", str(tmp_path / "new" / "result"), "--circle", CIRCLE, "--quiet"]) == 1
@@ -192,7 +192,7 @@ def test_a_folder_that_may_not_be_made_is_named_before_anything_is_tracked(
     assert not (tmp_path / "new").exists()
 
 
-def test_a_result_that_fails_half_way_leaves_nothing(tmp_path: Path, short: Path, capsys, monkeypatch) -> None:
+def test_a_failed_result_leaves_no_files(tmp_path: Path, short: Path, capsys, monkeypatch) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device", "track.csv")
 
@@ -202,14 +202,14 @@ def test_a_result_that_fails_half_way_leaves_nothing(tmp_path: Path, short: Path
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_request_to_end_leaves_nothing_half_written(tmp_path: Path, short: Path, monkeypatch) -> None:
-    def ended(folder: Path, *_: object) -> None:
+def test_a_termination_signal_leaves_no_files(tmp_path: Path, short: Path, monkeypatch) -> None:
+    def terminate(folder: Path, *_: object) -> None:
         assert folder.is_dir()
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(60)
 
     before = signal.getsignal(signal.SIGTERM)
-    monkeypatch.setattr("torchsphere.report.draw.draw", ended)
+    monkeypatch.setattr("torchsphere.report.draw.draw", terminate)
     with pytest.raises(SystemExit) as stop:
         main(["track", str(short), "--out", str(tmp_path / "out"), "--circle", CIRCLE, "--quiet"])
     assert stop.value.code == 143
