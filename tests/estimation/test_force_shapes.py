@@ -58,8 +58,8 @@ def shaped(shape: Shape, seed: int, noise_m: float) -> Pulse:
 
 
 #: Largest error of the force, N, root mean square over the contact, and least share of values in the bands of 95 %, at
-#: a noise of 1.5 and 7.5 um. No spring has the soft start of Hertz' law: at small noise, errors of 0.3 % of the peak are
-#: stated as 0.15 %.
+#: a noise of 1.5 and 7.5 um. No spring has the soft start of Hertz' law: at small noise, errors of 0.3 % of the peak
+#: are stated as 0.15 %.
 LIMITS = {
     hertz: ((120, 0.6), (260, 0.85)),
     squared_sine: ((80, 0.85), (260, 0.85)),

@@ -51,7 +51,7 @@ SWING = 30 * torch.sin(torch.arange(FRAMES) / 10)
 
 
 def measured(correlation: float) -> tuple[torch.Tensor, torch.Tensor]:
-    """Covariances (n, t, 3, 3) and values (n, t, 3): the second swings, with errors correlated to those of the first."""
+    """Covariances (n, t, 3, 3) and values (n, t, 3): the second swings, with errors like those of the first."""
     covariance = torch.eye(3, dtype=torch.float64)
     covariance[0, 1] = covariance[1, 0] = correlation
     root = torch.linalg.cholesky(covariance)

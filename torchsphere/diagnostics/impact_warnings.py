@@ -100,8 +100,8 @@ def _force_warnings(motion: Kinematics, impact: Impact) -> list[str]:
         first, middle, last = numbers[pause[[0, len(pause) // 2, -1]]]
         sentences.append(
             f"Within the contact, from frame {first} to {last}, there is next to no force: two impacts are stated as "
-            f"one, with the impulse and the energy of both. Measure each impact alone, with --frames up to {middle} and "
-            f"from {middle}."
+            f"one, with the impulse and the energy of both. Measure each impact alone, with --frames up to {middle} "
+            f"and from {middle}."
         )
     if other.any():
         frame = int(other.argmax())
