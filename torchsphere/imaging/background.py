@@ -1,4 +1,4 @@
-"""The still background behind a ball: what each pixel shows while the ball is elsewhere."""
+"""The still background: the grey level of each pixel while the ball is elsewhere."""
 
 from __future__ import annotations
 
@@ -11,30 +11,21 @@ from torch import Tensor
 
 from torchsphere.recording.frame_source import Source
 
-#: Images that the background is taken from, and how far from the outline a pixel must be, px.
-FRAMES, CLEARANCE_PX = 48, 3.0
+#: Number of images that the background is computed from.
+FRAMES = 48
 
-#: Rows of the images that are looked at together: all images at once could be many.
+#: Least distance of a background pixel from the outline, px.
+CLEARANCE_PX = 3.0
+
+#: Image rows that are processed together, which limits the memory.
 ROWS = 64
 
 
 def background(source: Source, position: NDArray[np.float64], radius: float) -> Tensor:
-    """Median (h, w) of what each pixel shows while the ball is not in front of it.
+    """Median (h, w), float64 on the CPU, of each pixel over the images in which the ball does not hide the pixel.
 
-    Parameters
-    ----------
-    source : Source
-        The images.
-    position : ndarray
-        Centre of the ball in each image (n, 2), px; NaN where it is not known, and such images are not used.
-    radius : float
-        Of the ball, px.
-
-    Returns
-    -------
-    Tensor
-        Grey levels, float64 on the CPU. A pixel that the ball always hides shows the mean of its nearest neighbours
-        that it does not: what is behind the ball all the time can matter only next to the outline.
+    ``position`` (n, 2) is the ball's centre in each image, px; images with NaN are left out. ``radius`` in px. A pixel
+    that the ball always hides gets the mean of its nearest visible neighbours: it matters only next to the outline.
     """
     known = np.flatnonzero(np.isfinite(position[:, 0]))
     chosen = known[np.unique(np.linspace(0, len(known) - 1, min(len(known), FRAMES)).round().astype(int))]
@@ -48,30 +39,30 @@ def background(source: Source, position: NDArray[np.float64], radius: float) -> 
         x, y = columns - centres[:, 0, None], rows - centres[:, 1, None]
         hidden = x.square()[:, None, :] < ((radius + CLEARANCE_PX) ** 2 - y.square())[:, :, None]
         parts.append(_nanmedian(images[:, top : top + len(rows)].masked_fill(hidden, math.nan)))
-    return _filled(torch.cat(parts).double())
+    return _fill_unknown(torch.cat(parts).double())
 
 
 def _nanmedian(values: Tensor) -> Tensor:
     """Median (...) along the first axis of ``values`` (n, ...) without NaN, the lower one of two.
 
-    Measured a third of the time of `torch.nanmedian`.
+    Takes a third of the time of `torch.nanmedian`.
     """
     ordered = np.sort(values.numpy(), axis=0)
     middle = (np.isfinite(ordered).sum(0, keepdims=True) - 1) // 2
     return torch.from_numpy(np.take_along_axis(ordered, middle.clip(0), 0)[0])
 
 
-def _filled(levels: Tensor) -> Tensor:
-    """``levels`` (h, w) without NaN: from the rim inwards, each pixel takes the mean of its known neighbours."""
+def _fill_unknown(levels: Tensor) -> Tensor:
+    """``levels`` (h, w) with each NaN replaced, from the rim inwards, by the mean of the known neighbours."""
     if not bool(levels.isfinite().any()):
         return torch.zeros_like(levels)
     padded = torch.nn.functional.pad(levels, (1, 1, 1, 1), value=math.nan)
     width, flat = padded.shape[1], padded.flatten()
-    around = torch.tensor([row * width + column for row in (-1, 0, 1) for column in (-1, 0, 1)])[:, None]
+    neighbours = torch.tensor([row * width + column for row in (-1, 0, 1) for column in (-1, 0, 1)])[:, None]
     row, column = torch.nonzero(~levels.isfinite()).unbind(-1)
-    lacking = (row + 1) * width + column + 1
-    while len(lacking):
-        means = flat[lacking + around].nanmean(0)
-        flat[lacking] = means
-        lacking = lacking[~means.isfinite()]
+    unknown = (row + 1) * width + column + 1
+    while len(unknown):
+        means = flat[unknown + neighbours].nanmean(0)
+        flat[unknown] = means
+        unknown = unknown[~means.isfinite()]
     return flat.view_as(padded)[1:-1, 1:-1]

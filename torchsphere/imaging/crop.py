@@ -1,4 +1,4 @@
-"""Square crops around the ball, so that the solver never sees the whole image."""
+"""Square crops around the ball: the solver never processes whole images."""
 
 from __future__ import annotations
 
@@ -10,31 +10,21 @@ import torch
 import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
 
-#: Pixels that the spline and the pre-blur carry a value across; so far an unusable pixel spoils its neighbours.
+#: Distance across which spline and pre-blur carry a value, and an unusable pixel spoils its neighbours, px.
 REACH = 3
 
 
 @dataclass(frozen=True)
 class Crops:
-    """Crops of n images.
+    """Crops of n images."""
 
-    Attributes
-    ----------
-    images : Tensor
-        Grey levels (n, s, s); beyond the image's border the border's own values, repeated.
-    usable : Tensor or None
-        (n, s, s), False outside the image, in the ignored region and within `REACH` of either; None where all is.
-    origin : Tensor
-        Image coordinates (n, 2) of each crop's first pixel, whole px, float64, on the CPU.
-    """
-
-    images: Tensor
-    usable: Tensor | None
-    origin: Tensor
+    images: Tensor  # grey levels (n, s, s); outside the image the values of its border
+    usable: Tensor | None  # (n, s, s), False within `REACH` of the ignored region and the outside; None: all usable
+    origin: Tensor  # image coordinates (n, 2) of each crop's first pixel, whole px, float64 on the CPU
 
     @classmethod
     def joined(cls, parts: Sequence[Crops]) -> Crops:
-        """The crops of all parts, which are of one size, one after the other."""
+        """The crops of all parts, which have one size, one after the other."""
         usable = None
         if any(part.usable is not None for part in parts):
             masks = (torch.ones_like(p.images, dtype=torch.bool) if p.usable is None else p.usable for p in parts)
@@ -58,18 +48,9 @@ def half_size(radius: float, margin: float) -> int:
 
 
 def cut(images: Tensor | Sequence[Tensor], centres: Tensor, half: int, ignore: Tensor | None = None) -> Crops:
-    """Cut crops of ``2 half + 1`` px around ``centres``.
+    """Cut crops of ``2 half + 1`` px around ``centres`` (n, 2), px, from ``images`` (n, h, w) or n times (h, w).
 
-    Parameters
-    ----------
-    images : Tensor or sequence of Tensor
-        Grey levels (n, h, w), or n times (h, w): whole images need not lie together for a part of them to be cut out.
-    centres : Tensor
-        (n, 2) as (x, y), px; on the CPU, so that cutting never waits for the device.
-    half : int
-        Half the side, px.
-    ignore : Tensor, optional
-        (h, w), True where the image is not to be used.
+    ``ignore`` (h, w) is True where the image is not to be used. Centres on the CPU keep the cut from waiting for a GPU.
     """
     height, width = images.shape[-2:] if isinstance(images, Tensor) else images[0].shape
     device = images.device if isinstance(images, Tensor) else images[0].device
@@ -78,7 +59,7 @@ def cut(images: Tensor | Sequence[Tensor], centres: Tensor, half: int, ignore: T
     side = 2 * half + 1
     inside = bool(((origin >= 0) & (origin + side <= torch.tensor([width, height]))).all())
     if inside and ignore is None and device.type == "cpu":
-        # Measured 13 times faster than by index; on a GPU each slice would be a launch of its own.
+        # 13 times faster than by index; on a GPU each slice would be a launch of its own.
         slices = [
             image[y : y + side, x : x + side] for image, (x, y) in zip(images, origin.long().tolist(), strict=True)
         ]
@@ -97,7 +78,7 @@ def cut(images: Tensor | Sequence[Tensor], centres: Tensor, half: int, ignore: T
     unusable = ((x < 0) | (x >= width))[:, None, :] | ((y < 0) | (y >= height))[:, :, None]
     if ignore is not None:
         unusable = unusable | ignore[rows_in, columns_in]
-        # What is ignored may hold anything; filters must not carry it into what is used.
+        # Ignored pixels may hold any value; filters must not carry these into used pixels.
         dropped = ignore[rows_in, columns_in]
         used = torch.where(dropped, 0.0, crops)
         level = used.sum((1, 2), keepdim=True) / (~dropped).sum((1, 2), keepdim=True).clamp_min(1)

@@ -1,15 +1,9 @@
 """Cubic interpolation of image crops: prefilter, sampling, gradient, optional Gaussian pre-blur.
 
-The kernel is the cubic B-spline with a share of its own second derivative, ``b + SHARPNESS b''``: as wide, of the same
-order, continuous, and exact at the nodes like that (T. Blu, P. Thevenaz and M. Unser, IEEE Trans. Image Process. 10
-(2001) 1069, doi:10.1109/83.931101, who take 1/42). Called a spline below. Of a texture of the frequency k, cycles/px,
-an interpolation leaves an image at 1 - k, which the reference, looked up at the nodes, does not have: a shift by d px
-comes out as ``d + A sin(2 pi d)``, and a turn about the line of sight likewise. What the images themselves alias has
-the opposite sign, so that a kernel can balance both.
-
-Prefilter and pre-blur are linear and act along rows and columns apart: a recursion where loops are compiled
-(`torchsphere.kernels.spline`), elsewhere both together one small dense matrix per crop size, applied from the left and
-from the right. Sampling evaluates the spline and its gradient exactly, from the sixteen nodes around each point.
+The kernel is ``b + SHARPNESS b''``, b being the cubic B-spline: as wide, of the same order, continuous (T. Blu,
+P. Thevenaz, M. Unser, IEEE Trans. Image Process. 10 (2001) 1069, doi:10.1109/83.931101, take 1/42). Interpolation turns
+a part of a texture of frequency k, cycles/px, into one of 1 - k, so that a shift by d px is measured as
+``d + A sin(2 pi d)``. Aliasing in the images has the opposite sign, and SHARPNESS balances both.
 """
 
 from __future__ import annotations
@@ -24,29 +18,25 @@ from torch import Tensor
 from torchsphere import kernels
 from torchsphere.kernels import spline
 
-#: Share of the second derivative in the kernel. Measured on rendered balls of 40 px without noise, six patterns with
-#: spots of 3.2 px, with 0 (B-spline), 1/42, 1/24 and 1/20: mean error of a step by a quarter of a px 0.0013, 0.0005,
-#: -0.0002 and -0.0006 px; of a turn by 0.3 deg about z, at a whole step 0.0017, 0.0009, 0.0002 and -0.0001 deg, at a
-#: half -0.0017, -0.0011, -0.0006 and -0.0004 deg. Splines of degree 5 and 11, which take 36 and 144 look-ups for 16:
-#: -0.0007 and -0.0012 px, 0.0001 and 0.0002 deg. Noise scatters the steps by 1 % less than with the B-spline.
+#: Share of the B-spline's second derivative in the kernel (docs/constants.md).
 SHARPNESS = 1 / 24
 
 #: Values of the kernel at the nodes -1, 0, 1.
 NODE_WEIGHTS = (1 / 6 + SHARPNESS, 4 / 6 - 2 * SHARPNESS, 1 / 6 + SHARPNESS)
 
-#: Its derivative at the nodes 1 and 2 before a point, in the middle of its small jump; behind, with the other sign.
+#: Derivative of the kernel at the nodes 1 and 2 before a point (behind it with the other sign): middle of a small jump.
 SLOPE_WEIGHTS = (1 / 2 - SHARPNESS, SHARPNESS / 2)
 
-#: Pixels beyond which one does not change a spline coefficient by 1e-9 of its value: each is worth 0.42 of the one
-#: before. And rows of a filter's matrix that are applied at once.
-SPLINE_REACH, BLOCK = 24, 24
+#: Distance from which a pixel changes a spline coefficient by less than 1e-9: a factor of 0.42 per px.
+SPLINE_REACH = 24
 
-#: Gaussian pre-blur, px. Measured on the example shot with `finite` (four patterns, spots of 4 px, 0.57 deg per frame,
-#: true circle), largest bias and mean standard deviation of x: 0.0034 px at 0.6; 0.0014 and 0.0043 at 0.9; 0.0006 and
-#: 0.0045 at 1.05. What is finer than this blur aliases; what is coarser is lost for the noise.
+#: Rows of a filter's matrix that are applied together.
+BLOCK = 24
+
+#: Standard deviation of the Gaussian pre-blur, px (docs/constants.md).
 PRE_BLUR_PX = 1.0
 
-#: Of the four nodes around each point, along one axis.
+#: Weights of the four nodes around each point, along one axis.
 Weights = tuple[Tensor, Tensor, Tensor, Tensor]
 
 
@@ -88,9 +78,9 @@ def prefilter_matrix(size: int, pre_blur: float) -> Tensor:
 
 
 def _separable(images: Tensor, rows: Tensor, columns: Tensor, reach: int) -> Tensor:
-    """``rows @ images @ columns^T`` for matrices that hold nothing further than ``reach`` from their diagonal.
+    """``rows @ images @ columns^T`` for banded matrices, which are 0 further than ``reach`` from their diagonal.
 
-    Block by block: measured two thirds of the time of the whole products at 121 px.
+    Block by block, in two thirds of the time of the whole products at 121 px.
     """
     rows, columns = rows.to(images), columns.to(images)
     images = torch.cat([columns[a:b, c:d] @ images.mT[:, c:d] for a, b, c, d in _blocks(len(columns), reach)], 1)
@@ -98,7 +88,7 @@ def _separable(images: Tensor, rows: Tensor, columns: Tensor, reach: int) -> Ten
 
 
 def _blocks(size: int, reach: int) -> list[tuple[int, int, int, int]]:
-    """Rows from, to, and columns from, to, of the blocks along the diagonal of a banded matrix (size, size)."""
+    """First and last row, first and last column of the blocks along the diagonal of a banded matrix (size, size)."""
     limits = [(first, min(first + BLOCK, size)) for first in range(0, size, BLOCK)]
     return [(a, b, max(0, a - reach), min(size, b + reach)) for a, b in limits]
 
@@ -134,7 +124,7 @@ def sample(c: Tensor, points: Tensor) -> Tensor:
 def sample_with_gradient(c: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
     """`sample`, and the exact gradient (n, 2, p) of the spline there, grey levels per px.
 
-    The sixteen look-ups serve all three: half as much again as the value alone, where differentiation cost four times.
+    The sixteen look-ups serve all three: 1.5 times the time of the value alone; differentiation took four times.
     """
     if kernels.suits(c, points):
         return spline.sample_with_gradient(c, points, SHARPNESS)
@@ -147,7 +137,7 @@ def sample_with_gradient(c: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _cells(c: Tensor, points: Tensor) -> Tensor:
-    """First node (n, p, 2), as (x, y), of the cell that each point lies in; the last cell holds its far side, too."""
+    """First node (n, p, 2), as (x, y), of the cell that each point lies in; the last cell includes its far side."""
     height, width = c.shape[-2:]
     x, y = points.detach().floor().unbind(-1)
     return torch.stack((x.clamp_max_(width - 3), y.clamp_max_(height - 3)), 1).mT
@@ -158,9 +148,8 @@ def _weighted(
 ) -> list[Tensor]:
     """Sums (n, p) over the sixteen nodes around each point, whose cell starts at ``base`` (n, p, 2).
 
-    Each of the ``outputs`` names the weights along x by their number in ``of_x``, and has its own along y. Look-ups
-    along a flat image with one index for all nodes: measured 0.005 ms per node and pair of 7000 points, half of what
-    four bilinear look-ups cost with the arithmetic that they need.
+    Each of the ``outputs`` has the number of its weights along x in ``of_x``, and its weights along y. Look-ups in flat
+    images with one index for all nodes take half the time of four bilinear look-ups.
     """
     width = c.shape[-1]
     column, row = base.unbind(-1)
@@ -180,13 +169,13 @@ def sum_of_products(values: Sequence[Tensor], weights: Weights) -> Tensor:
     """Sum of four values times their weights, element by element."""
     total = values[0] * weights[0]
     for value, weight in zip(values[1:], weights[1:], strict=True):
-        # In place: neither differentiation nor anyone else needs the partial sum.
+        # In place: differentiation does not need the partial sum.
         total.addcmul_(value, weight)
     return total
 
 
 def spline_weights(t: Tensor, sharpness: float = 0.0) -> Weights:
-    """Weights of the four nodes around a point at the share ``t`` of its cell, of the B-spline unless it is sharper."""
+    """Weights of the four nodes around a point at the share ``t`` of its cell; of the B-spline without sharpness."""
     squared = t * t
     last = (squared / 6 + sharpness) * t
     rest = 1 - t
@@ -206,8 +195,9 @@ def slope_weights(t: Tensor, sharpness: float = 0.0) -> Weights:
 
 @functools.lru_cache(maxsize=16)
 def noise_gains(pre_blur: float) -> tuple[float, float]:
-    """Variance of a pixel, and of one component of the gradient, that white noise of variance 1 leaves after both
-    pre-blur and spline; from the very matrices that are used, not from the continuous Gaussian.
+    """Variances of a value and of a gradient component after pre-blur and spline, of white noise of variance 1.
+
+    Computed from the matrices in use, not from the continuous Gaussian.
     """
     size = 65
     middle = size // 2

@@ -1,4 +1,4 @@
-"""Rays from the ball's centre across its outline, and the grey levels along them."""
+"""Grey levels along rays from the ball's centre across its outline."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PRE_BLUR_PX = 0.0
 
 
 def angles(radius: float) -> Tensor:
-    """Angles of the rays, about one per px of the outline."""
+    """Angles (a,) of the rays, rad, about one ray per px of the outline."""
     count = int(min(max(2 * math.pi * radius, 64), 720))
     return torch.arange(count, dtype=torch.float64) * (2 * math.pi / count)
 
@@ -27,14 +27,9 @@ def design(angles: Tensor) -> Tensor:
 
 
 class Splines:
-    """Splines of n images about a ball, made anew only where it asks for other crops than the last time.
+    """Splines of crops of ``images`` (n, h, w) around a ball; the last ones are kept and used again.
 
-    Parameters
-    ----------
-    images : Tensor
-        Grey levels (n, h, w).
-    ignore : Tensor, optional
-        (h, w), True where the images are not to be used.
+    ``ignore`` (h, w) is True where the images are not to be used.
     """
 
     def __init__(self, images: Tensor, ignore: Tensor | None = None) -> None:
@@ -42,7 +37,7 @@ class Splines:
         self._last: tuple[int, Tensor, crop.Crops, Tensor] | None = None
 
     def around(self, centres: Tensor, half: int) -> tuple[crop.Crops, Tensor]:
-        """Crops of ``2 half + 1`` px around ``centres`` (n, 2), and the coefficients of the images blurred there."""
+        """Crops of ``2 half + 1`` px around ``centres`` (n, 2), and the coefficients of their splines."""
         middle = centres.round()
         if self._last is None or half != self._last[0] or not torch.equal(middle, self._last[1]):
             crops = crop.cut(self.images, centres, half, self._ignore)
@@ -53,10 +48,10 @@ class Splines:
 def across_edge(
     splines: Splines, circles: Tensor, steps: Tensor, angles: Tensor, camera: Camera | None
 ) -> tuple[Tensor, Tensor]:
-    """Grey levels (n, a, m) at ``steps`` (m,), px outwards, from the outlines of ``circles`` (n, 3) along the rays.
+    """Grey levels (n, a, m) along the rays at ``steps`` (m,), px outwards, from the outlines of ``circles`` (n, 3).
 
-    And which of the rays (n, a), on the CPU, lie in the image with all of their places. With a camera the circles are
-    projected centres and radii at their depth: the outline is an ellipse.
+    Also a mask (n, a), on the CPU, of the rays that lie fully in the image. With a camera the circles are projected
+    centres and radii at their depth: the outline is an ellipse.
     """
     edge = circles[:, 2:].expand(-1, len(angles))
     if camera is not None:
@@ -66,36 +61,21 @@ def across_edge(
 
 
 def levels(splines: Splines, circles: Tensor, radii: Tensor, angles: Tensor) -> tuple[Tensor, Tensor]:
-    """Grey levels along rays from the centres.
+    """Grey levels (n, a, m) along rays from the centres of ``circles`` (n, 3), and a mask of the usable places.
 
-    Parameters
-    ----------
-    splines : Splines
-        Of n images.
-    circles : Tensor
-        Circles (n, 3) whose centres the rays start from.
-    radii : Tensor
-        Distances from the centre (n, a, m), px; 1 in place of a where they are the same for all rays.
-    angles : Tensor
-        Angles (a,) of the rays, rad, from x towards y.
-
-    Returns
-    -------
-    levels : Tensor
-        (n, a, m), of the image blurred by `PRE_BLUR_PX`.
-    inside : Tensor
-        (n, a, m), True where the place lies in the image, away from its border and from the ignored region.
+    The rays have the ``angles`` (a,), rad, from x towards y; ``radii`` (n, a, m) or (n, 1, m) are distances from the
+    centre, px. Usable places lie away from the image's border and from the ignored region.
     """
     height, width = splines.images.shape[-2:]
     crops, c = splines.around(circles[:, :2], math.ceil(float(radii.max())) + 4)
     direction = torch.stack((angles.cos(), angles.sin()))[..., None]
     centres = (circles[:, :2] - crops.origin)[..., None, None]
-    # All x and all y lie together: twice as fast to sample as pairs of them.
+    # All x lie together in memory, and all y: twice as fast to sample as pairs (x, y).
     places = torch.addcmul(centres, radii[:, None], direction)
     points = places.flatten(2)
     sampled = interpolation.sample(c, points.to(c).mT).unflatten(1, places.shape[2:])
     if crops.usable is None:
-        # The crops lie in the image, and all places in the crops, further from their border than need be.
+        # The crops lie in the image, and all places lie in the crops, far enough from the border.
         return sampled, torch.ones_like(sampled, dtype=torch.bool)
     limits = torch.tensor([width, height], dtype=torch.float64) - 1
     low, high = ((limit - crops.origin)[..., None, None] for limit in (torch.full((2,), 2.0), limits - 2))

@@ -1,4 +1,4 @@
-"""Where the ball is in the next image, to a pixel or two, without any guess: template matching on small images."""
+"""Position of the ball in the next image, to a pixel or two, by template matching on reduced images."""
 
 from __future__ import annotations
 
@@ -8,34 +8,23 @@ import torch
 import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
 
-#: Radius of the ball in the small images, px, and of the template as a multiple of it (the outline helps).
-SMALL_RADIUS_PX, TEMPLATE = 10.0, 1.12
+#: Radius of the ball in the reduced images, px.
+SMALL_RADIUS_PX = 10.0
+
+#: Radius of the template in ball radii: the outline is part of the template.
+TEMPLATE_RADIUS = 1.12
 
 
 def best_match(f: Tensor, g: Tensor, centre: Tensor, radius: float, ignore: Tensor | None = None) -> Tensor:
-    """Centre of the ball in ``g`` by matching the disc around it in ``f`` over the whole image.
+    """Centre (2,) of the ball in ``g`` (h, w): best match of the disc around ``centre`` (2,) in ``f`` (h, w), px.
 
-    Parameters
-    ----------
-    f, g : Tensor
-        Grey levels (h, w).
-    centre : Tensor
-        Centre of the ball in ``f`` as (x, y), px.
-    radius : float
-        Radius of the ball, px.
-    ignore : Tensor, optional
-        (h, w), True where the images are not to be used.
-
-    Returns
-    -------
-    Tensor
-        (2,) as (x, y), px, float64 on the CPU; right to about a tenth of the radius.
+    Right to a tenth of the ``radius``, px; float64 on the CPU. ``ignore`` (h, w) is True where pixels are unusable.
     """
     factor = max(1, int(radius / SMALL_RADIUS_PX))
     small_radius = radius / factor
-    reach = math.ceil(TEMPLATE * small_radius)
-    small_f, small_g = (_shrink(image, factor, reach) for image in (f, g))
-    # Pixel i of the small image is the mean of the pixels from i factor on.
+    reach = math.ceil(TEMPLATE_RADIUS * small_radius)
+    small_f, small_g = (_reduce(image, factor, reach) for image in (f, g))
+    # Pixel i of the reduced image is the mean of ``factor`` pixels from i factor on.
     place = (centre.to("cpu", torch.float64) + 0.5) / factor - 0.5
     middle = place.round().long()
     x, y = (
@@ -44,24 +33,24 @@ def best_match(f: Tensor, g: Tensor, centre: Tensor, radius: float, ignore: Tens
     )
     template = small_f[y : y + 2 * reach + 1, x : x + 2 * reach + 1]
     steps = torch.arange(-reach, reach + 1).to(template)
-    weights = ((steps[:, None] ** 2 + steps[None] ** 2) <= (TEMPLATE * small_radius) ** 2).to(template)
+    weights = ((steps[:, None] ** 2 + steps[None] ** 2) <= (TEMPLATE_RADIUS * small_radius) ** 2).to(template)
     if ignore is not None:
-        ignored = _shrink(ignore.to(template), factor, reach)[y : y + 2 * reach + 1, x : x + 2 * reach + 1]
+        ignored = _reduce(ignore.to(template), factor, reach)[y : y + 2 * reach + 1, x : x + 2 * reach + 1]
         weights = weights * (ignored < 0.5)
     score = _zncc_map(small_g, template, weights)
     row, column = divmod(int(score.argmax()), score.shape[1])
-    found = torch.tensor([column + _fraction(score[row], column), row + _fraction(score[:, column], row)])
+    found = torch.tensor([column + _subpixel_offset(score[row], column), row + _subpixel_offset(score[:, column], row)])
     step = found.double() - torch.tensor([x, y])
     return centre.to("cpu", torch.float64) + step * factor
 
 
-def _shrink(image: Tensor, factor: int, border: int) -> Tensor:
+def _reduce(image: Tensor, factor: int, border: int) -> Tensor:
     small = F.avg_pool2d(image[None, None], factor)
     return F.pad(small, (border,) * 4, mode="replicate")[0, 0]
 
 
 def _zncc_map(image: Tensor, template: Tensor, weights: Tensor) -> Tensor:
-    """Correlation coefficient of the weighted template with every place of the image."""
+    """Correlation coefficient of the weighted template at every place of the image."""
     count = weights.sum().clamp_min(1)
     centred = (template - (weights * template).sum() / count) * weights
     mean_level = image.mean()
@@ -73,8 +62,8 @@ def _zncc_map(image: Tensor, template: Tensor, weights: Tensor) -> Tensor:
     return products / (power * centred.square().sum().clamp_min(1e-6)).sqrt()
 
 
-def _fraction(line: Tensor, at: int) -> float:
-    """Offset of the top of the parabola through the maximum and its neighbours, -0.5 to 0.5."""
+def _subpixel_offset(line: Tensor, at: int) -> float:
+    """Offset of the vertex of the parabola through the maximum and its neighbours, -0.5 to 0.5."""
     if not 0 < at < len(line) - 1:
         return 0.0
     left, middle, right = line[at - 1 : at + 2].tolist()
