@@ -159,7 +159,7 @@ def _map_warnings(request: Request, track: Track) -> list[str]:
     sphere_map, sentences = track.settings["sphere_map"], []
     if not sphere_map["used"] and not request.in_place and _turns_in_place(track):
         sentences.append(
-            "The ball turns fast and hardly moves; if it cannot leave its place, say --in-place against drift."
+            "The ball turns fast and hardly moves; if it cannot leave its place, give --in-place to avoid drift."
         )
     if not sphere_map["used"] and request.map != "off" and not sphere_map["reason"].startswith("not needed"):
         sentences.append(f"Poses rest on the frame-to-frame steps, whose errors add up: {sphere_map['reason']}.")

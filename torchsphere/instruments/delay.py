@@ -31,7 +31,7 @@ MIN_CORRELATION = 0.7
 MAX_STEPS, CONVERGED = 50, 1e-6
 
 _ADVICE = (
-    "give the part of both that holds the whole event, and turn one over (or its direction) if it falls where the "
+    "give the part of both that holds the whole event, and invert one signal (or its direction) if it falls where the "
     "other rises"
 )
 
