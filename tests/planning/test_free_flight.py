@@ -15,11 +15,12 @@ from tracks import made_track
 import torchsphere as ts
 from torchsphere.cli.main import main
 from torchsphere.planning import free_flight
+from torchsphere.planning.free_flight import Calibration
 from torchsphere.planning.plan import from_flight
 from torchsphere.planning.presentation import as_table, remarks, text
 from torchsphere.planning.rehearsal import Target
 
-KNOWN = {"frame_rate": 36_000.0, "diameter_mm": 30.0, "mass_g": 110.0}
+KNOWN = Calibration(36_000.0, 30.0, 110.0)
 
 
 def example_track(increment: np.ndarray) -> ts.Track:
@@ -48,7 +49,7 @@ def test_a_free_flight_gives_the_table_of_the_paper_from_film_and_from_result_al
     assert planned("--flight", str(film), *given, "--contact-us", "150", "--out", str(out)) == 0
     assert "table 3" in capsys.readouterr().out
     first = json.loads((out / "plan.json").read_text())["free_flight"]
-    second = free_flight.from_result(result)
+    second = free_flight.from_result(result, Calibration())
     for name in ("velocity_m_s", "force_N", "spin_rad_s"):
         assert getattr(second, name).std(0, ddof=1) == pytest.approx(first[name]["std"], rel=1e-6)
     assert first["velocity_m_s"]["mean"] == pytest.approx(
@@ -68,8 +69,8 @@ def test_a_scale_given_without_a_frame_rate_is_taken_from_the_result(tmp_path: P
     given = [*scale, "--mass-g", "110", "--circle", "{},{},{}".format(*shot.circle), "--map", "off", "--no-report"]
     assert main(["track", str(film), *given, "--out", str(result), "--quiet"]) == 0
     with pytest.raises(ValueError, match=r"result: a plan needs .* give --fps$"):
-        free_flight.from_result(result)
-    found = free_flight.from_result(result, frame_rate=36_000.0)
+        free_flight.from_result(result, Calibration())
+    found = free_flight.from_result(result, Calibration(36_000.0))
     assert found.setup.diameter_mm == pytest.approx(30.0, rel=1e-6)
     assert found.setup.speed_m_s == pytest.approx(30.0, rel=0.02)
 
@@ -81,7 +82,7 @@ def test_a_flight_tracked_without_rotation_is_refused_for_its_model(tmp_path: Pa
     given = [*BALL, "--fps", "36000", "--model", "translation", "--no-report"]
     assert main(["track", str(film), *given, "--out", str(result), "--quiet"]) == 0
     with pytest.raises(ValueError, match=r"result: it was tracked with the model 'translation'.* --model rigid"):
-        free_flight.from_result(result)
+        free_flight.from_result(result, Calibration())
 
 
 def test_a_flight_whose_velocity_changes_gives_a_warning() -> None:
@@ -96,7 +97,7 @@ def test_a_flight_whose_velocity_changes_gives_a_warning() -> None:
 
 def test_an_impact_is_refused_as_a_free_flight_with_its_change_of_velocity() -> None:
     with pytest.raises(ValueError, match=r"shot\.tif: this is no free flight: .* along x changes by -210 m/s"):
-        free_flight.from_track(example_track(flown(-7.0)), "shot.tif", **KNOWN)
+        free_flight.from_track(example_track(flown(-7.0)), "shot.tif", KNOWN)
 
 
 @pytest.mark.parametrize("place", [6, 20, 33])
@@ -104,7 +105,7 @@ def test_an_impact_is_refused_wherever_it_is_in_the_recording(place: int) -> Non
     increment = flown()
     increment[place:, 1] += 6.0
     with pytest.raises(ValueError, match="this is no free flight"):
-        free_flight.from_track(example_track(increment), "shot.tif", **KNOWN)
+        free_flight.from_track(example_track(increment), "shot.tif", KNOWN)
 
 
 @pytest.mark.parametrize(("start", "cause"), [(0.5, "gravity"), (3.0, "gravity"), (100.0, "drag")])
@@ -115,37 +116,37 @@ def test_gravity_and_drag_are_no_impact(start: float, cause: str) -> None:
     generator = np.random.default_rng(0)
     increment = np.array([0.01, 0.01, 1e-4, 1e-4, 1e-4]) * generator.normal(size=(len(time), 5))
     increment[:, 1] += velocity * 1e-3 * 36 / 30e-3
-    found = free_flight.from_track(example_track(increment), cause, **KNOWN | {"frame_rate": 1000.0})
+    found = free_flight.from_track(example_track(increment), cause, KNOWN._replace(frame_rate=1000.0))
     assert "drag or gravity is in the standard deviations" in found.warnings[0]
 
 
 def test_a_velocity_without_any_scatter_does_not_change() -> None:
     increment = np.tile([5.0, 0.0, 0.0, 0.01, 0.0], (40, 1))
-    assert free_flight.from_track(example_track(increment), "made", **KNOWN).warnings == ()
+    assert free_flight.from_track(example_track(increment), "made", KNOWN).warnings == ()
 
 
 def test_a_ball_without_texture_is_refused_for_that_and_not_for_too_few_frames() -> None:
     increment = flown()
     increment[:, 2:] = np.nan
     with pytest.raises(ValueError, match="too little texture: of 40 increments 0 have a rotation") as refusal:
-        free_flight.from_track(example_track(increment), "plain.tif", **KNOWN)
+        free_flight.from_track(example_track(increment), "plain.tif", KNOWN)
     assert "longer recording" not in str(refusal.value)
 
 
 def test_a_doubtful_flight_gives_a_caution_before_the_numbers() -> None:
     target = Target(2e-4, 0.3, "given")
-    slowed = from_flight(free_flight.from_track(example_track(flown(-0.2)), "slowed", **KNOWN), target)
+    slowed = from_flight(free_flight.from_track(example_track(flown(-0.2)), "slowed", KNOWN), target)
     first, *others = text(slowed).splitlines()
     assert first.startswith("caution The velocity along x changes by -5.9")
     assert not any("changes by" in line for line in others)
     assert as_table(slowed)["advice"].startswith("The velocity along x changes by")
-    steady = from_flight(free_flight.from_track(example_track(flown()), "steady", **KNOWN), target)
+    steady = from_flight(free_flight.from_track(example_track(flown()), "steady", KNOWN), target)
     assert text(steady).startswith("test ")
 
 
 def test_a_mass_in_kg_gives_a_caution_before_the_numbers() -> None:
-    made = from_flight(free_flight.from_track(example_track(flown()), "kg", **KNOWN), Target(2e-4, 0.3, "given"))
+    made = from_flight(free_flight.from_track(example_track(flown()), "kg", KNOWN), Target(2e-4, 0.3, "given"))
     light = replace(made, setup=replace(made.setup, mass_g=1e-3 * made.setup.mass_g))
     assert text(light).startswith("caution The ball's diameter is ")
-    assert "see that the units are mm and g" in remarks(light)[0]
+    assert "check that the units are mm and g" in remarks(light)[0]
     assert not text(made).startswith("caution")

@@ -135,13 +135,8 @@ def _from_flight(request: PlanRequest, path: Path, quiet: bool) -> Plan:
     if (path / "summary.json").is_file():
         if request.circle:
             raise ValueError(f"--circle: {path} has been tracked already, with its own; leave the option out")
-        flight = free_flight.from_result(
-            path,
-            mass_g=request.mass_g,
-            shutter_s=_shutter_s(request),
-            frame_rate=request.fps,
-            diameter_mm=request.diameter_mm,
-        )
+        given = (request.fps, request.diameter_mm, request.mass_g, _shutter_s(request))
+        flight = free_flight.from_result(path, free_flight.Calibration(*given))
         return plan.from_flight(flight, _target(request, flight.setup), request.width)
     if len(request.circle) > 1:
         raise ValueError(
@@ -164,16 +159,9 @@ def _tracked(request: PlanRequest, path: Path, circle: Vector | None, quiet: boo
     with open_recording(path) as recording:
         rate, exposure = request.fps or recording.frame_rate, _shutter_s(request) or recording.exposure_s
         origin = f"recording {path.name}"
-        free_flight.require_calibration(origin, rate, request.diameter_mm, request.mass_g)
+        calibration = free_flight.Calibration(rate, request.diameter_mm, request.mass_g, exposure)
+        calibration.required(origin)
         with progress_bar(quiet, "planning", delay_s=1.0) as progress:
             # Increments from frame to frame, as in the paper's table; a map would hide the scatter.
             tracked = track(recording, circle, sphere_map=False, progress=progress)
-        flight = free_flight.from_track(
-            tracked,
-            origin,
-            mass_g=request.mass_g,
-            shutter_s=exposure,
-            frame_rate=rate,
-            diameter_mm=request.diameter_mm,
-        )
-        return flight, recording.shape[2]
+        return free_flight.from_track(tracked, origin, calibration), recording.shape[2]

@@ -81,15 +81,24 @@ def mean_and_sd(values: Array) -> tuple[Array, Array]:
     return np.nanmean(values, 0), np.nanstd(values, 0, ddof=1)
 
 
-def from_track(
-    track: Track,
-    origin: str,
-    *,
-    frame_rate: float | None,
-    diameter_mm: float | None,
-    mass_g: float | None,
-    shutter_s: float | None = None,
-) -> Flight:
+class Calibration(NamedTuple):
+    """Values that convert px and frames to SI units; None if they are not known."""
+
+    frame_rate: float | None = None
+    diameter_mm: float | None = None
+    mass_g: float | None = None
+    shutter_s: float | None = None
+
+    def required(self, origin: str) -> tuple[float, float, float]:
+        """Frame rate, diameter and mass; raises ValueError if one of them is not known."""
+        if self.frame_rate is None or self.diameter_mm is None or self.mass_g is None:
+            named = {"--fps": self.frame_rate, "--diameter-mm": self.diameter_mm, "--mass-g": self.mass_g}
+            missing = " and ".join(name for name, value in named.items() if value is None)
+            raise ValueError(f"{origin}: a plan needs frame rate, diameter and mass; give {missing}")
+        return self.frame_rate, self.diameter_mm, self.mass_g
+
+
+def from_track(track: Track, origin: str, given: Calibration) -> Flight:
     """The flight of a track.
 
     Raises ValueError if frame rate, diameter or mass are missing, too few increments were measured, or the ball does
@@ -97,17 +106,10 @@ def from_track(
     """
     _require_rotation(origin, track.settings.get("model"))
     sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))
-    return _flight(track.increment, sd, track.circle.radius, origin, (frame_rate, diameter_mm, mass_g, shutter_s))
+    return _flight(track.increment, sd, track.circle.radius, origin, given)
 
 
-def from_result(
-    folder: Path,
-    *,
-    frame_rate: float | None = None,
-    diameter_mm: float | None = None,
-    mass_g: float | None = None,
-    shutter_s: float | None = None,
-) -> Flight:
+def from_result(folder: Path, given: Calibration) -> Flight:
     """The flight of a result folder of ``torchsphere track``; given values replace those of its summary.
 
     Raises ValueError or OSError if the folder is no such result, or a value is missing.
@@ -122,32 +124,20 @@ def from_result(
         recorded = _recorded(summary, settings, radius)
     except (KeyError, TypeError, json.JSONDecodeError, pa.ArrowException) as error:
         raise ValueError(f"{folder}: is no whole result of 'torchsphere track' ({error}); track again") from error
-    origin, given = f"result folder {folder.name}", (frame_rate, diameter_mm, mass_g, shutter_s)
+    origin = f"result folder {folder.name}"
     _require_rotation(origin, settings.get("model"))
-    known = tuple(value if value is not None else default for value, default in zip(given, recorded, strict=True))
-    return _flight(increment, sd, radius, origin, known)
+    known = (value if value is not None else default for value, default in zip(given, recorded, strict=True))
+    return _flight(increment, sd, radius, origin, Calibration(*known))
 
 
-def _recorded(summary: dict[str, Any], settings: dict[str, Any], radius: float) -> tuple[float | None, ...]:
-    """Frame rate, diameter (mm), mass (g) and exposure (s) of a summary."""
+def _recorded(summary: dict[str, Any], settings: dict[str, Any], radius: float) -> Calibration:
     scale, diameter, mm_per_px = summary["scale"], settings.get("diameter_mm"), settings.get("mm_per_px")
     # Without a frame rate the summary has no scale, only the settings for it.
     if scale is not None:
         mm_per_px = 1e3 * float(scale["m_per_px"])
     if mm_per_px is not None:
         diameter = 2 * radius * mm_per_px
-    return summary["frame_rate"], diameter, settings["mass_g"], summary["input"]["exposure_s"]
-
-
-def require_calibration(
-    origin: str, frame_rate: float | None, diameter_mm: float | None, mass_g: float | None
-) -> tuple[float, float, float]:
-    """Frame rate, diameter and mass; raises ValueError if one of them is not known."""
-    if frame_rate is None or diameter_mm is None or mass_g is None:
-        named = {"--fps": frame_rate, "--diameter-mm": diameter_mm, "--mass-g": mass_g}
-        missing = " and ".join(name for name, value in named.items() if value is None)
-        raise ValueError(f"{origin}: a plan needs frame rate, diameter and mass; give {missing}")
-    return frame_rate, diameter_mm, mass_g
+    return Calibration(summary["frame_rate"], diameter, settings["mass_g"], summary["input"]["exposure_s"])
 
 
 def _require_rotation(origin: str, model: str | None) -> None:
@@ -173,10 +163,9 @@ def _require_steps(origin: str, complete: int, translations: int) -> None:
     )
 
 
-def _flight(increment: Array, sd: Array, radius: float, origin: str, known: tuple[float | None, ...]) -> Flight:
-    """The flight with increments (n - 1, 5) and their ``sd``; ``known`` as `_recorded` returns it."""
-    *calibration, shutter_s = known
-    frame_rate, diameter_mm, mass_g = require_calibration(origin, *calibration)
+def _flight(increment: Array, sd: Array, radius: float, origin: str, known: Calibration) -> Flight:
+    """The flight with increments (n - 1, 5) and their standard deviations."""
+    frame_rate, diameter_mm, mass_g = known.required(origin)
     valid = np.isfinite(increment).all(1)
     _require_steps(origin, int(valid.sum()), int(np.isfinite(increment[:, :2]).all(1).sum()))
     px_per_mm = 2 * radius / diameter_mm
@@ -190,7 +179,7 @@ def _flight(increment: Array, sd: Array, radius: float, origin: str, known: tupl
         px_per_mm=px_per_mm,
         diameter_mm=diameter_mm,
         mass_g=mass_g,
-        shutter_s=shutter_s,
+        shutter_s=known.shutter_s,
     )
     flight = Flight(increment, np.median(sd[valid], 0), setup, origin)
     change = velocity_change(flight.velocity_m_s)

@@ -34,6 +34,10 @@ REPLACED_BY_FLIGHT = (
 Vector = tuple[float, float, float]
 
 
+def _positive(group: Group, metavar: str, text: str) -> Setting:
+    return Setting(NUMBER, group, metavar, text, require_positive)
+
+
 @dataclass(frozen=True, kw_only=True)
 class PlanRequest:
     """What to plan; each field is a setting that its `Setting` describes.
@@ -44,36 +48,27 @@ class PlanRequest:
         Where a setting is out of its range, is missing, or contradicts another.
     """
 
-    speed: Annotated[float | None, Setting(NUMBER, TEST, "V", "of the ball, m/s", require_positive)] = None
+    speed: Annotated[float | None, _positive(TEST, "V", "of the ball, m/s")] = None
     direction_deg: Annotated[
         float, Setting(NUMBER, TEST, "A", "of its flight, deg from right towards down", require_finite)
     ] = 0.0
     spin_rev_s: Annotated[Vector, Setting(numbers("X,Y,Z"), TEST, "X,Y,Z", "its spin, rev/s (0,0,0)")] = (0.0, 0.0, 0.0)
-    diameter_mm: Annotated[float | None, Setting(NUMBER, TEST, "D", "diameter of the ball, mm", require_positive)] = (
-        None
-    )
-    mass_g: Annotated[float | None, Setting(NUMBER, TEST, "M", "mass of the ball, g", require_positive)] = None
-    contact_us: Annotated[
-        float | None, Setting(NUMBER, TEST, "T", "duration of the contact, us (elastic, Hertz)", require_positive)
-    ] = None
+    diameter_mm: Annotated[float | None, _positive(TEST, "D", "diameter of the ball, mm")] = None
+    mass_g: Annotated[float | None, _positive(TEST, "M", "mass of the ball, g")] = None
+    contact_us: Annotated[float | None, _positive(TEST, "T", "duration of the contact, us (elastic, Hertz)")] = None
     restitution: Annotated[float, Setting(NUMBER, TEST, "E", "speed after over speed before", within((0.0, 1.0)))] = 0.3
-    fps: Annotated[float | None, Setting(NUMBER, CAMERA, "F", "frame rate, 1/s", require_positive)] = None
-    shutter_us: Annotated[float | None, Setting(NUMBER, CAMERA, "T", "exposure time, us", require_positive)] = None
-    px_per_mm: Annotated[
-        float | None, Setting(NUMBER, CAMERA, "P", "scale in the ball's plane (--circle's)", require_positive)
-    ] = None
-    noise: Annotated[
-        float | None, Setting(NUMBER, CAMERA, "S", "sd of a pixel between images, grey levels", require_positive)
-    ] = None
+    fps: Annotated[float | None, _positive(CAMERA, "F", "frame rate, 1/s")] = None
+    shutter_us: Annotated[float | None, _positive(CAMERA, "T", "exposure time, us")] = None
+    px_per_mm: Annotated[float | None, _positive(CAMERA, "P", "scale in the ball's plane (--circle's)")] = None
+    noise: Annotated[float | None, _positive(CAMERA, "S", "sd of a pixel between images, grey levels")] = None
     width: Annotated[
         int | None,
         Setting(WHOLE, CAMERA, "W", "of the image along the flight, px, for frames in view", require_positive),
     ] = None
     modes: Annotated[Path | None, Setting(PATH, CAMERA, "FILE.csv", "its modes: width_px, height_px, fps_max")] = None
-    field_mm: Annotated[
-        float | None,
-        Setting(NUMBER, CAMERA, "W", "width that all modes show, mm (they keep px per mm)", require_positive),
-    ] = None
+    field_mm: Annotated[float | None, _positive(CAMERA, "W", "width that all modes show, mm (they keep px per mm)")] = (
+        None
+    )
     image: Annotated[
         Sequence[Path], Setting(PATH, LOOK, "FILE", "sharp image; again for other sides", repeats=True)
     ] = ()
@@ -82,9 +77,7 @@ class PlanRequest:
         Setting(numbers("X,Y,R"), LOOK, "X,Y,R", "outline in it, px (in the flight: found)", repeats=True),
     ] = ()
     blurred: Annotated[bool, Setting(SWITCH, LOOK, "", "the images show the test's motion blur")] = False
-    speckle_px: Annotated[
-        float | None, Setting(NUMBER, LOOK, "S", "size of the rendered spots, px (4)", require_positive)
-    ] = None
+    speckle_px: Annotated[float | None, _positive(LOOK, "S", "size of the rendered spots, px (4)")] = None
     grey: Annotated[
         tuple[float, float] | None, Setting(numbers("LOW,HIGH"), LOOK, "LOW,HIGH", "their grey levels (30,220)")
     ] = None
