@@ -19,7 +19,7 @@ import tifffile
 import torch
 from shots import rotation_matrix, speckle
 
-from torchsphere.archive.work import Job, Outcome, settle
+from torchsphere.archive.work import Job, Outcome, run_job
 from torchsphere.cli import batch
 from torchsphere.measure import Request
 from torchsphere.recording import open_recording
@@ -126,7 +126,7 @@ def pretended(request: Request, progress: None, extra: Mapping[str, Path]) -> No
 def serial(jobs: Iterator[Job]) -> Iterator[Outcome]:
     """An engine in this process that pretends to measure."""
     for job in jobs:
-        yield settle(job, pretended)
+        yield run_job(job, pretended)
 
 
 def calls(folder: Path) -> list[str]:

@@ -209,14 +209,14 @@ def read_config(path: Path, settings: Mapping[str, Setting] = SETTINGS) -> dict[
     return from_table(str(path), read_toml(path), settings)
 
 
-def joined(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+def merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
     """The ``common`` settings, overridden by ``own``; an own scale replaces a common scale of either kind."""
     scales = ("diameter_mm", "mm_per_px")
     dropped = scales if own.keys() & set(scales) else ()
     return {name: value for name, value in common.items() if name not in dropped} | dict(own)
 
 
-def check(settings: Mapping[str, Any]) -> None:
+def check_settings(settings: Mapping[str, Any]) -> None:
     """Raise ValueError for settings that contradict each other."""
     Request(input=Path(), out=Path(), **settings)
 

@@ -37,7 +37,7 @@ import torchsphere as ts
 from experiments.experiment import OUTPUT, publish, table
 from torchsphere.archive import dask_engine, manifest, processes
 from torchsphere.archive.run import Counts, run
-from torchsphere.archive.work import Job, Outcome, settle
+from torchsphere.archive.work import Job, Outcome, run_job
 from torchsphere.measure import Request, measure
 from torchsphere.synthetic import demo_shot, ray_caster
 
@@ -188,7 +188,7 @@ def _cost_of_records(folder: Path) -> dict[str, float]:
     """What the manifest and the records of many recordings cost, here missing ones, and how much memory."""
 
     def serial(jobs: Iterator[Job]) -> Iterator[Outcome]:
-        return (settle(job, measure) for job in jobs)
+        return (run_job(job, measure) for job in jobs)
 
     folder.mkdir(parents=True)
     sheet, out = folder / "list.csv", folder / "out"

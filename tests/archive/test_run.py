@@ -14,7 +14,7 @@ from archive_shots import BAD, calls, pretended, rows, serial, write_array
 
 from torchsphere.archive import manifest, records, summary
 from torchsphere.archive.run import Counts, in_shard, run
-from torchsphere.archive.work import Job, Outcome, settle
+from torchsphere.archive.work import Job, Outcome, run_job
 
 
 @pytest.fixture
@@ -160,7 +160,7 @@ def test_an_unforeseen_error_is_a_failure_with_its_trace(shots: Path, tmp_path: 
         raise RuntimeError("out of memory")
 
     def engine(jobs: Iterator[Job]) -> Iterator[Outcome]:
-        return (settle(job, broken) for job in jobs)
+        return (run_job(job, broken) for job in jobs)
 
     out = tmp_path / "out"
     assert run(manifest.read(shots, {}, out), out, engine).failed == 4
@@ -178,7 +178,7 @@ def test_a_full_disk_stops_the_run_and_fails_no_recording(shots: Path, tmp_path:
 
     out = tmp_path / "out"
     with pytest.raises(OSError, match="no space left on device; the run stops here"):
-        run(manifest.read(shots, {}, out), out, lambda jobs: (settle(job, full) for job in jobs))
+        run(manifest.read(shots, {}, out), out, lambda jobs: (run_job(job, full) for job in jobs))
     assert [row["state"] for row in rows(out).values()] == ["done", "pending", "pending", "pending"]
     assert again(shots, out) == Counts(done=3, failed=1, pending=0, measured=3)
 
@@ -202,10 +202,10 @@ def test_a_recording_whose_process_died_twice_fails_and_a_new_run_measures_it_ag
             mark = records.file_of(out, "a", ".started")
             records.write_table(mark, {"run": "of another day", "count": 2})
             with pytest.raises(Death):
-                settle(job, die)
+                run_job(job, die)
             # Marks of another run do not count: this run may start the recording twice.
             records.write_table(mark, {"run": job.run, "count": 2})
-            yield settle(job, pretended)
+            yield run_job(job, pretended)
 
     assert run(archive, out, engine).failed == 1
     assert "died 2 times" in rows(out)["a.npy"]["reason"]

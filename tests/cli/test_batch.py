@@ -13,7 +13,7 @@ from archive_shots import BAD, pretended, serial, write_array, write_recording
 
 from torchsphere.archive import processes
 from torchsphere.archive.run import Counts, Interrupted
-from torchsphere.archive.work import settle
+from torchsphere.archive.work import run_job
 from torchsphere.cli import batch
 from torchsphere.cli.main import main
 
@@ -124,7 +124,7 @@ def test_switches_change_the_defaults_of_settings(shots: Path, tmp_path: Path, m
     def engine(jobs: Any, **_: Any) -> Any:
         for job in jobs:
             seen.append(dict(job.item.settings))
-            yield settle(job, pretended)
+            yield run_job(job, pretended)
 
     monkeypatch.setattr(processes, "run", engine)
     main(["batch", str(shots / ".."), "--out", str(tmp_path / "out"), "--quiet", "--lab-frame", "--no-report"])
@@ -137,7 +137,7 @@ def test_the_option_ignore_may_be_repeated(shots: Path, tmp_path: Path, monkeypa
     def engine(jobs: Any, **_: Any) -> Any:
         for job in jobs:
             seen.append(dict(job.item.settings))
-            yield settle(job, pretended)
+            yield run_job(job, pretended)
 
     monkeypatch.setattr(processes, "run", engine)
     regions = ["0,0 9,0 9,9", "20,20 30,20 30,30"]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from torchsphere.cli.options import add_settings, given
+from torchsphere.cli.options import add_settings, given_settings
 from torchsphere.planning.plan_request import PLAN_SETTINGS, PlanRequest
 from torchsphere.request import PER_RECORDING, SETTINGS, Request, read_config
 from torchsphere.settings.setting import find
@@ -41,7 +41,7 @@ def test_text_toml_and_option_give_the_same_value(name: str, tmp_path: Path) -> 
     parser = argparse.ArgumentParser()
     add_settings(parser, SETTINGS)
     typed = [setting.option] if expected is True else [setting.option, text]
-    assert given(vars(parser.parse_args(typed)), SETTINGS) == {name: expected}
+    assert given_settings(vars(parser.parse_args(typed)), SETTINGS) == {name: expected}
     config = tmp_path / "shot.toml"
     config.write_text(f"{name.replace('_', '-')} = {str(toml).lower() if toml is True else repr(toml)}\n")
     assert read_config(config) == {name: expected}

@@ -12,7 +12,7 @@ import torch
 
 from torchsphere.archive.backlog import Backlog
 from torchsphere.archive.claims import PAUSE_S
-from torchsphere.archive.work import BUSY, Job, Measure, Outcome, give_up, settle
+from torchsphere.archive.work import BUSY, Job, Measure, Outcome, fail_job, run_job
 from torchsphere.recording.refusal import LibraryMissingError
 
 #: Tasks in flight per worker, the running task and the next (docs/constants.md).
@@ -68,7 +68,7 @@ def run(jobs: Iterator[Job], address: str, measure: Measure) -> Iterator[Outcome
 
 def _task(job: Job, measure: Measure) -> Outcome:
     torch.set_num_threads(1)
-    return settle(job, measure)
+    return run_job(job, measure)
 
 
 def _client(address: str) -> Any:
@@ -108,7 +108,7 @@ def _outcome(future: Any, job: Job, address: str, drops: Counter[str]) -> Outcom
     drops[job.item.result] += 1
     if drops[job.item.result] < _MAX_DROPS:
         return None
-    return give_up(job, f"the Dask scheduler gave it up {_MAX_DROPS} times, as its workers died")
+    return fail_job(job, f"the Dask scheduler gave it up {_MAX_DROPS} times, as its workers died")
 
 
 def _scheduler_gone(address: str) -> OSError:

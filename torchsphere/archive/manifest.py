@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from torchsphere.archive import scan
-from torchsphere.request import PER_RECORDING, check, joined
+from torchsphere.request import PER_RECORDING, check_settings, merged
 from torchsphere.settings.setting import find, from_table, read_toml
 
 #: Names of the column of the recordings, and name of the column of the result folders.
@@ -40,7 +40,7 @@ def read(source: Path, common: Mapping[str, Any], out: Path) -> Archive:
 
     Raises ValueError or OSError without recordings, for invalid rows or columns, and for shared result folders.
     """
-    check(common)
+    check_settings(common)
     notes: tuple[str, ...] = ()
     if source.is_dir():
         if out.resolve() == source.resolve():
@@ -140,7 +140,7 @@ def _from_toml(source: Path, common: Mapping[str, Any]) -> list[tuple[str, Item]
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise ValueError(f"{source}: has no [[recordings]]; expected such a table for each recording")
     # Settings of the file override common settings, and settings of a recording override both.
-    common = joined(common, _rebased(source, from_table(str(source), tables, PER_RECORDING)))
+    common = merged(common, _rebased(source, from_table(str(source), tables, PER_RECORDING)))
     placed = []
     for number, row in enumerate(rows, start=1):
         where = f"{source}, recording {number}"
@@ -159,9 +159,9 @@ def _item(
     name = next((names[key] for key in RECORDING if names.get(key)), None)
     if name is None:
         raise ValueError(f"{where}, column 'recording': is empty; expected the path of a recording")
-    together = joined(common, _rebased(source, own))
+    together = merged(common, _rebased(source, own))
     try:
-        check(together)
+        check_settings(together)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from error
     path = source.parent / name

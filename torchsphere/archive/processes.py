@@ -18,7 +18,7 @@ import torch
 
 from torchsphere.archive.backlog import Backlog
 from torchsphere.archive.claims import PAUSE_S
-from torchsphere.archive.work import BUSY, MAX_DEATHS, Job, Measure, Outcome, give_up, settle
+from torchsphere.archive.work import BUSY, MAX_DEATHS, Job, Measure, Outcome, fail_job, run_job
 from torchsphere.runtime import signals
 
 #: Workers are spawned, as the threads of torch, and CUDA, do not survive a fork.
@@ -104,7 +104,7 @@ def _after_death(worker: _Worker, backlog: Backlog, deaths: Counter[str], failed
     if deaths[result] < MAX_DEATHS:
         backlog.retry(worker.job)
         return None
-    return give_up(worker.job, f"the worker process died ({cause}), and so did a fresh one")
+    return fail_job(worker.job, f"the worker process died ({cause}), and so did a fresh one")
 
 
 def _cause_of_death(exit_code: int | None) -> str:
@@ -146,7 +146,7 @@ def _end(workers: Collection[_Worker]) -> None:
 
 
 def _serve(connection: Connection, measure: Measure, index: int, is_one_of_many: bool) -> None:
-    """Run in the worker process: settle jobs until the connection ends."""
+    """Run in the worker process: run jobs until the connection ends."""
     signals.become_worker()
     # An exception removes the unfinished result folder.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
@@ -156,4 +156,4 @@ def _serve(connection: Connection, measure: Measure, index: int, is_one_of_many:
         connection.send(None)
         while True:
             job = connection.recv()
-            connection.send(settle(job, measure, index))
+            connection.send(run_job(job, measure, index))

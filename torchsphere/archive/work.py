@@ -60,15 +60,15 @@ class Outcome:
     measured: bool = False
 
 
-def settle(job: Job, measure: Measure, worker: int = 0) -> Outcome:
+def run_job(job: Job, measure: Measure, worker: int = 0) -> Outcome:
     """Measure the recording of ``job``, unless another process has locked it or its record is valid.
 
-    An error in the recording is not raised: its record and the outcome tell the reason.
+    An error in the recording is not raised; the record and the outcome state the reason.
     """
     return _with_lock(job, lambda: _measured(job, measure, worker))
 
 
-def give_up(job: Job, reason: str) -> Outcome:
+def fail_job(job: Job, reason: str) -> Outcome:
     """Record that the recording failed, for a reason that its worker could not record."""
     return _with_lock(job, lambda: _failed(job, reason, 0.0))
 
@@ -83,7 +83,7 @@ def _with_lock(job: Job, finish: Callable[[], Outcome]) -> Outcome:
             record = _valid_record(job)
             return finish() if record is None else Outcome(result, record.state, record.reason)
     except OSError as error:
-        # The record tells errors of the recording; this error is of the output folder.
+        # Errors of the recording are in its record; this error concerns the output folder.
         return Outcome(result, STOP, _sentence(error))
 
 
@@ -170,12 +170,12 @@ def _done(job: Job, table: Mapping[str, Any], run: str) -> Record:
 
 def _failed(job: Job, reason: str, seconds: float, trace: str = "") -> Outcome:
     """Write the record of a failure."""
-    _started_file(job).unlink(missing_ok=True)
     if (job.folder / "summary.json").is_file():
         reason += " (its folder still holds the result of an earlier input or of other settings)"
     content = records.content(job.item.input)
     row = {"seconds": round(seconds, 3), "finished": _now()}
     _write_record(job, state=FAILED, reason=reason, content=content, run=job.run, row=row, trace=trace)
+    _started_file(job).unlink(missing_ok=True)
     return Outcome(job.item.result, FAILED, reason, measured=True)
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchsphere.cli.console import progress_bar, say
-from torchsphere.cli.options import add_command, add_out, add_quiet, add_settings, given
-from torchsphere.request import PER_RECORDING, joined, read_config
+from torchsphere.cli.options import add_command, add_out, add_quiet, add_settings, given_settings
+from torchsphere.request import PER_RECORDING, merged, read_config
 
 if TYPE_CHECKING:
     from torchsphere.archive.manifest import Archive
@@ -75,7 +75,7 @@ def run(options: dict[str, Any], measure: Measure | None = None) -> int:
     # Workers on other machines have other working folders, hence absolute paths.
     source, out = options["source"].absolute(), options["out"].absolute()
     common = {} if options["config"] is None else read_config(options["config"], PER_RECORDING)
-    common = _absolute(joined(common, given(options, PER_RECORDING)))
+    common = _absolute(merged(common, given_settings(options, PER_RECORDING)))
     if options["scheduler"] is not None and options["workers"] is not None:
         raise ValueError("--workers and --scheduler were both given; a scheduler has workers of its own, leave one out")
     archive = manifest.read(source, common, out)

@@ -48,7 +48,7 @@ def _reader(setting: Setting) -> Callable[[str], Any]:
     return read
 
 
-def given(options: Mapping[str, Any], settings: Mapping[str, Setting]) -> dict[str, Any]:
+def given_settings(options: Mapping[str, Any], settings: Mapping[str, Setting]) -> dict[str, Any]:
     """The settings that were given on the command line."""
     return {name: options[name] for name in settings if options[name] is not None}
 

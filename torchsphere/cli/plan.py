@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchsphere.cli.console import progress_bar, say
-from torchsphere.cli.options import add_command, add_out, add_quiet, add_settings, given
+from torchsphere.cli.options import add_command, add_out, add_quiet, add_settings, given_settings
 from torchsphere.planning.plan_request import PLAN_SETTINGS, PlanRequest, Vector
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def run(options: dict[str, Any]) -> int:
 
     out, overwrite, quiet = options["out"], options["overwrite"], options["quiet"]
     atomic_output.check_folder(out, overwrite)
-    request = PlanRequest(**given(options, PLAN_SETTINGS))
+    request = PlanRequest(**given_settings(options, PLAN_SETTINGS))
     made = _from_images(request, quiet) if request.flight is None else _from_flight(request, request.flight, quiet)
     with atomic_output.atomic_folder(out, overwrite) as folder:
         writer.write_summary(folder, presentation.as_table(made))

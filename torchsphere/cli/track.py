@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchsphere.cli.console import progress_bar
-from torchsphere.cli.options import add_command, add_out, add_quiet, add_settings, given
-from torchsphere.request import SETTINGS, Request, joined, read_config
+from torchsphere.cli.options import add_command, add_out, add_quiet, add_settings, given_settings
+from torchsphere.request import SETTINGS, Request, merged, read_config
 
 if TYPE_CHECKING:
     from torchsphere.measure import Measurement
@@ -41,7 +41,7 @@ def measure_with_progress(
 def run(options: dict[str, Any]) -> int:
     """Measure one recording and print the outcome; raises ValueError or OSError before anything is written."""
     from_file = {} if options["config"] is None else read_config(options["config"])
-    settings = joined(from_file, given(options, SETTINGS))
+    settings = merged(from_file, given_settings(options, SETTINGS))
     done = measure_with_progress(Request(input=options["input"], out=options["out"], **settings), options["quiet"])
     if not options["quiet"]:
         _print_outcome(done, options["out"])
