@@ -24,10 +24,10 @@ from torchsphere.cli.main import main as cli
 
 OUT = DOCS / "pictures"
 
-#: Width of the browser's window and height of what is kept of the report, px; and the widest picture.
+#: Width and height of the browser's window, and largest width of a picture, px.
 WINDOW, KEPT_HEIGHT, WIDEST = 1180, 860, 1180
 
-#: Frame that the report shows: in the middle of the contact.
+#: Frame that the report shows, in the middle of the contact.
 SHOWN = 33
 
 
@@ -46,11 +46,11 @@ def shoot(folder: Path) -> None:
 
 
 def archive(folder: Path) -> None:
-    """Three recordings as an archive: an impact, a flight, and one that shows no ball."""
+    """Track an archive of three recordings: an impact, a flight, and a recording without a ball."""
     images = tifffile.imread(folder / "shot" / "frames.tif")
     shots = folder / "shots"
     shots.mkdir()
-    # What is left of the images where the ball never comes.
+    # Grey levels of the background.
     empty = np.random.default_rng(0).integers(55, 66, images[:25].shape).astype(np.uint8)
     for name, part in (("shot1", images), ("shot2", images[:25]), ("shot3", empty)):
         tifffile.imwrite(shots / f"{name}.tif", np.ascontiguousarray(part), photometric="minisblack")
@@ -60,7 +60,7 @@ def archive(folder: Path) -> None:
 
 
 def save(picture: Image.Image, name: str) -> None:
-    """Write a picture without its white margins, with few colours."""
+    """Save a picture without white margins, in 128 colours."""
     white = Image.new("RGB", picture.size, "white")
     left, top, right, bottom = ImageChops.difference(picture.convert("RGB"), white).getbbox() or (0, 0, *picture.size)
     right, bottom = min(right + 8, picture.width), min(bottom + 8, picture.height)
@@ -73,7 +73,7 @@ def save(picture: Image.Image, name: str) -> None:
 
 
 def photograph(address: str, act: Callable[[Any], None], target: Path) -> None:
-    """The page at an address, after something was done in it, as ``target``."""
+    """Save a screenshot of the page at ``address``, after ``act`` was called with the page, as ``target``."""
     from playwright.sync_api import sync_playwright
 
     program = shutil.which("chromium") or shutil.which("google-chrome")
@@ -92,7 +92,7 @@ def photograph(address: str, act: Callable[[Any], None], target: Path) -> None:
 def main() -> None:
     """Make all pictures."""
     OUT.mkdir(exist_ok=True)
-    # Names as the tutorial has them, not those of a temporary folder.
+    # The pictures show the relative paths of the tutorial.
     with tempfile.TemporaryDirectory() as name, contextlib.chdir(name):
         folder = Path()
         shoot(folder)

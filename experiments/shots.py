@@ -58,12 +58,12 @@ class Footage:
 
     @property
     def m_per_px(self) -> float:
-        """Size of a pixel."""
+        """Size of a pixel at the ball, m."""
         return self.shot.setup.ball.radius_m / self.circle[2]
 
 
 def settings_of(shot: Shot) -> dict[str, Any]:
-    """All that a shot is made from; a table of motion by the hash of its file instead of its path."""
+    """All settings of a shot; a table of motion by the hash of its file instead of its path."""
     whole = preset.table(shot)
     if isinstance(shot.trajectory, Table):
         digest = hashlib.sha256(Path(shot.trajectory.file).read_bytes()).hexdigest()
@@ -117,7 +117,7 @@ def rival(footage: Footage, name: str, circle: Circle) -> Baseline:
 
 @contextmanager
 def _bar(text: str, options: dict[str, Any]) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar as the callback that trackers ask for."""
+    """A progress bar as a callback for trackers."""
     with tqdm(desc=" ".join((text, *(f"{name}={value}" for name, value in options.items())))) as shown:
 
         def advance(done: int, total: int) -> None:
@@ -128,11 +128,11 @@ def _bar(text: str, options: dict[str, Any]) -> Iterator[Callable[[int, int], No
 
 
 def _cached_arrays(key: str, make: Callable[[], dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
-    """Arrays by name, from the cache where they were made before."""
+    """Arrays by name, from ``make`` or from the cache."""
     path = CACHE / f"{key}.npz"
     if not path.exists():
         CACHE.mkdir(exist_ok=True)
-        # Renamed when whole, so that an interrupted run leaves nothing that looks finished.
+        # A file gets its name when it is complete: an interrupted run leaves no broken file.
         part = path.with_suffix(".part.npz")
         np.savez_compressed(part, **make())  # type: ignore[arg-type]  # arrays by name, and no option of savez
         part.replace(path)

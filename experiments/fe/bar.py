@@ -46,19 +46,19 @@ PAPER_PEAK_N, PAPER_LAPSES_S, PAPER_COUNT = 60e3, (0.124e-3, 0.594e-3), 4
 #: Meshes of the whole impact, and of its first peak alone, from coarse to fine.
 WHOLE = (BarCase(size_mm=2.5, long_mm=7.0), BarCase(size_mm=1.8))
 FIRST = (BarCase(size_mm=1.25, length_us=200.0),)
-#: When velocities are compared, in us: in the first peak and after it.
+#: Times of the compared velocities, in us: in the first peak and after it.
 MOMENTS_US = (25, 50, 90)
-#: What the first peak depends on besides the mesh, each on the coarsest one and up to 90 us.
+#: Other settings that the first peak depends on, on the coarsest mesh and up to 90 us.
 VARIANTS = {
     "as above": BarCase(size_mm=2.5, long_mm=7.0, length_us=90.0),
     "100/s at the contact too": BarCase(size_mm=2.5, long_mm=7.0, length_us=90.0, contact_rate_hz=100.0),
     "contact half as stiff": BarCase(size_mm=2.5, long_mm=7.0, length_us=90.0, stiffness_factor=0.5),
 }
-#: Moments of the first frame within an interval that are tried.
+#: Number of times of the first frame within an interval.
 PHASES = 28
-#: Every this many steps of the beam model are kept.
+#: Ratio of the beam model's steps to those in the cache.
 THINNING = 5
-#: Lapses agree within this share: the paper's are differences of frame times, and so known to some 10 us.
+#: Share within which times between peaks agree: those of the paper are differences of frame times, known to 10 us.
 AGREE = 0.1
 
 COLORS = (ORANGE, GREEN, BLUE, PINK)
@@ -78,16 +78,16 @@ class Force:
     peaks: tuple[Peak, ...]
 
     def lapse_s(self, partner: int) -> float:
-        """Time in s from the first peak to another, counted from 0; NaN where there are too few."""
+        """Time in s from the first peak to peak number ``partner``, counted from 0; NaN if there are too few peaks."""
         return self.peaks[partner].time_s - self.peaks[0].time_s if len(self.peaks) > partner else float("nan")
 
     @property
     def lowest_N(self) -> float:  # noqa: N802  (N is newton)
-        """Largest force of one recording in N, where its frames fall worst; the first peak is where they fall best."""
+        """Largest force of a recording in N at the worst times of its frames; the first peak is that at the best."""
         return min(float(self.force_N[phase::PHASES].max()) for phase in range(PHASES))
 
     def velocity_m_s(self, moment_us: float) -> float:
-        """Along the barrel at a time."""
+        """Velocity along the barrel at a time."""
         return float(np.interp(1e-6 * moment_us, self.motion.time_s, self.motion.velocity_m_s[:, 0]))
 
 
@@ -101,19 +101,19 @@ class Result:
 
     @property
     def whole(self) -> Force | None:
-        """The finest mesh on which the whole impact was computed."""
+        """The force on the finest mesh of the whole impact."""
         found = [f for f, r in zip(self.forces, self.runs, strict=True) if r.case in WHOLE]
         return found[-1] if found else None
 
 
 def seen(name: str, motion: Motion) -> Force:
-    """What a camera sees of a motion."""
+    """The force of a motion as a camera sees it."""
     time, force = motion.seen(1 / FRAME_RATE_HZ, 1 / FRAME_RATE_HZ / PHASES)
     return Force(name, motion, time, -force[:, 0], force_peaks(time, -force[:, 0]))
 
 
 def beam_motion(setup: Setup) -> Motion:
-    """The ball's motion by the beam model, from the cache if it was computed before."""
+    """The ball's motion by the beam model, computed or from the cache."""
 
     def measure() -> list[list[float]]:
         history = simulate(setup)
@@ -125,7 +125,7 @@ def beam_motion(setup: Setup) -> Motion:
 
 
 def computed(cases: Iterable[BarCase]) -> tuple[Run, ...]:
-    """Those that can be had: all that are cached, the others where there is ``ccx``."""
+    """The computations in the cache; the others too, if ``ccx`` is installed."""
     runs = []
     for case in cases:
         try:
@@ -185,7 +185,7 @@ def plot(result: Result) -> None:
 
 
 def rows(result: Result) -> list[Row]:
-    """The paper's claims beside the finest mesh that has what they need; none where there is no ``ccx``."""
+    """The paper's claims beside the finest mesh that covers them; none without ``ccx``."""
     if not result.forces:
         return []
     finest, whole = result.forces[-1], result.whole

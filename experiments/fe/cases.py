@@ -15,11 +15,11 @@ from experiments.fe.shapes import half_ball, half_plate, quarter_ball, quarter_b
 
 Array = NDArray[np.float64]
 
-#: A kilogramme per cubic metre in t/mm^3.
+#: 1 kg/m^3 in t/mm^3.
 KG_M3 = 1e-12
-#: A node is on a plane of symmetry within this, in mm.
+#: Largest distance of a node from its plane of symmetry, in mm.
 PLANE_MM = 1e-6
-#: Steel of the ball, not in the paper.
+#: Modulus and Poisson's ratio of the steel ball; not in the paper.
 BALL_MPA, BALL_POISSON = 210e3, 0.3
 
 
@@ -50,7 +50,7 @@ class BarCase:
     stiffness_factor: float = 1.0
     print_every: int = 4
 
-    #: Parts of the ball that are meshed, as the whole over the part.
+    #: The whole ball over the meshed part.
     PARTS = 4
 
 
@@ -121,7 +121,7 @@ def _ball(case: BarCase | PlateCase, side: tuple[int, int], planes: tuple[int, .
 def bar_deck(case: BarCase) -> str:
     """CalculiX's input of the frontal impact."""
     mesh = target_mesh(case)
-    # As above: faces that cut the circle's arcs off take no mass away.
+    # The density makes up for the mass between the flat faces and the circle, as for the ball.
     true_mm3 = math.pi * case.bar_radius_mm**2 / 2 * case.bar_length_mm / 2
     density = case.density_kg_m3 * KG_M3 * true_mm3 / mesh.volumes_mm3().sum()
     middle = np.array((-case.bar_radius_mm, 0.0, 0.0))

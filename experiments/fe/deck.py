@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 BALL = "BALL"
 #: Tension in MPa that the contact's law tends to in the open: CalculiX wants one, a thousandth of any pressure here.
 TENSION_MPA = 0.5
-#: Most numbers of a line of a set.
+#: Most numbers on a line of a set.
 PER_LINE = 12
 
 
@@ -49,10 +49,10 @@ class Body:
 
 @dataclass(frozen=True)
 class Step:
-    """What is integrated: duration in s, every how many increments the velocities are printed, and the contact.
+    """Settings of the integration: duration in s, increments between printed velocities, and the contact.
 
-    ``stiffness_mpa_mm`` is the pressure per penetration; ``ball_is_slave``: its nodes are kept out of the target's
-    faces, and not the target's out of the ball's.
+    ``stiffness_mpa_mm`` is the pressure per penetration; with ``ball_is_slave`` the ball's nodes are kept
+    out of the target's faces, otherwise the target's nodes out of the ball's faces.
     """
 
     length_s: float
@@ -62,7 +62,7 @@ class Step:
 
 
 def _lines(numbers: Iterable[int]) -> list[str]:
-    """Numbers of a set, some on each line."""
+    """Numbers of a set, at most `PER_LINE` a line."""
     found = [str(number) for number in numbers]
     return [", ".join(found[i : i + PER_LINE]) for i in range(0, len(found), PER_LINE)]
 
@@ -128,7 +128,7 @@ def deck(ball: Body, target: Body, velocity_mm_s: Sequence[float], step: Step) -
         *(f"{ball.name}, {i + 1}, {component:.9g}" for i, component in enumerate(velocity_mm_s)),
         "*STEP, NLGEOM, INC=100000000",
         "*DYNAMIC, EXPLICIT",
-        # CalculiX shortens the first increment to what is stable.
+        # CalculiX shortens the first increment to a stable length.
         f"{step.length_s / 100:.9g}, {step.length_s:.9g}",
         f"*NODE PRINT, NSET={ball.name}, FREQUENCY={step.print_every}",
         "V",
@@ -138,7 +138,7 @@ def deck(ball: Body, target: Body, velocity_mm_s: Sequence[float], step: Step) -
 
 
 def write(path: Path, text: str) -> Path:
-    """Write an input file; gives its path."""
+    """Write an input file; returns its path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="ascii")
     return path

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Plastic strains of a table: dense at first, where a power below 1 is steep. Beyond the last the stress stays.
+#: Plastic strains of a table, dense where a power below 1 is steep. Beyond the last strain the stress is constant.
 STRAINS = np.array([0, 0.0005, 0.002, 0.005, 0.01, 0.02, 0.04, 0.07, 0.12, 0.2, 0.35, 0.6, 1.0])
 
 
@@ -29,7 +29,7 @@ class JohnsonCook:
     reference_rate_hz: float  # strain rate in 1/s to which ``c`` refers
 
     def __post_init__(self) -> None:
-        """Refuse what is no material.
+        """Raises if the constants are those of no material.
 
         Raises
         ------

@@ -41,7 +41,7 @@ class Mesh:
         return self.nodes_mm[self.elements].mean(axis=1)
 
     def moved(self, by_mm: tuple[float, float, float]) -> Mesh:
-        """The same mesh elsewhere."""
+        """The mesh moved by a vector."""
         return replace(self, nodes_mm=self.nodes_mm + np.array(by_mm))
 
     def side(self, axis: int, end: int) -> Index:
@@ -55,15 +55,15 @@ class Mesh:
         return np.linalg.det(np.einsum("ecx,gcl->egxl", self.nodes_mm[self.elements], _slopes(points)))
 
     def volumes_mm3(self) -> Array:
-        """Of the elements (e,), by the same points, as CalculiX does."""
+        """Volumes of the elements (e,), by the points of Gauss, as in CalculiX."""
         return self.jacobians().sum(axis=1)
 
     def shares(self) -> Array:
         """Share of the mass that each node has in CalculiX's lumped matrix (n,), sum 1.
 
         The diagonal of the consistent matrix, scaled to the element's mass (Hinton, Rock and Zienkiewicz, Earthquake
-        Engineering and Structural Dynamics 4 (1976) 245). With sums of rows instead, a ball's ringing in free flight
-        shows in its momentum; with these it does not.
+        Engineering and Structural Dynamics 4 (1976) 245). With sums of rows instead, the ringing of a ball in free
+        flight would show in its momentum.
         """
         jacobians = self.jacobians()
         diagonal = jacobians @ _shapes(CORNERS / np.sqrt(3)) ** 2
@@ -72,7 +72,7 @@ class Mesh:
         return total / total.sum()
 
     def thinnest_mm(self) -> float:
-        """Least height of an element, volume over largest face: what limits the step of an explicit integration."""
+        """Least height of an element, volume over largest face; it limits the step of an explicit integration."""
         places = self.nodes_mm[self.elements]
         areas = []
         for corners in FACE_CORNERS.values():
@@ -87,7 +87,7 @@ def _shapes(points: Array) -> Array:
 
 
 def _slopes(points: Array) -> Array:
-    """Their derivatives (g, 8, 3) along the local axes."""
+    """Derivatives (g, 8, 3) of the shape functions along the local axes."""
     factors = 1 + points[:, None] * CORNERS
     slopes = [CORNERS[:, i] * np.prod(np.delete(factors, i, axis=2), axis=2) for i in range(3)]
     return np.stack(slopes, axis=2) / 8

@@ -37,7 +37,7 @@ from experiments.experiment import BLUE, ORANGE, OUTPUT, Array, Row, claims, sav
 from experiments.fe.cases import PlateCase
 from experiments.fe.run import NotInstalledError, Run, run
 
-#: Section 6.
+#: Frames per second, section 6.
 FRAME_RATE_HZ = 20_000
 #: Figure 15 shows the ball in contact at this time.
 PAPER_CONTACT_S = 0.65e-3
@@ -46,9 +46,9 @@ CASES = (
     PlateCase(size_mm=11.0, long_mm=25.0, ball_size_mm=3.0, path_mm=(-20.0, 120.0), length_us=1600.0),
     PlateCase(size_mm=8.0, long_mm=20.0, ball_size_mm=3.0, length_us=350.0),
 )
-#: When the speed off the plate is compared with theory.
+#: Times of the comparison of the speed off the plate with theory.
 MOMENTS_US = (100, 200, 300)
-#: The contact ends where the last force above this share of the largest does.
+#: Share of the largest force; the contact ends with the last force above this share.
 TOUCHING = 0.02
 #: "Almost no dissipation": the share of the speed along the plate that may be lost.
 ALMOST_NONE = 0.05
@@ -74,20 +74,20 @@ class Impact:
 
     @property
     def contact_s(self) -> float:
-        """When the plate last pushes; NaN where it still does at the end."""
+        """Time of the last push of the plate; NaN if the plate still pushes at the end."""
         time, force = self.run.motion.force()
         pushing = force[:, 1] > TOUCHING * force[:, 1].max()
         return float("nan") if pushing[-1] else float(time[np.flatnonzero(pushing)[-1]])
 
     @property
     def along_kept(self) -> float:
-        """Speed along the plate at the end of the computation over that before."""
+        """Speed along the plate at the end of the computation over the speed before."""
         along = self.run.motion.velocity_m_s[:, 0]
         return float(along[-1] / along[0])
 
     @property
     def restitution(self) -> float:
-        """Speed off the plate in the end over that towards it before; NaN where it still touches."""
+        """Speed off the plate at the end over the speed towards it before; NaN if ball and plate still touch."""
         across = self.run.motion.velocity_m_s[:, 1]
         return float("nan") if math.isnan(self.contact_s) else float(-across[-1] / across[0])
 
@@ -103,7 +103,7 @@ class Impact:
 
     @property
     def turned_deg(self) -> float:
-        """Angle between the directions of flight before and at the end; NaN where it still touches."""
+        """Angle between the directions of flight before and at the end; NaN if ball and plate still touch."""
         x, y = self.velocity_m_s[-1]
         return float("nan") if math.isnan(self.contact_s) else math.degrees(math.atan2(-y, x))
 
@@ -118,7 +118,7 @@ def in_camera_axes(vectors: Array, angle_deg: float) -> Array:
 
 
 def compute(cases: Iterable[PlateCase] = CASES) -> tuple[Impact, ...]:
-    """What can be had: all that are cached, the others where there is ``ccx``."""
+    """The computations in the cache; the others too, if ``ccx`` is installed."""
     found = []
     for case in cases:
         try:
@@ -154,7 +154,7 @@ def plot(impacts: tuple[Impact, ...]) -> None:
 
 
 def rows(impacts: tuple[Impact, ...]) -> list[Row]:
-    """The paper's claims beside the longest computation; none where there is no ``ccx``."""
+    """The paper's claims beside the longest computation; none without ``ccx``."""
     if not impacts:
         return []
     name, whole = "fe_plate", max(impacts, key=lambda impact: impact.run.case.length_us)

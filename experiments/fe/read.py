@@ -28,7 +28,7 @@ class Motion:
     def force(self) -> tuple[Array, Array]:
         """Middles (n - 1,) of the intervals in s, and the mean force (n - 1, 3) on the ball in N in each.
 
-        Mass by difference of velocity: the contact's force exactly, since nothing else acts on the ball.
+        Mass times difference of velocity is exactly the contact's force, since nothing else acts on the ball.
         """
         lapse = np.diff(self.time_s)
         force = self.mass_kg * np.diff(self.velocity_m_s, axis=0) / lapse[:, None]
@@ -91,5 +91,5 @@ def velocities(path: Path, shares: Array) -> tuple[Array, Array]:
 
 
 def force_peaks(time_s: Array, force_N: Array) -> tuple[Peak, ...]:  # noqa: N803  (N is newton)
-    """The peaks of a force (n,), as `experiments.paper.bar.history` counts them; none where it never pushes."""
+    """The peaks of a force (n,), by `experiments.paper.bar.history.peaks`; none without a push."""
     return peaks(time_s, force_N) if force_N.max(initial=0.0) > 0 else ()

@@ -29,7 +29,7 @@ MISSING = (
 
 
 class NotInstalledError(OSError):
-    """There is no CalculiX here."""
+    """CalculiX is not installed."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Run:
 
 
 def ccx(folder: Path, name: str) -> float:
-    """Run ``name.inp`` of a folder on one thread; gives the seconds it took.
+    """Run ``name.inp`` of a folder on one thread; returns the seconds.
 
     Raises
     ------
@@ -90,14 +90,14 @@ def _measure(case: BarCase | PlateCase) -> dict[str, Any]:
         "velocity_m_s": (1e-3 * velocity).tolist(),
         "nodes": len(ball.nodes_mm) + len(target.nodes_mm),
         "elements": len(ball.elements) + len(target.elements),
-        # Of an explicit step CalculiX writes no count; after the last of these is a shorter one.
+        # CalculiX writes no count of explicit steps; the last step is shorter.
         "increments": case.print_every * len(times),
         "wall_s": wall_s,
     }
 
 
 def run(case: BarCase | PlateCase) -> Run:
-    """The impact, from the cache if it was computed before.
+    """The impact, computed or from the cache.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def run(case: BarCase | PlateCase) -> Run:
     first = case.speed_m_s * np.array((np.cos(start), -np.sin(start), 0.0))
     # The state at first touch, which CalculiX does not print.
     time_s, velocity = np.insert(time_s, 0, 0.0), np.insert(velocity, 0, first, axis=0)
-    # The part of the ball that was meshed moves across its planes of symmetry, the ball as a whole does not.
+    # The meshed part of the ball may move across its planes of symmetry, the whole ball does not.
     velocity[:, 1:] *= (0, 0) if isinstance(case, BarCase) else (1, 0)
     motion = Motion(time_s, velocity, case.ball_mass_kg)
     return Run(case, motion, found["nodes"], found["elements"], found["increments"], found["wall_s"])

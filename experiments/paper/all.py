@@ -55,20 +55,20 @@ def failed(name: str, error: Exception) -> Row:
 
 
 def gallery(names: Iterable[str], folder: Path) -> str:
-    """The figures that are there, as Markdown, named from the folder above theirs."""
+    """The existing figures as Markdown, with paths from the parent of their folder."""
     shown = [name for name in names if (folder / f"{name}.png").exists()]
     return "".join(f"\n## {name}\n\n![{name}]({folder.name}/{name}.png)\n" for name in shown)
 
 
 def page(rows: Sequence[Row], folder: Path) -> str:
-    """The whole of RESULTS.md."""
+    """The text of RESULTS.md."""
     held = sum(row.holds for row in rows)
     count = f"{held} of {len(rows)} claims hold.\n\n"
     return HEAD + count + claims(rows) + gallery(dict.fromkeys(row.experiment for row in rows), folder)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the experiments; gives the exit status."""
+    """Run the experiments; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m experiments.paper.all", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("names", nargs="*", metavar="name", help=f"of {', '.join(NAMES)}; all by default")
     names = parser.parse_args(arguments).names

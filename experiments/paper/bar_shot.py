@@ -29,12 +29,11 @@ from render import preset
 from render.trajectory import Table
 from torchsphere.benchmark.baselines import Baseline
 
-#: Time of the first frame before first touch, and where the bar's axis is struck: chosen so that the ball, which
-#: follows the bar as it gives way, is wholly in the picture in all frames.
+#: Time from the first frame to first touch, and the place of the bar's axis. The ball is in the picture in all frames.
 BEFORE_S, ORIGIN_M = 0.85e-3, (0.032, -0.001, 0.0)
-#: Where the preset's bar stands in the pictures: behind the ball, which passes before it.
+#: Depth of the bar in the pictures, behind the ball, m.
 BEHIND_M = 0.012
-#: Of the table of motion, beyond the first and the last frame: for the exposure.
+#: Time of the table of motion beyond the first and the last frame, for the exposure.
 MARGIN_S = 20e-6
 
 #: Colours of the model, of torchsphere, of its smoother, and of translations alone.
@@ -62,7 +61,7 @@ class Impact:
 
     @property
     def exact(self) -> ts.Track:
-        """The track with the true positions and increments at the frames' times: what no measurement can improve on."""
+        """The track with the true positions and increments at the frames' times."""
         increment = self.footage.true("dx_px", "dy_px", "wx_rad", "wy_rad", "wz_rad")[1:]
         return dataclasses.replace(self.track, position=self.footage.true("x_px", "y_px"), increment=increment)
 
@@ -77,7 +76,7 @@ class Impact:
         )
 
     def after(self, share: float = 0.0) -> slice:
-        """Frames after the last contact, without a first share of them."""
+        """Frames after the last contact, less a first ``share`` of them."""
         first = int(np.searchsorted(self.time_s, self.history.contacts_s[-1][1])) + 1
         return slice(first + round(share * (len(self.time_s) - first)), len(self.time_s))
 
@@ -101,7 +100,7 @@ def compute() -> Impact:
 
 
 def shade(axis: Axes, history: History) -> None:
-    """Stripes where ball and bar touch in the model, over an axis of ms."""
+    """Shade the model's contacts on an axis in ms."""
     for begin, end in history.contacts_s:
         axis.axvspan(1e3 * begin, 1e3 * end, color="0.88", lw=0, zorder=0)
 

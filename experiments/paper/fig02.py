@@ -80,7 +80,7 @@ WAYS: dict[str, dict[str, Any]] = {
 }
 COLORS = {TRANSLATION: VERMILION, PRINTED: GREEN, INNER: ORANGE, RIGID: BLUE}
 
-#: Images by how the ball is moved in them: by a model's field, or truly.
+#: Kinds of images: the ball is moved by the field of a model, or rendered.
 BY_PRINTED, BY_RIGID, RENDERED = "advected by the printed modes", "advected by the rigid rotation", "rendered"
 FIELDS = {BY_PRINTED: "published", BY_RIGID: "rigid"}
 
@@ -111,7 +111,7 @@ def mean(errors: Array) -> Array:
 def errors_of(f: Array, g: Array, circle: Circle, linear: bool) -> dict[str, list[list[float]]]:
     """Errors of x and rotations (2, shifts) by way, of the pairs of ``f`` (h, w) with each of ``g`` (shifts, h, w).
 
-    ``linear``: the images were made with the linearised rotation, so that `rigid` must not become exact.
+    With ``linear`` the images come from the linearised rotation, and `rigid` is linearised, too.
     """
     found = {}
     for way, options in WAYS.items():
@@ -175,7 +175,7 @@ def plot(result: Result) -> None:
         axes[3].set_title("no rotation; dotted: advected, full: rendered")
         axes[3].set_xlabel("radius (px)")
         axes[0].set_ylabel("bias of x (px)")
-        # The last panel has the room.
+        # Only the last panel has room for the legend.
         axes[3].legend(*axes[0].get_legend_handles_labels(), loc="upper right")
         for axis in axes:
             axis.set_yscale("log")
@@ -206,7 +206,7 @@ def _rows_of_rotation(result: Result) -> list[Row]:
 
 
 def rows(result: Result) -> list[Row]:
-    """What the figure says of the paper's claims."""
+    """The claims of the figure."""
     found = _rows_of_rotation(result)
     for kind in (BY_PRINTED, RENDERED):
         alone, five = (bias(result.rotation[kind][way])[0] for way in (TRANSLATION, PRINTED))

@@ -53,7 +53,7 @@ STEPS_PER_PX = len(SHIFTS_PX)
 #: Room for the blur beside the ball, px.
 EXTRA_WIDTH_PX = 24
 
-#: A curve grows, or has a least value within its range, where its ends lie above the rest by this factor.
+#: Least ratio of a curve's end to its start (it grows), or of its ends to its minimum (it falls, then grows).
 TURN = 1.5
 
 #: Where the noise enters, and how the interpolation is tried: pre-blur, px, whole grey levels, moved by the spline.
@@ -80,7 +80,7 @@ class Result:
         return np.asarray(np.sqrt((self.noise[kind] ** 2).mean(axis=(0, 3))).mean(axis=1))
 
     def bias(self, kind: str) -> Array:
-        """Mean absolute error of x over the shifts that were measured, (blurs,), px; NaN where none was."""
+        """Mean absolute error of x over the shifts that were measured, (blurs,), px; NaN if none was."""
         error = self.interpolation[kind]
         known = np.isfinite(error).sum(axis=(0, 2))
         return np.asarray(np.nansum(np.abs(error), axis=(0, 2)) / np.where(known > 0, known, np.nan))
@@ -91,7 +91,7 @@ class Result:
 
 
 def light_of(seed: int) -> tuple[Array, Circle]:
-    """Light (20, h, w) of the ball in steps of 1/20 px, and its circle at the first."""
+    """Light (20, h, w) of the ball in steps of 1/20 px, and its circle in the first image."""
     setup, circle = ball(RADIUS_PX, seed, EXTRA_WIDTH_PX)
     return rendered(setup, SHIFTS_PX, np.zeros(STEPS_PER_PX), f"pattern {seed}"), circle
 
@@ -108,14 +108,14 @@ def blurred(light: Array, blur_px: int, step: int) -> Array:
 
 
 def box_blurred(image: Array, blur_px: int) -> Array:
-    """Motion blur (..., h, w) of an even number of px along x, as image processing makes it."""
+    """The image (..., h, w) with a motion blur of an even number of px along x, by convolution."""
     kernel = np.ones(blur_px + 1)
     kernel[[0, -1]] = 0.5 if blur_px else 1.0
     return np.asarray(ndimage.convolve1d(image, kernel / kernel.sum(), axis=-1, mode="nearest"))
 
 
 def _measured_x(f: Array, g: Array, circle: Circle, pre_blur: float = 1.0) -> Array:
-    """Measured motion along x (n,) of n pairs, NaN where there is none."""
+    """Measured motion along x (n,) of n pairs, NaN if not measured."""
     pairs = ts.correlate(
         np.broadcast_to(f, g.shape).astype(np.float32), g.astype(np.float32), circle, pre_blur=pre_blur
     )
@@ -198,7 +198,7 @@ def plot(result: Result) -> None:
 
 
 def rows(result: Result) -> list[Row]:
-    """What the figure says of the paper's claims."""
+    """The claims of the figure."""
     found = []
     for kind in NOISE_KINDS:
         error = result.sensitivity(kind)[1:]

@@ -27,12 +27,12 @@ from render import preset
 from render.trajectory import DropWeight
 from torchsphere.instruments.signals import Alignment, align
 
-#: Of the accelerometer; not in the paper, which calls it "quite noisy".
+#: Properties of the accelerometer. The paper gives none, and calls the sensor "quite noisy".
 SAMPLING_HZ, GAIN, OFFSET_M_S2, NOISE, RINGING, RING_HZ, DECAY_S = 50e3, 1.01, 15.0, 0.05, 0.1, 7e3, 1.5e-3
-#: What its clock shows when the recording begins, s.
+#: Time of the sensor's clock at the first frame, s.
 CLOCK_S = 0.01234
 
-#: Largest difference in amplitude and in duration that is still the same lobe, and standard deviations within.
+#: Largest difference in amplitude and duration of equal lobes; standard deviations that count as agreement.
 SAME, WITHIN = 0.05, 3.0
 
 
@@ -48,7 +48,7 @@ class Drop:
 
 
 def accelerometer(motion: DropWeight, length_s: float, seed: int) -> tuple[Array, Array]:
-    """Times (m,) by its own clock and signal (m,), m/s^2 upwards, of an accelerometer on the weight."""
+    """Times (m,) by the sensor's clock and signal (m,), m/s^2 upwards, of an accelerometer on the weight."""
     rng = np.random.default_rng(seed)
     time = np.arange(round(length_s * SAMPLING_HZ)) / SAMPLING_HZ
     free = motion.gravity_m_s2 - motion.state(time).acceleration_m_s2[:, 1]
@@ -76,7 +76,7 @@ def compute() -> Drop:
 
 
 def lobe(time_s: Array, values: Array) -> tuple[float, float]:
-    """Peak of a lobe (n,) and its width at half of it, in s, on a spline through the values; NaN if it has no end."""
+    """Peak of a lobe (n,) and its width in s at half of the peak, on a spline; NaN if the lobe has no end."""
     fine = np.linspace(time_s[0], time_s[-1], 50 * len(time_s))
     curve = CubicSpline(time_s, values)(fine)
     at = int(curve.argmax())

@@ -25,31 +25,31 @@ from experiments.shots import Footage
 TEXTURE = ("background.kind=texture", "background.level=0.3", "background.contrast=0.4")
 BACKGROUNDS = {"uniform": (), "still texture": TEXTURE}
 WAYS = {"Hough, plain ball": ("plain", GREEN), "five modes, speckled ball": ("speckle", "black")}
-#: An error of the velocity beyond this is no scatter: another circle was found, m/s.
+#: Error of the velocity beyond which Hough found another circle, m/s.
 ASTRAY_M_S = 30.0
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A shot, and its velocities by one way."""
+    """A shot and its velocities by one tracker."""
 
     footage: Footage
     rates: Rates
 
     @property
     def error_m_s(self) -> Array:
-        """Errors of the velocity (n - 1, 2) around its mean; NaN where the ball was lost."""
+        """Errors of the velocity (n - 1, 2) around its mean; NaN if the ball was lost."""
         velocity = self.rates.velocity_m_s
         return velocity - np.diff(self.footage.true("x_m", "y_m"), axis=0) * FRAME_RATE_HZ
 
     @property
     def found(self) -> float:
-        """Share of the steps that were measured and not astray."""
+        """Share of the steps with an error below `ASTRAY_M_S`."""
         off = np.abs(self.error_m_s).max(axis=1)
         return float((off < ASTRAY_M_S).mean())
 
     def std(self) -> Array:
-        """Of the velocity (2,), m/s, lost frames left out."""
+        """Standard deviation of the velocity (2,), m/s, without lost frames."""
         return np.asarray(np.nanstd(self.rates.velocity_m_s, axis=0, ddof=1))
 
 
@@ -88,7 +88,7 @@ def plot(result: dict[str, dict[str, Curve]]) -> None:
 
 
 def rows(result: dict[str, dict[str, Curve]]) -> list[Row]:
-    """What the figure says of the paper's claims."""
+    """The claims of the figure."""
     hough, ours = result["uniform"].values()
     text = "; ".join(f"{name} {c.std()[0]:.2f}, {c.std()[1]:.2f} m/s" for name, c in result["uniform"].items())
     claim = "the velocity (x, y) is more scattered by Hough than by the five modes"
@@ -97,7 +97,7 @@ def rows(result: dict[str, dict[str, Curve]]) -> list[Row]:
     text = f"{100 * hough.found:.0f} % of the steps, std {hough.std()[0]:.2f}, {hough.std()[1]:.2f} m/s"
     text += f"; five modes {100 * ours.found:.0f} %, {ours.std()[0]:.2f}, {ours.std()[1]:.2f} m/s"
     claim = "before a background that is not uniform Hough does not find the ball"
-    # Ours subtracts what the recording shows where the ball is not, which the paper's did not.
+    # This Hough transform subtracts the still background; that of the paper did not.
     return [*found, Row("fig06", claim, "not found", text, hough.found < 0.5)]
 
 

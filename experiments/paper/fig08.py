@@ -20,14 +20,14 @@ from experiments.experiment import FIGURES, Array, Row, claims, saved_figure
 from experiments.paper.bar_shot import MODEL, OURS, TRANSLATION, Impact, compute, shade
 from experiments.shots import frames_of
 
-#: As in the paper.
+#: Number of frames shown, as in the paper.
 SHOWN = 12
-#: A position off by less than this share of the radius is on the ball: 0.5 px here, less than a line is wide.
+#: Largest error of a position on the ball, as a share of the radius: 0.5 px, less than the width of a line.
 ON_BALL = 0.01
 
 
 def errors_px(impact: Impact) -> dict[str, Array]:
-    """Measured minus true positions (n, 2) by the way they were measured."""
+    """Measured minus true positions (n, 2) by tracker."""
     true = impact.footage.true("x_px", "y_px")
     return {"five modes": impact.track.position - true, "translation only": impact.translation_only.position - true}
 

@@ -19,16 +19,16 @@ import torchsphere as ts
 from experiments.experiment import BLUE, FIGURES, GREEN, VERMILION, Array, Row, claims, saved_figure
 from experiments.paper.bar_shot import BEFORE_S, SMOOTH, Impact, compute, dense, shade
 
-#: By axis: x, y, z.
+#: Colours of the axes x, y, z.
 COLORS = (BLUE, VERMILION, GREEN)
-#: Frames next to the contact that are left out of the mean spins, for their rotations reach into it.
+#: Frames next to the contact that the mean spins leave out: their rotations reach into the contact.
 NEXT_TO = 1
 #: Largest error of the spin after the impact, as a share of it.
 ALLOWED = 0.02
 
 
 def angles_deg(increment: Array) -> Array:
-    """Sums of the rotations (n - 1, 5), from 0 in the first frame: (n, 3)."""
+    """Sums (n, 3) of the rotations of increments (n - 1, 5), from 0 in the first frame."""
     turns = np.degrees(increment[:, 2:])
     return np.concatenate((np.zeros((1, 3)), turns.cumsum(0)))
 

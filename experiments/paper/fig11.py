@@ -29,14 +29,14 @@ ALLOWED, WITHIN = 0.03, 2.0
 
 @dataclass(frozen=True)
 class Result:
-    """Motions by way of differentiation: as measured, and from exact positions."""
+    """Motions by method of differentiation, from measured and from exact positions."""
 
     impact: Impact
     measured: dict[str, ts.Kinematics]
     exact: dict[str, ts.Kinematics]
 
     def push_N(self, motion: ts.Kinematics) -> Array:  # noqa: N802  (N is newton)
-        """Force against the ball's path (n,), 0 where there is none."""
+        """Force against the ball's path (n,), 0 if unknown."""
         assert motion.force_N is not None
         return -np.nan_to_num(motion.force_N[:, 0])
 
@@ -49,7 +49,7 @@ def compute() -> Result:
 
 
 def matched(found: tuple[Peak, ...], wanted: tuple[Peak, ...]) -> list[tuple[Peak, Peak]]:
-    """Each wanted peak with the one found nearest in time."""
+    """Pairs of the nearest found peak in time and each wanted peak."""
     return [(min(found, key=lambda p: abs(p.time_s - peak.time_s)), peak) for peak in wanted] if found else []
 
 

@@ -31,19 +31,19 @@ from experiments.paper.bar.history import peaks
 from experiments.paper.bar.impact import simulate
 from experiments.paper.bar.setup import Setup
 
-#: Section 5.1.
+#: Frames per second, section 5.1.
 FRAME_RATE_HZ = 36_000
 #: Section 5.3.2, by mode: frequency by theory, time between peaks (peaks 1 and 3, peaks 1 and 2), frequency from it.
 PAPER = {1: (827.0, 0.594e-3, 841.0), 3: (4468.0, 0.124e-3, 4032.0)}
 #: The peak that follows the first by half a period of each mode, counted from 0.
 PARTNER = {1: 2, 3: 1}
-#: Every this many steps of the force are kept.
+#: Ratio of the model's steps to those in the cache.
 THINNING = 5
 
 COLORS = {1: BLUE, 3: VERMILION}
 
 
-#: Largest deviation that still counts as the paper's own estimate does: its mode 3 is off by 10 %.
+#: Largest deviation that counts as confirmed: the paper's estimate of mode 3 is off by 10 %.
 ROUGHLY = 0.1
 
 
@@ -57,18 +57,18 @@ class Force:
     peak_N: Array  # noqa: N815
 
     def lapse_s(self, mode: int) -> float:
-        """Time from the first peak to the mode's partner; NaN where there are too few peaks."""
+        """Time from the first peak to the mode's partner; NaN if there are too few peaks."""
         partner = PARTNER[mode]
         return float(self.peak_s[partner] - self.peak_s[0]) if len(self.peak_s) > partner else float("nan")
 
     def frequency_hz(self, mode: int) -> float:
-        """The paper's estimate: the lapse is half a period."""
+        """The paper's estimate, by which the lapse is half a period."""
         return 1 / (2 * self.lapse_s(mode))
 
 
 @dataclass(frozen=True)
 class Result:
-    """Frequencies by theory by mode in Hz, and the force: true, and as the camera sees it."""
+    """Theoretical frequencies by mode in Hz, the true force, and the force as the camera sees it."""
 
     theory_hz: dict[int, float]
     true: Force

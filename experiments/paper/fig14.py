@@ -25,11 +25,11 @@ from experiments.shots import Footage, rendered, tracked
 from render import preset
 from render.trajectory import ObliqueImpact
 
-#: By axis: x, y.
+#: Colours of the axes x, y.
 COLORS = (BLUE, VERMILION)
-#: Section 6: uncertainty of the force as a share of it. Ours may be as large.
+#: Uncertainty of the force as a share of the force, section 6.
 PAPER_NOISE = 0.10
-#: Largest error of a velocity, as a share of the speed, that still follows the model.
+#: Largest error of a velocity that follows the model, as a share of the speed.
 FOLLOWS = 0.02
 
 
@@ -42,7 +42,7 @@ class Oblique:
 
     @property
     def motion(self) -> ObliqueImpact:
-        """How the ball moves."""
+        """The trajectory of the ball."""
         trajectory = self.footage.shot.trajectory
         assert isinstance(trajectory, ObliqueImpact)
         return trajectory
@@ -71,7 +71,7 @@ class Oblique:
         return unit * np.diff(measured, axis=0), unit * np.diff(exact, axis=0)
 
     def kinematics(self) -> ts.Kinematics:
-        """By the smoother."""
+        """Motion in SI units by the smoother."""
         return ts.kinematics(
             self.track,
             frame_rate=self.footage.shot.frame_rate_hz,

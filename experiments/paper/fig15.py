@@ -18,9 +18,9 @@ from experiments.paper.fig14 import Oblique, compute
 
 #: Time in the recording at which the paper shows the circle, s.
 SHOWN_S = 0.65e-3
-#: A hidden share from which a frame counts as partly hidden.
+#: Least hidden share of a partly hidden ball.
 HIDDEN = 0.02
-#: Largest error of a position that is still on the ball, as a share of the radius.
+#: Largest error of a position on the ball, as a share of the radius.
 ON_BALL = 0.02
 
 
@@ -71,7 +71,7 @@ def rows(found: Oblique) -> list[Row]:
 
 
 def plot(found: Oblique) -> None:
-    """The frame at 0.65 ms and the one with most of the ball hidden, with the path."""
+    """The frames at 0.65 ms and with the largest hidden share, with the path."""
     with saved_figure(FIGURES / "fig15.png", (10, 3.0), dpi=80) as figure:
         share, radius = hidden(found), found.footage.circle[2]
         shown = (round(SHOWN_S * found.footage.shot.frame_rate_hz), int(share.argmax()))

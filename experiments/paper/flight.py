@@ -44,7 +44,7 @@ class Rates:
 
     @classmethod
     def of(cls, increment: NDArray[Any], m_per_px: float) -> Rates:
-        """From increments (n - 1, 2 or more) in px."""
+        """Velocity from increments (n - 1, 2 or more) in px."""
         return cls(np.asarray(increment[:, :2], dtype=np.float64) * (m_per_px * FRAME_RATE_HZ))
 
     @property

@@ -21,12 +21,12 @@ from torchsphere.geometry import motion_models
 
 Circle = tuple[float, float, float]
 
-#: Shifts of 0 to 1 px: the paper's number of them.
+#: Shifts of 0 to 1 px, as many as in the paper.
 SHIFTS_PX = np.arange(20) / 20
 RADIUS_PX, SPECKLE_PX = 50.0, 4.0
-#: Width of the images beyond the ball on every side, px.
+#: Margin of the images around the ball, px.
 MARGIN_PX = 14
-#: Light paths per pixel: what they leave is below 0.0005 px.
+#: Light paths per pixel; their noise changes a motion by less than 0.0005 px.
 SAMPLES = 256
 
 
@@ -47,7 +47,7 @@ def ball(radius_px: float, seed: int, extra_width: int = 0) -> tuple[Setup, Circ
 
 
 def turned(shifts_px: Array, angles_deg: Array, px_per_m: float) -> Motion:
-    """The pose number ``i`` at the time ``i``: moved along x, turned about y."""
+    """Poses at the times 0, 1, 2, ...: moved along x, turned about y."""
     rotation = Rotation.from_rotvec(np.radians(angles_deg)[:, None] * np.array((0.0, 1.0, 0.0))).as_matrix()
     position = shifts_px[:, None] / px_per_m * np.array((1.0, 0.0, 0.0))
 
@@ -59,14 +59,14 @@ def turned(shifts_px: Array, angles_deg: Array, px_per_m: float) -> Motion:
 
 
 def rendered(setup: Setup, shifts_px: Array, angles_deg: Array, what: str) -> Array:
-    """Light (n, h, w) in grey levels, neither noisy nor rounded, of the ball in n poses."""
+    """Light (n, h, w) of the ball in n poses, in grey levels without noise and rounding."""
     poses = turned(shifts_px, angles_deg, setup.camera.px_per_m(1.0))
     frames = render_radiance(setup, poses, np.arange(len(shifts_px), dtype=np.float64))
     return np.stack(list(tqdm(frames, f"rendering {what}", len(shifts_px), leave=False)))
 
 
 def still_image(setup: Setup) -> Array:
-    """One noisy picture (h, w) of the ball at rest, as a camera takes it."""
+    """A noisy image (h, w) of the ball at rest."""
     return next(render_frames(setup, turned(np.zeros(1), np.zeros(1), 1.0), np.zeros(1))).astype(np.float64)
 
 
@@ -78,7 +78,7 @@ def advected(image: Array, circle: Circle, q: Array, model: str) -> Array:
     y, x = np.mgrid[: image.shape[0], : image.shape[1]].astype(np.float64)
     geometry = motion_models.Geometry(torch.tensor(circle[2], dtype=torch.float64))
     step, before = np.zeros((*image.shape, 2)), None
-    for _ in range(8):  # within the region each leaves a twentieth of the error, at most
+    for _ in range(8):  # within the region each iteration leaves at most a twentieth of the error
         if before is not None and np.array_equal(step, before):
             break
         before = step

@@ -32,15 +32,15 @@ from torchsphere.instruments.signals import GateVelocity, light_gate
 PAPER = {2.8: (63.63, 63.99, 0.79), 4.5: (99.12, 99.70, 1.05)}
 SPACING_M = 0.040
 
-#: Not in the paper; see above. The barriers' place does not matter.
+#: Properties of the gate, not in the paper; see above.
 SD_SPACING_M, BEAM_M, RISE_S, NOISE, SAMPLING_HZ = 0.1e-3, 2e-3, 5e-6, 0.02, 1e6
-#: Voltage of each receiver in the dark and what light adds: no two are the same.
+#: Voltage of each receiver in the dark, and gain in light.
 RECEIVERS_V = ((0.20, 4.6), (0.35, 4.1))
 
-#: Frames, and the first centre's x, in which the ball is wholly in the picture.
+#: Number of frames with the whole ball in the picture, and the first centre.
 FRAMES, START_M = {2.8: 50, 4.5: 40}, (-0.0535, -0.0005, 0.0)
 
-#: The target: discrepancy between images and gate.
+#: Largest relative difference of images and gate.
 ALLOWED = 0.006
 
 
@@ -57,26 +57,26 @@ class Shot:
 
     @property
     def images_m_s(self) -> tuple[float, float]:
-        """Mean and standard deviation along x."""
+        """Mean and standard deviation of the velocity along x from the images."""
         return spread(self.velocity_m_s[:, 0])
 
     @property
     def discrepancy(self) -> float:
-        """Of the images' velocity from the gate's, as a share of it."""
+        """Relative difference of the images' velocity from the gate's."""
         return self.images_m_s[0] / self.gate.velocity_m_s - 1
 
 
 def barrier_light(time_s: Array, velocity_m_s: float, place_m: float, radius_m: float) -> Array:
-    """Share (n,) of a barrier's light that passes a ball which is at 0 at the time 0, by its receiver.
+    """Share (n,) of a barrier's light on its receiver, beside a ball whose centre is at 0 at time 0.
 
-    The beam is as wide as `BEAM_M` along the ball's path and thin across it; the receiver follows with a time constant
-    of `RISE_S`.
+    The beam has the width `BEAM_M` along the ball's path and none across; the time constant of the receiver is
+    `RISE_S`.
     """
     ahead = (velocity_m_s * time_s - place_m + radius_m + BEAM_M / 2) / BEAM_M
     behind = (velocity_m_s * time_s - place_m - radius_m + BEAM_M / 2) / BEAM_M
     light = 1 - (np.clip(ahead, 0, 1) - np.clip(behind, 0, 1))
     keep = float(np.exp(-(time_s[1] - time_s[0]) / RISE_S))
-    # A first-order lag that starts in full light.
+    # First-order lag from full light.
     return np.asarray(lfilter([1 - keep], [1, -keep], light - 1) + 1)
 
 
@@ -93,7 +93,7 @@ def gate_signals(velocity_m_s: float, radius_m: float, seed: int) -> tuple[Array
 
 
 def measure(pressure_bar: float) -> Shot:
-    """One pressure, by both ways."""
+    """The shot at one pressure by gate and images."""
     velocity, seed = PAPER[pressure_bar][0], round(10 * pressure_bar)
     shot = preset.load("paper-flight", [f"trajectory.velocity_m_s=[{velocity}, 0.72, 0.0]"], seed=seed)
     motion = dataclasses.replace(shot.trajectory, start_m=START_M)  # type: ignore[type-var]  # a free flight
@@ -106,12 +106,12 @@ def measure(pressure_bar: float) -> Shot:
 
 
 def compute() -> dict[float, Shot]:
-    """Both pressures."""
+    """The shots at both pressures."""
     return {pressure: measure(pressure) for pressure in PAPER}
 
 
 def rows(shots: dict[float, Shot]) -> list[Row]:
-    """The lines of the table."""
+    """The claims of the table."""
     found = []
     for pressure, shot in shots.items():
         gate, images, std = PAPER[pressure]

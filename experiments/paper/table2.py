@@ -38,14 +38,14 @@ from experiments.paper.flight import Rates, flight, pooled_std
 from experiments.shots import Footage, rendered, rival, tracked
 from torchsphere.benchmark.baselines import hough
 
-#: std of vx, vy, m/s, and of ax, ay, m/s per frame.
+#: Standard deviations of vx, vy, m/s, and of ax, ay, m/s per frame.
 PAPER = {"hough": (3.62, 2.90, 6.11, 5.02), "five modes": (1.05, 0.68, 0.99, 0.68)}
 KINDS = ("plain", "speckle")
 TUNED_ON, SEEDS = 20, (21, 22, 23)
 SPEED = ("trajectory.velocity_m_s=[99.7, 0.7, 0.0]", "frames=36")
 
-#: Settings of the Hough transform that are tried, one after the other around the best so far. The threshold of the
-#: silhouette is what matters: with motion blur the edge is best taken at half of its height.
+#: Tried settings of the Hough transform, varied one at a time around the best so far. The threshold of the silhouette
+#: matters most: with motion blur the best edge is at half of its height.
 GRID: tuple[tuple[str, tuple[float, ...]], ...] = (
     ("sigmas", (5.0, 10.0, 20.0, 30.0, 40.0, 50.0)),
     ("closing", (0.1, 0.2, 0.3, 0.5)),
@@ -60,7 +60,7 @@ Settings = dict[str, Any]
 
 @dataclass(frozen=True)
 class Result:
-    """Shots by kind of ball, their velocities by way, and the settings that Hough was given by kind of ball."""
+    """Shots by kind of ball, velocities by tracker, and the settings of Hough by kind of ball."""
 
     shots: dict[str, list[Footage]]
     rates: dict[str, list[Rates]]
@@ -72,7 +72,7 @@ class Result:
         return np.concatenate([pooled_std([getattr(r, n) for r in rates]) for n in ("velocity_m_s", "change_m_s")])
 
     def ratio(self, way: str) -> Array:
-        """Of the std of another way to that of the five modes, (4,)."""
+        """Standard deviations (4,) of a tracker over those of the five modes."""
         return self.std(way) / self.std(OURS)
 
 
@@ -99,7 +99,7 @@ def by_hough(footage: Footage, settings: Settings) -> Rates:
 
 
 def scatter(rates: Rates) -> float:
-    """What the tuning makes small: rms of the std of both components, m/s; infinite where a frame was lost."""
+    """Objective of the tuning: rms of the std of both components, m/s; infinite if a frame was lost."""
     velocity = rates.velocity_m_s
     if not np.isfinite(velocity).all():
         return float("inf")
@@ -107,7 +107,7 @@ def scatter(rates: Rates) -> float:
 
 
 def tuned(kind: str) -> Settings:
-    """The settings of least scatter on the shot that they are tuned on."""
+    """The settings with the least scatter on the shot for tuning."""
     footage = shot(kind, TUNED_ON)
     best: Settings = {}
     for name, values in tqdm(GRID, f"tuning Hough, {kind} ball"):
@@ -117,7 +117,7 @@ def tuned(kind: str) -> Settings:
 
 
 def compute() -> Result:
-    """All shots by all ways."""
+    """All shots by all trackers."""
     shots = {kind: [shot(kind, seed) for seed in SEEDS] for kind in KINDS}
     settings = {kind: tuned(kind) for kind in KINDS}
     rates: dict[str, list[Rates]] = {}
@@ -143,7 +143,7 @@ def _numbers(values: Any) -> str:
 
 
 def rows(result: Result) -> list[Row]:
-    """What the table says of the paper's claims."""
+    """The claims of the table."""
     paper_ratio = np.divide(PAPER["hough"], PAPER["five modes"])
     found = []
     for way in (HOUGH, ON_SPECKLE):

@@ -57,11 +57,11 @@ class Flight:
 
     @property
     def true_velocity_m_s(self) -> Array:
-        """(n, 2)."""
+        """True velocity (n, 2)."""
         return self.footage.true("vx_m_s", "vy_m_s")
 
     def smoother_error(self) -> tuple[Array, Array]:
-        """Rms errors (2,) of velocity in m/s, the scale's own error taken out, and of force in kN."""
+        """Rms errors (2,) of velocity in m/s, without the error of the scale, and of force in kN."""
         scale = self.track.circle.radius / self.footage.circle[2]
         off = self.smoothed.velocity_m_s * scale - self.true_velocity_m_s
         force = np.zeros_like(off) if self.smoothed.force_N is None else 1e-3 * self.smoothed.force_N
@@ -82,7 +82,7 @@ def compute() -> dict[str, list[Flight]]:
 
 
 def rivals(flights: list[Flight], name: str) -> list[Rates]:
-    """The increments by another tracker, from the true circle."""
+    """Velocities by another tracker, from the true circle."""
     return [Rates.of(rival(f.footage, name, f.footage.circle).increment, f.footage.m_per_px) for f in flights]
 
 
@@ -95,7 +95,7 @@ class Spread:
 
     @classmethod
     def of(cls, steps: list[Rates]) -> Spread:
-        """Over the shots."""
+        """Mean and standard deviation over the shots."""
         parts = ([r.velocity_m_s for r in steps], [r.force_kN for r in steps])
         mean = np.concatenate([np.nanmean(np.concatenate(part), 0) for part in parts])
         return cls(mean, np.concatenate([pooled_std(part) for part in parts]))

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from torchsphere.synthetic import ray_caster
 
-#: Frames of one swing there and back; where it swings, px; the turn either way, rad: at most 1.35 px and 0.57 deg per
-#: frame, which are the steps of the example shot.
+#: Frames of one swing there and back, its middle and reach, px, and its turn to either side, rad. The largest step is
+#: that of the example shot, 1.35 px and 0.57 deg per frame.
 PERIOD, MIDDLE, SWING_PX, SWING_RAD = 700, (256.3, 128.2), (150.0, 25.0), 1.1
 
 #: Oblique axis of the rotation, radius, px, and shape of the images.
@@ -40,13 +40,13 @@ def swing() -> NDArray[np.uint8]:
 
 
 def frame(i: int) -> NDArray[np.uint8]:
-    """Image (h, w) number ``i`` of a swing that goes on forever."""
+    """Image (h, w) number ``i`` of an endless swing."""
     place = i % PERIOD
     return np.asarray(swing()[min(place, PERIOD - place)])
 
 
 def write(path: Path, count: int) -> Path:
-    """Write ``count`` frames as the suffix says: .tif, .cihx (with its .mraw) or .mp4; returns the path to open."""
+    """Write ``count`` frames as TIFF, CIH with MRAW or MP4, by the suffix; returns the path to open."""
     if path.suffix == ".tif":
         import tifffile
 
@@ -90,7 +90,7 @@ def _write_video(path: Path, count: int) -> None:
 
 @dataclass(frozen=True)
 class Run:
-    """A process that tracked a recording: seconds by stage and in all, and its peak memory."""
+    """Seconds by stage and in all, and peak memory, of a process that tracked a recording."""
 
     frames: int
     wall_s: float
@@ -104,14 +104,14 @@ class Run:
     ok: int
 
 
-#: Where a clock is put around what a track does: module, function, and the name of the time.
+#: Timed functions: module, name, and the name of the time.
 STAGES = (
     ("torchsphere.measure", "open_recording", "open_s"),
     ("torchsphere.tracking.track", "find_initial_circle", "circle_s"),
     ("torchsphere.measure", "track", "track_s"),
 )
 
-#: What the process does: `torchsphere.measure.measure`, with clocks around its stages, which come as its last argument.
+#: Program of the process: `torchsphere.measure.measure` with clocks around the stages of its last argument.
 _CODE = """
 import json, resource, sys, time
 import importlib
@@ -148,11 +148,11 @@ print(json.dumps(spent | {"frames": len(done.track.status), "wall_s": wall, "cpu
 
 
 def measured(kind: str, count: int) -> Run:
-    """Track ``count`` frames in a file of that ``kind`` in a process of its own, find and write included."""
+    """Time the track of ``count`` frames from a file of that ``kind`` in a separate process."""
     with tempfile.TemporaryDirectory() as folder:
         path = write(Path(folder) / f"swing.{kind}", count)
         command = [sys.executable, "-c", _CODE, str(path), str(Path(folder) / "result"), json.dumps(STAGES)]
-        # Python keeps what it compiles from source unless it is told not to, as by some build machines.
+        # Python keeps its bytecode, even if the build machine forbids that.
         environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
         done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     if done.returncode != 0:

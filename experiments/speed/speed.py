@@ -34,10 +34,10 @@ Array = NDArray[Any]
 
 RADII, BATCHES, ROUNDS = (15, 30, 50, 100, 150), (1, 4, 8, 16, 32, 64, 128), 7
 
-#: Pairs of each timing at R = 50 px, and the least: fewer at large radii, whose images take longer.
+#: Pairs of each timing at R = 50 px, and the least number of pairs: larger balls get fewer.
 PAIRS, FEWEST_PAIRS = 128, 4
 
-#: What the issue asks: ms per pair, share of the rivals' time, frames per second, MiB, and growth of the memory.
+#: Limits: ms per pair, share of the rivals' time, frames per second, MiB, and growth of the memory.
 PAIR_MS, SHARE, FRAMES_PER_S, PEAK_MIB, GROWTH = 0.5, 0.25, 500.0, 1536.0, 1.10
 
 #: Suffixes of recordings with the names of their formats.
@@ -49,7 +49,7 @@ FILES, LENGTHS = (("tif", 2000), ("cih", 2000), ("mp4", 2000)), (500, 1000, 2000
 
 @dataclass(frozen=True)
 class Timing:
-    """Times per pair, ms: on the wall, and of the processor over all threads."""
+    """Times per pair, ms: wall time, and processor time of all threads."""
 
     wall_ms: float
     cpu_ms: float
@@ -67,7 +67,7 @@ def _timed(work: Callable[[], Any], pairs: int, rounds: int) -> Timing:
 
 
 def _torchsphere_work(shot: Shot, n: int, device: str) -> Callable[[], Any]:
-    """`ts.correlate` on ``n`` pairs at once, from no motion but the mean step: what a follower expects."""
+    """`ts.correlate` on ``n`` pairs at once, from the mean step without rotation, as a tracker predicts."""
     images = shot.images[: n + 1].to(device)
     circles = np.column_stack((shot.position[:n], np.full(n, shot.radius)))
     start = np.array([*shot.increment[:, :2].mean(0), 0, 0, 0])
@@ -88,7 +88,7 @@ def _rival_work(shot: Shot, n: int, way: Callable[[Array, Array, Array], Array])
 
 
 def ways(shot: Shot, n: int, threads: int) -> dict[str, Timing]:
-    """Times of all ways on ``n`` pairs, in one run."""
+    """Times of all methods on ``n`` pairs, in one run."""
     import cv2
 
     found: dict[str, Timing] = {}
@@ -104,7 +104,7 @@ def ways(shot: Shot, n: int, threads: int) -> dict[str, Timing]:
         for name, way in rivals.items():
             found[f"{name}, {count} thread"] = _timed(_rival_work(shot, n, way), n, ROUNDS)
     if torch.cuda.is_available():
-        # Its status comes to the CPU, so that the work is done when the call returns.
+        # The status is on the CPU, so the GPU has finished when the call returns.
         work = _torchsphere_work(shot, n, "cuda")
         work()
         found["torchsphere, GPU"] = _timed(work, n, ROUNDS)
@@ -139,7 +139,7 @@ def compute(quick: bool, threads: int) -> dict[str, Any]:
 
 
 def rows(found: dict[str, Any]) -> list[Row]:
-    """What the issue asks, and whether it holds here."""
+    """The limits beside the times."""
     best = {name: time.wall_ms for name, time in found["radius"][50].items()}
     ours = min(ms for name, ms in best.items() if name.startswith("torchsphere") and "GPU" not in name)
     limits = [SHARE * min(ms for name, ms in best.items() if name.startswith(way)) for way in ("OpenCV ECC", "plain")]
@@ -178,7 +178,7 @@ def _recording_cells(label: str, run: Run) -> list[str]:
 
 
 def tables(found: dict[str, Any]) -> list[str]:
-    """Tables of the times by radius, by batch and by recording, each with a sentence before."""
+    """Tables of the times by radius, by batch and by recording, each under a sentence."""
     times, batches = found["radius"], found["batch"].items()
     lines = [[name, *(f"{t[name].wall_ms:.2f} ({t[name].cpu_ms:.2f})" for t in times.values())] for name in times[50]]
     by_radius = table(("way", *(f"R = {radius} px" for radius in times)), lines)

@@ -53,7 +53,7 @@ AXIS = np.array([0.2, 0.5, 0.2]) / math.sqrt(0.33)
 
 @dataclass(frozen=True)
 class Case:
-    """Footage of a ball: px, grey levels, degrees per frame."""
+    """Settings of a shot: px, grey levels, degrees per frame."""
 
     radius: float = 50.0
     noise: float = 2.0
@@ -97,7 +97,7 @@ class Shot:
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors (patterns, steps, 5), px and deg, NaN where a step was not measured, and their stated variances."""
+    """Errors (patterns, steps, 5), px and deg, NaN if a step was not measured, and stated variances."""
 
     error: Array
     variance: Array
@@ -192,12 +192,12 @@ def errors_by(way: str) -> Results:
 
 
 def root_mean_square(values: Array) -> float:
-    """Of all ``values``."""
+    """Root mean square of all values."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _draw(axes: Array, values: tuple[float, ...], results: list[Errors], color: str, way: str) -> None:
-    """Translation, rotation and honesty of one series by one way, from top to bottom."""
+    """Translation, rotation, and actual over stated error of one series by one way, from top to bottom."""
     line = "-" if way == "pairs" else ":"
     for axis, k in zip(axes, (TRANSLATION, ROTATION), strict=False):
         std = [root_mean_square(r.std()[k]) for r in results]

@@ -51,12 +51,15 @@ COMMON: dict[str, Any] = {
 }
 CALLS = "calls.txt"
 OUT = OUTPUT / "archive_trial.json"
-#: Recordings of the archive whose records and manifest alone are measured.
+#: Recordings in the test of manifest and records alone.
 MANY = 10_000
 
 
 def write_archive(folder: Path, count: int) -> None:
-    """Recordings of five frames of 64 x 64 px in ten folders: a poisonous one, one to be held, three cut ones."""
+    """Recordings of five frames of 64 x 64 px in ten folders.
+
+    One recording kills its worker, one waits for the killer, and three are cut.
+    """
     turn = torch.deg2rad(torch.tensor([0.2, 0.6, 0.1], dtype=torch.float64))
     vectors = torch.arange(FRAMES, dtype=torch.float64)[:, None] * turn
     turned = torch.stack([torch.matrix_exp(_cross(vector)) for vector in vectors]).float()
@@ -78,7 +81,7 @@ def _cross(v: torch.Tensor) -> torch.Tensor:
 
 
 def faulty_measure(request: Request, progress: None, extra: Mapping[str, Path]) -> None:
-    """Measure; but die on poison, wait for the killer on what is held, and write down what was measured."""
+    """Measure, and record the call; kill the worker on "poison", wait to be killed on "held"."""
     mark = request.input.with_suffix(".pid")
     if "poison" in request.input.name:
         os.kill(os.getpid(), signal.SIGKILL)
@@ -107,7 +110,7 @@ OWN: Engine = functools.partial(processes.run, workers=WORKERS, measure=faulty_m
 
 
 def trial(source: Path, out: Path, engine: Engine, prepare: Callable[[], None] = lambda: None) -> dict[str, Any]:
-    """Run over the archive with a worker killed, then once more; ``prepare`` comes before both."""
+    """Run over the archive while a worker is killed, then run again; ``prepare`` is called before both."""
     began = time.perf_counter()
     killer = threading.Thread(target=_kill_waiting_worker, args=(source,), daemon=True)
     killer.start()
@@ -176,7 +179,7 @@ def _with_parent_killed(folder: Path, count: int) -> dict[str, Any]:
 
 
 def _count_results(out: Path) -> int:
-    """Recordings whose results are there, while others are being written: folders whose names begin with a dot."""
+    """Number of complete results; folders of results in progress have names that begin with a dot."""
     found = 0
     for _, folders, files in os.walk(out):
         folders[:] = [name for name in folders if not name.startswith(".")]
@@ -185,7 +188,7 @@ def _count_results(out: Path) -> int:
 
 
 def _cost_of_records(folder: Path) -> dict[str, float]:
-    """What the manifest and the records of many recordings cost, here missing ones, and how much memory."""
+    """Time and memory of the manifest and the records of many recordings, which are all missing."""
 
     def serial(jobs: Iterator[Job]) -> Iterator[Outcome]:
         return (run_job(job, measure) for job in jobs)
@@ -203,7 +206,7 @@ def _cost_of_records(folder: Path) -> dict[str, float]:
 
 
 def _cost_of_shot(folder: Path) -> dict[str, float]:
-    """Seconds to measure the demo's shot of 60 frames by one thread, without and with the map; files and kB of it."""
+    """Seconds to measure the demo's shot on one thread, without and with the map; files and kB of the result."""
     folder.mkdir(parents=True)
     torch.set_num_threads(1)
     shot = demo_shot.make_shot()
@@ -230,7 +233,7 @@ def compute(count: int = COUNT) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         found: dict[str, Any] = {"count": count, "workers": WORKERS, "version": ts.__version__}
-        # First, as the memory it takes is told by how far the process grows.
+        # First, because the growth of the process is the measure of memory.
         found["state"] = _cost_of_records(folder / "state")
         found["one_shot"] = _cost_of_shot(folder / "shot")
         for key, how in (("own processes", _by_processes), ("Dask", _by_dask), ("parent killed", _with_parent_killed)):
@@ -241,7 +244,7 @@ def compute(count: int = COUNT) -> dict[str, Any]:
 
 
 def holds(found: Mapping[str, Any], count: int) -> bool:
-    """Whether a trial ended as claimed."""
+    """Whether a trial confirms the claim."""
     nothing = found["measured_twice"] == found["measured_in_second_run"] == found["left_over"] == 0
     return nothing and found["done"] == found["results"] == count - 4 and len(found["reasons"]) == 4
 

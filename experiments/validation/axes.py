@@ -43,7 +43,7 @@ def marks() -> ray_caster.Pattern:
 def panel(
     axis: Axes, title: str, step: tuple[float, float], turn: tuple[float, ...], arrow: tuple[float, float] | None
 ) -> None:
-    """Ball after the motion, with the circle and an arrow from where its front was."""
+    """The ball after the motion, with the circle and the motion of its front as an arrow."""
     after = So3.exp(torch.tensor([turn])).matrix()
     image = ray_caster.render(marks(), CENTRE + torch.tensor([step]), RADIUS, after, 200.0, shape=(SIZE, SIZE))[0]
     axis.imshow(image.numpy(), cmap="gray", vmin=0, vmax=255)

@@ -44,7 +44,7 @@ COLOURS = (BLUE, VERMILION, GREEN)
 
 @dataclass(frozen=True)
 class Shot:
-    """Stated and true motion (n, 7) of a shot in the order of `NAMES`, and which frames lie in the contact."""
+    """Stated and true motion (n, 7) of a shot in the order of `NAMES`, and the frames in contact."""
 
     time_s: Array
     value: Array
@@ -54,7 +54,7 @@ class Shot:
 
     @property
     def inside(self) -> NDArray[np.bool_]:
-        """(n, 7), whether the truth lies within the band."""
+        """Whether the truth lies within the band, (n, 7)."""
         return np.abs(self.value - self.true) <= BAND * self.sd
 
 
@@ -78,7 +78,7 @@ def measured(footage: Footage, circle: str) -> Shot:
 
 
 def touch(footage: Footage) -> tuple[float, float]:
-    """Start and end of the true contact, us; none for a free flight."""
+    """Start and end of the true contact, us; infinite in a free flight."""
     trajectory = footage.shot.trajectory
     start = getattr(trajectory, "touch_us", np.inf)
     return start, start + getattr(trajectory, "contact_us", 0.0)
@@ -101,7 +101,7 @@ def shares(shots: list[Shot], contact: bool) -> Array:
 
 
 def plot(results: dict[tuple[str, str], list[Shot]]) -> None:
-    """One shot of each kind with its bands, and the shares of all below."""
+    """A shot of each kind with its bands; below, the shares of all shots."""
     with saved_figure(DOCS / "bands.png", (11, 9.5)) as figure:
         axes = figure.subplots(4, 3, gridspec_kw={"height_ratios": (1, 1, 1, 0.8)})
         groups = ((0, 2, 1.0), (2, 4, 1e-3), (4, 7, 1.0))
@@ -137,7 +137,7 @@ def plot(results: dict[tuple[str, str], list[Shot]]) -> None:
 
 
 def _share_bars(axis: Axes, results: dict[tuple[str, str], list[Shot]], name: str) -> None:
-    """Shares of one preset in flight and in contact, with the true outline and, paler, with the one that is found."""
+    """Shares of one preset in flight and in contact, with the true outline and, paler, with the found outline."""
     place = np.arange(len(NAMES))
     bars = [(circle, contact) for contact in (False, True) for circle in CIRCLES]
     for number, (circle, contact) in enumerate(bars):

@@ -73,12 +73,12 @@ def advected(image: Array, circle: Array, increment: Array) -> Array:
 
 
 def pairs(scene: Scene) -> dict[str, tuple[torch.Tensor, torch.Tensor]]:
-    """Images before and after, (m, h, w) each, by way of moving the ball."""
+    """Images before and after the motion, (m, h, w) each, by the method that moves the ball."""
     clean = list(render_radiance(scene.setup, scene.motion, scene.times_s))
     moved = [advected(*one) for one in zip(clean[:-1], scene.centres[:-1], scene.increment, strict=True)]
     record = scene.setup.sensor.record
     seen = torch.from_numpy(np.stack([record(image, i) for i, image in enumerate(clean)])).float()
-    # Noise of their own: frames that follow have other numbers.
+    # Other frame numbers give independent noise.
     fake = torch.from_numpy(np.stack([record(image, len(clean) + i) for i, image in enumerate(moved)])).float()
     return {"rendered": (seen[:-1], seen[1:]), "advected": (seen[:-1], fake)}
 
@@ -91,7 +91,7 @@ def measure(case: Case, regions: tuple[float, ...]) -> dict[str, Any]:
         circles = scene.centres[:-1]
         for way, (f, g) in pairs(scene).items():
             for model in MODELS:
-                # What a wrong field leaves must not pass for an occluder.
+                # The residual of a wrong field must not count as an occluder.
                 options: dict[str, Any] = {"finite_from_deg": 180.0, "robust": False}
                 for region in regions:
                     found = ts.correlate(f, g, circles, start=scene.increment, model=model, roi=region, **options)
@@ -110,7 +110,7 @@ class Cost:
 
 
 def cost(errors: Array, radius: float) -> Cost:
-    """Of errors (patterns, pairs, 2) of x, px, and wy, rad."""
+    """The cost by errors (patterns, pairs, 2) of x, px, and wy, rad."""
     turn = math.radians(TURN_DEG)
     share = errors / (np.array([radius, 1.0]) * turn) + np.array([0.0, 1.0])
     mean, spread = share.mean((0, 1)), share.mean(1).std(0, ddof=1) / math.sqrt(len(share))
@@ -119,7 +119,7 @@ def cost(errors: Array, radius: float) -> Cost:
 
 
 def expected(region: float, way: str, model: str) -> tuple[float, float]:
-    """Leak and share recovered by least squares over the region, of the field that moves the ball by the model's."""
+    """Leak and share recovered in a least squares fit of the model's field to the true field over the region."""
     y, x = np.mgrid[-1:1:401j, -1:1:401j]
     inside = x**2 + y**2 < region**2
     true = np.sqrt(1 - x[inside] ** 2 - y[inside] ** 2)
@@ -135,7 +135,7 @@ Results = dict[tuple[float, float, str, str], Cost]
 
 
 def compute() -> Results:
-    """Everything, from the cache where it has been measured."""
+    """All costs, measured or from the cache."""
     results: Results = {}
     for radius in RADII:
         case = replace(CASE, radius=float(radius))
@@ -187,7 +187,7 @@ def plot(results: Results) -> None:
 
 
 def publish_table(results: Results) -> None:
-    """All costs, beside what the fields alone lead to expect and what an earlier measurement says."""
+    """All costs, beside the expectation from the fields alone and an earlier measurement."""
     head = ("R (px)", "region / R", "moved by", "model", "error of x / (R w)", "bias of x (px)")
     head += ("rotation measured / true", "std of x (px)", "expected", "earlier")
     lines = []

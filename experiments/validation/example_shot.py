@@ -37,7 +37,7 @@ def shot(seed: int, background: float) -> tuple[torch.Tensor, Array, Array]:
 
 @dataclass(frozen=True)
 class Errors:
-    """Radius that was found, px; errors of the increments (n - 1, 5), px and deg; largest error of a position, px."""
+    """Found radius, px; errors of the increments (n - 1, 5), px and deg; largest error of a position, px."""
 
     radius: float
     increment: Array

@@ -37,13 +37,13 @@ Array = NDArray[np.float64]
 
 #: Half the side of the mesh over the radius, side of an element, and blur of the images before, px.
 H, ELEMENT_PX, BLUR_PX = 0.6, 10.0, 0.7
-#: Room around the mesh, px; a node farther than this from the fit does not follow it; share of nodes that must.
+#: Margin around the mesh, px; largest distance of a node that follows the fit, px; least share of such nodes.
 ROOM_PX, OUTLIER_PX, SHARE = 16, 0.5, 0.5
 COLUMNS = ("frame", "x_px", "y_px", "dx_px", "dy_px", "wx_rad", "wy_rad", "wz_rad", "ms")
 
 
 def field(f: Array, g: Array, half: int) -> tuple[Array, Array]:
-    """Places (m, 2) of the nodes from the middle of the crops, and what they move by (m, 2), px."""
+    """Positions (m, 2) of the nodes from the middle of the crops, and their displacements (m, 2), px."""
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         import muDIC as mudic  # noqa: N813  (a module, whatever its letters)
 
@@ -59,7 +59,7 @@ def field(f: Array, g: Array, half: int) -> tuple[Array, Array]:
 
 
 def sphere_motion(places: Array, moved: Array, radius: float) -> tuple[Array, float]:
-    """Motion (5,) that explains the nodes' best, and the share of them that follows it.
+    """Motion (5,) that fits the nodes' displacements best, and the share of the nodes that follow the fit.
 
     A node at (x, y) from the ball's centre is the surface point (x, y, -s), which turns with the ball.
     """
@@ -78,14 +78,14 @@ def sphere_motion(places: Array, moved: Array, radius: float) -> tuple[Array, fl
 
 
 def crop(image: Array, centre: NDArray[np.intp], half: int) -> Array | None:
-    """Square crop, or None where it leaves the image."""
+    """Square crop, or None if it leaves the image."""
     x, y = centre - half
     inside = x >= 0 and y >= 0 and x + 2 * half < image.shape[1] and y + 2 * half < image.shape[0]
     return image[y : y + 2 * half + 1, x : x + 2 * half + 1] if inside else None
 
 
 def template_shift(f: Array, g: Array, here: Array, radius: float) -> Array | None:
-    """How far the front of the ball moved, by the best match of its middle anywhere in ``g``; px, whole."""
+    """Motion of the ball's front in whole px, by the best match of its middle anywhere in ``g``."""
     from skimage.feature import match_template
 
     half, centre = round(0.6 * radius), np.rint(here).astype(np.intp)
@@ -98,7 +98,7 @@ def template_shift(f: Array, g: Array, here: Array, radius: float) -> Array | No
 
 
 def pair(f: Array, g: Array, here: Array, front: Array, radius: float) -> tuple[Array, float]:
-    """Motion (5,) between two images of a ball at ``here`` whose front moves by about ``front``; and who follows."""
+    """Motion (5,) of a ball at ``here`` whose front moves by about ``front``, and the share of nodes that follow it."""
     half = max(round(H * radius), 4)
     at, shift = np.rint(here).astype(np.intp), np.rint(front).astype(np.intp)
     crops = crop(f, at, half + ROOM_PX), crop(g, at + shift, half + ROOM_PX)
@@ -106,14 +106,14 @@ def pair(f: Array, g: Array, here: Array, front: Array, radius: float) -> tuple[
         return np.full(5, np.nan), 0.0
     try:
         places, moved = field(crops[0], crops[1], half)
-    # muDIC raises whatever comes where its matrices are singular or its points leave the image.
+    # muDIC raises various errors if a matrix is singular or a point leaves the image.
     except Exception:
         return np.full(5, np.nan), 0.0
     return sphere_motion(places + (at - here), moved + shift, radius)
 
 
 def track(images: NDArray[Any], circle: tuple[float, float, float]) -> Iterator[tuple[int, Array, Array]]:
-    """Frames from 1 on with their place (2,) and the step that leads there (5,); NaN where lost."""
+    """Frame numbers from 1 on, positions (2,) and increments (5,); NaN if lost."""
     radius, here = circle[2], np.array(circle[:2])
     f = gaussian_filter(images[0].astype(np.float64), BLUR_PX)
     q, last = np.full(5, np.nan), 0
@@ -135,7 +135,7 @@ def track(images: NDArray[Any], circle: tuple[float, float, float]) -> Iterator[
 
 
 def write(path: Path, suite: dict[str, Any], images: NDArray[Any]) -> None:
-    """Predictions of one suite as the benchmark takes them."""
+    """Write the predictions of one suite in the benchmark's format."""
     began = time.perf_counter()
     found = list(track(images, tuple(suite["circle"])))
     ms = 1e3 * (time.perf_counter() - began) / len(found)
@@ -149,7 +149,7 @@ def write(path: Path, suite: dict[str, Any], images: NDArray[Any]) -> None:
 
 
 def main() -> None:
-    """Track all suites of the benchmark, or those that are named after it."""
+    """Track all suites of the benchmark, or those in the further arguments."""
     bench, out, *names = sys.argv[1:]
     Path(out).mkdir(parents=True, exist_ok=True)
     for suite in json.loads(Path(bench, "suites.json").read_text(encoding="utf-8"))["suites"]:

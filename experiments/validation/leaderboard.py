@@ -40,14 +40,14 @@ COMMANDS = """torchsphere benchmark make --out experiments/cache/benchmark-stand
 python experiments/validation/field_method.py experiments/cache/benchmark-standard experiments/cache/mudic  # with muDIC
 python -m experiments.validation.leaderboard"""
 
-#: Other field methods of the list of peers, and why they are not here.
+#: Other field methods, and the reasons to leave them out.
 NOT_HERE = """Of the field methods muDIC stands for the others: it installs with numpy, numba and scikit-image, and
 runs. sun-dic and al-dic come with a graphical toolkit each (PyQt6 and ray, PySide6), pyvale with both that and a mesh
 viewer, OpenCorr is on no package index; they were not tried."""
 
 
 def benchmark(folder: Path) -> Benchmark:
-    """The benchmark in the folder, made where it is not there."""
+    """The benchmark in the folder, made if it is missing."""
     if not folder.exists():
         print(f"rendering {folder}", file=sys.stderr, flush=True)
         make(None, "standard", folder)
@@ -56,7 +56,7 @@ def benchmark(folder: Path) -> Benchmark:
 
 def compute(made: Benchmark, field: Path) -> list[score_rows.ScoreRow]:
     """Scores of every tracker on every suite; predictions are kept in the cache."""
-    # Those of other images in there are not taken for these: their checksum is in them.
+    # Predictions hold the checksum of their images, so that those of other images do not count.
     out = CACHE / f"predictions-{torchsphere.__version__}-{made.size}"
     entries = [trackers.resolve(name) for name in trackers.names()]
 
@@ -72,7 +72,7 @@ def compute(made: Benchmark, field: Path) -> list[score_rows.ScoreRow]:
 
 
 def page(made: Benchmark, scores: Board) -> str:
-    """LEADERBOARD.md."""
+    """The text of LEADERBOARD.md."""
     settings = {entry.name: entry.settings for entry in map(trackers.resolve, trackers.names())}
     settings[FIELD] = FIELD_SETTINGS
     suites = "\n".join(
@@ -116,7 +116,7 @@ suite has one, can be told to torchsphere alone.
 
 
 def plot(scores: Board) -> None:
-    """The four errors by suite, a mark per tracker that measures what the panel shows."""
+    """The four errors by suite, a mark for each tracker that measures the quantity."""
     with saved_figure(FIGURE, (14, 9.5)) as figure:
         axes = figure.subplots(2, 2, sharex=True)
         rivals = scores.rivals()

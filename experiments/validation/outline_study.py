@@ -88,7 +88,7 @@ BACKGROUNDS: dict[str, Callable[[tuple[int, int]], Tensor] | None] = {"uniform":
 
 
 def without_background(shot: Shot, position: Array) -> Tensor:
-    """The images with a constant in place of the still background, around the ball at ``position`` (n, 2)."""
+    """The images with a constant instead of the still background around the ball at ``position`` (n, 2)."""
     behind = still.background(Source.open(shot.images, None, torch.float32), position, shot.radius)
     level = float(behind.median())
     centres, images = torch.from_numpy(position), shot.images.clone()
@@ -103,10 +103,10 @@ def without_background(shot: Shot, position: Array) -> Tensor:
 
 
 class Unchecked(Options):
-    """Options that accept a region beyond the outline, which those of the package refuse for good reason."""
+    """Options that accept a region beyond the outline, which the package refuses."""
 
     def __post_init__(self) -> None:
-        """Check nothing: the correlation copies its options, and each copy would be checked again."""
+        """Check nothing; copies of the options would be checked again."""
 
 
 def beyond_the_outline(images: Tensor, track: ts.Track) -> Steps:
@@ -120,7 +120,7 @@ def beyond_the_outline(images: Tensor, track: ts.Track) -> Steps:
 
 
 def fused_with_edge(images: Tensor, track: ts.Track) -> Steps:
-    """The pairs' increments, brought up to date with the steps of circles fitted to the edges, as a Kalman filter does.
+    """The pairs' increments, updated by the steps of circles that are fitted to the edges, as in a Kalman filter.
 
     Region and edge share no pixels, so their errors count as independent.
     """
@@ -138,7 +138,7 @@ def fused_with_edge(images: Tensor, track: ts.Track) -> Steps:
 
 
 def by_correlation(shot: Shot) -> dict[str, Steps]:
-    """Steps by all ways but the map."""
+    """Steps by all ways except the map."""
     track = ts.track(shot.images, shot.circle, sphere_map=False)
     bare = without_background(shot, track.position)
     return {

@@ -35,17 +35,17 @@ from render.shot import Shot
 from torchsphere.planning.example_image import Example, white_noise
 from torchsphere.planning.expected import Setup, differences, increment_covariance
 
-#: Patterns of the recordings, and of the stills that the planner sees.
+#: Seeds of the recordings, and of the planner's stills.
 SEEDS, STILLS = (8, 9, 10, 11, 12, 13), (108, 109, 110, 111, 112, 113)
 
 #: Rays of a pixel: the renderer's own noise is then a third of the camera's. With 64 it is 1.4 grey levels where the
 #: pattern is steep, and a step across the paper's flight is known to 0.0054 px instead of 0.0041.
 SAMPLES = 320
 
-#: Part of the ball that the correlation uses.
+#: Region of the correlation, in radii.
 REGION = 0.95
 
-#: How far plan and test may be apart.
+#: Largest relative difference of plan and test.
 AGREED = 0.20
 
 NAMES = ("dx (px)", "dy (px)", "wx (deg)", "wy (deg)", "wz (deg)", "vx (m/s)", "vy (m/s)", "Fx (kN)", "Fy (kN)")
@@ -67,7 +67,7 @@ class Plan:
     mass_g: float = 110.0
 
     def setup(self, noise: float) -> Setup:
-        """As the planner is told; ``noise`` of a pixel, grey levels."""
+        """The planner's settings, with the noise of a pixel in grey levels."""
         return Setup(
             speed_m_s=math.hypot(*self.velocity),
             direction_deg=math.degrees(math.atan2(self.velocity[1], self.velocity[0])),
@@ -81,7 +81,7 @@ class Plan:
         )
 
     def shot(self, seed: int) -> Shot:
-        """The recording."""
+        """The shot of the recording."""
         margin = 0.5 * self.diameter_mm * self.px_per_mm + 8
         # The middle of the image is where x = y = 0.
         start = (margin - self.size[0] / 2) / self.px_per_mm
@@ -157,7 +157,7 @@ def measured(plan: Plan) -> Array:
 
 
 def _truth(footage: Footage) -> Array:
-    """True increments (n - 1, 5), px and rad; steady, but for the fourth decimal."""
+    """True increments (n - 1, 5), px and rad."""
     return footage.true("dx_px", "dy_px", "wx_rad", "wy_rad", "wz_rad")[1:]
 
 

@@ -49,10 +49,10 @@ from experiments.experiment import DOCS, publish, saved_figure, table
 from experiments.validation.projection_errors import ROTATION, TRANSLATION, WAYS, Errors, Results, compute
 from experiments.validation.projection_footage import BASE, CROSSING, SERIES
 
-#: Bias that the summary asks for, px and deg.
+#: Largest bias of a model that suffices, px and deg.
 LIMIT = 0.005
 
-#: Cases of the table on the pages: property, value and what the table calls the case; and models with their names.
+#: Cases of the table on the pages (property, value, name), and models with their names there.
 CASES = (
     ("rotation", 0.1, "orthographic, 0.1 deg per frame"),
     ("rotation", BASE.turn, "orthographic, 0.57 deg"),
@@ -92,7 +92,7 @@ def plot(results: Results) -> None:
                 axis.set_yscale("log")
                 axis.set_xscale(scale)
                 axis.tick_params(labelsize=11)
-                # The base case stands in the titles.
+                # The titles name the base case.
                 axis.set_xticks(values, ["" if v == BASE.turn else f"{v:g}" for v in values])
                 axis.minorticks_off()
             axes[-1].set_xlabel(label, fontsize=12)
@@ -151,7 +151,7 @@ def holds(results: Results, name: str, way: str, limits: tuple[float, float]) ->
 
 
 def verdict(results: Results) -> str:
-    """When which model suffices, in figures."""
+    """Text: the range in which each model suffices."""
     strict, of_place, of_turn = (LIMIT, LIMIT), (LIMIT, math.inf), (math.inf, 4 * LIMIT)
 
     def worst(name: str, way: str, k: slice) -> float:
@@ -181,7 +181,7 @@ stays within it at 0.57 deg. `published` stays within it {stays}: it is off by
 
 
 def acceptance(results: Results) -> str:
-    """The two lines that the project set itself, and what was measured."""
+    """Text: the targets of the project beside the measured errors."""
     lines = ["\nTargets (largest component; standard deviation, too, where one is set):"]
     for name, value, way, limits in (
         ("distance", CROSSING.distance, "pinhole", "0.003 px, 0.003 deg"),
@@ -198,7 +198,7 @@ def acceptance(results: Results) -> str:
 
 
 def main() -> None:
-    """Measure, draw, and print the table and when which model suffices."""
+    """Measure, draw, and print the table and the range of each model."""
     results = compute()
     plot(results)
     print_table(results)

@@ -16,10 +16,10 @@ from experiments.validation.projection_footage import NOISE_GREY, SERIES, Case, 
 
 PATTERNS = (0, 1, 2)
 
-#: Distance in radii that stands for an orthographic camera where the pinhole model asks for one.
+#: Distance in radii that stands for an orthographic camera in the pinhole model.
 FAR = 1e4
 
-#: Share and px that first guesses are wrong by.
+#: Relative and absolute error of first guesses, the latter in px.
 WRONG_SHARE, WRONG_PX = 0.03, 0.1
 
 TRANSLATION, ROTATION = slice(0, 2), slice(2, 5)
@@ -34,7 +34,7 @@ WAYS = {
     "pinhole": (VERMILION, "^"),
 }
 
-#: What the models are asked for with, see `projection`.
+#: Options of the models, see `projection`.
 OPTIONS: dict[str, dict[str, Any]] = {"rigid": {"finite_from_deg": 180.0}, "finite": {"jacobian": "autograd"}}
 
 
@@ -50,7 +50,7 @@ def measure_pairs(footage: Footage, model: str, seed: int, **options: Any) -> Ar
     rng = np.random.default_rng([seed, 11])
     start = footage.increment * (1 + WRONG_SHARE * rng.standard_normal(footage.increment.shape))
     start[:, :2] += WRONG_PX * rng.standard_normal((len(start), 2))
-    # Pairs need one radius; that of an outline changes little on its way.
+    # Pairs need a common radius; the radius of an outline changes little on its way.
     circles = np.column_stack((circles[:-1, :2], np.full(len(start), circles[:, 2].mean())))
     found = ts.correlate(footage.images[:-1], footage.images[1:], circles, start=start, model=model, **options)
     return found.q.double().numpy()
@@ -77,7 +77,7 @@ def measure(case: Case) -> dict[str, list[Any]]:
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors (patterns, steps, 5), px and deg, NaN where nothing was measured."""
+    """Errors (patterns, steps, 5), px and deg, NaN if not measured."""
 
     error: Array
 
@@ -87,7 +87,7 @@ class Errors:
         return float(np.isfinite(self.error[..., 0]).mean())
 
     def bias(self) -> tuple[Array, Array]:
-        """Mean error (5,) and its uncertainty (5,), NaN where no more than half of the steps were measured."""
+        """Mean error (5,) and its uncertainty (5,), NaN if at most half of the steps were measured."""
         if self.measured <= 0.5:
             return np.full(5, np.nan), np.full(5, np.nan)
         with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # the translation model's rotation
@@ -116,7 +116,7 @@ Results = dict[tuple[str, float, str], Errors]
 
 
 def compute() -> Results:
-    """Errors of everything, from the cache where they have been measured."""
+    """Errors of all footage by all ways, measured or from the cache."""
     results: Results = {}
     for name, _, _, values in SERIES:
         for value in values:

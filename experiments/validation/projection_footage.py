@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 NOISE_GREY, SPECKLE_PX, JITTER_PX = 2.0, 4.0, 0.3
 BALL_RADIUS_M = 0.015
 
-#: Direction of the rotation, and from the middle of an image of 512 x 256 to where a ball of 50 px fits its corner.
+#: Direction of the rotation; direction from the middle to the corner of an image of 512 x 256, for a ball of 50 px.
 AXIS, TO_CORNER = (0.2, 0.5, 0.2), np.array([200.0, 72.0]) / math.hypot(200.0, 72.0)
 
 
@@ -42,7 +42,7 @@ class Case:
     samples: int = 256
 
 
-#: Light paths per pixel of all but the base cases.
+#: Light paths per pixel, except in the base cases.
 SAMPLES = 64
 
 BASE = Case()
@@ -59,7 +59,7 @@ SERIES: tuple[tuple[str, str, str, tuple[float, ...]], ...] = (
 
 
 def case_of(name: str, value: float) -> Case:
-    """The footage of a series at one of its values; all but the base cases at fewer samples."""
+    """The case of a series at one of its values; only base cases have all samples."""
     if name == "place":
         middle = CROSSING.distance * CROSSING.radius * math.tan(math.radians(value)) * TO_CORNER
         first = middle - (PLACE.frames - 1) / 2 * np.array(PLACE.step)
@@ -83,7 +83,7 @@ class Footage:
 
 @dataclass(frozen=True)
 class Scene:
-    """What `render.frames` asks for, the ball's places (n, 3), m, and the true increment (n - 1, 5), px and rad."""
+    """Input of `render.frames`, the ball's positions (n, 3), m, and the true increment (n - 1, 5), px and rad."""
 
     setup: Setup
     motion: Motion
@@ -92,7 +92,7 @@ class Scene:
 
     @property
     def times_s(self) -> Array:
-        """One frame per second."""
+        """Times of the frames, one per second."""
         return np.arange(len(self.places_m), dtype=float)
 
     @property
@@ -136,7 +136,7 @@ def render_footage(case: Case, seed: int) -> Footage:
 
 
 def _camera(case: Case, seen: Array) -> tuple[Camera, Array]:
-    """The camera, its image cut to the ball's path, and the ball's places (n, 3), m."""
+    """The camera with an image cut to the ball's path, and the ball's positions (n, 3), m."""
     perspective = math.isfinite(case.distance)
     # Under perspective the outline is longer than the radius: by half of it at the widest angle of the series.
     margin = 12 + case.radius * (1.6 if perspective else 1.0)
@@ -154,7 +154,7 @@ def _camera(case: Case, seen: Array) -> tuple[Camera, Array]:
 
 
 def outline_circle(camera: Camera, centre_m: Array) -> Array:
-    """Circle (3,) that fits the outline best, px: of the cone that touches the ball."""
+    """Circle (3,) that fits the outline best, px."""
     angle = np.linspace(0, 2 * np.pi, 180, endpoint=False)[:, None]
     line, share = np.array([0.0, 0.0, 1.0]), 1.0
     if camera.model == "pinhole":

@@ -22,19 +22,19 @@ from kornia.geometry.liegroup import So3
 import torchsphere as ts
 from experiments.experiment import Array
 
-#: The recording's field of view, and the change of grey level over time that tells the ball from what is still.
+#: Field of view, and least standard deviation over time of a pixel on the ball, grey levels.
 FIELD_OF_VIEW, MOVING = math.radians(120.0), 6.0
 
 
 def outline_of(images: Array) -> ts.Circle:
-    """The ball that turns in place, by the area and the centroid of what changes over time."""
+    """The circle of a ball that turns in place, by area and centroid of the pixels that change over time."""
     moving = images.std(0) > MOVING
     y, x = np.nonzero(moving)
     return ts.Circle(float(x.mean()), float(y.mean()), math.sqrt(len(x) / math.pi))
 
 
 def errors(track: ts.Track, truth: Array) -> tuple[Array, Array]:
-    """Angle of each increment's error (n - 1,), and of the orientation's since the first frame (n,), deg."""
+    """Angle of the error of increments (n - 1,) and of orientations since the first frame (n,), deg."""
     true = So3.exp(torch.from_numpy(truth)).matrix()
     steps = (true[1:] @ true[:-1].mT).numpy()
     found = So3.exp(torch.from_numpy(np.nan_to_num(track.increment[:, 2:]))).matrix().numpy()
@@ -66,7 +66,7 @@ def main() -> None:
     of_steps, of_path = errors(track, truth[: len(images)])
     ok = int((track.status == "ok").sum())
     print(f"{ok} of {len(images)} frames ok; truth turns by {np.degrees(np.linalg.norm(truth, axis=1)).max():.0f} deg")
-    # The first step is left out: the truth's first row is the program's zero, not the first image's phase.
+    # The first step does not count: the first row of the truth is zero, not the orientation in the first image.
     print(f"step: median {np.nanmedian(of_steps[1:]):.2f}, worst {np.nanmax(of_steps[1:]):.2f} deg")
     known = np.isfinite(of_path)
     print(f"orientation: at the end {of_path[known][-1]:.1f} deg, worst {of_path[known].max():.1f} deg")

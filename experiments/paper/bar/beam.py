@@ -29,15 +29,15 @@ POINTS_PER_MODE, POINTS_ABOVE = 4, 8
 
 @dataclass(frozen=True)
 class Beam:
-    """The bar in numbers: ``k`` modes, ``p`` points at which it may yield."""
+    """The bar by ``k`` bending modes and ``p`` points at which it may yield."""
 
     mass_kg: float  # of the beam, and of each mode
     omega_rad_s: Array  # angular eigenfrequencies (k,)
-    middle: Array  # the shapes at mid-span (k,)
+    middle: Array  # shapes at mid-span (k,)
     curvature_m2: Array  # second derivatives of the shapes at the points (p, k), 1/m^2
-    weight_m: Array  # length for which each point stands (p,), both halves together
+    weight_m: Array  # length of the bar per point (p,), both halves together
     stiffness_n_m2: float  # ``E I``
-    # moment (p,) at which it yields, from the accumulated plastic curvature (p,) in 1/m
+    # Yield moment (p,) by the accumulated plastic curvature (p,) in 1/m.
     plastic_moment_n_m: Callable[[Array], Array]
 
 

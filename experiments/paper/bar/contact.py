@@ -33,14 +33,14 @@ class Contact:
 
     @cached_property
     def yield_approach_m(self) -> float:
-        """Approach at which the contact yields."""
+        """Approach in m at which the contact yields."""
         return self.radius_m * (math.pi * self.pressure_pa / (2 * self.modulus_pa)) ** 2
 
     def _hertz(self, radius_m: float, approach_m: float) -> float:
         return 4 / 3 * self.modulus_pa * math.sqrt(radius_m) * approach_m**1.5
 
     def loading(self, approach_m: float) -> float:
-        """Force in N at an approach never reached before."""
+        """Force in N at the deepest approach so far."""
         start = self.yield_approach_m
         if approach_m <= start:
             return self._hertz(self.radius_m, max(approach_m, 0.0))
@@ -48,11 +48,11 @@ class Contact:
         return self._hertz(self.radius_m, start) + slope * (approach_m - start)
 
     def dent(self, deepest_m: float) -> tuple[float, float]:
-        """Radius of the dent, and the approach at which it lets go, both in m, after the deepest approach."""
+        """Radius of the dent and approach at which the contact ends, both in m, after the deepest approach."""
         if deepest_m <= self.yield_approach_m:
             return self.radius_m, 0.0
         force = self.loading(deepest_m)
-        # Twice the force plus that at yield: area of the contact by Thornton's equation for F > F_y.
+        # Area of the contact by Thornton's equation for F > F_y.
         first = self._hertz(self.radius_m, self.yield_approach_m)
         area = (2 * force + first) / (2 * math.pi * self.pressure_pa)
         radius = 4 * self.modulus_pa * area**1.5 / (3 * force)
@@ -66,13 +66,13 @@ class Contact:
         return self._hertz(radius, max(approach_m - release, 0.0))
 
     def elastic_energy(self, approach_m: float, deepest_m: float) -> float:
-        """Energy in J that the contact would give back."""
+        """Elastic energy in J of the contact."""
         deepest_m = max(approach_m, deepest_m)
         _, release = self.dent(deepest_m)
         return 0.4 * self.force(approach_m, deepest_m) * max(approach_m - release, 0.0)
 
     def plastic_work(self, deepest_m: float) -> float:
-        """Energy in J that it keeps: the work up to the deepest approach without what unloading gives back."""
+        """Plastic work in J: the work up to the deepest approach less the energy that unloading returns."""
         start = self.yield_approach_m
         if deepest_m <= start:
             return 0.0

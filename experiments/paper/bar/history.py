@@ -12,7 +12,7 @@ from experiments.paper.bar.setup import Setup
 
 Array = NDArray[np.float64]
 
-#: A peak of the force rises by this share of the highest above its surroundings.
+#: Least prominence of a peak of the force, as a share of the highest force.
 PROMINENCE = 0.1
 
 
@@ -47,18 +47,18 @@ class History:
 
     @property
     def momentum_kg_m_s(self) -> Array:
-        """Of ball and bar (n, 3): the same throughout."""
+        """Momentum of ball and bar (n, 3); it is constant."""
         setup = self.setup
         return setup.ball_mass_kg * self.velocity_m_s + setup.bar_mass_kg * self.bar_velocity_m_s
 
     @property
     def total_energy_J(self) -> Array:  # noqa: N802
-        """Sum of all energies (n,): the same throughout."""
+        """Sum of all energies (n,); it is constant."""
         return np.sum(list(self.energy_J.values()), axis=0)
 
     @property
     def contacts_s(self) -> tuple[tuple[float, float], ...]:
-        """Begin and end of each time of touch."""
+        """Begin and end of each contact."""
         touching = np.concatenate(((0,), self.normal_N > 0, (0,))).astype(int)
         starts, stops = np.flatnonzero(np.diff(touching) > 0), np.flatnonzero(np.diff(touching) < 0)
         return tuple((float(self.time_s[i]), float(self.time_s[j - 1])) for i, j in zip(starts, stops, strict=True))

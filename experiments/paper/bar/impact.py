@@ -20,11 +20,11 @@ from experiments.paper.bar.setup import Setup
 
 Array = NDArray[np.float64]
 
-#: Places in the state of what is not a mode; the modes' amplitudes and their rates follow, (k, 3) each.
+#: Places in the state vector before the modes' amplitudes and rates, (k, 3) each.
 PLACE, VELOCITY, SPIN, QUATERNION = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 13)
 BAR_PLACE, BAR_VELOCITY, ROLL, RUBBED, DAMPED, MODES = slice(13, 16), slice(16, 19), 19, 20, 21, 22
 
-#: The ball must have been free for this long at the end, in s: a sixth of the first mode's period.
+#: Least time without contact at the end, in s: a sixth of the first mode's period.
 FREE_S = 0.2e-3
 
 
@@ -40,7 +40,7 @@ class Touch:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Product (3,) of two vectors (3,): ten times as fast as NumPy's, which is made for many."""
+    """Cross product (3,) of two vectors (3,), ten times as fast as NumPy's."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx))
 
@@ -114,7 +114,7 @@ class _System:
         return change
 
     def settle(self, state: Array) -> Touch:
-        """Take the deepest approach, and yield in bending, at the end of a step; gives the contact there."""
+        """Update the deepest approach and the plastic curvature at the end of a step; returns the contact."""
         touch = self.touch(state)
         self.deepest_m = max(self.deepest_m, touch.approach_m)
         bar, amplitude = self.beam, self.modes(state)[0]
@@ -126,7 +126,7 @@ class _System:
             grown = excess / bar.stiffness_n_m2
             self.plastic_curvature += moment * (grown / np.maximum(size, 1e-300))[:, None]
             self.accumulated += grown
-            # The moment falls from its size to the yielding one while the curvature grows.
+            # The moment falls to the yield moment while the plastic curvature grows.
             self.bent_J += float(bar.weight_m @ (grown * (size - excess / 2)))
             spread = bar.weight_m[:, None] * self.plastic_curvature
             self.from_plastic_N = bar.stiffness_n_m2 * bar.curvature_m2.T @ spread

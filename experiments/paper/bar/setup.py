@@ -9,7 +9,7 @@ import numpy as np
 
 Vector = tuple[float, float, float]
 
-#: What may be zero or of either sign; all other numbers are above zero.
+#: Fields that may be zero or negative; all others are above zero.
 SIGNED = ("sideways_m_s", "offset_m")
 NOT_NEGATIVE = ("damping", "friction")
 
@@ -100,7 +100,7 @@ class Setup:
     length_s: float = 1.1e-3
 
     def __post_init__(self) -> None:
-        """Refuse what is no such impact.
+        """Raises if the settings describe no impact.
 
         Raises
         ------
@@ -144,10 +144,10 @@ class Setup:
 
     @property
     def ball_inertia_kg_m2(self) -> float:
-        """Of a solid sphere about its centre."""
+        """Inertia of a solid sphere about its centre."""
         return 0.4 * self.ball_mass_kg * self.ball_radius_m**2
 
     @property
     def bar_roll_inertia_kg_m2(self) -> float:
-        """Of the bar about its own axis."""
+        """Inertia of the bar about its own axis."""
         return self.bar_mass_kg * self.bar_radius_m**2 / 2

@@ -20,7 +20,7 @@ HEADER = "time_s,x_m,y_m,z_m,rx_rad,ry_rad,rz_rad"
 def motion(history: History, times_s: Array) -> tuple[Array, Rotation]:
     """Positions (n, 3) in m and orientations at any times (n,) in s since first touch.
 
-    Before and after what was integrated, velocity and spin are constant; between its steps the position is a cubic
+    Outside the integrated time, velocity and spin are constant; between the steps the position is a cubic
     through positions and velocities, and the spin is constant.
     """
     known = history.time_s
@@ -52,7 +52,7 @@ def write_table(
             f"before_s = {before_s!r}, after_s = {after_s!r}, step_s = {step_s!r}: expected times that are not "
             "negative, and a step above 0"
         )
-    # Whole steps to both sides, so that first touch is a row, and no less than was asked for.
+    # Whole steps to both sides, rounded up, so that first touch is a row.
     first, last = (int(np.ceil(time / step_s - 1e-9)) for time in (before_s, after_s))
     times = step_s * np.arange(-first, last + 1, dtype=np.float64)
     position, orientation = motion(history, times)
