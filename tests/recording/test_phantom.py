@@ -7,7 +7,7 @@ import pytest
 from writers import write_cine
 
 from torchsphere.recording import open_recording
-from torchsphere.recording.packed import linear_12_bit
+from torchsphere.recording.levels import linear_12_bit
 
 RNG = np.random.default_rng(2)
 

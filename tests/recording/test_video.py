@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from torchsphere.recording import cursor, open_recording
+from torchsphere.recording import open_recording, video
 
 av = pytest.importorskip("av", reason="PyAV is not installed")
 RNG = np.random.default_rng(9)
@@ -39,7 +39,7 @@ def test_grey_video_is_bit_exact_forwards_and_backwards(tmp_path: Path, pixels: 
 @pytest.fixture(params=[0, 2**28], ids=["no cache", "cache"])
 def cache_bytes(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
     """Limit of the cache of decoded images, bytes."""
-    monkeypatch.setattr(cursor, "CACHE_BYTES", request.param)
+    monkeypatch.setattr(video, "CACHE_BYTES", request.param)
     return int(request.param)
 
 
@@ -62,14 +62,14 @@ def test_images_are_decoded_once_until_the_cache_is_full(tmp_path: Path, monkeyp
     images = RNG.integers(0, 256, (300, 16, 16)).astype(np.uint8)
     path = write_video(tmp_path / "long.avi", images, "gray")
     decoded = []
-    original = cursor.Cursor._advance
+    original = video.Cursor._advance
 
-    def advance(self: cursor.Cursor) -> object:
+    def advance(self: video.Cursor) -> object:
         decoded.append(self._next)
         return original(self)
 
-    monkeypatch.setattr(cursor.Cursor, "_advance", advance)
-    monkeypatch.setattr(cursor, "CACHE_BYTES", 200 * 16 * 16)
+    monkeypatch.setattr(video.Cursor, "_advance", advance)
+    monkeypatch.setattr(video, "CACHE_BYTES", 200 * 16 * 16)
     with open_recording(path) as recording:
         for start, stop in ((0, 300), (100, 101), (30, 90), (195, 199), (5, 105), (0, 200)):
             np.testing.assert_array_equal(recording.images(start, stop), images[start:stop])
@@ -111,7 +111,7 @@ def test_a_video_without_the_requested_key_image_is_decoded_from_its_start(
 ) -> None:
     path = write_video(tmp_path / "a.mp4", drift(200), "yuv420p", "mpeg4")
     in_order = open_recording(path).images(0, 200)
-    monkeypatch.setattr("torchsphere.recording.cursor.INTRA", -1)
+    monkeypatch.setattr("torchsphere.recording.video.INTRA", -1)
     with open_recording(path) as recording:
         for start in (150, 20, 190):
             np.testing.assert_array_equal(recording.images(start, start + 2), in_order[start : start + 2])
@@ -134,8 +134,8 @@ class InOrder:
 def test_a_video_without_seeking_is_decoded_from_its_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_video(tmp_path / "a.mp4", drift(200), "yuv420p", "mpeg4")
     in_order = open_recording(path).images(0, 200)
-    name = "torchsphere.recording.cursor.Cursor"
-    original = cursor.Cursor._open
+    name = "torchsphere.recording.video.Cursor"
+    original = video.Cursor._open
     with open_recording(path) as recording:
         monkeypatch.setattr(f"{name}._open", lambda self: InOrder(original(self)))
         for start in (150, 20, 190):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from torchsphere.recording.folder import natural_key
 from torchsphere.recording.photron import HEADER_SUFFIXES
-from torchsphere.recording.tiff_chain import count_pages
+from torchsphere.recording.tiff import count_pages
 
 TIFF = (".tif", ".tiff")
 PHOTRON = (*HEADER_SUFFIXES, ".mraw")

@@ -12,7 +12,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.recording.grey import ALPHA_NOTE, GREY_NOTE, to_grey
+from torchsphere.recording.levels import ALPHA_NOTE, GREY_NOTE, to_grey
 from torchsphere.recording.recording import Reader, Recording
 from torchsphere.recording.refusal import library_failures
 

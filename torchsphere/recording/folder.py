@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from torchsphere.recording.recording import MAX_PIXELS, Reader, Recording
 from torchsphere.recording.refusal import PNG_SIGNATURE, library_failures, looks_like
-from torchsphere.recording.tiff import Page, describe, page_image, page_notes
-from torchsphere.recording.tiff_chain import count_pages
+from torchsphere.recording.tiff import Page, count_pages, describe, page_image, page_notes
 
 _TIFF, _PNG = (".tif", ".tiff"), (".png",)
 _OTHER_IMAGES = (".jpg", ".jpeg", ".bmp", ".gif", ".webp", ".jp2", ".raw", ".dng")

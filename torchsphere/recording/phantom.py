@@ -16,8 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.recording.grey import GREY_NOTE, to_grey
-from torchsphere.recording.packed import TABLE_NOTE, linear_12_bit, unpack_10, unpack_12
+from torchsphere.recording.levels import GREY_NOTE, TABLE_NOTE, linear_12_bit, to_grey, unpack_10, unpack_12
 from torchsphere.recording.recording import MAX_PIXELS, Reader, Recording
 from torchsphere.recording.refusal import looks_like
 

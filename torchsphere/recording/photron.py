@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.recording.packed import unpack_12
+from torchsphere.recording.levels import unpack_12
 from torchsphere.recording.recording import Reader, Recording
 from torchsphere.recording.refusal import library_failures, looks_like
 

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+import itertools
+import threading
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,16 +15,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.recording.cursor import Cursor
-from torchsphere.recording.grey import GREY_NOTE, to_grey
+from torchsphere.recording.levels import GREY_NOTE, to_grey
 from torchsphere.recording.recording import Recording
-from torchsphere.recording.refusal import library_failures, looks_like
+from torchsphere.recording.refusal import LibraryMissingError, library_failures, looks_like
 
 if TYPE_CHECKING:
     import av
+    from av.container import InputContainer
 
 # PyAV's reader of each type; a named reader keeps the content of the file from choosing another.
 _READERS = {"an AVI video": "avi", "an MP4 or MOV video": "mov", "a Matroska or WebM video": "matroska"}
+
+#: Number of the latest images that are held for a batch that is read again (docs/constants.md).
+RECENT_IMAGES = 80
+
+#: Bytes of decoded images that are kept for later passes over the recording (docs/constants.md).
+CACHE_BYTES = 2**28
+
+#: PyAV's picture type of an image that needs no other image; some encoders mark other images as key images.
+INTRA = 1
 
 
 def open_video(path: Path) -> Recording:
@@ -82,3 +96,178 @@ def _decoder(path: Path, frame: av.VideoFrame) -> tuple[Callable[[av.VideoFrame]
     raise ValueError(
         f"{path}: the pixels are {name}, expected grey, YUV in planes, or RGB; convert the video, for example to gray"
     )
+
+
+class Cursor:
+    """A position in a video, from which images are decoded forwards, or from a nearer key image.
+
+    A seek in compressed video may land on another image than the requested key image. The time of the image tells,
+    and after a wrong landing the video is decoded from its start.
+    """
+
+    def __init__(self, path: Path, reader: str) -> None:
+        self.codec = ""
+        self._path, self._reader = path, reader
+        self._container: InputContainer | None = None
+        self._frames: Iterator[av.VideoFrame] = iter(())
+        self._next = self._count = 0
+        self._size = (0, 0)
+        self._decode: Callable[[av.VideoFrame], NDArray[Any]] | None = None
+        # The latest images in order; the last has the number `_next` - 1.
+        self._recent: deque[NDArray[Any]] = deque(maxlen=RECENT_IMAGES)
+        self._cache: dict[int, NDArray[Any]] = {}  # by number
+        self._cached_bytes = 0
+        # Times of all images and numbers of the key images; empty where the times are not known.
+        self._times: list[int] = []
+        self._keys: list[int] = []
+        self._jumped = False
+        self._lock = threading.Lock()  # threads share the position
+
+    def survey(self) -> tuple[int, float | None]:
+        """Count the images and give the playback rate, without decoding."""
+        with self._open() as container:
+            if not container.streams.video:
+                return 0, None
+            stream = container.streams.video[0]
+            self.codec = stream.codec_context.name
+            rate = stream.average_rate or stream.guessed_rate
+            times: list[int | None] = []
+            keys = set()
+            whole = 0
+            for packet in container.demux(stream):
+                if packet.size and not packet.is_corrupt:
+                    whole += 1
+                    if not packet.is_discard:
+                        times.append(packet.pts)
+                        keys |= {packet.pts} if packet.is_keyframe else set()
+            # AVI and MP4 state the number of their images; for other containers it is 0.
+            if stream.frames > whole:
+                raise EOFError(f"{whole} of {stream.frames} images are present")
+            known = [time for time in times if time is not None]
+            if len(set(known)) == len(times):
+                self._times = sorted(known)
+                self._keys = [number for number, time in enumerate(self._times) if time in keys]
+            return len(times), float(rate) if rate else None
+
+    def first(self) -> av.VideoFrame:
+        """Decode the first image."""
+        with self._open() as container:
+            return next(iter(container.decode(video=0)))
+
+    def expect(self, count: int, size: tuple[int, int], decode: Callable[[av.VideoFrame], NDArray[Any]]) -> None:
+        """Set the number of images, their size (h, w), and the function that turns a frame into grey levels."""
+        self._count, self._size, self._decode = count, size, decode
+
+    def read(self, start: int, stop: int) -> NDArray[np.float32]:
+        """Images ``start`` to ``stop - 1``, float32."""
+        with self._lock:
+            images = {number: self._cache[number] for number in range(start, stop) if number in self._cache}
+            missing = [number for number in range(start, stop) if number not in images]
+            if missing:
+                images |= self._decoded(missing[0], missing[-1] + 1)
+            return np.stack([images[number] for number in range(start, stop)]).astype(np.float32)
+
+    def _decoded(self, start: int, stop: int) -> dict[int, NDArray[Any]]:
+        """Images ``start`` to ``stop - 1`` by their numbers."""
+        before = bisect_right(self._keys, start)
+        key = self._keys[before - 1] if before else 0
+        is_back = self._container is None or start < self._next - len(self._recent)
+        if key and (is_back or key > self._next):
+            self._jump(key)
+        elif is_back:
+            self._restart()
+        images = {n: image for n, image in enumerate(self._recent, self._next - len(self._recent)) if start <= n < stop}
+        while self._next < stop:
+            image = self._grey(self._advance())
+            number = self._next - 1
+            self._recent.append(image)
+            images[number] = image
+            if number not in self._cache and self._cached_bytes + image.nbytes <= CACHE_BYTES:
+                self._cache[number] = image
+                self._cached_bytes += image.nbytes
+        return images
+
+    def _clear_cache(self) -> None:
+        self._cache.clear()
+        self._cached_bytes = 0
+
+    def _restart(self) -> None:
+        """Go to the first image."""
+        self._release()
+        with library_failures(self._path, "a video"):
+            self._container = self._open()
+            self._container.streams.video[0].thread_type = "AUTO"
+            self._frames = iter(self._container.decode(video=0))
+        self._next, self._jumped = 0, False
+
+    def _jump(self, key: int) -> None:
+        """Go to the key image of that number, or to the first image where the video cannot seek to it."""
+        if self._container is None:
+            self._restart()
+        assert self._container is not None
+        time, frames, frame = self._times[key], self._frames, None
+        # Some videos can only be read in order; reading in order also finds and names any damage.
+        with contextlib.suppress(OSError), library_failures(self._path, "a video"):
+            self._container.seek(time, stream=self._container.streams.video[0])
+            frames = iter(self._container.decode(video=0))
+            frame = next((f for f in frames if f.pts is None or f.pts >= time), None)
+        if frame is None or frame.pts != time or int(frame.pict_type) != INTRA:
+            self._keys = []
+            self._restart()
+            return
+        self._frames, self._next, self._jumped = itertools.chain((frame,), frames), key, True
+        self._recent.clear()
+
+    def close(self) -> None:
+        """Release the file and all images."""
+        self._release()
+        self._clear_cache()
+
+    def _release(self) -> None:
+        if self._container is not None:
+            self._container.close()
+        self._container, self._frames = None, iter(())
+        self._recent.clear()
+
+    def _advance(self) -> av.VideoFrame:
+        with library_failures(self._path, "a video"):
+            frame = next(self._frames, None)
+        if frame is None:
+            present = self._next
+            self._release()
+            raise OSError(
+                f"{self._path}: gives {present} images when decoded, but has packets for {self._count}; "
+                "the file is cut or damaged, export it again"
+            )
+        if self._keys and frame.pts != self._times[self._next]:
+            # Images and packets have different times, so only counting gives the numbers of images.
+            self._keys = []
+            self._clear_cache()
+            if self._jumped:
+                number = self._next
+                self._restart()
+                while self._next < number:
+                    self._advance()
+                return self._advance()
+        self._next += 1
+        return frame
+
+    def _grey(self, frame: av.VideoFrame) -> NDArray[Any]:
+        if (frame.height, frame.width) != self._size:
+            raise OSError(
+                f"{self._path}: image {self._next - 1} is {frame.width} x {frame.height} px, the first is "
+                f"{self._size[1]} x {self._size[0]}; expected one size, export the video again"
+            )
+        with library_failures(self._path, "a video"):
+            assert self._decode is not None
+            # The memory of the frame belongs to the decoder, hence the copy.
+            return np.array(self._decode(frame))
+
+    def _open(self) -> InputContainer:
+        try:
+            import av
+        except ImportError as error:
+            raise LibraryMissingError(
+                f'{self._path}: reading video needs PyAV, which is not installed; run: pip install "torchsphere[video]"'
+            ) from error
+        return av.open(str(self._path), mode="r", format=self._reader)

@@ -1,4 +1,4 @@
-"""Grey levels of 10 and 12 bits that cameras store without gaps, most significant bits first.
+"""Grey levels from colour, and from the packed pixels of 10 and 12 bits of high-speed cameras.
 
 Phantom cameras compress their 12-bit levels to 10-bit codes: nearly one level per code in the dark, eight at the
 bright end. ADPhantom (the areaDetector driver), NASA's uPSP reader, MUVI and pycine hold the same table of 1024 levels.
@@ -8,8 +8,16 @@ levels 64..4064 to 0..4095 afterwards; here they stay. No formula gives every ro
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
+
+# Luma of ITU-R Recommendation BT.601, section 2.5.1, for red, green and blue.
+REC_601 = (0.299, 0.587, 0.114)
+
+GREY_NOTE = "Colour was converted to grey with the Rec. 601 weights 0.299 R + 0.587 G + 0.114 B."
+ALPHA_NOTE = "The transparency channel was ignored."
 
 # Level of code 0, then the step to each next code up to 1014, one digit each; codes above white are saturated.
 _FIRST = 2
@@ -34,6 +42,15 @@ TABLE_NOTE = (
 )
 
 
+def to_grey(colour: NDArray[Any], *, reverse: bool = False) -> NDArray[np.float32]:
+    """Grey levels (...) of colours (..., c): red, green, blue and further channels, or blue first if ``reverse``."""
+    red, green, blue = REC_601[::-1] if reverse else REC_601
+    grey: NDArray[np.float32] = np.multiply(colour[..., 0], np.float32(red), dtype=np.float32)
+    grey += np.multiply(colour[..., 1], np.float32(green), dtype=np.float32)
+    grey += np.multiply(colour[..., 2], np.float32(blue), dtype=np.float32)
+    return grey
+
+
 def linear_12_bit() -> NDArray[np.uint16]:
     """The 12-bit levels (1024,) of all 10-bit codes."""
     table = np.full(1024, _SATURATED, np.uint16)
@@ -43,7 +60,7 @@ def linear_12_bit() -> NDArray[np.uint16]:
 
 
 def unpack_10(data: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """Unpack bytes (..., 5 m) into 10-bit values (..., 4 m)."""
+    """Unpack bytes (..., 5 m) into 10-bit values (..., 4 m), most significant bits first."""
     five = data.reshape(*data.shape[:-1], -1, 5)
     values = np.empty((*five.shape[:-1], 4), np.uint16)
     for k in range(4):
@@ -54,7 +71,7 @@ def unpack_10(data: NDArray[np.uint8]) -> NDArray[np.uint16]:
 
 
 def unpack_12(data: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """Unpack bytes (..., 3 m) into 12-bit values (..., 2 m)."""
+    """Unpack bytes (..., 3 m) into 12-bit values (..., 2 m), most significant bits first."""
     three = data.reshape(*data.shape[:-1], -1, 3)
     values = np.empty((*three.shape[:-1], 2), np.uint16)
     first, middle, last = three[..., 0], three[..., 1], three[..., 2]
