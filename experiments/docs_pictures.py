@@ -1,8 +1,7 @@
-"""Pictures of the tutorial and of the archives' page: ``python -m experiments.docs_pictures``.
+"""Pictures of the tutorial and of the page about archives: ``python -m experiments.docs_pictures``.
 
-Renders the tutorial's shot, tracks it as the tutorial does, and photographs report and index in headless Chromium. The
-PNGs in ``docs/pictures/`` have 128 colours, so that each stays below 200 kB. Needs the extras render and dev, and the
-program chromium.
+Renders and tracks the tutorial's shot, and photographs report and index in headless Chromium. The PNGs in
+``docs/pictures/`` have 128 colours, so that each is smaller than 200 kB. Needs the extras render and dev, and Chromium.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""Rendered shots and what was tracked on them, each made once and kept in ``experiments/cache``.
+"""Rendered shots and their tracks, each made once and kept in ``experiments/cache``.
 
-A key holds all that a file was made from: the whole shot with every default, the rows of its table of motion, the
-options, and the version. Delete the folder after a change to the package or the renderer that leaves the version as
-it is.
+A key contains all settings of a file: the whole shot with every default, the rows of its table of motion, the options,
+and the version. Delete the folder after a change to the package or the renderer that leaves the version as it is.
 """
 
 from __future__ import annotations

@@ -1,26 +1,25 @@
 """Finite elements of the frontal impact, beside the beam model and the paper: ``python -m experiments.fe.bar``.
 
 Claim: explicit finite elements with the Johnson-Cook constants of table 4 give the four peaks of the measured force,
-at their places and heights (section 5.3.1, figure 11).
+with their times and heights (section 5.3.1, figure 11).
 
 Paper (Abaqus, edges of 0.5 to 15 mm): first peak about 60 kN, four peaks, 0.124 ms from the first to the second and
 0.594 ms to the third.
 
-Here: CalculiX, explicit, a quarter of ball and bar, penalty contact without friction, hardening tabulated at 20 000/s
-near the contact and at 100/s beyond (CalculiX does not take the actual rate), no heat, no offset of the ball. The force
-is the ball's change of momentum. The paper's is one at 36 000 frames per second, so that is what is compared: second
-differences of exact positions at that interval, whose largest in one recording depends on when the frames fall. The
-first peak is computed on three meshes, the whole impact on the two coarser ones.
+Here: CalculiX, explicit, a quarter of ball and bar, penalty contact without friction. Hardening is tabulated at 20
+000/s near the contact and at 100/s beyond, because CalculiX does not use the actual rate; no heat, no offset of the
+ball. The force is the ball's change of momentum. The paper's force is one at 36 000 frames per second, so second
+differences of exact positions at that interval are compared. Their largest value in a recording depends on the times of
+the frames. The first peak is computed on three meshes, the whole impact on the two coarser ones.
 
-Found: a first peak of 64.6 kN at most and 48.0 kN at least as the frames fall, so that 60 kN lies within, and 7 % under
-the best moment; the beam model has 59.8 and 47.5 kN. From elements of 2.5 mm to 1.25 mm the peak changes by 2 %, and
-with the tables at 100/s everywhere by 4 %. Four peaks, the third where the paper has it (0.599 ms), but the second
-15 us late, half a frame's interval (0.139 ms): the paper's 0.124 ms is not reproduced. The peaks after the first are
-not converged: from 2.5 to 1.8 mm they fall by 5 % (second), 12 % (third) and a third (fourth), and come 3, 21 and
-17 us earlier.
+Result: the first peak is 48.0 to 64.6 kN, depending on the times of the frames, which includes 60 kN; the beam model
+has 47.5 to 59.8 kN. From elements of 2.5 mm to 1.25 mm the peak changes by 2 %, and with tables at 100/s everywhere by
+4 %. There are four peaks. The third agrees with the paper (0.599 ms). The second is 15 us late, half a frame's interval
+(0.139 ms): the paper's 0.124 ms is not reproduced. The later peaks have not converged: from 2.5 to 1.8 mm they fall by
+5 % (second), 12 % (third) and a third (fourth), and come 3, 21 and 17 us earlier.
 
-CalculiX is the program ``ccx``; what is not in ``experiments/cache`` needs it, and the experiment says so. Delete the
-cache's ``fe-bar`` files after a change to `experiments.fe`. All of it took 8 min, one thread on a busy machine.
+CalculiX is the program ``ccx``. Only computations in ``experiments/cache`` do without it. Delete the ``fe-bar`` files
+of the cache after a change to `experiments.fe`. All computations took 8 min on one thread of a busy machine.
 """
 
 from __future__ import annotations

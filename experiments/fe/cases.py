@@ -1,4 +1,4 @@
-"""Both impacts in numbers, each of one dataclass, and the bodies they make for the deck."""
+"""The parameters of both impacts, each a dataclass, and the bodies for their decks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The input of CalculiX for one body that flies into another: explicit dynamics, contact by penalty."""
+"""CalculiX's input of a body that flies into another: explicit dynamics, contact by penalty."""
 
 from __future__ import annotations
 

@@ -4,24 +4,23 @@ Claim: the ball slides on the plate with almost no deceleration along it, and le
 (section 6, figures 14 and 15).
 
 Paper: 80 m/s at 15 deg, ball of 19 mm and 28 g, steel plate of 200 x 400 x 1 mm with two edges simply supported; in
-contact at 0.65 ms (figure 15). Its velocities and forces stand in figure 14 alone, and no number of them in the text.
+contact at 0.65 ms (figure 15). Velocities and forces are in figure 14 only, without numbers in the text.
 
 Here: CalculiX, explicit, one half, penalty contact without friction, Johnson-Cook of table 5 tabulated at 200/s, one
-layer of bricks with incompatible modes. What the paper does not say is assumed: the impact at the middle, the long side
-along the path, no friction. Without friction the sliding cannot decelerate the ball but through the plate's dent, so
-that the claim about it says no more than that the dent takes little. The force is the ball's change of momentum, and
-is shown as the camera sees it, at 20 000 frames per second.
+layer of bricks with incompatible modes. Assumptions that the paper does not state: impact at the middle, long side
+along the path, no friction. Without friction only the dent of the plate can decelerate the ball, so the first claim
+says only that the dent takes little. The force is the ball's change of momentum, as seen at 20 000 frames per second.
 
-Beside it stands an infinite elastic plate, which takes the push of a point as a dashpot of ``8 sqrt(D rho h)`` would
-(Zener, Physical Review 59 (1941) 669), D being its bending stiffness: the speed off the plate then falls as
-``exp(-t / 0.30 ms)`` and never turns. On these coarse meshes (elements of 8 and 11 mm, as large as the ball's radius;
-the paper's are 0.5 to 10 mm) finite elements follow it, up to the loss of contact at 0.62 ms. NOT TO BE TRUSTED is
-what comes after: the ball's lowest point is then 6 mm under the plate's first level and flies on along it for 70 mm
-without being pushed up, where the undented plate ahead of it should do so. Whether the contact search loses the ball
-was not found out, and so the path after the contact is neither confirmed nor refuted here.
+Theory: an infinite elastic plate takes the push of a point like a dashpot of ``8 sqrt(D rho h)`` with the bending
+stiffness D (Zener, Physical Review 59 (1941) 669). The speed off the plate then falls as ``exp(-t / 0.30 ms)`` and
+never turns. Finite elements on these coarse meshes (8 and 11 mm, as large as the ball's radius; the paper's are 0.5 to
+10 mm) follow the theory up to the loss of contact at 0.62 ms. The later motion is NOT TO BE TRUSTED: the ball's lowest
+point is then 6 mm under the plate's first level, and the ball flies on along the plate for 70 mm without a push,
+although the undented plate ahead should push it. The cause, perhaps the contact search, is unknown, so the path after
+the contact is neither confirmed nor refuted.
 
-CalculiX is the program ``ccx``; what is not in ``experiments/cache`` needs it, and the experiment says so. Delete the
-cache's ``fe-plate`` files after a change to `experiments.fe`.
+CalculiX is the program ``ccx``. Only computations in ``experiments/cache`` do without it. Delete the ``fe-plate`` files
+of the cache after a change to `experiments.fe`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What CalculiX printed: the ball's velocity, and the force from its momentum."""
+"""CalculiX's output: the ball's velocity, and the force from its momentum."""
 
 from __future__ import annotations
 

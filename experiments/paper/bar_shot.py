@@ -1,13 +1,12 @@
-"""The frontal impact on the bar, rendered and tracked: what figures 8, 9 and 11 have in common.
+"""The frontal impact on the bar, rendered and tracked, for figures 8, 9 and 11.
 
-The motion is that of `bar` with its default numbers, written as a table and rendered at the paper's
-geometry: the preset ``paper-bar`` with its optics, three spots, shutter of 1/81 000 s and noise, 512 x 128 px at
-36 000 frames per second, 114 frames. The bar stands still behind the ball in the pictures.
+The motion is that of `bar` with its default numbers, written as a table and rendered by the preset ``paper-bar``: the
+paper's optics, three spots, shutter of 1/81 000 s, noise, 512 x 128 px at 36 000 frames per second, 114 frames. The bar
+stands still behind the ball in the pictures.
 
-Measured by torchsphere with the frame-to-frame increments alone, and by translations alone, both from the true circle:
-under motion blur of 3 px the radius that torchsphere finds by itself is 54.35 px in place of 54, with a standard
-deviation of 1.2 px, and the spin after the impact is then 3.5 % too large. Lengths are by the camera's scale, as of one
-that is calibrated.
+torchsphere measures with increments from frame to frame, beside translations alone, both from the true circle. Under
+motion blur of 3 px the found radius is 54.35 px instead of 54, with a standard deviation of 1.2 px, and the spin after
+the impact is 3.5 % too large. Lengths use the camera's scale, as with a calibrated camera.
 """
 
 from __future__ import annotations

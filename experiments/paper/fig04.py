@@ -1,12 +1,11 @@
-"""Figure 4, signals of the light gate, and velocities beside those by the images:
-``python -m experiments.paper.fig04``.
+"""Figure 4, signals of the light gate, and velocities by gate and images: ``python -m experiments.paper.fig04``.
 
-Claim: a one-dimensional correlation of the barriers' signals gives their delay, and the velocity from it lies within
-the standard deviation of the velocities by the images.
+Claim: a one-dimensional correlation of the barriers' signals gives their delay, and the velocity from the delay lies
+within the standard deviation of the velocities by the images.
 
 Paper: one pair of signals, and two pairs of velocities with error bars: the numbers of table 1.
 
-Here: the signals and velocities of `table1`; the delay is known exactly.
+Here: the signals and velocities of `table1`, whose delay is exactly known.
 """
 
 from __future__ import annotations

@@ -1,16 +1,16 @@
-"""Figure 5, acceleration of a drop weight by the images and by an accelerometer: ``python -m experiments.paper.fig05``.
+"""Figure 5, acceleration of a drop weight by images and by an accelerometer: ``python -m experiments.paper.fig05``.
 
-Claim: at 5000 frames per second both show the same lobe, of the same amplitude and duration, the accelerometer being
-the noisier one.
+Claim: at 5000 frames per second both show the same lobe, of the same amplitude and duration; the accelerometer is
+noisier.
 
 Paper: one figure, no numbers.
 
-Here: the preset ``paper-drop-weight``, whose ball stands for the weight's hemispherical head, its upper half in sight
-as well: with a plain shaft drawn over that, the steps' error more than doubled and the peak came out 18 % too high.
-Tracked frame to frame from the true circle; the acceleration is by torchsphere's smoother. The accelerometer's signal
-is made from the true motion: no weight (it shows 0 in free fall), sampled at 50 kHz from a clock of its own, a gain 1 %
-high, an offset, noise of 5 % of the peak, and its mount's ringing at 7 kHz. `signals` aligns it with
-the track. Amplitude is the lobe's peak, duration its width at half of it.
+Here: the preset ``paper-drop-weight``. The ball stands for the weight's hemispherical head, with its upper half in
+sight: a plain shaft over that half more than doubled the error of the steps, and the peak was 18 % too high. The ball
+is tracked frame to frame from the true circle; the acceleration is that of torchsphere's smoother. The accelerometer's
+signal comes from the true motion: no weight (0 in free fall), sampled at 50 kHz by its own clock, gain 1 % high, an
+offset, noise of 5 % of the peak, and ringing of the mount at 7 kHz. `torchsphere.instruments.signals` aligns signal and
+track. Amplitude is the peak of the lobe, duration its width at half of the peak.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 """Figure 6, the velocity in free flight by Hough and by the five modes: ``python -m experiments.paper.fig06``.
 
-Claim: both components of the velocity are more scattered by the circle that the Hough transform finds on a plain ball
-than by the five modes on a speckled one.
+Claim: both components of the velocity scatter more by the circle of the Hough transform on a plain ball than by the
+five modes on a speckled ball.
 
-Paper: a figure without numbers; table 2 has them. The Hough transform did not find the ball where the background was
-not uniform.
+Paper: a figure without numbers; table 2 has them. The Hough transform did not find the ball before a background that
+was not uniform.
 
-Here the first plain and the first speckled shot of `table2`, and both balls once more before a still
-texture with a standard deviation of 40 % of its mean level of 0.3, by the same trackers with the same settings.
+Here: the first plain and the first speckled shot of `table2`, and both balls again before a still texture with a
+standard deviation of 40 % of its mean level of 0.3, with the same trackers and settings.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """Figure 8, positions of the ball through the impact on the bar: ``python -m experiments.paper.fig08``.
 
-Claim: the positions by the five modes stay on the ball through the impact, while correlation of translations alone
+Claim: the positions by the five modes stay on the ball through the impact. Correlation of translations alone
 underestimates the displacement, since the ball turns, and may lose the ball.
 
 Paper: twelve evenly spaced frames in 3.1 ms with the circles of both; no numbers.
 
-Here: 114 frames of the impact of `bar`, which is known exactly, by `bar_shot`. Translations
-alone run from the true circle, with the region moved along as in torchsphere itself.
+Here: 114 frames of the exactly known impact of `bar`, by `bar_shot`. Translations alone start from the true circle, and
+their region moves along as in torchsphere.
 """
 
 from __future__ import annotations

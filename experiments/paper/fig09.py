@@ -1,13 +1,13 @@
 """Figure 9, rotation angles and spin through the impact on the bar: ``python -m experiments.paper.fig09``.
 
-Claim: before the contact the ball spins about y alone; the contact changes the spin within itself, and about 20
-revolutions per second follow.
+Claim: before the contact the ball spins about y alone; the contact changes the spin abruptly, to about 20 revolutions
+per second.
 
 Paper: about 20 rev/s afterwards; only y is not zero before.
 
-Here: the impact of `bar`, by `bar_shot`. Angles are sums of the rotations from frame to frame,
-in the camera's axes; the spin is by torchsphere's smoother. The model's contacts are shaded, and the contact that the
-smoother finds is marked by lines with its stated uncertainty.
+Here: the impact of `bar`, by `bar_shot`. Angles are sums of the rotations from frame to frame in the camera's axes; the
+spin is that of torchsphere's smoother. The model's contacts are shaded. Lines mark the contact of the smoother with its
+stated uncertainty.
 """
 
 from __future__ import annotations

@@ -4,11 +4,10 @@ Claim: velocity and force along the path follow the simulation; the force has fo
 
 Paper: about 60 kN, four peaks at the simulation's times, velocities of similar shape; the force by central differences.
 
-Here: the impact of `bar`, by `bar_shot`, the force by differences as in the paper, and by
-torchsphere's smoother. A frame rate limits what can be seen of a force: second differences of exact positions are means
-over two intervals, 55 us, which is longer than the first peak. Each way is therefore compared with what the same way
-gives from exact positions at the frames' times; the true peak, which no frame shows, is named beside it. "Within the
-stated uncertainty" is two standard deviations.
+Here: the impact of `bar`, by `bar_shot`, the force by differences as in the paper, and by torchsphere's smoother. The
+frame rate limits the visible force: second differences of exact positions are means over two intervals, 55 us, longer
+than the first peak. Each method is therefore compared with its own result from exact positions; the table also names
+the true peak, which no frame shows. "Within the stated uncertainty" means two standard deviations.
 """
 
 from __future__ import annotations

@@ -1,18 +1,18 @@
 """Figure 12 and section 5.3.2, the bar's modes in the force's peaks: ``python -m experiments.paper.fig12``.
 
-Claim: the time from the first peak of the force to the third is half a period of the bar's first bending mode, and
-from the first to the second half a period of its third mode (the second symmetric one), so that the force of the
-frontal impact tells the bar's eigenfrequencies.
+Claim: the time from the first peak of the force to the third is half a period of the bar's first bending mode, and the
+time to the second peak half a period of its third mode (the second symmetric one). The force of the frontal impact
+therefore tells the bar's eigenfrequencies.
 
 Paper: 0.594 ms and 841 Hz against 827 Hz by theory; 0.124 ms and 4032 Hz against 4468 Hz by theory (alpha = 22.37 and
 120.9; 61.67 between them belongs to an antisymmetric mode, which an impact at mid-span does not excite). The two
-numbers by theory agree with each other, but not with the paper's own length, diameter and modulus: with a density of
+theoretical numbers agree with each other, but not with the paper's length, diameter and modulus: with a density of
 2800 kg/m^3 these give 903 and 4879 Hz. 827 Hz would need 3340 kg/m^3.
 
-Here: the impact of `bar`, whose bar has the frequencies that its numbers give, and yields. The peaks are
-those of the true force and of the force as a camera at 36 000 frames per second sees it, without noise. The lapses
-come out as the paper measured them, and so 6 to 7 % below theory for the first mode and 18 to 21 % for the third: the
-rule of half a period is a rough one. Of a bar that did not yield the true lapses would be 3 and 4 % off.
+Here: the impact of `bar`, whose bar yields and has the frequencies of its own numbers. The peaks are those of the true
+force, and of the force that a camera at 36 000 frames per second sees without noise. The times agree with the paper's,
+and so lie 6 to 7 % below theory for the first mode and 18 to 21 % for the third: half a period is a rough rule. For a
+bar that does not yield the true times would be 3 and 4 % off.
 
 The result is kept in ``experiments/cache``; delete it after a change to `bar`.
 """

@@ -1,15 +1,15 @@
 """Figure 14, velocity and force of an oblique impact: ``python -m experiments.paper.fig14``.
 
-Claim: on a curved path as well, velocities are smooth and follow the simulation, and the force by differentiation is
-noisier, by about 10 % of its size; hardly anything is dissipated, for the ball slides.
+Claim: on a curved path, too, velocities are smooth and follow the simulation. The force by differentiation is noisier,
+by about 10 % of its size. Hardly any energy is dissipated, because the ball slides.
 
 Paper: ball of 19 mm and 28 g at 80 m/s on a steel plate at 15 deg, 20 000 frames per second, 512 x 512 px, shutter
 1/81 000 s; uncertainty of the acceleration around 10 % of the impact's.
 
-Here: the preset ``paper-plate`` of that geometry, whose plate hides the part of the ball that is pressed in, tracked
-frame to frame from the true circle, as the paper's user gives it: motion blur of 4 px makes the circle that is found
-too large by 1.7 px of 38. The force is by differences as in the paper, and by torchsphere's smoother. The noise is the
-standard deviation of what differs from the same differences of exact positions, in contact and out of it.
+Here: the preset ``paper-plate`` of that geometry, whose plate hides the part of the ball that is pressed in. The ball
+is tracked frame to frame from the true circle, which the paper's user gives: under a motion blur of 4 px the found
+circle is 1.7 px of 38 too large. The force is by differences as in the paper, and by torchsphere's smoother. The noise
+is the standard deviation of the difference from the same differences of exact positions, in contact and out of contact.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
 """Figure 15, the curved path of an oblique impact and a partly hidden ball: ``python -m experiments.paper.fig15``.
 
-Claim: the path may be curved, and the method is robust to the target hiding a part of the ball.
+Claim: the path may be curved, and the method is robust if the target hides a part of the ball.
 
 Paper: the path, with the circle at 0.65 ms in contact; no numbers.
 
-Here: the impact of `fig14`, whose plate hides what is pressed into it, up to a fifth of the ball's image.
-Nothing tells the tracker where the plate is.
+Here: the impact of `fig14`, whose plate hides up to a fifth of the ball's image. The tracker does not know the plate.
 """
 
 from __future__ import annotations

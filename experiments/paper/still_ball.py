@@ -1,7 +1,7 @@
-"""A still ball for figures 2 and 3: rendered at sub-pixel places and small angles, or moved by a model's own field.
+"""A still ball for figures 2 and 3, rendered at sub-pixel positions and small angles, or moved by a model's field.
 
-Ball of any radius in the middle of a small image, in the light of the preset ``example``, speckle of 4 px whatever the
-radius. The light of the renderer comes without noise and rounding, so that what a tracker is off by is bias alone.
+A ball of any radius in the middle of a small image, in the light of the preset ``example``, with speckle of 4 px. The
+light of the renderer has no noise and no rounding, so that the error of a tracker is bias alone.
 """
 
 from __future__ import annotations

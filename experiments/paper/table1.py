@@ -1,17 +1,16 @@
-"""Table 1, velocity by a light gate and by the images at two pressures of a gas gun:
-``python -m experiments.paper.table1``.
+"""Table 1, velocity by a light gate and by images at two pressures: ``python -m experiments.paper.table1``.
 
-Claim: the mean velocity by the images is that of the light gate, to less than the uncertainty.
+Claim: the mean velocity by the images agrees with that of the light gate within the uncertainty.
 
 Paper: 63.63 and 99.12 m/s by the light gate at 2.8 and 4.5 bar; 63.99 +- 0.79 (0.57 % off) and 99.70 +- 1.05 m/s
 (0.61 % off) by the images, where +- is the standard deviation from frame to frame.
 
-Here: a ball of 30 mm that flies at the light gate's velocities, rendered as the preset ``paper-flight`` (36 000 frames
-per second, 512 x 128 px, shutter 1/81 000 s) for as many frames as it is in the picture, tracked frame to frame, the
-circle found, the camera's scale known. The gate's signals are made from the same motion: two barriers 40 mm apart, each
-a beam of 2 mm whose light the ball takes, a receiver with a time constant of 5 us, its own gain and offset, and noise
-of 2 % of its swing, sampled at 1 MHz. `signals` recovers the delay. That the barriers are 40 mm apart
-is taken to be known to 0.1 mm, and this is most of the gate's uncertainty; here they are apart by 40 mm exactly.
+Here: a ball of 30 mm flies at the velocities of the light gate. It is rendered by the preset ``paper-flight`` (36 000
+frames per second, 512 x 128 px, shutter 1/81 000 s) for as long as it is in the picture, and tracked frame to frame
+with the found circle and the known scale. The gate's signals come from the same motion: two barriers 40 mm apart, each
+a beam of 2 mm; receivers with a time constant of 5 us, gains and offsets of their own, noise of 2 % of the signal, and
+sampling at 1 MHz. `torchsphere.instruments.signals` recovers the delay. The distance of the barriers counts as known to
+0.1 mm, which is most of the gate's uncertainty; here it is exactly 40 mm.
 """
 
 from __future__ import annotations

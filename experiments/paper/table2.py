@@ -1,28 +1,26 @@
 """Table 2, the five modes against the Hough transform in free flight: ``python -m experiments.paper.table2``.
 
-Claim: the standard deviation of the velocity is three to four times smaller by the five modes than by circles that the
-Hough transform finds, that of the acceleration six times.
+Claim: compared with circles by the Hough transform, the five modes have a three to four times smaller standard
+deviation of velocity, and a six times smaller standard deviation of acceleration.
 
-Paper: free flight at about 100 m/s; a white ball for Hough, a speckled one for the five modes. Standard deviation of
+Paper: free flight at about 100 m/s, a white ball for Hough, a speckled ball for the five modes. Standard deviation of
 vx, vy: Hough 3.62 and 2.90 m/s, five modes 1.05 and 0.68; of ax, ay, "m/s^2": Hough 6.11 and 5.02, five modes 0.99 and
 0.68.
 
-The unit of the accelerations cannot be meant as printed. Where positions have errors of their own, differences of
-successive velocities scatter sqrt(3) = 1.73 times as much as the velocities; the printed numbers of the Hough
-transform have the ratios 1.69 and 1.73. So they are those differences, in m/s per frame, not divided by the frame
-interval, and so are ours here. At 36 000 frames per second (the paper does not say at how many) one m/s per frame is
-36 000 m/s^2. That the five modes of the paper have ratios of 0.94 and 1.00 says that their velocities wander rather
-than scatter.
+The printed unit of the accelerations cannot be right. If positions have independent errors, differences of successive
+velocities scatter sqrt(3) = 1.73 times as much as the velocities; the printed ratios of the Hough transform are 1.69
+and 1.73. The printed numbers are therefore these differences in m/s per frame, and the numbers here are the same. At
+36 000 frames per second (the paper does not state its rate) 1 m/s per frame is 36 000 m/s^2. The ratios of the five
+modes in the paper, 0.94 and 1.00, mean that the velocities drift rather than scatter.
 
-Here rendered flights at the geometry of table 3 (`flight`), at 99.7 m/s as the paper's second shot, so that
-the sub-pixel places differ, with a plain and with a speckled ball, three shots each of 36 frames. Hough is OpenCV's on
-the silhouette (`baselines.hough`) with the settings, of those in `GRID`, that have the least scatter of
-velocity on one more shot of the same kind, which is then not counted. Beside it the contour fit, a better way to use
-the outline: on a plain ball it comes within a factor of 1.5 to 3 of the five modes, so that this is a victory over
-Hough rather than over the outline. The five modes are torchsphere's, circle found, increments alone
-(``sphere_map=False``). All are in the true scale; table 3 has what the radius that is found does to it.
+Here: rendered flights at the geometry of table 3 (`flight`), at 99.7 m/s as the paper's second shot, so that sub-pixel
+positions differ; a plain and a speckled ball, three shots each of 36 frames. Hough is OpenCV's on the silhouette
+(`torchsphere.benchmark.baselines.hough`) with those settings of `GRID` that have the least scatter of velocity on one
+more shot, which does not count. The contour fit uses the outline better than Hough: on a plain ball its scatter is 1.5
+to 3 times that of the five modes. The five modes are torchsphere's increments with the found circle
+(``sphere_map=False``). All use the true scale; table 3 has the effect of the found radius.
 
-The shots are kept in ``experiments/cache``; see `experiments.shots`.
+Shots are kept in ``experiments/cache``; see `experiments.shots`.
 """
 
 from __future__ import annotations

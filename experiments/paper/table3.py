@@ -1,25 +1,24 @@
 """Table 3, the uncertainty of velocity and force in free flight: ``python -m experiments.paper.table3``.
 
-Claim: a ball that flies at 72 m/s with nothing in its way tells the method's uncertainty: less than 1 % of the velocity
-and 1.5 % of the force of an impact (60 kN), larger along the flight than across it, because of the motion blur.
+Claim: a free flight at 72 m/s shows the uncertainty of the method: less than 1 % of the velocity and 1.5 % of the force
+of an impact (60 kN). It is larger along the flight than across, because of the motion blur.
 
 Paper: 50 frames at 36 000 frames per second, 512 x 128 px, ball of 30 mm and 110 g, shutter 1/81 000 s: vx 72.32 +-
 0.36, vy 0.72 +- 0.27 m/s; Fx 0.07 +- 0.90, Fy 0.02 +- 0.64 kN.
 
-Here three rendered shots of that geometry (preset ``paper-flight``: 72.00 and 0.72 m/s), and the same under three spots
-with gloss and shot noise, and without motion blur, to see what the blur does. Measured from the increments from frame
-to frame alone (``sphere_map=False``), which are differenced once more for the force; the circle is found. The scale is
-that of the ball, so that an error of the radius shows in the mean of vx: found over a dark background, among dark
-speckles and with an edge that the motion blurs, it is off by up to 0.9 %, which its stated uncertainty covers.
-Besides: the rate by torchsphere's smoother, whose values hardly scatter within one flight, so that their rms error is
-stated instead; the five modes as printed, translations alone (steady, and steadily wrong: the spin of 5 rev/s costs
-0.3 m/s), and the contour fit.
+Here: three rendered shots of that geometry (preset ``paper-flight``: 72.00 and 0.72 m/s); the same under three spots
+with gloss and shot noise; and the same without motion blur. Velocities are increments from frame to frame
+(``sphere_map=False``), forces their differences; the circle is found. The scale is that of the ball, so that an error
+of the radius shows in the mean of vx: over a dark background, with dark speckles and a blurred edge, the radius is off
+by up to 0.9 %, within its stated uncertainty. For comparison: torchsphere's smoother, stated by its rms error because
+its values hardly scatter within a flight; the five modes as printed; translations alone, which are steady but wrong by
+0.3 m/s under a spin of 5 rev/s; and the contour fit.
 
-The velocities of the paper wander within a flight: errors of each position on its own would make its forces scatter
-by 2.5 kN beside 0.36 m/s, and ours do have that ratio. Three spots leave less contrast than light from everywhere;
-there the forces scatter more than the paper's.
+The velocities of the paper drift within a flight: with independent errors of positions, 0.36 m/s would come with 2.5
+kN, as they do here. Three spots leave less contrast than light from everywhere; the forces then scatter more than in
+the paper.
 
-The shots and tracks are kept in ``experiments/cache``; see `experiments.shots`.
+Shots and tracks are kept in ``experiments/cache``; see `experiments.shots`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Recordings of any length to time a whole track with: a ball that swings to and fro, so that 700 frames repeat."""
+"""Recordings of any length to time a whole track: a ball that swings to and fro, with a period of 700 frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Other ways to measure the motion between two images of a ball, as fast as their libraries make them.
+"""Other methods to measure the motion between two images of a ball, with the speed of their libraries.
 
 `plain_gauss_newton` is the paper's method in numpy and scipy: a crop, scipy's cubic spline, five rigid modes, the
 constant operator, one pair after the other. `ecc` and `lucas_kanade` call OpenCV.

@@ -1,14 +1,14 @@
-"""How fast: a pair of images, a whole recording, and what many frames cost in time and memory.
+"""Time of a pair of images and of a whole recording, and memory over the number of frames.
 
 Claim: at R = 50 px a pair takes 0.5 ms or less on two cores, or a quarter of OpenCV's ECC and of a plain numpy
-Gauss-Newton, and a whole track from an 8 bit TIFF of 256 x 512 px runs at 500 frames per second with everything that
-it writes; its memory does not grow with the number of frames.
+Gauss-Newton. A whole track from an 8 bit TIFF of 256 x 512 px runs at 500 frames per second, including all files that
+are written. The memory does not grow with the number of frames.
 
-Run: ``python -m experiments.speed.speed`` (ten minutes, and 3 GB of temporary files; ``--quick`` a minute, without the
-20,000 frames). Nothing is cached: a time belongs to its machine and its moment. All ways take the same pairs, in turns,
-and the best of several rounds counts, because other programs disturb a time in one direction only.
+Command: ``python -m experiments.speed.speed`` (ten minutes, and 3 GB of temporary files; ``--quick`` a minute, without
+the 20,000 frames). Nothing is cached, because a time belongs to its machine. All methods take the same pairs in turns.
+The best of several rounds counts, because other programs can only make a time longer.
 
-The paper: 0.38 s per pair of 256 x 512 px images, in Matlab on a laptop of 2013 (section 2.3).
+Paper: 0.38 s per pair of 256 x 512 px images, in Matlab on a laptop of 2013 (section 2.3).
 """
 
 from __future__ import annotations

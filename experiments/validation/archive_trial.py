@@ -1,12 +1,13 @@
-"""An archive of 200 short recordings, of which one kills its worker and three are corrupt, while a worker is killed.
+"""An archive of 200 short recordings with faults: ``python -m experiments.validation.archive_trial``.
 
-Claim: 196 results, four failures with their reasons, nothing measured twice, and a second run does nothing; by own
-processes, by a Dask cluster, and after the parent was killed with SIGKILL in the middle. And what a recording costs an
-archive in time, memory and files, from which the README works out what a million of them would.
+One recording kills its worker, three are corrupt, and a worker is killed during the run.
 
-Command: ``python -m experiments.validation.archive_trial`` (about a quarter of an hour on two cores; a number of
-recordings after the command makes the trial smaller). The recordings of the trial get no report, whose drawing takes
-most of the time of so short ones. It is no experiment of the paper, and RESULTS.md has no row of it.
+Claim: 196 results, four failures with their reasons, nothing measured twice, and nothing to do in a second run; with
+own processes, with a Dask cluster, and after the parent was killed with SIGKILL in the middle. The trial also measures
+time, memory and files per recording, from which docs/speed.md estimates a million recordings.
+
+The trial takes about a quarter of an hour on two cores; a number of recordings after the command makes it smaller. Its
+recordings get no report, which would take most of the time of such short recordings.
 """
 
 from __future__ import annotations

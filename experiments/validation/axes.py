@@ -1,6 +1,6 @@
-"""Picture of the axes and signs for the README: ``python -m experiments.validation.axes``.
+"""Picture of axes and signs: ``python -m experiments.validation.axes``.
 
-Each panel shows the ball before (faint outline of its marks) and after one positive component of an increment.
+Each panel shows the ball after one positive component of an increment, and its outline before.
 """
 
 from __future__ import annotations

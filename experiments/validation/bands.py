@@ -1,22 +1,18 @@
-"""Do the bands of velocity, force and spin hold the truth? ``python -m experiments.validation.bands``.
+"""Coverage of the stated bands of velocity, force and spin: ``python -m experiments.validation.bands``.
 
-Claim to be tested: on rendered shots (free flight, frontal and oblique impact) the true velocity, force and spin lie
-within the stated 95 % bands as often as these say. All quantities and shots together they do so in 99.7 % of the frames
-in flight and 98 % in contact with the outline found, in 99 and 98 % with the true outline. By quantity it is 90 to
-100 %, and the error over the stated standard deviation is 0.1 to 1.2, root mean square over the frames of a group; 1
-is what it should be. The steps know of the light that the target takes from one side of the ball; a map does not, and
-is not made unasked (`torchsphere.tracking.drift.MAX_UNEVEN_SHARE`).
+Claim: on rendered shots (free flight, frontal and oblique impact) the true velocity, force and spin lie within the
+stated 95 % bands as often as stated. Over all quantities and shots the share is 99.7 % of the frames in flight and 98 %
+in contact with the found outline, 99 and 98 % with the true outline. By quantity it is 90 to 100 %. The error over the
+stated standard deviation is 0.1 to 1.2, root mean square over the frames of a group; 1 is right. The steps allow for
+light from the target on one side of the ball; a map does not, and is not made there unless it is asked for
+(`torchsphere.tracking.drift.MAX_UNEVEN_SHARE`).
 
-Nothing was chosen on these patterns: what all steps are off by alike was measured on others (`steady_error`).
-What was found on earlier ones and mended is the interpolation's own error between the pixels, the turn about z that an
-uncertain centre makes, a radius that was told from steps with a target's light, and outlines from the edges of speckles
-(`torchsphere.detection.limb_fit`).
+No constant was chosen on these patterns: the common error of all steps was measured on others (`steady_error`).
 
-Rendered are the presets `free-flight`, `frontal-impact` and `oblique-impact`, eight patterns each, with noise of their
-own. Measured is as a laboratory would, with the ball's diameter and mass given; the outline is found, or the true one
-given, which tells the circle's errors from the smoother's. Errors of neighbouring frames are alike, and what all
-frames of a shot share (the scale, a steady error of the steps) is one draw per shot: eight shots tell a share of 95 %
-in flight to some 8 %.
+The presets `free-flight`, `frontal-impact` and `oblique-impact` are rendered with eight patterns each and independent
+noise, and measured with the ball's diameter and mass. The outline is either found or the true one, which separates the
+circle's errors from the smoother's. Errors of neighbouring frames are alike, and the common errors of a shot (scale,
+steady error of the steps) are one draw per shot: eight shots determine a share of 95 % in flight to some 8 %.
 """
 
 from __future__ import annotations

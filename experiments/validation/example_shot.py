@@ -1,9 +1,11 @@
 """Accuracy on the example shot: ``python -m experiments.validation.example_shot``.
 
+Claim: without a given circle the steps have a bias below 0.003 px and a standard deviation below 0.005 px.
+
 R = 50 px, 8 bit, noise 2 grey levels, speckle about 4 px from 30 to 220 grey levels, steps of about (1.4, 0.2) px with
-random sub-pixel parts, rotation (0.2, 0.5, 0.2) deg per frame, 60 frames of 256 x 512; no circle is given. The
-reference numbers of a hand-written numpy solver on such a shot are a bias of 0.0000 px and a standard deviation of
-0.0050 px with the same pre-blur, over the region 0.9 R and with the true circle.
+random sub-pixel parts, rotation (0.2, 0.5, 0.2) deg per frame, 60 frames of 256 x 512; no circle is given. Reference
+numbers of a hand-written numpy solver on such a shot: bias 0.0000 px, standard deviation 0.0050 px, with the same
+pre-blur, over the region 0.9 R and with the true circle.
 """
 
 from __future__ import annotations

@@ -1,16 +1,15 @@
-"""Who tracks a ball how well:
-``python -m experiments.validation.leaderboard`` writes LEADERBOARD.md, a CSV, and a figure.
+"""Scores of all trackers on the benchmark: ``python -m experiments.validation.leaderboard``.
 
-Claim: torchsphere has the smallest error of translation and rotation, per frame and since the first, on every suite of
-the benchmark; where it has not, LEADERBOARD.md says so. Every tracker that comes with the package is run, with the
-settings that `baselines` found best for it, and muDIC's field by `field_method` where its
-predictions are there: it needs packages of its own (numpy, numba), which are no dependency of torchsphere.
+Claim: torchsphere has the smallest error of translation and rotation, per frame and since the first frame, on every
+suite of the benchmark; LEADERBOARD.md lists the exceptions. All trackers of the package run with the best settings
+that were found for them (`torchsphere.benchmark.baselines`). muDIC (`field_method`) is scored if its predictions exist:
+it needs an environment of its own.
 
     python -m experiments.validation.leaderboard [--benchmark DIR] [--field DIR]
 
-makes the benchmark's standard size in ``experiments/cache`` first where it is not there (five minutes on two cores);
-the trackers take about an hour on one, half of it for the map of the ball on every suite. Predictions are kept there,
-too, by the images' checksum; delete them after a change to the package.
+writes LEADERBOARD.md, a CSV, and a figure. A missing benchmark of the standard size is made in ``experiments/cache``
+(five minutes on two cores). The trackers take about an hour on one core, half of it for the map of the ball.
+Predictions are kept in the cache by the images' checksum; delete them after a change to the package.
 """
 
 from __future__ import annotations

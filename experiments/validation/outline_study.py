@@ -1,27 +1,27 @@
-"""What the ball's outline is worth: ``python -m experiments.validation.outline_study``.
+"""The use of the ball's outline: ``python -m experiments.validation.outline_study``.
 
-Claim: the outline holds most of what separates a translation from a rotation, and only a model of the whole image uses
-it. A region of interest that crosses the outline gains a tenth in spread and pays with a bias of 0.003 px, and of
-0.05 px where a textured background is left in; an edge fit beside the correlation gains nothing, since its errors
-are larger than its residuals tell. The map of the ball, in which the outline is a part of the forward model, halves the
-spread and has no bias to 0.0001 px, whatever the background.
+Claim: the outline holds most of the information that separates a translation from a rotation, and only a model of the
+whole image uses it. A region of interest across the outline reduces the scatter by a tenth, but has a bias of 0.003 px,
+and of 0.05 px over a textured background. An edge fit beside the correlation gains nothing, since its errors are larger
+than its residuals. The map of the ball, whose forward model contains the outline, halves the scatter without a bias
+above 0.0001 px over any background.
 
-The shot of `accuracy` with 60 frames, over a uniform background of 90 grey levels and over still blotches
-(blur 3 px, standard deviation 20 grey levels), three patterns each, the true circle given. Ways:
+The shot is that of `accuracy` with 60 frames, over a uniform background of 90 grey levels and over still blotches (blur
+3 px, standard deviation 20 grey levels), three patterns each, with the true circle. Ways:
 
 pairs
     Region 0.95 R, the default of `track`.
 region 1.08 R
-    The same correlation over a region that crosses the outline; also with the still background, estimated from the
-    recording, replaced by a constant through the share of each pixel that the ball covers.
+    The same correlation over a region across the outline; also with a constant instead of the still background, which
+    is estimated from the recording, weighted by the share of each pixel that the ball covers.
 fused edge
-    The centres of circles of the given radius, fitted to the edges, and the pairs' increments, combined by their
-    covariances; also with the still background taken out.
+    The pairs' increments and the centres of circles of the given radius, fitted to the edges, combined by their
+    covariances; also without the still background.
 map
     `track(..., sphere_map=True)`: sphere map and all poses adjusted jointly, the outline in the forward model.
 
 Reference numbers: bound 0.0017 px for a pair (Cramer-Rao, whole image, known texture); target 0.0026 px with a bias
-under 0.001 px; a region of 1.08 R measured by a hand-written solver, 0.0042 and 0.0036 px.
+under 0.001 px; a region of 1.08 R in a hand-written solver, 0.0042 and 0.0036 px.
 """
 
 from __future__ import annotations

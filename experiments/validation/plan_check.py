@@ -1,21 +1,20 @@
-"""The planner against what the tracker then gives, on rendered recordings:
-``python -m experiments.validation.plan_check``.
+"""The planner against the tracker on rendered recordings: ``python -m experiments.validation.plan_check``.
 
 Claim: the standard deviations that `torchsphere plan` expects, of an increment (dx, dy, wx, wy, wz) and of velocity and
-force by differences, are within 20 % of those that the tracker then shows on the recordings of the test. The paper asks
-for such an analysis before any test (sections 3 and 5.2) and gives one test's values (table 3: 0.36 and 0.27 m/s, 0.90
-and 0.64 kN).
+force by differences, are within 20 % of the tracker's on the recordings of the test. The paper asks for such an
+analysis before any test (sections 3 and 5.2) and gives the values of one test (table 3: 0.36 and 0.27 m/s, 0.90 and
+0.64 kN).
 
-Three plans of different radius, noise, speed and blur, rendered with Mitsuba: the paper's free flight, a small ball in
-a noisy image, a large and fast one with 5 px of blur. For each the planner sees stills of balls of that kind, two
-images each, from whose difference it knows the noise of a pixel: the camera's, its rounding, and the renderer's own.
-The tracker gets recordings of other balls, with the true circle and without a map. The seeds share nothing: the
-patterns of stills and recordings differ, as the sides of a ball do.
+Three plans of different radius, noise, speed and blur are rendered with Mitsuba: the paper's free flight, a small ball
+in a noisy image, and a large, fast ball with 5 px of blur. The planner gets stills of such balls, two images each,
+whose difference gives the noise of a pixel: of camera, rounding and renderer. The tracker gets recordings of other
+balls, with the true circle and without a map. Stills and recordings share no seeds: the patterns differ, as the sides
+of a ball do.
 
-A standard deviation of 294 increments is itself known to 5 %, and one side of a small ball differs from another by more
-than that; the root mean square over the recordings is taken, of both.
+A standard deviation of 294 increments is known to 5 %, and the sides of a small ball differ by more; the root mean
+square over the recordings is taken for both.
 
-Rendered shots and tracks are kept in ``experiments/cache``; see `experiments.shots`.
+Shots and tracks are kept in ``experiments/cache``; see `experiments.shots`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Errors of `projection`: each way to measure on each footage, against the truth."""
+"""Errors of `projection`: each way to measure on all footage, against the truth."""
 
 from __future__ import annotations
 

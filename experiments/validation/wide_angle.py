@@ -1,12 +1,13 @@
-"""A ball close to a wide-angle lens, followed to its end:
-``python -m experiments.validation.wide_angle RECORDING TRUTH``.
+"""A ball close to a wide-angle lens: ``python -m experiments.validation.wide_angle RECORDING TRUTH``.
+
+Claim: the model `pinhole` with the focal length of the field of view follows the ball to the end, without a learned
+map.
 
 RECORDING and TRUTH are 3axis0.avi and 3axis0_gt.csv of FicTrac's history (R. J. D. Moore et al., CC BY-NC-SA 3.0): 100
-rendered frames, 13.5 deg per frame about changing axes, field of view 120 deg, the ball 2.9 radii from the camera.
-No orthographic model holds there: the camera sees a cap of 69 deg instead of a hemisphere. The model `pinhole` with the
-focal length that the field of view gives follows it as it stands, without a truth or a learned map.
-Printed: the error of the rotation per frame and of the orientation since the first frame, against the file's own
-absolute rotation vectors.
+rendered frames, 13.5 deg per frame about changing axes, field of view 120 deg, the ball 2.9 radii from the camera. No
+orthographic model holds there: the camera sees a cap of 69 deg instead of a hemisphere. The experiment prints the
+errors of the rotation per frame and of the orientation since the first frame, against the absolute rotation vectors of
+TRUTH.
 """
 
 from __future__ import annotations

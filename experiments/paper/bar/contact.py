@@ -1,9 +1,9 @@
-"""The force in the contact: Hertz, then plastic, with Hertz again on the flattened surface when it unloads.
+"""The force in the contact: elastic by Hertz, then plastic; unloading by Hertz on the flattened surface.
 
-Thornton, J. Appl. Mech. 64 (1997) 383: the pressure cannot exceed ``p_y``. Up to the approach at which its maximum gets
-there, Hertz: ``F = 4/3 E* R^(1/2) d^(3/2)``. Beyond, linear with the same slope, ``pi R p_y``. Unloading from a force F
-at the approach d follows Hertz with the larger radius of the dent, about which both the force and the radius of the
-touching area are continuous; loading again comes back the same way. (Hertz in Johnson, Contact Mechanics, 1985, ch. 4.)
+Thornton, J. Appl. Mech. 64 (1997) 383: the pressure cannot exceed ``p_y``. Until the maximum pressure reaches ``p_y``,
+Hertz: ``F = 4/3 E* R^(1/2) d^(3/2)``. Beyond, linear with the same slope, ``pi R p_y``. Unloading from a force F at the
+approach d follows Hertz with the larger radius of the dent, so that both the force and the radius of the contact area
+are continuous; loading again follows the same curve. (Hertz in Johnson, Contact Mechanics, 1985, ch. 4.)
 """
 
 from __future__ import annotations

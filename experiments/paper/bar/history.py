@@ -1,4 +1,4 @@
-"""What an impact was: motion, force and energies over time."""
+"""The result of the simulated impact: motion, force and energies over time."""
 
 from __future__ import annotations
 

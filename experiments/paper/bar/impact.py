@@ -1,9 +1,9 @@
 """Ball and bar integrated through the impact: Runge-Kutta of fourth order with even steps.
 
-The bar is struck at mid-span: it moves as a rigid body, rolls about its axis and bends across it, in both directions
-alike. It does not stretch, and the rocking that friction along its surface gives it is left out, and so is gravity
-(0.04 mm in 3 ms). Where its moment passes that of yielding, after each step, plastic curvature takes the excess; what
-that costs is counted in full, so that the balance of energy holds at any step.
+The bar is struck at mid-span: it moves as a rigid body, rolls about its axis and bends across it, alike in both
+directions. It does not stretch. Its rocking by friction along its surface and gravity (0.04 mm in 3 ms) are left out.
+If the bending moment exceeds the yield moment after a step, plastic curvature takes the excess; its work is counted in
+full, so that the balance of energy holds for any step.
 """
 
 from __future__ import annotations

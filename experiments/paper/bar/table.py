@@ -1,4 +1,4 @@
-"""The ball's motion through the impact as a table that a renderer reads, the flight before and after included."""
+"""The ball's motion through the impact as a table for a renderer, with the flight before and after."""
 
 from __future__ import annotations
 
