@@ -51,13 +51,13 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
     Raises
     ------
     FileNotFoundError
-        Where there is nothing at the path, or a partner file is missing.
+        If the path or a partner file does not exist.
     ValueError
-        Where the file is of another kind than its name says, or of one that is not supported.
+        If the file is of an unsupported type, or of another type than its suffix.
     OSError
-        Where the file is cut or damaged.
+        If the file is cut or damaged.
     TypeError
-        Where it is no path.
+        If ``path`` is not a path.
     """
     place = _as_path(path)
     if place.is_dir():

@@ -21,9 +21,9 @@ MAX_PIXELS = 2**28
 
 @dataclass(frozen=True, kw_only=True, slots=True, weakref_slot=True)
 class Recording:
-    """Images of one camera, in order, with what the file says about how they were taken.
+    """Images of one camera, in order, with the facts that the file states about them.
 
-    Nothing is guessed: what the file does not state is ``None``.
+    Facts that the file does not state are ``None``.
 
     Attributes
     ----------
@@ -42,12 +42,11 @@ class Recording:
     trigger_offset_frames : int or None
         Number of the first image counted from the trigger; negative before it.
     origins : Mapping of str to str
-        Where ``bit_depth``, ``frame_rate``, ``exposure_s`` and ``trigger_offset_frames`` come from, for those that are
-        known.
+        Sources of the known values of ``bit_depth``, ``frame_rate``, ``exposure_s`` and ``trigger_offset_frames``.
     notes : tuple of str
-        Sentences a user should read: conversions that were applied, doubts, what was ignored.
+        Sentences for the user: conversions, doubts, ignored contents.
     files : tuple of Path
-        Every file whose bytes make up the recording.
+        All files of the recording.
     """
 
     path: Path
@@ -94,9 +93,9 @@ class Recording:
         Raises
         ------
         ValueError
-            Where the range does not fit, or a floating-point image holds values that are not finite.
+            If the range does not fit, or a floating-point image holds values that are not finite.
         OSError
-            Where the file is cut or damaged.
+            If the file is cut or damaged.
         """
         first, last = self._range(start, stop)
         raw = self._reader(first, last)
