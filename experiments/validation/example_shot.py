@@ -1,6 +1,6 @@
 """Accuracy on the example shot: ``python -m experiments.validation.example_shot``.
 
-Claim: without a given circle the steps have a bias below 0.003 px and a standard deviation below 0.005 px.
+Claim: without a given circle the steps have a bias of 0.003 px at most, and a standard deviation of 0.005 px at most.
 
 R = 50 px, 8 bit, noise 2 grey levels, speckle about 4 px from 30 to 220 grey levels, steps of about (1.4, 0.2) px with
 random sub-pixel parts, rotation (0.2, 0.5, 0.2) deg per frame, 60 frames of 256 x 512; no circle is given. Reference
