@@ -1,4 +1,4 @@
-"""Correlation of pairs: exactness, laws, statuses, arguments that cannot be."""
+"""Correlation of pairs: exactness, laws, statuses, invalid arguments."""
 
 from typing import Any
 
@@ -28,7 +28,7 @@ def to_degrees(q: torch.Tensor) -> np.ndarray:
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("jacobian", ["constant", "autograd"])
 @pytest.mark.parametrize("model", ["rigid", "finite", "published", "translation"])
-def test_no_motion_gives_exactly_nothing(model: str, jacobian: str, dtype: torch.dtype) -> None:
+def test_no_motion_gives_exactly_zero(model: str, jacobian: str, dtype: torch.dtype) -> None:
     f, _, circle = pair(STILL)
     image = noisy(f, 2.0, 1).to(dtype)
     found = correlate(image, image, circle, model=model, jacobian=jacobian)
@@ -43,13 +43,13 @@ def test_no_motion_gives_exactly_nothing(model: str, jacobian: str, dtype: torch
 def test_sub_pixel_shifts_are_found(shift: tuple[float, float]) -> None:
     f, g, circle = pair((*shift, 0, 0, 0))
     found = correlate(f, g, circle)
-    # Noise-free: what remains is the spline's error on the foreshortened speckle at the limb. It has to stay below the
-    # std that two grey levels of noise make, 0.005 px and 0.007 deg.
+    # Noise-free: the spline's error on the foreshortened speckle at the limb remains. The tolerance is the standard
+    # deviation under noise of two grey levels, 0.005 px and 0.007 deg.
     np.testing.assert_allclose(to_degrees(found.q)[0, :2], shift, atol=0.005)
     np.testing.assert_allclose(to_degrees(found.q)[0, 2:], 0, atol=0.007)
 
 
-def test_all_five_together_are_found() -> None:
+def test_all_five_components_are_found() -> None:
     f, g, circle = pair(MOTION)
     found = correlate(f, g, circle)
     # As above, and the second order of 0.6 deg: w^2 R / 2 = 0.003 px before it averages out.
@@ -61,12 +61,12 @@ def test_finite_follows_large_rotations_from_a_near_guess(degrees: float) -> Non
     f, g, circle = pair((0.6, 0.3, 0, degrees, 0))
     start = [0.6, 0.3, 0, np.deg2rad(0.9 * degrees), 0]
     found = correlate(f, g, circle, start=start, model="finite", jacobian="autograd")
-    # PHYSICS section 3: a bias along the front's motion of 0.002 px per degree, and one pair's own part of as much.
+    # PHYSICS section 3: a bias along the front's motion of 0.002 px per degree, and an error of each pair of that size.
     np.testing.assert_allclose(to_degrees(found.q)[0], (0.6, 0.3, 0, degrees, 0), atol=0.005 * degrees)
 
 
-def jacobians_differ_by(images: tuple[torch.Tensor, torch.Tensor, tuple[float, float, float]], **options: Any) -> float:
-    """Largest difference in px between what the two Jacobians converge to."""
+def jacobian_difference(images: tuple[torch.Tensor, torch.Tensor, tuple[float, float, float]], **options: Any) -> float:
+    """Largest difference between the results of the two Jacobians, px."""
     f, g, circle = images
     constant, autograd = (
         correlate(f, g, circle, jacobian=name, tolerance_px=1e-8, **options) for name in ("constant", "autograd")
@@ -85,14 +85,14 @@ def jacobians_differ_by(images: tuple[torch.Tensor, torch.Tensor, tuple[float, f
 def test_constant_and_autograd_jacobians_agree_at_convergence(model: str, motion: tuple[float, ...]) -> None:
     coarse = ray_caster.speckle(0, radius_px=50.0, speckle_px=8.0)
     # 1e-4 px: PHYSICS section 3. Noise-free, and with a speckle that the spline interpolates without error.
-    assert jacobians_differ_by(pair(motion, pattern=coarse), model=model, roi=0.9) < 1e-4
+    assert jacobian_difference(pair(motion, pattern=coarse), model=model, roi=0.9) < 1e-4
 
 
 @pytest.mark.parametrize("model", ["rigid", "finite"])
 def test_on_the_finest_speckle_the_jacobians_differ_by_less_than_the_noise(model: str) -> None:
-    # Foreshortened at the limb, a speckle of 4 px is interpolated with an error of half a per cent of its contrast,
-    # and the two gradients share this residual out differently: a fifth of the std that noise makes, 0.005 px.
-    assert jacobians_differ_by(pair(MOTION), model=model) < 1e-3
+    # At the limb a speckle of 4 px is interpolated with an error of half a per cent of its contrast. The two gradients
+    # weigh this residual differently: a fifth of the standard deviation under noise, 0.005 px.
+    assert jacobian_difference(pair(MOTION), model=model) < 1e-3
 
 
 def test_a_batch_row_equals_the_single_row() -> None:
@@ -109,8 +109,8 @@ def test_a_batch_row_equals_the_single_row() -> None:
 
 
 @pytest.mark.parametrize("model", ["rigid", "finite", "published"])
-def test_looking_at_the_rows_less_often_changes_nothing(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    # As a GPU does, which has to rest for every look.
+def test_rarer_tests_for_convergence_change_nothing(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    # As on a GPU, which has to finish all work for each test.
     shots = [pair((dx, 0.3, 0.2, 0.5, 0.1)) for dx in (0.1, 1.2, 2.3)]
     f, g = (noisy(torch.stack([shot[i] for shot in shots]), 2.0, i) for i in (0, 1))
     often = correlate(f, g, shots[0][2], model=model)
@@ -118,7 +118,7 @@ def test_looking_at_the_rows_less_often_changes_nothing(model: str, monkeypatch:
     seldom = correlate(f, g, shots[0][2], model=model)
     assert often.status.tolist() == seldom.status.tolist() == ["ok"] * 3
     assert often.iterations.tolist() == seldom.iterations.tolist()
-    # Modes taken anew at each step, or held while steps are small: MODES_HOLD_PX of 50 changes them by 4e-4 of a step.
+    # New modes at each step, or kept while steps are small: MODES_HOLD_PX of 50 px changes them by 4e-4 of a step.
     torch.testing.assert_close(often.q, seldom.q, atol=1e-5, rtol=0)
     torch.testing.assert_close(often.covariance, seldom.covariance, atol=0, rtol=1e-2)
 
@@ -130,10 +130,10 @@ def test_every_pair_may_have_its_own_centre() -> None:
     np.testing.assert_allclose(to_degrees(found.q), (MOTION, MOTION), atol=0.01)  # as for one pair
 
 
-def test_a_circle_is_taken_as_its_three_numbers() -> None:
+def test_a_circle_is_read_as_its_three_numbers() -> None:
     f, g, numbers = pair(MOTION)
     plain = correlate(f, g, numbers).q
-    # Found in another recording's frame 7, perhaps: the pair has none.
+    # The frame of the circle has no meaning for a pair.
     assert correlate(f, g, Circle(*numbers, sd_x=0.1, frame=7)).q.equal(plain)
     both = correlate(torch.stack((f, f)), torch.stack((g, g)), [Circle(*numbers), Circle(*numbers)])
     torch.testing.assert_close(both.q, plain.expand(2, 5), atol=1e-9, rtol=0)  # float64, sums in another order
@@ -154,12 +154,12 @@ def test_a_bad_row_does_not_touch_the_others() -> None:
 
 @pytest.mark.parametrize("model", ["rigid", "finite", "published", "translation"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_values_that_are_no_numbers_are_no_lack_of_texture(value: float, model: str) -> None:
+def test_values_that_are_not_finite_are_lost_and_not_weak_texture(value: float, model: str) -> None:
     f, g, circle = pair(MOTION)
     all_of_it, one, flat = torch.full_like(f, value), g.clone(), torch.full_like(f, 100)
     one[70, 60] = value
     found = correlate(torch.stack((f, all_of_it, f, flat)), torch.stack((all_of_it, g, one, g)), circle, model=model)
-    # As `track` says of such frames.
+    # As `track` reports such frames.
     assert found.status.tolist() == ["lost", "lost", "lost", "weak_texture"]
     assert found.q.isnan().all()
     assert found.covariance.isnan().all()
@@ -184,8 +184,8 @@ def test_swapping_the_images_negates_the_motion(dx: float, dy: float, wx: float,
     f, g, (x, y, radius) = pair((dx, dy, wx, wy, wz))
     there = to_degrees(correlate(f, g, (x, y, radius)).q)
     back = to_degrees(correlate(g, f, (x + dx, y + dy, radius)).q)
-    # The inverse of a rotation vector is its negative, exactly; each way errs by its own interpolation bias
-    # (0.0025 px) and by w^2 R / 2 = 0.005 px times what of it the modes pick up.
+    # The inverse of a rotation vector is its negative. Each way has its own interpolation bias (0.0025 px) and a part
+    # of the second order, w^2 R / 2 = 0.005 px.
     np.testing.assert_allclose(there, -back, atol=0.01)
 
 
@@ -199,14 +199,14 @@ def test_precision_follows_the_images() -> None:
     np.testing.assert_allclose(to_degrees(double.q), to_degrees(single.q), atol=4e-4)
 
 
-def test_a_guess_reaches_further_than_none() -> None:
+def test_a_start_reaches_large_motions() -> None:
     f, g, circle = pair((9.3, -4.2, 0, 0.5, 0))
     assert correlate(f, g, circle).status[0] != "ok"
     found = correlate(f, g, circle, start=(9, -4, 0, 0, 0))
     np.testing.assert_allclose(to_degrees(found.q)[0], (9.3, -4.2, 0, 0.5, 0), atol=0.01)
 
 
-def test_what_is_ignored_has_no_influence() -> None:
+def test_ignored_pixels_have_no_influence() -> None:
     f, g, circle = pair((0.4, 0.3, 0.2, 0.3, 0.1))
     ignore = np.zeros(f.shape, bool)
     ignore[40:60, 70:100] = True
@@ -217,15 +217,15 @@ def test_what_is_ignored_has_no_influence() -> None:
     spoiled_g[40:60, 70:100] = 0
     spoiled = correlate(spoiled_f, spoiled_g, circle, ignore=ignore)
     assert spoiled.status.tolist() == ["ok"]
-    # The spline's coefficients carry a value on by 0.27 per px, so that three px away (crop.REACH) 1 % of the garbage
-    # is left along its border: together less than a tenth of what noise does (0.005 px).
+    # The spline's coefficients pass on 0.27 of a value per px. Three px away (crop.REACH) 1 % of the garbage is left: a
+    # tenth of the effect of noise (0.005 px).
     np.testing.assert_allclose(to_degrees(spoiled.q), to_degrees(clean.q), atol=5e-4)
-    # Like every pair's (0.005 px, 0.007 deg), with a tenth of the region missing on one side.
+    # As for every pair (0.005 px, 0.007 deg), with a tenth of the region missing on one side.
     np.testing.assert_allclose(to_degrees(clean.q)[0], (0.4, 0.3, 0.2, 0.3, 0.1), atol=0.01)
 
 
 @pytest.mark.parametrize("garbage", [np.nan, 1e9])
-def test_not_even_absurd_values_leak_out_of_what_is_ignored(garbage: float) -> None:
+def test_absurd_values_do_not_leak_out_of_ignored_pixels(garbage: float) -> None:
     f, g, circle = pair(MOTION)
     ignore = np.zeros(f.shape, bool)
     ignore[40:60, 70:100] = True
@@ -235,7 +235,7 @@ def test_not_even_absurd_values_leak_out_of_what_is_ignored(garbage: float) -> N
     np.testing.assert_allclose(to_degrees(found.q)[0], MOTION, atol=0.01)  # as in the test before
 
 
-def test_the_coefficient_is_one_for_a_linear_copy_and_nothing_for_noise() -> None:
+def test_the_coefficient_is_one_for_a_linear_copy_and_zero_for_noise() -> None:
     generator = torch.Generator().manual_seed(1)
     f, g = torch.randn(2, 1, 5000, generator=generator, dtype=torch.float64)
     weights = torch.ones_like(f)
@@ -245,13 +245,13 @@ def test_the_coefficient_is_one_for_a_linear_copy_and_nothing_for_noise() -> Non
     assert float(znssd.zncc(f, torch.ones_like(f), weights)) == 0
 
 
-def test_the_coefficient_falls_with_noise_as_it_must() -> None:
+def test_the_coefficient_falls_with_the_noise() -> None:
     f, g, circle = pair(STILL)
     found = correlate(noisy(f, 40.0, 1), noisy(g, 40.0, 2), circle, pre_blur=0.0, min_zncc=0.0)
     y, x = np.mgrid[: f.shape[0], : f.shape[1]]
     inside = (x - circle[0]) ** 2 + (y - circle[1]) ** 2 < (0.95 * circle[2]) ** 2
     texture, noise = float(f[inside].var()), float((noisy(f, 40.0, 1) - f)[inside].var())
-    # Signal over signal and noise; 7000 pixels tell it to 1 / sqrt(7000) = 1.2 %, and q takes up a little.
+    # Signal over signal and noise, known from 7000 pixels to 1 / sqrt(7000) = 1.2 %; q absorbs a little.
     assert float(found.zncc[0]) == pytest.approx(texture / (texture + noise), abs=0.05)
 
 
@@ -275,20 +275,20 @@ def test_a_plain_ball_has_no_texture() -> None:
     assert found.status.tolist() == ["weak_texture"]
 
 
-def test_noise_is_not_taken_for_a_motion() -> None:
+def test_noise_is_no_motion() -> None:
     found = correlate(noise_image(0), noise_image(1), (64, 64, 50))
     assert found.status[0] in ("low_correlation", "not_converged", "weak_texture")
     assert found.q.isnan().all()
 
 
-def test_unrelated_patterns_are_not_taken_for_a_motion() -> None:
+def test_unrelated_patterns_are_no_motion() -> None:
     images = [pair(STILL, seed=seed)[0] for seed in range(4)]
     found = correlate(torch.stack(images[:3]), torch.stack(images[1:]), (63.2, 64.7, 50))
     assert set(found.status) <= {"low_correlation", "not_converged"}
     assert found.q.isnan().all()
 
 
-def test_a_region_mostly_out_of_the_frame_is_said_to_be() -> None:
+def test_a_region_mostly_out_of_the_frame_is_out_of_frame() -> None:
     f, g, (x, y, radius) = pair(STILL)
     found = correlate(f[:, 55:], g[:, 55:], (x - 55 - 4, y, radius))
     assert found.status.tolist() == ["ok"]  # more than half of the ball is in sight
@@ -301,7 +301,7 @@ def test_statuses_come_from_the_published_list() -> None:
     assert STATUSES == ("ok", "weak_texture", "low_correlation", "not_converged", "out_of_frame", "lost")
 
 
-def test_too_few_iterations_do_not_count_as_converged() -> None:
+def test_too_few_iterations_have_not_converged() -> None:
     f, g, circle = pair(MOTION)
     found = correlate(f, g, circle, max_iterations=1)
     assert found.status.tolist() == ["not_converged"]
@@ -361,7 +361,7 @@ BAD = {
 }
 
 
-def test_a_masked_array_without_masked_values_is_its_data() -> None:
+def test_a_masked_array_without_masked_values_is_read_as_its_data() -> None:
     f, g, circle = pair(MOTION)
     ignore = np.zeros(f.shape, bool)
     ignore[:9] = True
@@ -373,7 +373,7 @@ def test_a_masked_array_without_masked_values_is_its_data() -> None:
 
 
 @pytest.mark.parametrize(("change", "sentence"), BAD.values(), ids=BAD.keys())
-def test_arguments_that_cannot_be_are_refused_with_a_sentence(change: dict[str, Any], sentence: str) -> None:
+def test_invalid_arguments_are_refused_with_a_sentence(change: dict[str, Any], sentence: str) -> None:
     arguments = {"f": IMAGE, "g": IMAGE, "circle": CIRCLE} | change
     f, g, circle = (arguments.pop(name) for name in ("f", "g", "circle"))
     with pytest.raises(ValueError, match=sentence) as caught:

@@ -1,4 +1,4 @@
-"""Light that a near object takes from one side of the ball, more and more from image to image."""
+"""Light on one side of the ball that an object shades more from image to image."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ PATTERNS = range(4)
 
 
 def shaded(share: float, seed: int) -> tuple[torch.Tensor, torch.Tensor, tuple[float, float, float]]:
-    """A pair whose deformed image is darker by ``share`` at the right limb, with the cube of the normal's x."""
+    """A pair whose deformed image is darker towards the right limb, there by ``share``: the cube of the normal's x."""
     f, g, (x, y, radius) = pair(MOTION, seed=seed)
     columns = torch.arange(g.shape[1], dtype=torch.float64) - (x + MOTION[0])
     dark = 1 - share * (columns / radius).clamp(0, 1) ** 3
@@ -40,21 +40,21 @@ def no_light(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("robust", [True, False])
-def test_a_shade_that_deepens_on_one_side_moves_the_ball_along_it_by_nothing(robust: bool) -> None:
+def test_a_shade_that_deepens_on_one_side_does_not_move_the_ball(robust: bool) -> None:
     moved = error(0.3, robust=robust) - error(0.0, robust=robust)
-    # The pairs' scatter by one grey level of noise is 0.0025 px and 0.004 deg, halved by four patterns. To leave out
-    # that the shade is blurred with the pattern moved the ball by 0.007 px.
+    # One grey level of noise scatters the pairs by 0.0025 px and 0.004 deg, halved by four patterns. Without the blur
+    # of the shaded pattern in the model the ball moved by 0.007 px.
     assert np.abs(moved[:2]).max() < 0.005
     assert np.abs(moved[2:]).max() < 0.008
     assert np.abs(moved[0]) < 0.002
 
 
 @pytest.mark.usefixtures("no_light")
-def test_without_allowing_for_it_the_shade_moves_the_ball() -> None:
+def test_without_the_allowance_the_shade_moves_the_ball() -> None:
     assert np.abs(error(0.3, robust=False)[0] - error(0.0, robust=False)[0]) > 0.008
 
 
-def test_pairs_in_even_light_are_solved_as_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_in_even_light_the_allowance_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     found = error(0.0)
     monkeypatch.setattr(
         illumination, "is_light_identifiable", lambda solution, model: torch.zeros_like(solution.converged)
@@ -81,8 +81,8 @@ def test_the_changes_of_the_harmonics_are_their_derivative() -> None:
     torch.testing.assert_close((ahead - back) / (2 * step), expected, atol=1e-7, rtol=1e-7)
 
 
-def test_near_a_target_the_steps_are_kept_unless_a_map_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    # A map would be made of any ball that turns, and says that it was called for.
+def test_near_a_target_no_map_is_made_unless_requested(monkeypatch: pytest.MonkeyPatch) -> None:
+    # A map of any ball that turns; its reason shows the call.
     monkeypatch.setattr("torchsphere.tracking.drift.MAP_FROM_RAD", 0.0)
     monkeypatch.setattr("torchsphere.tracking.drift.poses.poses_on_map", lambda *_: "called for")
     film = shot(n=9, noise=1.0)

@@ -1,4 +1,4 @@
-"""What a residual that is more, or less, than noise does to the stated uncertainty."""
+"""The stated uncertainty under residuals that are more or less than noise."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from torchsphere.imaging.crop import cut, half_size
 
 
 def reference(count: int = 1, blur: float = 1.0) -> Reference:
-    """Of the example ball, ``count`` times."""
+    """``count`` copies of the reference of the example ball."""
     f, _, circle = pair((0, 0, 0, 0, 0))
     circles = torch.tensor(circle, dtype=torch.float64).expand(count, -1)
     crops = cut(f.expand(count, -1, -1), circles[:, :2], half_size(circles[0, 2].item(), 8.0), None)
@@ -21,13 +21,13 @@ def reference(count: int = 1, blur: float = 1.0) -> Reference:
 
 
 def small_reference(count: int) -> Reference:
-    """Of a ball of 10 px, ``count`` times."""
+    """``count`` references of noise on a ball of 10 px."""
     circles = torch.tensor([[20.0, 20.0, 10.0]], dtype=torch.float64).expand(count, -1)
     images = torch.randn(count, 41, 41, generator=torch.Generator().manual_seed(2))
     return build_reference(Filtered.of(cut(images, circles[:, :2], 18, None), 1.0), circles, 0.95, 1.0)
 
 
-def test_blocks_that_fade_into_one_another_count_each_point_once_in_the_sum_of_squares() -> None:
+def test_fading_blocks_count_each_point_once_in_the_sum_of_squares() -> None:
     made = reference()
     n = made.values.shape[-1]
     for at in (0, n // 3, n // 2, n - 1):
@@ -52,21 +52,21 @@ def test_the_share_of_noise_is_that_of_the_part_that_faces_the_camera() -> None:
     inner = 0.25 / 0.95**2
     expected = 1 / (inner + 9 * (1 - inner))
     assert float(noise_share(made, limb, weights)) == pytest.approx(expected, rel=0.01)  # of whole pixels
-    # More in the middle than elsewhere is no more than all, and a middle that is hidden tells nothing.
+    # The share is 1 where the middle has more residual than the rest, and where the middle is hidden.
     assert float(noise_share(made, 1 / limb, weights)) == 1.0
     assert float(noise_share(made, limb, weights * (r > 0.5))) == 1.0
 
 
-def test_few_pixels_that_are_quiet_by_chance_are_noise_all_the_same() -> None:
-    # Facing parts of 12 independent squares on a ball of 10 px: their variance scatters by 0.4 of itself.
+def test_few_pixels_that_are_quiet_by_chance_count_as_noise() -> None:
+    # The facing part of a ball of 10 px has 12 independent squares: their variance scatters by 0.4 of its value.
     made = small_reference(400)
     white = torch.randn(made.values.shape, generator=torch.Generator().manual_seed(3)).to(made.values)
-    smooth = residual_noise.local_mean(made, white, made.weights)  # alike over a few px, like noise behind the pre-blur
+    smooth = residual_noise.local_mean(made, white, made.weights)  # correlated over a few px, like blurred noise
     assert float(noise_share(made, smooth, made.weights).mean()) > 0.97
 
 
 def factors(difference: Tensor, made: Reference) -> Tensor:
-    """`inflation` (n, 2) of two translations' slopes, stated as if the ``difference`` (n, p) was white noise."""
+    """`inflation` (n, 2) of two translations, stated for a ``difference`` (n, p) of white noise."""
     weights = made.weights
     jacobian = made.gradient
     gram = ((jacobian * weights[:, None]) @ jacobian.mT).double()
@@ -76,12 +76,12 @@ def factors(difference: Tensor, made: Reference) -> Tensor:
     return residual_noise.inflation(made, jacobian, torch.linalg.cholesky(gram), weights * difference, power, stated)
 
 
-def test_white_noise_is_stated_as_it_is() -> None:
+def test_the_factor_of_white_noise_is_one() -> None:
     made = reference(40)
     generator = torch.Generator().manual_seed(1)
     white = torch.randn(made.values.shape, generator=generator).to(made.values)
     found = factors(white, made)
-    # What is left of the blocks' own scatter, which narrows a little less than it widens.
+    # The scatter of the blocks narrows a little less than it widens.
     assert float(found.min()) > 0.9
     assert float(found.mean()) == pytest.approx(1.0, abs=0.04)
 
@@ -89,10 +89,10 @@ def test_white_noise_is_stated_as_it_is() -> None:
 def test_a_residual_in_phase_with_the_gradient_widens_and_one_that_cancels_within_speckles_narrows() -> None:
     made = reference()
     r = made.points.norm(dim=-1) / made.geometry.radius
-    # A part of the ball that has moved: it pulls on x, and so does all of it.
+    # A part of the ball has moved: all of its residual acts on x.
     part = torch.where((r > 0.6) & (made.points[..., 0] > 0), made.gradient[:, 0], 0.0)
     assert float(factors(part, made)[0, 0]) > 2.0
-    # The same texture blurred more towards the limb: second derivatives, which the gradient's products cancel.
+    # The texture is blurred more towards the limb: products of its second derivatives with the gradient cancel.
     seen_flatter = r**2 * (reference(blur=1.3).values - made.values)
     assert float(factors(seen_flatter, made).max()) < 0.7
 
@@ -106,9 +106,9 @@ def test_the_scatter_of_fast_turns_is_the_stated_uncertainty(degrees: float, noi
         assert (measured.status == "ok").all()
         error = measured.increment - made.increments.numpy()
         sd = np.sqrt(np.einsum("nii->ni", measured.covariance))
-        # What is alike in all steps is `torchsphere.tracking.steady_error`'s.
+        # Errors that all steps share belong to `torchsphere.tracking.steady_error`.
         ratios.append((error - error.mean(0)) / sd * np.sqrt(12 / 11))
     found = np.sqrt(np.mean(np.concatenate(ratios) ** 2, 0))
-    # 33 free errors tell a ratio to 12 %. With the whole residual taken for noise it is 0.4 to 0.7.
+    # The ratio of 33 errors is known to 12 %. With the whole residual as noise it is 0.4 to 0.7.
     assert ((found > 0.6) & (found < 1.45)).all(), found
     assert np.sqrt(np.mean(found**2)) > 0.75

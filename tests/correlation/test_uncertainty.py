@@ -20,24 +20,23 @@ def test_the_scatter_of_noisy_pairs_is_the_stated_uncertainty(model: str, pre_bl
     assert (found.status == "ok").all()
     scatter = found.q.double().std(0).numpy()
     stated = found.covariance.diagonal(dim1=1, dim2=2).mean(0).sqrt().numpy()
-    # The standard deviation of 80 samples is itself known to 1 / sqrt(2 * 79) = 8 %: 0.75 to 1.3 is more than three
-    # of that below and above, for five numbers at once; the model of noise itself is good to a tenth.
+    # The standard deviation of 80 samples is known to 1 / sqrt(2 * 79) = 8 %: 0.75 to 1.3 is three of that to either
+    # side, for five numbers at once; the model of the noise is right to a tenth.
     assert np.all((scatter / stated > 0.75) & (scatter / stated < 1.3)), scatter / stated
 
 
-def test_the_whole_matrix_is_honest_not_only_its_diagonal() -> None:
+def test_the_correlations_are_those_of_the_scatter() -> None:
     f, g, circle = pair(MOTION)
     found = correlate(noisy(f.expand(N, -1, -1), 2.0, 5), noisy(g.expand(N, -1, -1), 2.0, 6), circle)
     stated = found.covariance.mean(0)
     sd = stated.diagonal().sqrt()
     measured = torch.corrcoef(found.q.double().T)
     expected = stated / (sd[:, None] * sd)
-    # x with wy and y with wx: 0.96 at 0.95 R in PHYSICS section 2; a correlation of 0.96 from 80 samples has a sd of
-    # (1 - 0.96^2) / sqrt(80) = 0.009.
+    # x with wy and y with wx: 0.96 at 0.95 R in PHYSICS section 2, from 80 samples to (1 - 0.96^2) / sqrt(80) = 0.009.
     for i, j in ((0, 3), (1, 2)):
         assert abs(float(expected[i, j])) == pytest.approx(0.96, abs=0.02)
         assert float(measured[i, j]) == pytest.approx(float(expected[i, j]), abs=0.04)
-    # The others are uncorrelated to 1 / sqrt(80) = 0.11: four of it.
+    # The others are uncorrelated, known to 1 / sqrt(80) = 0.11: four of that.
     assert abs(float(measured[0, 1] - expected[0, 1])) < 0.5
 
 
@@ -54,26 +53,26 @@ def test_the_covariance_is_symmetric_positive_and_grows_with_the_noise() -> None
     assert ((ratio > 3.0) & (ratio < 4.2)).all()
 
 
-def test_a_smaller_region_is_known_less_well() -> None:
+def test_a_smaller_region_has_a_larger_uncertainty() -> None:
     f, g, circle = pair(MOTION)
     f, g = noisy(f, 2.0, 9), noisy(g, 2.0, 10)
     sd = [correlate(f, g, circle, roi=roi).covariance[0].diagonal().sqrt() for roi in (0.5, 0.7, 0.9)]
-    # PHYSICS section 2: the std of x falls from 0.043 to 0.014 to 0.008 px, by 3.1 and by 1.75 (of which the last holds
-    # more than noise); on any pattern at least by 1.5.
+    # PHYSICS section 2: the standard deviation of x falls from 0.043 to 0.014 to 0.008 px, by 3.1 and by 1.75; on any
+    # pattern at least by 1.5.
     assert (sd[0][[0, 1, 2, 3]] > 1.5 * sd[1][[0, 1, 2, 3]]).all()
     assert (sd[1][[0, 1, 2, 3]] > 1.5 * sd[2][[0, 1, 2, 3]]).all()
 
 
-def test_every_second_pixel_tells_as_much_as_all(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_second_pixel_is_as_certain_as_all(monkeypatch: pytest.MonkeyPatch) -> None:
     f, g, circle = pair(MOTION)
     f, g = noisy(f.expand(N, -1, -1), 4.0, 11), noisy(g.expand(N, -1, -1), 4.0, 12)
     half = correlate(f, g, circle)
     monkeypatch.setattr(reference, "MIN_CHESSBOARD_POINTS", 10**9)
     whole = correlate(f, g, circle)
-    # The same noise in both, so that the ratio of the scatters is known far better than either of them.
+    # The same noise in both: the ratio of the scatters is known better than either of them.
     scatter = half.q.double().std(0) / whole.q.double().std(0)
     assert ((scatter > 0.96) & (scatter < 1.04)).all(), scatter
-    # And it says so: half the points, whose noise has less in common.
+    # The stated values agree as well: half the points have less common noise.
     stated = (half.covariance / whole.covariance).diagonal(dim1=1, dim2=2).mean(0).sqrt()
     assert ((stated > 0.96) & (stated < 1.04)).all(), stated
     assert not torch.equal(half.q, whole.q)

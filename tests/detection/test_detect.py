@@ -1,4 +1,4 @@
-"""The ball is found without help."""
+"""The ball is found without a circle from the user."""
 
 import dataclasses
 import json
@@ -19,14 +19,13 @@ def found_in(images: torch.Tensor) -> Circle:
 
 
 def worst_error(circle: Circle, made: Shot) -> float:
-    """Largest of the errors of centre and radius, px."""
+    """Largest error of centre and radius, px."""
     x, y = made.centres[circle.frame].tolist()
     return max(abs(circle.x - x), abs(circle.y - y), abs(circle.radius - made.radius))
 
 
-# What users need, px. An error of 1 px in the centre costs the increment 0.002 px and one of 1 px in the radius
-# 0.026 px and 0.021 deg (PHYSICS section 3), and the radius is calibrated afterwards: half a px is enough to go on
-# from. Over a texture as strong as the pattern the limb cannot be told so well: one px.
+# Tolerances, px. 1 px in the centre costs the increment 0.002 px, 1 px in the radius 0.026 px and 0.021 deg (PHYSICS
+# section 3), and the radius is calibrated later: half a px suffices. Over a texture as strong as the pattern: one px.
 UNIFORM, TEXTURED = 0.5, 1.0
 
 
@@ -61,7 +60,7 @@ def test_small_and_large_balls_are_found(radius: float) -> None:
     assert worst_error(found_in(made.images), made) < UNIFORM
 
 
-def test_a_ball_that_enters_late_is_found_in_the_first_frames_that_show_it_whole() -> None:
+def test_a_ball_that_enters_late_is_found_when_it_is_wholly_in_view() -> None:
     made = shot(4, n=12, background=60.0, start=(-60.0, 120.0), step=(16.0, 0.0))
     circle = found_in(made.images)
     assert worst_error(circle, made) < UNIFORM
@@ -76,7 +75,7 @@ def test_a_ball_that_spins_in_place_is_found(background: float | str) -> None:
     assert worst_error(found_in(made.images), made) < (UNIFORM if background == 60.0 else TEXTURED)
 
 
-def test_an_ignored_bright_disc_is_not_taken_for_the_ball() -> None:
+def test_an_ignored_bright_disc_is_not_the_ball() -> None:
     made = shot(0, n=8)
     y, x = torch.meshgrid(torch.arange(SHAPE[0]), torch.arange(SHAPE[1]), indexing="ij")
     lamp = (x - 400) ** 2 + (y - 120) ** 2 < 70**2
@@ -89,13 +88,13 @@ def test_an_ignored_bright_disc_is_not_taken_for_the_ball() -> None:
 
 
 @pytest.mark.parametrize("noise", [0.0, 5.0])
-def test_noise_and_flat_images_hold_no_ball(noise: float) -> None:
+def test_noise_and_flat_images_contain_no_ball(noise: float) -> None:
     images = noisy(torch.full((6, *SHAPE), 100.0), noise, 0)
     with pytest.raises(ValueError, match=r"no ball was found in 6 frames: expected .* give its outline"):
         found_in(images)
 
 
-def test_the_ball_is_not_found_in_a_blank_image_whose_background_holds_it() -> None:
+def test_no_ball_is_found_in_a_blank_image_with_the_ball_in_its_background() -> None:
     made = shot(0, n=8, step=(0.5, 0.0))
     images = torch.cat((torch.full((1, *SHAPE), 200.0), made.images))
     assert found_in(images).frame > 0
@@ -120,27 +119,27 @@ def test_a_circle_cannot_be_changed() -> None:
         Circle(1.0, 2.0, 3.0).x = 4.0  # type: ignore[misc]
 
 
-def test_a_small_bright_square_is_doubted_and_a_ball_is_not() -> None:
+def test_a_small_bright_square_is_doubtful_and_a_ball_is_not() -> None:
     images = 40 + 3 * torch.randn(6, 120, 160, generator=torch.Generator().manual_seed(0))
     images[:, 53:67, 73:87] += 190
     assert "px radius, may not be the ball: it is so small" in found_in(images).warning("there")
     assert found_in(shot(0, n=6).images).doubt == ""
 
 
-def test_a_standard_deviation_that_is_a_guess_is_not_told_as_measured() -> None:
+def test_a_guessed_standard_deviation_is_not_reported_as_measured() -> None:
     made = shot(0, n=1)
     x, y = made.centres[0].tolist()
     at = at_limb(made.images, Circle(x, y, made.radius, 0.1, 0.1, 0.1))
     assert at.sd_text.startswith("sd 0.")
     assert at.doubt == ""
-    # 5 px off, the limb is too far away to be meant.
+    # At 5 px the limb is too far from the circle.
     off = at_limb(made.images, Circle(x + 5, y, made.radius, 0.1, 0.1, 0.1))
     assert off.sd_guessed
     assert off.sd_text == "to about 2 px, not measured"
     assert "no limb of a speckled ball" in off.doubt
 
 
-def test_a_lamp_of_a_real_recording_is_doubted(shared_data: Path, tmp_path: Path, capsys) -> None:
+def test_a_lamp_of_a_real_recording_is_doubtful(shared_data: Path, tmp_path: Path, capsys) -> None:
     pytest.importorskip("av", reason="the extra 'video' is not installed")
     film = str(shared_data / "fictrac" / "sample.mp4")
     assert main(["info", film, "--preview", str(tmp_path / "ball.png")]) == 0

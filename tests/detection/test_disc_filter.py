@@ -1,4 +1,4 @@
-"""The disc that tells inside from outside best."""
+"""The disc that separates inside and outside best."""
 
 import torch
 
@@ -11,7 +11,7 @@ def silhouette(x: float, y: float, radius: float, seed: int) -> torch.Tensor:
     return ((columns - x) ** 2 + (rows - y) ** 2 < radius**2).float() * 0.9 + noise
 
 
-def test_silhouettes_together_give_what_each_gives_alone() -> None:
+def test_a_batch_of_silhouettes_equals_its_rows() -> None:
     some = torch.stack((silhouette(60.0, 50.0, 20.0, 1), torch.zeros(120, 200), silhouette(140.0, 70.0, 35.0, 2)))
     found = disc_filter.best_discs(some)
     assert found[1] is None
@@ -22,8 +22,8 @@ def test_silhouettes_together_give_what_each_gives_alone() -> None:
         assert torch.equal(guess, alone)
 
 
-def test_a_ring_beyond_the_border_holds_nothing_of_the_other_side() -> None:
-    # Rings that reach beyond one border: in a plane that is too small they would hold what is at the other.
+def test_a_ring_beyond_the_border_does_not_wrap_around() -> None:
+    # Rings reach beyond one border: in a plane that is too small they would wrap around to the other.
     found = disc_filter.best_discs(torch.stack((silhouette(30.0, 60.0, 28.0, 3), silhouette(170.0, 60.0, 28.0, 4))))
     for guess, x in zip(found, (30.0, 170.0), strict=True):
         assert guess is not None

@@ -10,7 +10,7 @@ from torchsphere.synthetic.ray_caster import Pattern
 
 EYE = torch.eye(3, dtype=torch.float64)[None]
 
-#: Off by what users may expect, px: half of it is what an eighth of the outline was measured to be off by.
+#: Tolerance, px: twice the measured error of an eighth of the outline.
 WITHIN = 0.3
 
 
@@ -33,10 +33,10 @@ def half_as_dark(seed: int, *, rest: float = 1.0) -> tuple[torch.Tensor, torch.T
 
 @pytest.mark.parametrize("background", [10.0, 60.0, 90.0, 125.0, 240.0])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_a_speckled_ball_is_found_on_any_grey_level_of_its_own(background: float, seed: int) -> None:
+def test_a_speckled_ball_is_found_over_any_of_its_grey_levels(background: float, seed: int) -> None:
     f, _, at = pair((0, 0, 0, 0, 0), seed=seed, background=background)
     found, covariance = limb_fit.fit(noisy(f, 2.0, seed)[None].float(), circle(*at) + torch.tensor([0.5, -0.5, -0.6]))
-    # Fits of the edges are off by more than this over 125 grey levels.
+    # Fits of edges have larger errors over 125 grey levels.
     assert (found - circle(*at)).abs().max() < WITHIN
     sd = covariance[0].diagonal().sqrt()
     assert ((sd > 0.05) & (sd < 0.2)).all()
@@ -48,10 +48,10 @@ def test_a_limb_as_dark_as_the_background_leaves_the_centre_unknown_along_it(see
     _, lit = limb_fit.fit(half_as_dark(seed)[0], true)
     found, covariance = limb_fit.fit(image, true + torch.tensor([0.4, 0.4, -0.4]))
     sd = covariance[0].diagonal().sqrt()
-    # An arc of two thirds of the circle knows x as before, but not y and the radius apart.
+    # An arc of two thirds of the circle determines x, but does not separate y and the radius.
     assert sd[1] > 1.5 * lit[0].diagonal().sqrt()[1]
     assert sd[1] > 1.3 * sd[0]
-    # Two standard deviations hold 95 %: three a wrong band of none of these nine numbers.
+    # Three standard deviations: with correct bands none of these nine numbers exceeds them.
     assert ((found - true)[0].abs() < 3 * sd).all()
 
 
@@ -66,18 +66,18 @@ def test_a_batch_of_limbs_equals_its_rows() -> None:
     for i in range(2):
         one = limb_fit.fit(images[i], circles[i])
         for whole, row in zip(batch, one, strict=True):
-            # Crops are as large as the batch's largest ball needs, and a spline feels their border a little.
+            # Crops have the size for the batch's largest ball, and their border changes a spline a little.
             torch.testing.assert_close(whole[i], row[0], atol=2e-3, rtol=0)
 
 
-def test_an_uncertain_background_makes_an_uncertain_circle() -> None:
+def test_an_uncertain_background_widens_the_circles_covariance() -> None:
     f, _, at = pair((0, 0, 0, 0, 0))
     _, calm = limb_fit.fit(noisy(f, 2.0, 0)[None].float(), circle(*at))
     _, noise = limb_fit.fit(noisy(f, 12.0, 0)[None].float(), circle(*at))
     assert (noise[0].diagonal() > 1.5 * calm[0].diagonal()).all()
 
 
-def test_a_ball_without_pattern_has_no_say_where_it_equals_its_background() -> None:
+def test_a_plain_ball_that_equals_its_background_has_no_limb() -> None:
     pattern = Pattern(torch.full((4, 4, 4), 64.0))
     image = ray_caster.render(pattern, circle(63, 64, 40)[:, :2], 40.0, EYE, 64.0, shape=(130, 130))
     _, covariance = limb_fit.fit(noisy(image, 2.0, 0), circle(63, 64, 40))
@@ -90,14 +90,14 @@ def test_a_texture_behind_the_ball_does_not_make_it_larger(blur_px: float, level
         f, _, at = pair((0, 0, 0, 0, 0), seed=seed, background=textured(seed + 2, blur_px, levels))
         found, covariance = limb_fit.fit(noisy(f, 2.0, seed)[None].float(), circle(*at))
         off = (found - circle(*at))[0].abs()
-        # With the background's level and variance from the same places it was 0.2 to 6 px too large.
+        # With the background's level and variance from the same places the radius was 0.2 to 6 px too large.
         assert off[2] < WITHIN
         assert (off < 3 * covariance[0].diagonal().sqrt()).all()
 
 
 def test_neighbours_are_averaged_around_the_whole_outline() -> None:
     values = torch.rand(2, 37, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
-    # A fifth of 37 rays: four neighbours on either side, and the ray itself.
+    # A fifth of 37 rays: a ray and four neighbours on either side.
     expected = torch.stack([values.roll(shift, 1) for shift in range(-4, 5)]).mean(0)
     assert torch.allclose(limb_fit._averaged(values, 0.2), expected, rtol=0, atol=1e-12)
     assert torch.allclose(limb_fit._averaged(values[..., None], 0.2)[..., 0], expected, rtol=0, atol=1e-12)

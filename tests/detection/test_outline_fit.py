@@ -28,20 +28,20 @@ def test_a_plain_ball_is_found_at_any_sub_pixel_phase(fraction: float) -> None:
     true = circle(63 + fraction, 64.3 - fraction, 40 + fraction)
     images = plain_ball(*true[0].tolist())
     fit = outline_fit.refine(images, true + torch.tensor([0.8, -0.6, 0.7]), plain=True)
-    # Noise-free: 9 x 9 rays per pixel place an edge to 0.03 px, 250 of them a circle to a tenth of that; the polygon
-    # that the pixels' box makes of the edge leaves 1 / (24 R) = 0.001 px. A hundredth of a px is what users may expect.
+    # Noise-free: 9 x 9 rays per pixel place an edge to 0.03 px, and 250 edges a circle to a tenth of that. The pixels'
+    # box turns the edge into a polygon, 1 / (24 R) = 0.001 px. The tolerance is a hundredth of a px.
     torch.testing.assert_close(fit.circle, true, atol=0.01, rtol=0)
     assert float(fit.support[0]) > 0.95
     assert float(fit.contrast[0]) == pytest.approx(140, rel=0.05)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_a_speckled_ball_is_found_within_half_a_px_and_says_how_sure_it_is(seed: int) -> None:
+def test_a_speckled_ball_is_found_within_half_a_px_and_its_stated_uncertainty(seed: int) -> None:
     f, _, true = pair((0, 0, 0, 0, 0), seed=seed)
     images = noisy(f, 2.0, seed)[None]
     expected = circle(*true)
     fit = outline_fit.refine(images, expected + torch.tensor([1.5, -1.0, 1.0]), patterned=True)
-    # The limb's own pattern shifts the edge; half a px is what the user is promised.
+    # The pattern at the limb shifts the edge: half a px.
     assert (fit.circle - expected).abs().max() < 0.5
     sd = fit.covariance[0].diagonal().sqrt()
     assert ((sd > 0) & (sd < 0.2)).all()
@@ -62,7 +62,7 @@ def test_part_of_an_outline_is_enough() -> None:
     torch.testing.assert_close(fit.circle, circle(63.4 - 45, 64.1, 40.0), atol=0.03, rtol=0)
 
 
-def test_where_no_edge_is_in_the_image_the_fit_fails_with_nan() -> None:
+def test_without_an_edge_in_the_image_the_fit_is_nan() -> None:
     images = torch.full((1, 60, 60), 100.0)
     fit = outline_fit.refine(images, circle(30, 30, 200.0))
     assert float(fit.support[0]) == 0
@@ -78,7 +78,7 @@ def test_a_batch_of_fits_equals_its_rows() -> None:
         torch.testing.assert_close(batch.circle[i], one.circle[0], atol=1e-6, rtol=0)  # float64 rays, sums reordered
 
 
-def test_the_step_of_the_centre_is_known_better_than_the_centre() -> None:
+def test_the_step_of_the_centre_is_more_certain_than_the_centre() -> None:
     first, second = plain_ball(60.2, 64.1, 40.0), plain_ball(63.55, 64.9, 40.0)
     images = noisy(torch.cat((first, second)), 2.0, 1)
     guesses = torch.cat((circle(60, 64, 40), circle(63.5, 65, 40)))
@@ -90,24 +90,24 @@ def test_the_step_of_the_centre_is_known_better_than_the_centre() -> None:
     assert ((sd > 0) & (sd < 0.02)).all()
 
 
-def test_plain_and_speckled_balls_are_told_apart() -> None:
+def test_plain_and_speckled_balls_are_distinguished() -> None:
     f, _, at = pair((0, 0, 0, 0, 0))
     assert not outline_fit.is_plain(noisy(f, 2.0, 0).float(), circle(*at)[0])
     assert outline_fit.is_plain(noisy(plain_ball(63, 64, 50)[0], 2.0, 0).float(), circle(63, 64, 50)[0])
     assert speckle(0, 50.0).volume.std() > 10
 
 
-def test_shifts_of_a_blurred_step_are_read_off() -> None:
+def test_shifts_of_a_blurred_step_are_found() -> None:
     steps = torch.arange(-2, 8.2, 0.25, dtype=torch.float64)
     for shift in (-0.1, 0.0, 0.1):
         levels = 60 + 140 * 0.5 * torch.erfc((steps - shift) / (math.sqrt(2) * 1.0))
         found, height = outline_fit.step_shifts(levels[None, None], steps, 1.0)
-        # The model is linear in the shift: the rest is of order shift^2.
+        # The model is linear in the shift: the error is of order shift^2.
         assert float(found) == pytest.approx(shift, abs=0.01)
         assert float(height) == pytest.approx(140, rel=0.01)
 
 
-def test_light_shifts_do_not_mind_how_an_edge_is_blurred() -> None:
+def test_centroid_shifts_do_not_depend_on_the_blur_of_an_edge() -> None:
     steps = torch.arange(-8, 8.2, 0.25, dtype=torch.float64)
     for step_blur in (0.5, 1.5):
         levels = 60 + 140 * 0.5 * torch.erfc((steps - 0.3) / (math.sqrt(2) * step_blur))

@@ -1,4 +1,4 @@
-"""A camera near the ball: rays, outlines and displacements against the geometry itself."""
+"""A camera near the ball: rays, outlines and displacements against independent geometry."""
 
 import math
 from typing import Any
@@ -29,7 +29,7 @@ CAMERA, STRAIGHT = Camera(FOCAL, PRINCIPAL, BENT), Camera(FOCAL, PRINCIPAL)
 
 
 def project(points: Array, camera: Camera) -> Array:
-    """Where points (n, 3) are seen (n, 2): the textbook's formula, written for the test alone."""
+    """Image points (n, 2) of points (n, 3), by the textbook's formula."""
     assert camera.focal_px is not None
     plane = points[:, :2] / points[:, 2:]
     r2 = (plane**2).sum(1, keepdims=True)
@@ -38,19 +38,17 @@ def project(points: Array, camera: Camera) -> Array:
 
 
 def front(centre: Array, count: int = 20_000) -> Array:
-    """Points (n, 3) of the unit sphere's side that the camera sees, spread evenly."""
+    """Points (n, 3) spread evenly over the visible side of the unit sphere."""
     rng = np.random.default_rng(0)
     normal = rng.normal(size=(count, 3))
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     return normal[((centre + normal) * normal).sum(1) < 0]
 
 
-# Distance 8, and so near that the outline is 6 % larger than the ball's size at its centre's depth.
+# A distance of 8, and a distance at which the outline is 6 % larger than the ball at its centre's depth.
 @pytest.mark.parametrize("centre", [(0.0, 0.0, 8.0), (2.0, -1.0, 8.0), (-0.8, 0.5, 3.0)])
 @pytest.mark.parametrize("camera", [STRAIGHT, CAMERA])
-def test_the_outline_is_where_the_tangent_cone_meets_the_image(
-    centre: tuple[float, float, float], camera: Camera
-) -> None:
+def test_the_outline_is_the_image_of_the_tangent_cone(centre: tuple[float, float, float], camera: Camera) -> None:
     c = np.array(centre)
     axis = c / np.linalg.norm(c)
     across = np.linalg.svd(axis[None])[2][1:]
@@ -65,7 +63,7 @@ def test_the_outline_is_where_the_tangent_cone_meets_the_image(
     angles = torch.atan2(offset[:, 1], offset[:, 0])
     circle = torch.tensor([[*middle, FOCAL / c[2]]], dtype=torch.float64)
     found = outline_distance(circle, angles, camera)[0]
-    # Newton's steps end at rounding.
+    # Newton's steps converge to rounding.
     torch.testing.assert_close(found, offset.norm(dim=-1), atol=1e-7, rtol=0)
 
 
@@ -98,7 +96,7 @@ def test_distortion_and_its_inverse_cancel() -> None:
 
 @pytest.mark.parametrize("camera", [STRAIGHT, CAMERA])
 @pytest.mark.parametrize("distance", [3.0, 10.0, 200.0])
-def test_points_of_the_ball_move_as_the_geometry_says(camera: Camera, distance: float) -> None:
+def test_points_of_the_ball_move_as_in_the_independent_geometry(camera: Camera, distance: float) -> None:
     assert camera.focal_px is not None
     centre = distance * np.array([0.2, -0.15, 1.0])
     moved_centre = (distance / 1.02) * np.array([0.21, -0.155, 1.0])
@@ -119,7 +117,7 @@ def test_points_of_the_ball_move_as_the_geometry_says(camera: Camera, distance: 
     np.testing.assert_allclose(found[both], (after - before)[both], atol=2e-6)
 
 
-def test_single_precision_keeps_the_digits_of_a_far_ball() -> None:
+def test_single_precision_loses_no_digits_of_a_far_ball() -> None:
     points = 40 * (torch.rand(200, 2, dtype=torch.float64) - 0.5)
     q = torch.tensor([1.0, -0.5, 0.02, -0.05, 0.03], dtype=torch.float64)
 
@@ -131,7 +129,7 @@ def test_single_precision_keeps_the_digits_of_a_far_ball() -> None:
     torch.testing.assert_close(displaced(torch.float32).double(), displaced(torch.float64), atol=2.5e-5, rtol=0)
 
 
-def test_a_far_camera_sees_what_an_orthographic_one_sees() -> None:
+def test_a_far_camera_is_orthographic() -> None:
     points = 66 * (torch.rand(200, 2, dtype=torch.float64) - 0.5)
     q = torch.tensor([1.0, -0.5, 0.02, -0.05, 0.03], dtype=torch.float64)
     view = View(*(torch.tensor(v, dtype=torch.float64) for v in ((0.0, 0.0), 50.0 * 1e6, (0.0, 0.0, 0.0))))
@@ -141,9 +139,9 @@ def test_a_far_camera_sees_what_an_orthographic_one_sees() -> None:
     torch.testing.assert_close(motion_models.pinhole(q, points, Geometry(radius, view)), finite, atol=1e-4, rtol=0)
 
 
-def test_a_sideways_step_shows_the_rotation_that_a_person_sees() -> None:
-    # A ball that moves to the right without turning shows its left side more and more: the front seems to move right of
-    # the centre's own step by the share R / D of it, as under a rotation of -dx / D about y (+wy moves the front left).
+def test_a_sideways_step_looks_like_a_rotation() -> None:
+    # A ball that moves to the right without turning shows more of its left side: the front moves by R / D more than the
+    # centre, as under a rotation of -dx / D about y (+wy moves the front left).
     view = View(*(torch.tensor(v, dtype=torch.float64) for v in ((0.0, 0.0), 500.0, (0.0, 0.0, 0.0))))
     geometry = Geometry(torch.tensor(50.0, dtype=torch.float64), view)
     moved = motion_models.pinhole(
@@ -167,18 +165,18 @@ def test_a_sideways_step_shows_the_rotation_that_a_person_sees() -> None:
         ({"focal_px": 500.0, "principal_px": "12"}, "principal_px = '12': expected 2 finite numbers"),
     ],
 )
-def test_a_camera_that_cannot_be_is_refused(fields: dict[str, Any], said: str) -> None:
+def test_an_invalid_camera_is_refused(fields: dict[str, Any], said: str) -> None:
     with pytest.raises(ValueError, match=said):
         Camera(**fields)
 
 
-def test_a_camera_takes_the_arrays_of_a_calibration() -> None:
+def test_a_camera_accepts_arrays() -> None:
     given = Camera(500.0, np.array([256.0, 128.0]), np.array([-0.1, 0.02, 0.0]))  # type: ignore[arg-type]
     assert given == Camera(500.0, (256.0, 128.0), (-0.1, 0.02, 0.0))
     assert hash(given) == hash(Camera(500.0, (256.0, 128.0), (-0.1, 0.02, 0.0)))
 
 
 @pytest.mark.parametrize(("model", "camera"), [("pinhole", None), ("pinhole6", None), ("rigid", Camera(500.0))])
-def test_a_camera_and_the_models_that_need_one_come_together(model: str, camera: Camera | None) -> None:
+def test_a_camera_without_its_models_and_the_reverse_are_refused(model: str, camera: Camera | None) -> None:
     with pytest.raises(ValueError, match="give both or neither"):
         Options(model=model, camera=camera)

@@ -25,7 +25,7 @@ def row(*values: float) -> torch.Tensor:
 
 @pytest.fixture(scope="module")
 def points() -> torch.Tensor:
-    """Points (p, 2) all over the disc up to 0.95 R, where every mode is smooth."""
+    """Points (p, 2) of the disc up to 0.95 R, where every mode is smooth."""
     generator = torch.Generator().manual_seed(3)
     radius = 0.95 * R * torch.rand(60, generator=generator, dtype=torch.float64).sqrt()
     angle = 2 * math.pi * torch.rand(60, generator=generator, dtype=torch.float64)
@@ -45,7 +45,7 @@ def points() -> torch.Tensor:
         ((-30.0, 24.0), 0.7295372041400, 0.8, 0.64),
     ],
 )
-def test_modes_have_the_values_worked_out_by_hand(
+def test_modes_have_the_values_computed_by_hand(
     at: tuple[float, float], phi3: float, phi4: float, rigid: float
 ) -> None:
     x, y = at
@@ -102,7 +102,7 @@ def test_rigid_is_finite_to_first_order(dx: float, dy: float, wx: float, wy: flo
 
 @settings(max_examples=30, deadline=None, derandomize=True)
 @given(wx=angles, wy=angles, wz=angles)
-def test_finite_moves_points_as_the_matrix_does(wx: float, wy: float, wz: float) -> None:
+def test_finite_moves_points_by_the_rotation_matrix(wx: float, wy: float, wz: float) -> None:
     points = torch.tensor([[0.0, 0.0], [10, -20], [-30, 5], [25, 25]], dtype=torch.float64)
     q = row(0.5, -0.25, wx, wy, wz)
     surface = torch.cat((points, -(R**2 - points.square().sum(-1, keepdim=True)).sqrt()), -1)
@@ -113,7 +113,7 @@ def test_finite_moves_points_as_the_matrix_does(wx: float, wy: float, wz: float)
 
 
 def test_points_that_turn_out_of_sight_are_nan_and_have_no_modes() -> None:
-    # 0.98 R lies 11.5 deg inside the limb. +wy moves the front to the left: by 20 deg the left point is gone.
+    # 0.98 R lies 11.5 deg inside the limb. +wy moves the front to the left: 20 deg hide the left point.
     points = torch.tensor([[-0.98 * R, 0.0], [0.98 * R, 0.0], [0.0, 0.0]], dtype=torch.float64)
     q = row(0, 0, 0, math.radians(20), 0)
     assert motion_models.finite(q, points, GEOMETRY).isnan().all(-1).tolist() == [True, False, False]
@@ -123,7 +123,7 @@ def test_points_that_turn_out_of_sight_are_nan_and_have_no_modes() -> None:
     assert (modes[1] != 0).any()
 
 
-def test_rotation_modes_vanish_on_the_outline_but_for_the_one_about_the_view() -> None:
+def test_only_the_rotation_about_the_view_moves_the_outline() -> None:
     points = R * torch.tensor([[1.0, 0.0], [0.0, 1.0], [0.6, 0.8]], dtype=torch.float64)
     moved = motion_models.rigid(row(0, 0, 0.1, 0.1, 0), points, GEOMETRY)
     # 0.6 and 0.8 are not exact in binary: s = sqrt(R^2 1e-16) = 5e-7 px.

@@ -11,7 +11,7 @@ from torchsphere.geometry.orientation import chain, quaternions
 
 
 def slow_chain(rotations: np.ndarray) -> np.ndarray:
-    """A_i = exp([w_i]x) A_{i-1}, one after the other; the first rotation is not read."""
+    """A_i = exp([w_i]x) A_{i-1} in a loop; the first rotation is not used."""
     matrices = [np.eye(3)]
     for vector in rotations[1:]:
         matrices.append(rotation_matrix(torch.from_numpy(vector)).numpy() @ matrices[-1])
@@ -45,7 +45,7 @@ def test_the_order_of_two_rotations_matters_and_is_kept() -> None:
 
 @settings(max_examples=20, deadline=None, derandomize=True)
 @given(st.lists(st.floats(-3, 3), min_size=3, max_size=3))
-def test_a_rotation_and_its_inverse_are_nothing(vector: list[float]) -> None:
+def test_a_rotation_and_its_inverse_cancel(vector: list[float]) -> None:
     there_and_back = np.array([[0, 0, 0], vector, np.negative(vector)])
     np.testing.assert_allclose(chain(there_and_back, np.ones(3, bool))[2], np.eye(3), atol=1e-12)  # rounding
 
@@ -56,11 +56,11 @@ def test_frames_before_the_first_known_and_in_gaps_are_nan_and_the_chain_goes_on
     rotations[~known] = np.nan
     chained = chain(rotations, known)
     assert np.isnan(chained[~known]).all()
-    # The rotation of a frame is since the last known one before it.
+    # The rotation of a frame starts at the last known frame before it.
     np.testing.assert_allclose(chained[known], slow_chain(rotations[known]), atol=1e-12)
 
 
-def test_from_a_missing_rotation_on_nothing_is_known() -> None:
+def test_after_a_missing_rotation_all_is_nan() -> None:
     rotations = random_rotations(5)
     rotations[3] = np.nan
     chained = chain(rotations, np.ones(5, bool))
@@ -68,7 +68,7 @@ def test_from_a_missing_rotation_on_nothing_is_known() -> None:
     assert np.isnan(chained[3:]).all()
 
 
-def test_nothing_known_gives_nan() -> None:
+def test_without_a_known_frame_all_is_nan() -> None:
     assert np.isnan(chain(np.full((3, 3), np.nan), np.zeros(3, bool))).all()
 
 
@@ -95,6 +95,6 @@ def test_quaternions_of_unknown_orientations_are_nan() -> None:
     assert np.isnan(found[[0, 2]]).all()
 
 
-def test_the_tests_own_angle_between_rotations_is_right() -> None:
+def test_the_angle_between_rotations_in_the_tests_is_right() -> None:
     a = slow_chain(np.array([[0, 0, 0], [0.1, 0, 0]]))
     np.testing.assert_allclose(angles_between(a, np.broadcast_to(np.eye(3), a.shape)), [0, np.rad2deg(0.1)], atol=1e-5)

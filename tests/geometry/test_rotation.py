@@ -1,4 +1,4 @@
-"""Closed forms against what automatic differentiation makes of the models, which is slow and cannot be wrong alike."""
+"""Closed forms against automatic differentiation of the models, which is slow and independent."""
 
 import pytest
 import torch
@@ -12,17 +12,17 @@ RADIUS = torch.tensor([50.0, 50.0, 50.0], dtype=torch.float64)
 GENERATOR = torch.Generator().manual_seed(0)
 POINTS = 30 * (2 * torch.rand(3, 2, 40, generator=GENERATOR, dtype=torch.float64) - 1)
 GRADIENT = torch.randn(3, 2, 40, generator=GENERATOR, dtype=torch.float64)
-#: None, slow and fast: 0, about 0.6 and about 20 deg.
+#: Turns of 0, about 0.6 and about 20 deg.
 Q = torch.tensor([[0.0, 0, 0, 0, 0], [1.4, 0.2, 0.0035, 0.0087, 0.0035], [-3, 2, 0.2, -0.3, 0.1]], dtype=torch.float64)
 SURFACE = rotation.surface(POINTS, RADIUS)
 MODELS = pytest.mark.parametrize("model", [motion_models.rigid, motion_models.finite])
 
 
 @MODELS
-def test_points_go_where_the_model_moves_them(model: motion_models.Displacement) -> None:
+def test_points_move_as_in_the_model(model: motion_models.Displacement) -> None:
     expected = POINTS.mT + motion_models.displacement(model, Q, POINTS.mT, Geometry(RADIUS))
     moved = rotation.moved(Q, SURFACE, exact=model is motion_models.finite)[:, :2] + Q[:, :2, None]
-    # The models' matrix exponential is right to 1e-10 rad, at 50 px.
+    # The matrix exponential of the models is right to 1e-10 rad, at 50 px.
     torch.testing.assert_close(moved.mT, expected, atol=2e-8, rtol=0)
 
 
@@ -45,7 +45,7 @@ def test_the_gram_is_that_of_the_modes(model: motion_models.Displacement) -> Non
 
 
 @MODELS
-def test_a_larger_radius_moves_points_as_the_model_says(model: motion_models.Displacement) -> None:
+def test_a_larger_radius_moves_points_as_in_the_model(model: motion_models.Displacement) -> None:
     expected = motion_models.radius_mode(model, Q, POINTS.mT, Geometry(RADIUS))
     found = rotation.radius_mode(Q, SURFACE, RADIUS, exact=model is motion_models.finite)
     torch.testing.assert_close(found.mT, expected, atol=1e-8, rtol=0)
@@ -67,7 +67,7 @@ def test_the_gradient_with_the_value_is_that_of_the_spline() -> None:
     torch.testing.assert_close(gradient.mT, expected, atol=1e-12, rtol=0)
 
 
-def test_the_last_cell_holds_its_far_side() -> None:
+def test_the_last_cell_contains_its_far_side() -> None:
     c = torch.randn(1, 9, 9, generator=GENERATOR, dtype=torch.float64)
     corner = torch.full((1, 1, 2), 7.0, dtype=torch.float64)
     expected = reference_lookup.nodes(c)[0, 0, -1, -1]

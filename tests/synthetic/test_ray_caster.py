@@ -37,7 +37,7 @@ def test_a_plain_ball_has_the_area_and_the_centroid_of_its_disc() -> None:
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_pixel_shows_the_surface_point_in_front_turned_back_into_the_body(axis: int) -> None:
+def test_a_pixel_shows_the_front_point_in_body_coordinates(axis: int) -> None:
     matrix = rotation_matrix(torch.tensor([0.2, -0.3, 0.4], dtype=torch.float64))
     image = ray_caster.render(ramp(axis), centre(30, 25), 20.0, matrix[None], 0.0, shape=(60, 70), subsamples=1)[0]
     for x, y in ((0, 0), (7, -3), (-10, 12)):
@@ -47,7 +47,7 @@ def test_a_pixel_shows_the_surface_point_in_front_turned_back_into_the_body(axis
         assert float(image[25 + y, 30 + x]) == pytest.approx(float(expected), abs=1e-6)
 
 
-def test_the_background_stays_where_no_ball_is() -> None:
+def test_the_background_is_unchanged_beside_the_ball() -> None:
     still = torch.rand(40, 50, dtype=torch.float64)
     image = ray_caster.render(plain(9.0), centre(20, 20), 10.0, EYE[None], still)[0]
     y, x = torch.meshgrid(torch.arange(40) - 20, torch.arange(50) - 20, indexing="ij")
@@ -56,23 +56,23 @@ def test_the_background_stays_where_no_ball_is() -> None:
 
 
 @pytest.mark.parametrize("at", [(-30.0, 20.0), (20.0, 90.0)])
-def test_a_ball_out_of_the_frame_leaves_the_background(at: tuple[float, float]) -> None:
+def test_a_ball_out_of_the_frame_changes_nothing(at: tuple[float, float]) -> None:
     image = ray_caster.render(plain(9.0), centre(*at), 10.0, EYE[None], 3.0, shape=(40, 50))[0]
     assert (image == 3.0).all()
 
 
-def test_a_ball_half_in_the_frame_is_cut_by_it() -> None:
+def test_a_ball_half_in_the_frame_is_cut_at_the_border() -> None:
     whole = ray_caster.render(plain(9.0), centre(25, 20), 10.0, EYE[None], 3.0, shape=(40, 50))[0]
     cut = ray_caster.render(plain(9.0), centre(0, 20), 10.0, EYE[None], 3.0, shape=(40, 25))[0]
     torch.testing.assert_close(cut, whole[:, 25:], atol=1e-9, rtol=0)
 
 
-def test_a_background_given_as_a_number_needs_a_shape() -> None:
+def test_a_background_of_one_grey_level_needs_a_shape() -> None:
     with pytest.raises(ValueError, match="shape"):
         ray_caster.render(plain(9.0), centre(0, 20), 10.0, EYE[None], 3.0)
 
 
-def test_an_image_can_be_differentiated_by_the_position() -> None:
+def test_an_image_is_differentiable_by_the_position() -> None:
     pattern = ray_caster.speckle(0, radius_px=12.0)
     at = centre(20.3, 20.6).requires_grad_()
 
@@ -96,8 +96,8 @@ def test_speckle_has_the_given_range_size_and_seed() -> None:
     assert 210 < float(volume.max()) <= 220
     assert torch.equal(volume, ray_caster.speckle(4, radius_px=40.0).volume)
     assert not torch.equal(volume, ray_caster.speckle(5, radius_px=40.0).volume)
-    # The autocorrelation of smoothed noise is wider than the smoothing Gaussian by sqrt(2); the error function that
-    # bounds the levels narrows it by some per cent.
+    # The autocorrelation of smoothed noise is wider than the smoothing Gaussian by sqrt(2). The error function, which
+    # limits the levels, narrows it by some per cent.
     cells_per_px = volume.shape[0] / (2 * CUBE_HALF_WIDTH * 40.0)
     line = volume - volume.mean()
     correlation = [float((line[..., k:] * line[..., : len(line) - k]).mean() / line.var()) for k in range(12)]

@@ -22,7 +22,7 @@ from torchsphere.imaging import crop
 from torchsphere.runtime import threads
 from torchsphere.settings.arrays import as_images, as_mask, as_rows, check_circle
 
-#: Largest distance between the circle of a pair and the pair before's expected circle for one crop to serve both, px.
+#: Largest distance of a pair's circle from the circle expected by the pair before, for one crop of both, px.
 MAX_SHARED_CROP_PX = SLACK_PX / 2
 
 

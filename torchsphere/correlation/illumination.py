@@ -36,10 +36,10 @@ def light_is_uneven(reference: Reference, solution: Solution, model: Displacemen
         return torch.zeros_like(solution.converged)
     difference = znssd.residual(reference.values, solution.warped, solution.weights)
     sums = residual_noise.block_sums(reference, difference[:, None], solution.weights)[:, 0]
-    # The blocks of all pairs lie alike.
+    # All pairs have the same blocks.
     across = reference.surface[:1, :2] / reference.geometry.radius[0]
-    once = torch.ones_like(across[:, :1])
-    x, y, count = residual_noise.block_sums(reference, torch.cat((across, once), 1), once[:, 0])[0]
+    ones = torch.ones_like(across[:, :1])
+    x, y, count = residual_noise.block_sums(reference, torch.cat((across, ones), 1), ones[:, 0])[0]
     x, y = x / count.clamp_min(1), y / count.clamp_min(1)
     inwards = (MAX_NORMAL_RADIUS2 / (x * x + y * y).clamp_min(MAX_NORMAL_RADIUS2)).sqrt()
     x, y = x * inwards, y * inwards

@@ -217,7 +217,7 @@ def _settle(
 def _first_judgement(
     reference: Reference, c_g: Tensor, shift: Tensor, guesses: tuple[Tensor, ...], model: Displacement
 ) -> tuple[Tensor, Tensor]:
-    """The guess (n, k) that makes more points of each pair alike in shape, and the weights (n, p) of these points."""
+    """The guess (n, k) that matches the shape of more points of each pair, and the weights (n, p) of these points."""
     q, best = guesses[0], torch.zeros_like(reference.weights)
     for guess in guesses:
         warped, seen = warp(reference, c_g, shift, guess, model)

@@ -15,7 +15,7 @@ from torchsphere.correlation.warp import warp_with_gradient
 from torchsphere.geometry import motion_models, rotation
 from torchsphere.geometry.motion_models import Displacement, as_unknowns
 
-#: Largest turn per pair that tells the radius, deg (docs/constants.md).
+#: Largest turn per pair that determines the radius, deg (docs/constants.md).
 MAX_RADIUS_TURN_DEG = 8.0
 
 
@@ -26,7 +26,7 @@ def radius_score(pairs: Pairs, q: Tensor, options: Options) -> tuple[Tensor, Ten
     increments have adapted.
     """
     model, c_g = motion_models.MODELS[options.model], pairs.g.c
-    # All pixels: half of them tell radii of 50 px to 0.095 px (twelve shots), all to 0.063.
+    # All pixels: half of them give radii of 50 px to 0.095 px (twelve shots), all to 0.063.
     reference = build_reference(
         pairs.f, pairs.circles, options.roi, options.pre_blur, options.camera, blurred_every=None
     )
@@ -34,19 +34,20 @@ def radius_score(pairs: Pairs, q: Tensor, options: Options) -> tuple[Tensor, Ten
     # The exact Jacobian: at the limb, where the radius shows, the reference's gradient is off by a third at 5 deg.
     warped, weights, gradient = warp_with_gradient(reference, c_g, pairs.shift, q, model)
     difference = znssd.residual(reference.values, warped, weights)
-    of_radius = (_radius_mode(reference, q, model) * gradient).sum(1, keepdim=True)
+    radius_slope = (_radius_mode(reference, q, model) * gradient).sum(1, keepdim=True)
     # The radius is the last unknown.
-    both = torch.cat((slopes(gradient, q, model, reference), of_radius), 1)
-    both = znssd.project(both, nuisances(reference, model, weights), weights)
-    normal = znssd.operator(both, weights)
-    adapted = torch.cholesky_solve(normal[:, :-1, -1:], znssd.cholesky(normal[:, :-1, :-1])).to(both)
-    left = (both[:, -1:] - adapted.mT @ both[:, :-1])[:, 0]
-    # The perspective models tell no radius of fast turns: errors of 0.3 px of 50 at 7 deg and a distance of 3 radii.
+    jacobian = torch.cat((slopes(gradient, q, model, reference), radius_slope), 1)
+    jacobian = znssd.project(jacobian, nuisances(reference, model, weights), weights)
+    normal = znssd.operator(jacobian, weights)
+    adapted = torch.cholesky_solve(normal[:, :-1, -1:], znssd.cholesky(normal[:, :-1, :-1])).to(jacobian)
+    residual = (jacobian[:, -1:] - adapted.mT @ jacobian[:, :-1])[:, 0]
+    # The perspective models give no radius of fast turns: errors of 0.3 px of 50 at 7 deg and a distance of 3 radii.
     limit = MAX_RADIUS_TURN_DEG if options.camera is None else GRADIENT_FROM_DEG
     weights = weights * (q[:, 2:5].norm(dim=-1, keepdim=True) < math.radians(limit))
     if options.robust and model is motion_models.rigid:
         weights = weights * occlusion.is_ball(reference, warped, weights, weights, q, model)
-    return (weights * left * difference).sum(-1).double().cpu(), (weights * left.square()).sum(-1).double().cpu()
+    score, information = (weights * residual * difference).sum(-1), (weights * residual.square()).sum(-1)
+    return score.double().cpu(), information.double().cpu()
 
 
 def _radius_mode(reference: Reference, q: Tensor, model: Displacement) -> Tensor:

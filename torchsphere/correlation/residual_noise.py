@@ -102,10 +102,10 @@ def _moving_sums(values: Tensor, axis: int, length: int) -> Tensor:
 class ResidualPower(NamedTuple):
     """Sums (n,) of the weights and of the weighted squares of the residual of n pairs."""
 
-    facing: Tensor  # weights of the part that faces the camera, see `FACING`
-    of_facing: Tensor  # squares of that part
-    whole: Tensor  # weights of the whole region
-    of_whole: Tensor  # squares of the whole region
+    facing_weight: Tensor  # of the part that faces the camera, see `FACING`
+    facing_square: Tensor
+    weight: Tensor  # of the whole region
+    square: Tensor
 
     @classmethod
     def of(cls, reference: Reference, difference: Tensor, weights: Tensor) -> ResidualPower:
@@ -138,25 +138,25 @@ def inflation(
     found = (inverse @ scatter @ inverse).diagonal(dim1=-2, dim2=-1) / unit.square()
     ratio = (found / stated.diagonal(dim1=-2, dim2=-1)).nan_to_num(1.0, 1.0, 1.0)
     noise = noise_share(reference, power)[:, None]
-    narrower = torch.maximum(ratio + (1 - BLOCK_NOISE_SHARE) * noise, noise).clamp(max=1.0)
-    return torch.maximum(narrower, ratio / MAX_CHANCE_SCATTER).sqrt()
+    narrowed = torch.maximum(ratio + (1 - BLOCK_NOISE_SHARE) * noise, noise).clamp(max=1.0)
+    return torch.maximum(narrowed, ratio / MAX_CHANCE_SCATTER).sqrt()
 
 
 def noise_share(reference: Reference, power: ResidualPower) -> Tensor:
     """Largest share (n,), float64, 0 to 1, of the residual's variance that may be noise: see `FACING`."""
     # All may be noise where that part is hidden.
-    share = (power.of_facing / power.facing / (power.of_whole / power.whole)).double()
+    share = (power.facing_square / power.facing_weight / (power.square / power.weight)).double()
     share = share.nan_to_num(1.0, 1.0, 1.0).clamp(max=1.0)
-    scatter = (2 / _independent(reference, power.facing).clamp_min(1)).sqrt()
-    believed = ((1 - share) / scatter - MIN_QUIET_SDS) / (FULL_QUIET_SDS - MIN_QUIET_SDS)
-    return 1 - (1 - share) * believed.clamp(0, 1)
+    scatter = (2 / _independent(reference, power.facing_weight).clamp_min(1)).sqrt()
+    credibility = ((1 - share) / scatter - MIN_QUIET_SDS) / (FULL_QUIET_SDS - MIN_QUIET_SDS)
+    return 1 - (1 - share) * credibility.clamp(0, 1)
 
 
 def _independent(reference: Reference, count: Tensor) -> Tensor:
     """Number (n,), float64, of independent residuals among ``count`` (n,): the pre-blur correlates neighbours."""
     # Sum of the squared correlations of white noise behind a Gaussian blur, px^2.
-    alike = max(2 * math.pi * reference.pre_blur**2, reference.spacing**2)
-    return count.double() * reference.spacing**2 / alike
+    correlated = max(2 * math.pi * reference.pre_blur**2, reference.spacing**2)
+    return count.double() * reference.spacing**2 / correlated
 
 
 def block_sums(reference: Reference, values: Tensor, weights: Tensor, *, fading: bool = False) -> Tensor:
@@ -165,10 +165,10 @@ def block_sums(reference: Reference, values: Tensor, weights: Tensor, *, fading:
     Blocks that are ``fading`` overlap: their weights fall like a cosine to 0 in the middle of the next block.
     """
     size = math.ceil(max(MIN_BLOCK_PX, BLOCK * float(reference.geometry.radius.mean())) / reference.spacing)
-    belongs = _shares(reference.side, size, fading).to(values)
+    shares = _shares(reference.side, size, fading).to(values)
     if kernels.suits(values, weights):
-        return box_filter.block_sums(values, weights, reference.places, reference.side, belongs)
-    return (belongs @ to_grid(reference, values * weights[:, None]) @ belongs.T).flatten(2)
+        return box_filter.block_sums(values, weights, reference.places, reference.side, shares)
+    return (shares @ to_grid(reference, values * weights[:, None]) @ shares.T).flatten(2)
 
 
 @functools.lru_cache(maxsize=16)
@@ -178,6 +178,6 @@ def _shares(side: int, size: int, fading: bool) -> Tensor:
     if not fading:
         return F.one_hot(along // size).double().T.contiguous()
     middles = size * torch.arange(math.ceil(side / size) + 1)
-    apart = (along - middles[:, None]).abs().double() / size
+    distance = (along - middles[:, None]).abs().double() / size
     # Exactly 0 from the next middle on, where a rounded cosine is not.
-    return torch.where(apart < 1, torch.cos(0.5 * math.pi * apart), 0.0)
+    return torch.where(distance < 1, torch.cos(0.5 * math.pi * distance), 0.0)

@@ -40,15 +40,15 @@ def increment_covariance(
     the residual's variance is divided by the blur's gain. ``N`` shrinks with the density of the points.
     """
     k = q.shape[-1]
-    few = reference.thinned()
-    some = weights[:, ::COVARIANCE_STEP]
-    _, products = projected_slopes(few, few.blurred_gradient, q, model, some)
-    carried = COVARIANCE_STEP * products / reference.spacing**2
+    thinned = reference.thinned()
+    gradient, thinned_weights = thinned.blurred_gradient, weights[:, ::COVARIANCE_STEP]
+    _, products = projected_slopes(thinned, gradient, q, model, thinned_weights)
+    noise_operator = COVARIANCE_STEP * products / reference.spacing**2
     value_gain, _ = interpolation.noise_gains(reference.pre_blur)
-    freedom = (power.whole - k - 2).clamp_min(1)
-    variance = power.of_whole.double() / freedom / value_gain
+    freedom = (power.weight - k - 2).clamp_min(1)
+    variance = power.square.double() / freedom / value_gain
     inverse = torch.cholesky_inverse(znssd.cholesky(operator))
-    in_px = variance[:, None, None] * inverse @ carried @ inverse
+    in_px = variance[:, None, None] * inverse @ noise_operator @ inverse
     unit = scale(reference, k).double()
     return in_px / (unit[:, :, None] * unit[:, None])
 
@@ -64,10 +64,10 @@ def texture_carries_modes(
     value_gain, slope_gain = interpolation.noise_gains(reference.pre_blur)
     # Two upper bounds: the residual exceeds the noise where the match fails, the raw image's where the texture is fine.
     # Half of the residual's variance belongs to each image.
-    from_residual = power.of_whole / power.whole.clamp_min(1) / (2 * value_gain)
+    from_residual = power.square / power.weight.clamp_min(1) / (2 * value_gain)
     noise = torch.minimum(from_residual, reference.noise.square()).double().clamp_min(1e-12)
-    of_noise = slope_gain * noise[:, None, None] * _gram_of_modes(reference, q, model, weights)
-    root = znssd.cholesky(of_noise)
+    noise_operator = slope_gain * noise[:, None, None] * _gram_of_modes(reference, q, model, weights)
+    root = znssd.cholesky(noise_operator)
     relative = torch.linalg.solve_triangular(root, operator, upper=False)
     relative = torch.linalg.solve_triangular(root, relative.mT, upper=False)
     spectrum = torch.linalg.eigvalsh((0.5 * (relative + relative.mT)).nan_to_num())
@@ -102,15 +102,15 @@ def evaluate(
     power = residual_noise.ResidualPower.of(reference, difference, weights)
     gram = znssd.operator(jacobian, weights)
     spread = increment_covariance(reference, power, weights, q, model, gram)
-    wider = residual_noise.inflation(reference, jacobian, factor, weights * difference, power, spread)
-    spread = spread * wider[:, :, None] * wider[:, None, :]
-    carried = texture_carries_modes(reference, power, weights, q, model, gram)
+    factors = residual_noise.inflation(reference, jacobian, factor, weights * difference, power, spread)
+    spread = spread * factors[:, :, None] * factors[:, None, :]
+    textured = texture_carries_modes(reference, power, weights, q, model, gram)
     points = torch.pi * (options.roi * reference.geometry.radius / reference.spacing) ** 2
     status = torch.zeros(len(q), dtype=torch.long, device=q.device)
     for failed, name in (
         (coefficient < options.min_zncc, "low_correlation"),
         (~converged, "not_converged"),
-        (~carried, "weak_texture"),
+        (~textured, "weak_texture"),
         (visible < options.min_visible * points, "out_of_frame"),
         # Rounding errors move the points of an image without contrast: their places mean nothing.
         (_is_flat(reference) & (reference.weights.sum(-1) >= options.min_visible * points), "weak_texture"),

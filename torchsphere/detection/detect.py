@@ -47,12 +47,12 @@ def find(images: Images, count: int, ignore: Tensor | None = None) -> Circle:
         found = _find_in(images, frame, count, background, ignore)
         if found is not None:
             return found
-    left_out = 0.0 if ignore is None else 100 * float(ignore.double().mean())
-    masked = f"; or correct `ignore`, which leaves out {left_out:.0f} % of the image: a mask is black where it is used"
+    ignored = 0.0 if ignore is None else 100 * float(ignore.double().mean())
+    masked = f"; or correct `ignore`, which leaves out {ignored:.0f} % of the image: a mask is black where it is used"
     raise SettingError(
         f"no ball was found in {count} frames: expected a round object that differs from its background, wholly in "
         "view in at least one frame; give its outline with `circle` as x, y, radius in px of the first frame to track"
-        f"{masked if left_out else ''}"
+        f"{masked if ignored else ''}"
     )
 
 
@@ -174,17 +174,17 @@ def _within(circle: Tensor, shape: torch.Size) -> bool:
 
 def given_circle_warning(image: Tensor, given: Circle) -> str:
     """A warning where the outline in ``image`` (h, w) is not the ``given`` circle, else an empty string."""
-    told = f"The circle that was given, {given.text(1)} px,"
+    text = f"The circle that was given, {given.text(1)} px,"
     try:
         seen = refine_circle(image, given)
     except ValueError:
         seen = None
     if seen is None or seen.sd_guessed:
-        return f"{told} was not confirmed: no limb of a speckled ball was seen along it. {CHECK_ADVICE}"
-    apart = max(math.hypot(seen.x - given.x, seen.y - given.y), abs(seen.radius - given.radius))
-    if apart <= max(MAX_CIRCLE_SDS * max(seen.sd_x, seen.sd_y, seen.sd_radius), MAX_CIRCLE_ERROR * seen.radius):
+        return f"{text} was not confirmed: no limb of a speckled ball was seen along it. {CHECK_ADVICE}"
+    difference = max(math.hypot(seen.x - given.x, seen.y - given.y), abs(seen.radius - given.radius))
+    if difference <= max(MAX_CIRCLE_SDS * max(seen.sd_x, seen.sd_y, seen.sd_radius), MAX_CIRCLE_ERROR * seen.radius):
         return ""
-    return f"{told} is not the outline that the image shows at {seen.text(1)} px; --refine takes that. {CHECK_ADVICE}"
+    return f"{text} is not the outline that the image shows at {seen.text(1)} px; --refine takes that. {CHECK_ADVICE}"
 
 
 def refined_circle_warning(fitted: Circle) -> str:

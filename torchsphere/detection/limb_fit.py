@@ -64,13 +64,13 @@ def fit(
         normal = (design.T * information[:, None]) @ design + 1e-9 * torch.eye(3, dtype=torch.float64)
         correction = torch.linalg.solve(normal, design.T @ score[..., None])[..., 0]
         fitted = fitted + correction.clamp(-blur, blur)
-    rest = (score - information * (correction @ design.T))[..., None] * design
+    scores = (score - information * (correction @ design.T))[..., None] * design
     by_arc = (SYSTEMATIC_PX**2 + (TEXTURE_ARC_PX * texture).square()).sqrt()
     systematic = (by_arc * information)[..., None] * design
     inverse = torch.linalg.inv(normal)
-    covariance = inverse @ (_summed(rest, ARC) + _summed(systematic, SYSTEMATIC_ARC)) @ inverse
-    alike = TEXTURE_PX * (texture.square() * information).sum(-1) / information.sum(-1).clamp_min(1e-9)
-    covariance[:, 2, 2] += COMMON_PX**2 + alike.square()
+    covariance = inverse @ (_summed(scores, ARC) + _summed(systematic, SYSTEMATIC_ARC)) @ inverse
+    common_error = TEXTURE_PX * (texture.square() * information).sum(-1) / information.sum(-1).clamp_min(1e-9)
+    covariance[:, 2, 2] += COMMON_PX**2 + common_error.square()
     fitted[known.double().mean(-1) < 0.3] = math.nan
     return fitted, covariance
 

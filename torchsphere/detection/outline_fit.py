@@ -32,13 +32,13 @@ PLAIN_UNREST = 0.08
 
 @dataclass(frozen=True)
 class OutlineFit:
-    """Circles fitted to the edges of n images; a failed fit has a support of 0 and NaN for the rest."""
+    """Circles fitted to the edges of n images; a failed fit has a support of 0 and NaN elsewhere."""
 
     circle: Tensor  # (n, 3) as (x, y, radius), px, float64
     covariance: Tensor  # (n, 3, 3), px^2; rays with correlated errors (a speckle is wider than a ray) count as one
     support: Tensor  # share (n,) of the rays in the image whose edge lies on the circle
     contrast: Tensor  # median height (n,) of the step from background to ball, grey levels
-    rest: Tensor  # residual (n, a) of each ray's shift, px
+    residual: Tensor  # of each ray's shift (n, a), px
     weights: Tensor  # weight (n, a) of each ray in the fit
 
 
@@ -106,9 +106,9 @@ def refine(
         shift, height = shift.double().cpu(), height.double().cpu()
         correction, weights, normal = robust_fit.least_squares(design, shift, height.square() * known)
         fitted[:, :k] += correction
-    rest = shift - correction @ design.T
-    spread = robust_fit.covariance(rest, height.square() * known, weights, normal)
-    on_circle = (weights > 0) & known & (rest.abs() < 1.0)
+    residual = shift - correction @ design.T
+    spread = robust_fit.covariance(residual, height.square() * known, weights, normal)
+    on_circle = (weights > 0) & known & (residual.abs() < 1.0)
     steepness = torch.where(known, height.abs(), torch.nan)
     support = on_circle.sum(-1) / known.sum(-1).clamp_min(1)
     failed = (known.double().mean(-1) < 0.3) | ~fitted.isfinite().all(-1) | (fitted[:, 2] < 2)
@@ -116,7 +116,7 @@ def refine(
     covariance[:, :k, :k] = spread
     fitted[failed] = torch.nan
     support = torch.where(failed, 0.0, support)
-    return OutlineFit(fitted, covariance, support, steepness.nanmedian(-1).values, rest, weights)
+    return OutlineFit(fitted, covariance, support, steepness.nanmedian(-1).values, residual, weights)
 
 
 def _silhouette(levels: Tensor) -> Tensor:
@@ -137,7 +137,7 @@ def centre_step(fit: OutlineFit) -> tuple[Tensor, Tensor]:
     design = polar.design(polar.angles(float(fit.circle[0, 2])))[:, :2]
     weights = fit.weights.amin(0)
     used = (weights > 0).double()
-    change = (fit.rest[1] - fit.rest[0]) * weights.sqrt() * used
+    change = (fit.residual[1] - fit.residual[0]) * weights.sqrt() * used
     normal = (design.T * weights) @ design + 1e-9 * torch.eye(2, dtype=torch.float64)
     variance = change.square().sum() / (used.sum() - 2).clamp_min(1) * robust_fit.run_length(change[None])[0]
     return fit.circle[1, :2] - fit.circle[0, :2], variance * torch.linalg.inv(normal)

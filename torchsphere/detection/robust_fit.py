@@ -27,9 +27,9 @@ def least_squares(design: Tensor, shift: Tensor, precision: Tensor) -> tuple[Ten
             normal = (weights @ products).reshape(-1, k, k) + 1e-9 * np.eye(k)
             solution = np.linalg.solve(normal, ((weights * shifts) @ across)[..., None])[..., 0]
             # Deviations in units of their expected size, which is inverse to the step's height.
-            rest = (shifts - solution @ across.T) * root
-            scale = _weighted_median(np.abs(rest), first) * 1.4826
-            weights = first * np.maximum(1 - np.square(rest / (TUKEY * np.maximum(scale, 1e-3))), 0.0) ** 2
+            residual = (shifts - solution @ across.T) * root
+            scale = _weighted_median(np.abs(residual), first) * 1.4826
+            weights = first * np.maximum(1 - np.square(residual / (TUKEY * np.maximum(scale, 1e-3))), 0.0) ** 2
     return torch.from_numpy(solution), torch.from_numpy(weights), torch.from_numpy(normal)
 
 
@@ -40,9 +40,9 @@ def _relative(precision: Tensor) -> Tensor:
 
 def covariance(shift: Tensor, precision: Tensor, weights: Tensor, normal: Tensor) -> Tensor:
     """Covariance (n, k, k) of the result of `least_squares`, which leaves the residual ``shift`` (n, a)."""
-    rest, used = shift * _relative(precision).sqrt(), (weights > 0).double()
-    variance = (used * rest.square()).sum(-1) / (used.sum(-1) - normal.shape[-1]).clamp_min(1)
-    return (variance * run_length(rest * used))[:, None, None] * torch.linalg.inv(normal)
+    residual, used = shift * _relative(precision).sqrt(), (weights > 0).double()
+    variance = (used * residual.square()).sum(-1) / (used.sum(-1) - normal.shape[-1]).clamp_min(1)
+    return (variance * run_length(residual * used))[:, None, None] * torch.linalg.inv(normal)
 
 
 def _weighted_median(values: Array, weights: Array) -> Array:
@@ -53,12 +53,12 @@ def _weighted_median(values: Array, weights: Array) -> Array:
     return values[rows, order[rows, at]][:, None]
 
 
-def run_length(rest: Tensor) -> Tensor:
+def run_length(residual: Tensor) -> Tensor:
     """Number (n,) of neighbouring rays with correlated errors: sum of the autocorrelation, at least 1."""
-    power = torch.fft.rfft(rest).abs().square()
-    correlation = torch.fft.irfft(power, n=rest.shape[-1])
+    power = torch.fft.rfft(residual).abs().square()
+    correlation = torch.fft.irfft(power, n=residual.shape[-1])
     correlation = correlation / correlation[:, :1].clamp_min(1e-12)
     # Beyond its first zero the autocorrelation is noise.
-    half = correlation[:, : rest.shape[-1] // 2]
+    half = correlation[:, : residual.shape[-1] // 2]
     before = (half <= 0).cumsum(-1) == 0
     return (2 * (half * before).sum(-1) - 1).clamp_min(1.0)
