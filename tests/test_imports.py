@@ -90,7 +90,7 @@ def test_the_facts_of_a_recording_wait_for_no_library(tmp_path: Path) -> None:
 
 
 def test_a_report_is_drawn_again_without_what_measures() -> None:
-    assert ran(f"import sys; import torchsphere.report.draw, torchsphere.report.index_page; {LOADED}") == "loaded\n"
+    assert ran(f"import sys; import torchsphere.report.draw, torchsphere.report.pages; {LOADED}") == "loaded\n"
 
 
 # Each name that a command does not need is time that it takes: `track` is the one that is run most.

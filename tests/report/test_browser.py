@@ -17,7 +17,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from torchsphere.cli.main import main
-from torchsphere.report import index_page, report_page
+from torchsphere.report import pages
 from torchsphere.results.reader import read
 from torchsphere.synthetic import demo_shot
 
@@ -317,7 +317,7 @@ def test_a_plot_without_values_says_why_and_draws_no_axes(browser: Any, results:
     nothing = np.full_like(result.motion.spin_rad_s, np.nan)
     motion = dataclasses.replace(result.motion, spin_rad_s=nothing, sd_spin_rad_s=nothing)
     smooth = dataclasses.replace(result, motion=motion, status=np.full(len(result.status), "weak_texture"))
-    (tmp_path / "report.html").write_text(report_page.report_html(smooth), encoding="utf-8")
+    (tmp_path / "report.html").write_text(pages.report_html(smooth), encoding="utf-8")
     opened = browser.new_page(viewport={"width": 360, "height": 900})
     # What is written into canvases, by words.
     opened.add_init_script(
@@ -353,7 +353,7 @@ def test_a_batch_of_many_is_sorted_searched_and_paged(browser: Any, results: Pat
     page = browser.new_page(viewport={"width": 360, "height": 740})
     complaints: list[str] = []
     page.on("console", lambda message: complaints.append(message.text))
-    page.goto(index_page.write_index(tmp_path, rows).as_uri())
+    page.goto(pages.write_index(tmp_path, rows).as_uri())
     assert page.locator("tbody tr").count() == 200
     assert page.evaluate("document.scrollingElement.scrollWidth <= innerWidth")
     assert page.locator("img").evaluate("image => image.decode().then(() => image.naturalWidth)") > 0

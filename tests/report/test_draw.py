@@ -139,7 +139,7 @@ def test_a_report_that_fails_half_way_leaves_the_earlier_one(
     def full(_: ResultFolder) -> str:
         raise OSError(28, "No space left on device", "report.html")
 
-    monkeypatch.setattr(draw.report_page, "report_html", full)
+    monkeypatch.setattr(draw.pages, "report_html", full)
     assert main(["report", str(copy)]) == 1
     assert "no space left" in capsys.readouterr().err
     assert {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()} == before

@@ -16,7 +16,7 @@ from torchsphere.archive.claims import claims_of
 from torchsphere.archive.manifest import Archive
 from torchsphere.archive.records import DONE, FAILED, PENDING, key_of
 from torchsphere.archive.work import STOP, Job, Outcome, is_valid
-from torchsphere.report import index_page
+from torchsphere.report import pages
 
 #: Measures jobs: `processes.run` or `dask_engine.run` with all arguments but the jobs given.
 Engine = Callable[[Iterator[Job]], Iterator[Outcome]]
@@ -102,7 +102,7 @@ class _Table:
                     self.read(i)
             summary.write(self._out, self._rows)
             if is_last:
-                index_page.write_index(self._out, self._rows)
+                pages.write_index(self._out, self._rows)
         ended = time.monotonic()
         self._due = ended + max(EVERY_S, WRITING_TIMES * (ended - began))
 

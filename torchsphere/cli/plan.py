@@ -11,11 +11,10 @@ from torchsphere.cli.options import add_command, add_out, add_quiet, add_setting
 from torchsphere.planning.plan_request import PLAN_SETTINGS, PlanRequest, Vector
 
 if TYPE_CHECKING:
-    from torchsphere.planning.camera_modes import ExampleSource
     from torchsphere.planning.example_image import Example
     from torchsphere.planning.expected import Setup
     from torchsphere.planning.free_flight import Flight
-    from torchsphere.planning.plan import Plan
+    from torchsphere.planning.plan import ExampleSource, Plan
     from torchsphere.planning.rehearsal import Target
 
 #: Effective modulus of steel on aluminium, Pa: 1 / (0.91 / 210 GPa + 0.89 / 72 GPa), as in the paper's section 5.
@@ -60,10 +59,10 @@ def run(options: dict[str, Any]) -> int:
 
 
 def _from_images(request: PlanRequest, quiet: bool) -> Plan:
-    from torchsphere.planning import camera_modes, plan
+    from torchsphere.planning import plan
 
     setup = _setup(request)
-    modes = camera_modes.read_modes(request.modes) if request.modes is not None else []
+    modes = plan.read_modes(request.modes) if request.modes is not None else []
     with progress_bar(quiet, "planning", delay_s=1.0) as progress:
         return plan.from_images(
             _examples(request, setup),

@@ -24,24 +24,24 @@ def run(options: dict[str, Any]) -> int:
     """Draw one result or all results of a folder; raises ValueError at the end if results could not be drawn."""
     from tqdm import tqdm
 
-    from torchsphere.report import index_page
+    from torchsphere.report import pages
 
     folder, quiet = options["folder"], options["quiet"]
     if not (folder / "summary.csv").is_file():
         _draw(folder, options)
         say(quiet, f"report  {folder / 'report.html'}")
         return 0
-    rows = index_page.read_rows(folder)
+    rows = pages.read_rows(folder)
     failures = []
     for row in tqdm(rows, unit="result", file=sys.stderr, leave=False, desc="drawing", disable=quiet):
-        result = index_page.result_folder(folder, row)
+        result = pages.result_folder(folder, row)
         if result is None:
             continue
         try:
             _draw(result, options)
         except (ValueError, OSError) as error:
             failures.append(str(error) if str(error).startswith(str(result)) else f"{result}: {error}")
-    index_page.write_index(folder, rows)
+    pages.write_index(folder, rows)
     say(quiet, f"report  {folder / 'index.html'}")
     if failures:
         raise ValueError(f"{len(failures)} of {len(rows)} results could not be drawn; the first: {failures[0]}")

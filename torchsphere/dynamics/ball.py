@@ -18,11 +18,7 @@ class Ball:
 
 
 def ball(
-    mass_kg: float,
-    diameter_m: float,
-    *,
-    shell_m: float | None = None,
-    inertia_kg_m2: float | None = None,
+    mass_kg: float, diameter_m: float, *, shell_m: float | None = None, inertia_kg_m2: float | None = None
 ) -> Ball:
     """A solid ball, a hollow ball with a shell of thickness ``shell_m``, or a ball of given inertia.
 

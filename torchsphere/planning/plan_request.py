@@ -8,17 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 from torchsphere.settings.limits import SettingError, require_finite, require_positive, within
-from torchsphere.settings.setting import (
-    NUMBER,
-    PATH,
-    SWITCH,
-    WHOLE,
-    Group,
-    Setting,
-    check_ranges,
-    numbers,
-    settings_of,
-)
+from torchsphere.settings.setting import NUMBER, PATH, SWITCH, WHOLE, Group, Setting, check_ranges, numbers, settings_of
 
 TEST = Group("the test")
 CAMERA = Group("the camera")

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from torchsphere.planning.camera_modes import MIN_CONTACT_FRAMES, MIN_FRAMES_IN_VIEW, Assessment, best
 from torchsphere.planning.expected import MAX_BLUR_PX, MAX_NOISE_ONLY_DEG
 from torchsphere.planning.free_flight import Flight, mean_and_sd
-from torchsphere.planning.plan import Plan
+from torchsphere.planning.plan import MIN_CONTACT_FRAMES, MIN_FRAMES_IN_VIEW, Assessment, Plan, best
 from torchsphere.planning.rehearsal import Rehearsal
 from torchsphere.settings.limits import unit_warnings
 

@@ -13,7 +13,7 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from torchsphere.report import image_figures, motion_figures, report_page
+from torchsphere.report import image_figures, motion_figures, pages
 from torchsphere.report.figure_style import new_figure
 from torchsphere.results.reader import ResultFolder, read
 from torchsphere.runtime import signals
@@ -85,7 +85,7 @@ def draw(folder: Path, pool: Executor | None = None, begun: Future[None] | None 
             figures = new / "figures"
             figures.mkdir()
             beside = begin(pool, draw_figures, folder, figures, tuple(IMAGE_FIGURES))
-            (new / "report.html").write_text(report_page.report_html(result), encoding="utf-8")
+            (new / "report.html").write_text(pages.report_html(result), encoding="utf-8")
             if result.sampled is not None:
                 (figures / "thumbnail.webp").write_bytes(image_figures.thumbnail(result))
             calls = ((NUMBER_FIGURES, begun), (IMAGE_FIGURES, beside))

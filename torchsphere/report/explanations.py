@@ -26,10 +26,7 @@ STATUSES: dict[str, tuple[str, str]] = {
         "The ball may turn or move too far from one frame to the next, or blur too much: raise the frame rate, shorten "
         "the exposure, or give the outline with --circle.",
     ),
-    "out_of_frame": (
-        "most of the ball is outside the image",
-        "Nothing to do; --frames A:B leaves these frames out.",
-    ),
+    "out_of_frame": ("most of the ball is outside the image", "Nothing to do; --frames A:B leaves these frames out."),
     "lost": (
         "the ball was not found here, or no step leads here from the frame before",
         "See with 'torchsphere info INPUT --preview ball.png' where the ball is found, and give it with --circle "
@@ -126,11 +123,9 @@ def missing_inputs(result: ResultFolder) -> list[str]:
 
 def warnings(result: ResultFolder) -> list[str]:
     """Warnings of the summary, except those that `verdict`, `problems` and `missing_inputs` repeat."""
-    repeated = ["The frame rate is not known", "No scale was given", *([] if result.has_steps else [NO_IMPACT])]
-    sentences = [
-        sentence for sentence in result.summary.get("warnings", []) if not sentence.startswith(tuple(repeated))
-    ]
-    return [sentence for sentence in sentences if "frames were not fully measured" not in sentence]
+    repeated = ("The frame rate is not known", "No scale was given", *(() if result.has_steps else (NO_IMPACT,)))
+    sentences = (text for text in result.summary.get("warnings", []) if not text.startswith(repeated))
+    return [text for text in sentences if "frames were not fully measured" not in text]
 
 
 def why_empty(result: ResultFolder, key: str) -> str:

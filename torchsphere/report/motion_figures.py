@@ -13,16 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.report.explanations import missing_for_si, why_empty
-from torchsphere.report.figure_style import (
-    COLOURS,
-    CONTACT,
-    DPI,
-    LEGEND,
-    MISSING,
-    STATUS_COLOURS,
-    STYLES,
-    new_figure,
-)
+from torchsphere.report.figure_style import COLOURS, CONTACT, DPI, LEGEND, MISSING, STATUS_COLOURS, STYLES, new_figure
 from torchsphere.report.time_series import Abscissa, TimeSeries, abscissa, axis_label, time_series
 from torchsphere.results.reader import TRANSLATION_KNOWN, ResultFolder
 

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.planning.camera_modes import best
 from torchsphere.planning.expected import MAX_BLUR_PX
 from torchsphere.planning.free_flight import Flight
-from torchsphere.planning.plan import Plan
+from torchsphere.planning.plan import Plan, best
 from torchsphere.planning.rehearsal import MAX_CONTACT_FRAMES, Rehearsal
 from torchsphere.report.figure_style import COLOURS, STYLES, new_figure
 

@@ -6,23 +6,23 @@ from pathlib import Path
 import pytest
 from plan_setups import SMALL, sides
 
-from torchsphere.planning import camera_modes
+from torchsphere.planning import plan
 from torchsphere.planning.rehearsal import Target
 
 
 def test_a_mode_that_cannot_show_the_ball_or_the_contact_is_left_out_with_its_reason() -> None:
     setup, target = replace(SMALL, noise=2.0), Target(3e-4, 0.3, "given")
 
-    def assessed(width: int, height: int, rate: float) -> camera_modes.Assessment:
-        return camera_modes.assess(camera_modes.Mode(width, height, rate), sides, setup, target)
+    def assessed(width: int, height: int, rate: float) -> plan.Assessment:
+        return plan.assess(plan.Mode(width, height, rate), sides, setup, target)
 
     low, tiny, slow, good = (assessed(*m) for m in ((256, 24, 4e4), (37, 64, 4e4), (256, 64, 9e3), (256, 64, 4e4)))
     assert "does not fit" in low.reason
     assert "in view" in tiny.reason
     assert "2.7 images during the contact" in slow.reason
     assert good.reason == ""
-    assert camera_modes.best([low, tiny, slow, good]) is good
-    assert camera_modes.best([low, slow]) is None
+    assert plan.best([low, tiny, slow, good]) is good
+    assert plan.best([low, slow]) is None
 
 
 @pytest.mark.parametrize(
@@ -38,4 +38,4 @@ def test_a_table_of_modes_that_cannot_be_used_is_refused(tmp_path: Path, text: s
     path = tmp_path / "modes.csv"
     path.write_text(text)
     with pytest.raises(ValueError, match=words):
-        camera_modes.read_modes(path)
+        plan.read_modes(path)

@@ -1,12 +1,23 @@
-"""``report.html``: a single file that works from disk and loads no other file."""
+"""HTML pages from the Jinja templates in ``templates/``: the report of a result, and the index of a batch.
+
+Each page is a single file; the report loads no other file. Styles and scripts are templates, too: ``{{``, ``{%`` and
+``{#`` have Jinja's meaning in them.
+"""
 
 from __future__ import annotations
 
 import base64
+import csv
+import functools
 import json
 import math
+import os
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +25,13 @@ from numpy.typing import NDArray
 from torchsphere.report import explanations, summary_tables
 from torchsphere.report.figure_style import STATUS_COLOURS
 from torchsphere.report.image_figures import residual_limit
-from torchsphere.report.templating import page
 from torchsphere.report.time_series import TimeSeries, abscissa, time_series
+from torchsphere.results.atomic_output import atomic_file
 from torchsphere.results.reader import ResultFolder
 from torchsphere.results.sampled_frames import NO_RESIDUAL, Sampled, encode_webp, rows_to_keep
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 #: Most frames at even distances in a plot of a longer recording, besides all frames with an image (docs/constants.md).
 MAX_PLOTTED = 2000
@@ -28,6 +42,37 @@ MAP_PX, MAP_QUALITY = 72, 75
 #: Grey level of a residual of 0, and grey levels from there to the limit. Level 0 means "no residual": no residual lies
 #: near it, because the compression blurs its edges.
 MAP_MIDDLE, MAP_REACH = 148, 100
+
+#: First columns of the table; all others follow in the order of the rows.
+FIRST_COLUMNS = ("recording", "state", "reason", "frames", "ok")
+
+#: Columns with the path of the result folder, relative to the index; the page does not show them.
+RESULT_COLUMNS = ("result", "out")
+
+
+def page(template: str, **values: Any) -> str:
+    """The page of a ``template``, which escapes all ``values``, in its scripts as well.
+
+    Raises ValueError if ``data`` for a script holds NaN or infinity, which JSON does not have.
+    """
+    return _environment().get_template(template).render(values)
+
+
+@functools.cache
+def _environment() -> Environment:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
+    environment.filters["split_at_options"] = re.compile(r"(--[a-z][a-z-]*)").split
+    return environment
 
 
 def report_html(result: ResultFolder) -> str:
@@ -149,3 +194,64 @@ def _numbers(values: NDArray[Any], digits: int) -> list[Any]:
     if values.ndim > 1:
         return [_numbers(row, digits) for row in values]
     return [float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in values.tolist()]
+
+
+def write_index(out_dir: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
+    """Write ``index.html`` for the results of a batch, whole or not at all, and return its path.
+
+    A row per recording has "recording", "state" ("done", "failed" or "pending"), "reason", "frames", "ok", "result"
+    (the result folder, relative to ``out_dir`` or absolute), and further numbers with units in their names. The page
+    shows "not measured" in a cell that is None, empty or NaN.
+    """
+    names = dict.fromkeys(name for row in rows for name in row)
+    columns = [name for name in FIRST_COLUMNS if name in names]
+    columns += [name for name in names if name not in (*FIRST_COLUMNS, *RESULT_COLUMNS)]
+    states = Counter(str(row.get("state", "")) for row in rows)
+    counts = ", ".join(f"{states[name]} {name}" for name in ("done", "failed", "pending") if states[name])
+    html = page(
+        "index.html",
+        title="Recordings",
+        grade="bad" if states["failed"] else "part" if states["pending"] else "good",
+        verdict=f"{len(rows)} recordings: {counts}." if rows else "There are no recordings yet.",
+        data={"columns": columns, "rows": [_cells(out_dir, row, columns) for row in rows]},
+    )
+    with atomic_file(out_dir / "index.html") as stream:
+        stream.write(html)
+    return out_dir / "index.html"
+
+
+def read_rows(out_dir: Path) -> list[dict[str, str]]:
+    """Rows of the ``summary.csv`` of a batch."""
+    with (out_dir / "summary.csv").open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
+def result_folder(out_dir: Path, row: Mapping[str, Any]) -> Path | None:
+    """The result folder of a row; None if there is none."""
+    folders = (out_dir / str(row[name]) for name in (*RESULT_COLUMNS, "recording") if row.get(name))
+    return next((folder for folder in folders if (folder / "summary.json").is_file()), None)
+
+
+def _cells(out_dir: Path, row: Mapping[str, Any], columns: Sequence[str]) -> dict[str, Any]:
+    """A row for the page's script: values, and relative addresses of report and thumbnail, None if they are missing."""
+    folder = result_folder(out_dir, row)
+
+    def address(name: str) -> str | None:
+        path = None if folder is None else folder / name
+        return quote(Path(os.path.relpath(path, out_dir)).as_posix()) if path is not None and path.is_file() else None
+
+    cells = [_cell(row.get(name)) for name in columns]
+    return {"cells": cells, "report": address("report.html"), "picture": address("figures/thumbnail.webp")}
+
+
+def _cell(value: Any) -> Any:
+    """A number, which may be given as text, or a text; None if the cell is empty or not finite."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        return None if value is None else str(value) or None
+    if not math.isfinite(number):
+        return None
+    return int(number) if number.is_integer() and abs(number) < 1e15 else number
