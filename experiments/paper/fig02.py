@@ -1,28 +1,26 @@
-"""Figure 2, what a rotation of the ball and its size do to the measured translation:
-``python -m experiments.paper.fig02``.
+"""Figure 2, bias by rotation and size of the ball: ``python -m experiments.paper.fig02``.
 
 Claim: with any rotation, the bias of x by translations alone is more than two orders of magnitude above that of the
-five modes, and below it without rotation; the bias falls as the region grows.
+five modes; without rotation it is lower; the bias falls as the region grows.
 
 Paper: left, rotation about y of 0 to 1 deg; right, radius of 10 to 50 px, translations only; 20 shifts of 0 to 1 px
-each, the images made from one still image by moving it with the very field that is then fitted. It gives no numbers
-but the two orders of magnitude.
+each. The images come from one still image, moved with the same field that is then fitted. The only number is the two
+orders of magnitude.
 
-Here both on such advected images (of a still image with noise of 2 grey levels, moved by a cubic spline) and on
-rendered ones, in which the ball truly turns: the noise-free light of the renderer, so that nothing but bias is left.
-Ball of 50 px, speckle of 4 px, two patterns, the true circle given. The ways: translation alone and the five printed
-modes over the whole disc, as the paper takes it, with torchsphere's pre-blur of 1 px and, as the paper, without; the
-printed modes over 0.9 of the radius; and torchsphere's own (`rigid`) over its region, 0.95. Bias is the mean absolute
-error over the shifts, for errors of opposite sign are no less wrong. On advected images a mask of another radius than
-the ball's is taken for the ball, as in the paper; rendered balls truly have the radius.
+Here: such advected images (of a still image with noise of 2 grey levels, moved by a cubic spline), and rendered images,
+in which the ball truly turns, without noise, so that only the bias is left. Ball of 50 px, speckle of 4 px, two
+patterns, true circle. Ways: translation alone and the five printed modes over the whole disc as in the paper, with
+torchsphere's pre-blur of 1 px and without; the printed modes over 0.9 of the radius; and torchsphere's own modes
+(`rigid`) over its region, 0.95. Bias is the mean absolute error over the shifts, so that errors of opposite sign do not
+cancel. On advected images a mask of another radius stands for the ball, as in the paper; rendered balls truly have the
+radius.
 
-The claim is confirmed on advected images with the pre-blur: 111 times and more, from 0.05 deg on. Without, the
-interpolation between grey levels costs 0.003 px. Rendered frames refute it in two ways. A true rotation is not what the
-printed modes say: over 0.9 R they put 0.06 px of 1 deg into x and miss a fifth of it, and are 5 to 10 times better than
-translations alone; over the whole disc, whose rim decides on x, an eighth of the rotation is missing and little of it
-goes into x. And pixels of a sharp pattern alias, which leaves 0.002 px by the rigid rotation, too, at any angle (a
-motion blur of 4 px takes it away, see `fig03`), so that two orders of magnitude are reached from 0.5 deg
-on. The bias falls up to a radius of about 25 px.
+Result: RESULTS.md has the numbers. Without pre-blur the interpolation between grey levels costs 0.003 px. Rendered
+frames refute the claim in two ways. First, a true rotation differs from the printed modes: over 0.9 R they put 0.06 px
+of 1 deg into x and miss a fifth of the rotation, and are 5 to 10 times better than translations alone; over the whole
+disc, whose rim determines x, they miss an eighth of the rotation and put little into x. Second, pixels of a sharp
+pattern alias, which leaves 0.002 px with the rigid rotation at any angle (a motion blur of 4 px removes the aliasing,
+see `fig03`). The bias falls up to a radius of about 25 px.
 
 The result is kept in ``experiments/cache``; delete it after a change to the package or the renderer that leaves the
 version as it is.

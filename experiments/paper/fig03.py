@@ -6,13 +6,12 @@ levels first falls with the blur, and then grows.
 Paper: blur of 2 to 20 px along the motion; noise of 1 to 8 grey levels on an image that does not move, the error of x
 averaged over the noises; the image moved by 0 to 1 px, the error averaged over the shifts. The curves have no numbers.
 
-Here the light of a rendered ball of 50 px in steps of 1/20 px, whose means over a path are its exact motion blur; two
-patterns, the five modes of torchsphere, the true circle given. The noise is the sensor's, added to both blurred
-images, or as the paper writes it: added to the one sharp image before that is blurred, so that the blur takes away most
-of the noise, too. The interpolation error is that of images without noise, with torchsphere's pre-blur of 1 px and
-without, of true motion or, as in the paper, moved by a cubic spline; with and without rounding to whole grey levels,
-for it is the rounding that grows with the blur: of light that is not rounded the error only falls. Without pre-blur,
-images of 18 and 20 px blur are refused, as of weak texture.
+Here: the light of a rendered ball of 50 px in steps of 1/20 px, whose means over a path are its exact motion blur; two
+patterns, the five modes of torchsphere, the true circle. The noise is the sensor's, added to both blurred images; or as
+printed, added to the sharp image before the blur, which then removes most of the noise. The interpolation error comes
+from images without noise: with torchsphere's pre-blur of 1 px and without; of true motion, or moved by a cubic spline
+as in the paper; with and without rounding to whole grey levels. The rounding causes the growth with the blur: without
+rounding the error only falls. Without pre-blur, images of 18 and 20 px blur are refused because of their weak texture.
 
 The result is kept in ``experiments/cache``; delete it after a change to the package or the renderer that leaves the
 version as it is.

@@ -1,26 +1,26 @@
-"""What accuracy to expect of which footage: ``python -m experiments.validation.accuracy``.
+"""Accuracy by radius, noise, speckle, rotation and blur: ``python -m experiments.validation.accuracy``.
 
-Claim: up to 0.6 deg per frame the error of a step between frames is what the noise in the images makes it, its stated
-uncertainty is true to 20 % (single components at R = 10 px to a third), and a bias of 0.0002 px, independent of the
-noise, of 0.0005 to 0.002 px with finer and coarser speckle, and of 0.005 px at R = 10 px, comes on top. From 2 deg per
-frame on the changing view of the texture adds errors: at 5 deg stated to 25 %, at 10 deg too wide by a third for all
-but wz, which is a quarter too narrow, at 20 deg by a half and 1.6 times. The map of the ball (``sphere_map=True``) is
-twice as precise, has a bias of 0.0002 px at most under noise of 2 grey levels, and measures and states 10 deg per
-frame as well as 0.57.
+Claim: up to 0.6 deg per frame the noise in the images makes the error of a step, and the stated uncertainty is true to
+20 % (single components at R = 10 px to a third). The bias is 0.0002 px, independent of the noise; 0.0005 to 0.002 px
+with finer and coarser speckle; 0.005 px at R = 10 px. From 2 deg per frame on the changing view of the texture adds
+errors: the stated uncertainty is true to 25 % at 5 deg; at 10 deg it is a third too wide, but for wz a quarter too
+narrow; at 20 deg up to a half too wide, and for wz 1.6 times too narrow. The map of the ball (``sphere_map=True``) is
+twice as precise. Its bias is 0.0005 px at most under noise of 2 grey levels, and 10 deg per frame are as good as 0.57.
 
 Base case: R = 50 px, noise 2 grey levels, 8 bit, speckle 4 px from 30 to 220 grey levels over a uniform background of
-90, steps of (1.4, 0.2) +- 0.3 px, rotation 0.57 deg per frame; one property is varied at a time, three patterns of 30
-frames each, the true circle given. Motion blur needs a fast ball: that series moves by (8, 1.1) px per frame. Pixels
-are means of 64 rays, since nine leave 3 grey levels of error at the outline; with blur, of 8 moments with 16 rays.
+90, steps of (1.4, 0.2) +- 0.3 px, rotation 0.57 deg per frame; one property is varied at a time; three patterns of 30
+frames each, with the true circle. Motion blur needs a fast ball: that series moves by (8, 1.1) px per frame. Pixels are
+means of 64 rays, since nine rays leave 3 grey levels of error at the outline; with blur, means of 8 moments with 16
+rays.
 
 Reference numbers for a pair of the base case over the region 0.95 R: Cramer-Rao bound 0.0041 px; a hand-written solver
 0.0049 and 0.0042 px, 0.007 to 0.008 deg. Bound from the whole image with a known texture: 0.0017 px.
 
-The bias is the mean error. Where a step's error is the difference of two errors of position, the mean over n steps
-holds only the first and the last of them: its uncertainty is then ``std / n`` for a pattern (0.0001 px for three of
-the base case), not ``std / sqrt(n)``. Printed is the scatter of the patterns' means, divided by the root of three: it
-presumes nothing, but is itself known to half of its size only. Actual/stated is the rms error, bias included, in units
-of the stated standard deviation.
+The bias is the mean error. If the error of a step is the difference of two errors of position, the mean over n steps
+contains only the first and the last position: its uncertainty is then ``std / n`` for a pattern (0.0001 px for three
+patterns of the base case), not ``std / sqrt(n)``. The table states the scatter of the patterns' means over the root of
+three, which makes no assumption, but is itself known to half of its size only. Actual/stated is the rms error, bias
+included, in units of the stated standard deviation.
 
 Results are kept in ``experiments/cache``; delete them after a change to the package that leaves its version as it is.
 """
