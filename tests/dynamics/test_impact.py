@@ -119,7 +119,7 @@ def test_without_a_mass_no_quantity_is_in_newtons_and_a_sentence_says_why(motion
     ] == pytest.approx(-180, abs=0.5)
 
 
-def test_without_a_spin_the_energies_of_the_translation_stand(truth: Pulse, motion: Kinematics, found: Impact) -> None:
+def test_without_a_spin_the_energies_of_the_translation_remain(truth: Pulse, motion: Kinematics, found: Impact) -> None:
     # A spin of NaN must not enter them, not even times 0.
     assert motion.draws is not None
     unknown, draws = np.full_like(motion.spin_rad_s, np.nan), motion.draws
@@ -173,7 +173,7 @@ def test_a_normal_that_is_no_number_is_refused(motion: Kinematics) -> None:
 
 
 def test_a_ball_that_is_driven_on_has_no_impact(motion: Kinematics) -> None:
-    # Seen from a cart that overtakes the ball, it flies backwards and the target drives it on.
+    # In the frame of a cart that overtakes the ball, the ball flies backwards and the target drives it on.
     overtaken = dataclasses.replace(motion, velocity_m_s=motion.velocity_m_s - 2 * np.abs(motion.velocity_m_s).max(0))
     result, reason = impact(overtaken)
     assert result is None

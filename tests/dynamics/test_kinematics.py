@@ -27,9 +27,7 @@ def falling() -> ts.Track:
 
 
 @pytest.mark.parametrize("method", ["smoother", "savitzky-golay", "differences"])
-def test_a_ball_that_falls_faster_and_faster_has_the_velocity_and_force_of_its_pixels(
-    falling: ts.Track, method: str
-) -> None:
+def test_an_accelerated_ball_has_the_velocity_and_force_of_its_pixels(falling: ts.Track, method: str) -> None:
     # 40 px are 20 mm, so a px is 0.5 mm; at 1000 frames/s, 2 px per frame are 1 m/s and 0.1 px per frame^2 50 m/s^2.
     motion = ts.kinematics(falling, frame_rate=1000.0, diameter_m=0.02, mass_kg=0.1, method=method)
     inner = slice(1, -1)

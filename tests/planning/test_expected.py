@@ -72,7 +72,7 @@ def test_noise_in_the_example_image_does_not_count_as_texture() -> None:
     assert np.abs(sd[1] / sd[0] - 1).max() < np.abs(sd[2] / sd[0] - 1).max()
 
 
-def test_a_rescaled_example_is_as_precise_as_one_made_at_that_scale() -> None:
+def test_a_rescaled_example_is_as_precise_as_an_example_rendered_at_that_scale() -> None:
     direct = rendered_examples(24.0, 4.0, *GREY, seed=3)
     larger = rendered_examples(36.0, 6.0, *GREY, seed=3)
     setup = replace(SMALL, px_per_mm=1.6)

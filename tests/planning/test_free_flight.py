@@ -101,7 +101,7 @@ def test_an_impact_is_refused_as_a_free_flight_with_its_change_of_velocity() -> 
 
 
 @pytest.mark.parametrize("place", [6, 20, 33])
-def test_an_impact_is_refused_wherever_it_is_in_the_recording(place: int) -> None:
+def test_an_impact_anywhere_in_the_recording_is_refused(place: int) -> None:
     increment = flown()
     increment[place:, 1] += 6.0
     with pytest.raises(ValueError, match="this is no free flight"):
@@ -125,7 +125,7 @@ def test_a_velocity_without_any_scatter_does_not_change() -> None:
     assert free_flight.from_track(example_track(increment), "made", KNOWN).warnings == ()
 
 
-def test_a_ball_without_texture_is_refused_for_that_and_not_for_too_few_frames() -> None:
+def test_a_ball_without_texture_is_refused_for_its_texture_and_not_for_too_few_frames() -> None:
     increment = flown()
     increment[:, 2:] = np.nan
     with pytest.raises(ValueError, match="too little texture: of 40 increments 0 have a rotation") as refusal:

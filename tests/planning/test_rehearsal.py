@@ -1,4 +1,4 @@
-"""The rehearsed impact against its truth, and the duration of an elastic one."""
+"""The rehearsed impact against the true one, and the duration of an elastic impact."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The report in a browser: a real one, opened from its file, scrubbed, clicked and dragged."""
+"""The report in a browser, opened from its file: keys, slider, clicks and drags."""
 
 import csv
 import dataclasses
@@ -29,12 +29,12 @@ AXIS_LENGTH = 1.3
 
 @dataclass
 class Opened:
-    """A page, the result that it shows, and what it asked for or complained about."""
+    """A page, its result, its requests and its messages on the console."""
 
     page: Any
     folder: Path
     requests: list[str] = field(default_factory=list)
-    complaints: list[str] = field(default_factory=list)
+    console_messages: list[str] = field(default_factory=list)
 
     def table(self, name: str) -> list[dict[str, str]]:
         with (self.folder / name).open(newline="") as stream:
@@ -47,7 +47,7 @@ class Opened:
         return json.loads(self.page.get_attribute(canvas, "data-drawn"))
 
     def text(self, value: str) -> float:
-        """A number as it is shown."""
+        """A number of the page."""
         return float(self.page.text_content(f'[data-value="{value}"]').replace("\u2212", "-"))
 
 
@@ -96,15 +96,15 @@ def open_result(browser: Any, results: Path) -> Iterator[Any]:
         page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
         opened = Opened(page, results / name)
         page.on("request", lambda request: opened.requests.append(request.url))
-        page.on("console", lambda message: opened.complaints.append(message.text))
-        page.on("pageerror", lambda error: opened.complaints.append(str(error)))
+        page.on("console", lambda message: opened.console_messages.append(message.text))
+        page.on("pageerror", lambda error: opened.console_messages.append(str(error)))
         page.goto((results / name / "report.html").as_uri())
         pages.append(opened)
         return opened
 
     yield opener
     for opened in pages:
-        assert opened.complaints == []
+        assert opened.console_messages == []
         outside = [url for url in opened.requests if not url.startswith(("file:", "data:"))]
         assert outside == []
         assert sum(url.startswith("file:") for url in opened.requests) == 1
@@ -127,7 +127,7 @@ def test_keys_and_slider_lead_through_the_frames_and_the_numbers_follow(open_res
         assert page.text_content("#now").startswith(f"Frame {frame}, time ")
         for shown, (column, factor) in columns.items():
             value, sd = float(table[frame][column]) * factor, float(table[frame][f"sd_{column}"]) * factor
-            # As many digits are shown as the second one of the standard deviation.
+            # The page rounds to the second digit of the standard deviation.
             assert abs(report.text(shown) - value) <= 0.051 * sd
     page.fill("#slider", "7")
     assert report.at() == 7
@@ -169,9 +169,7 @@ def test_a_click_or_a_drag_in_a_plot_goes_to_that_moment(open_result: Any, plot:
     assert report.at() == 9
 
 
-def test_circle_and_axes_are_drawn_where_the_ball_truly_is_and_how_it_truly_turned(
-    open_result: Any, shot: demo_shot.Shot
-) -> None:
+def test_circle_and_axes_are_drawn_at_the_true_position_and_orientation(open_result: Any, shot: demo_shot.Shot) -> None:
     report = open_result("si")
     left, top = report.page.evaluate("torchsphere.data.images.box.slice(0, 2)")
     for frame in (0, 6, 11):
@@ -184,17 +182,17 @@ def test_circle_and_axes_are_drawn_where_the_ball_truly_is_and_how_it_truly_turn
         turned = shot.orientation[FIRST + frame] @ shot.orientation[FIRST].T
         for k, name in enumerate("xyz"):
             tip = (np.array(drawn["axes"][name]) / drawn["scale"] - (x, y)) / (AXIS_LENGTH * radius)
-            # 0.2 deg, which eleven steps of 0.02 deg are off by at most.
+            # 0.2 deg: the largest error of eleven steps of 0.02 deg.
             np.testing.assert_allclose(tip, turned[:2, k], atol=np.radians(0.2))
             if abs(turned[2, k]) > 0.01:
                 assert drawn["front"][name] == (turned[2, k] < 0)
     assert turned[0, 1] < -0.03  # there is a rotation to see
 
 
-def test_axes_and_graticule_are_really_painted_and_can_be_hidden(open_result: Any) -> None:
+def test_axes_and_graticule_have_pixels_and_can_be_hidden(open_result: Any) -> None:
     report = open_result("si")
     report.page.evaluate("torchsphere.seek(6)")
-    # The frame is decoded when it is first shown.
+    # The first view of a frame decodes it.
     report.page.evaluate("pictures.get(data.images.frames[6]).decode()")
     report.page.evaluate("drawFrame()")
     drawn = report.drawn("#frame")
@@ -218,7 +216,7 @@ def test_axes_and_graticule_are_really_painted_and_can_be_hidden(open_result: An
 
 
 @pytest.mark.parametrize(("name", "axes"), [("si", (1, 1, 1)), ("lab", (1, -1, -1))])
-def test_the_ball_in_space_turns_with_the_mouse_and_the_keys_and_comes_back(
+def test_the_ball_in_space_turns_with_mouse_and_keys_and_returns(
     open_result: Any, name: str, axes: tuple[int, int, int]
 ) -> None:
     report = open_result(name)
@@ -234,7 +232,7 @@ def test_the_ball_in_space_turns_with_the_mouse_and_the_keys_and_comes_back(
     page.mouse.move(x + 40, y - 20, steps=4)
     page.mouse.up()
     dragged = report.drawn("#orbit")
-    # 0.01 rad per px: what is in front follows the mouse.
+    # 0.01 rad per px: the front follows the mouse.
     assert dragged["view"]["yaw"] == pytest.approx(first["view"]["yaw"] - 0.4)
     assert dragged["view"]["pitch"] == pytest.approx(first["view"]["pitch"] - 0.2)
     row = report.table("track.csv")[9]
@@ -261,7 +259,7 @@ def test_the_ball_in_space_turns_with_the_mouse_and_the_keys_and_comes_back(
 
 @pytest.mark.parametrize("name", ["si", "px", "gone"])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_on_a_narrow_screen_nothing_sticks_out(open_result: Any, name: str, scheme: str) -> None:
+def test_on_a_narrow_screen_the_page_needs_no_horizontal_scrolling(open_result: Any, name: str, scheme: str) -> None:
     report = open_result(name, width=360, height=740, scheme=scheme)
     for frame in (0, 3, 11):
         report.page.evaluate(f"torchsphere.seek({frame})")
@@ -279,7 +277,7 @@ def test_without_a_scale_steps_are_shown_in_px_as_in_the_table(open_result: Any)
     assert report.page.text_content("#now") == "Frame 11: ok"
 
 
-def test_where_the_ball_is_gone_the_report_says_so_and_shows_no_number(open_result: Any) -> None:
+def test_the_report_of_a_lost_ball_has_words_and_no_number(open_result: Any) -> None:
     report = open_result("gone")
     assert "5 of 12 frames were measured in full, 7 were not." in report.page.text_content("#verdict")
     assert "What to do" in report.page.text_content(".problems")
@@ -296,7 +294,7 @@ def test_where_the_ball_is_gone_the_report_says_so_and_shows_no_number(open_resu
     assert status in report.page.text_content("#legend")
 
 
-def test_below_each_plot_stands_its_standard_deviation_on_a_scale_of_its_own(open_result: Any) -> None:
+def test_a_strip_below_each_plot_has_the_standard_deviation_on_its_own_scale(open_result: Any) -> None:
     report = open_result("si")
     table = report.table("kinematics.csv")
     for panel, columns, factor in (
@@ -307,11 +305,11 @@ def test_below_each_plot_stands_its_standard_deviation_on_a_scale_of_its_own(ope
         largest = max(float(row[column]) * factor for row in table for column in columns)
         assert below["most"] == pytest.approx(1.1 * largest, rel=1e-2)
         assert below["bottom"] < report.page.locator(f"#plot-{panel}").bounding_box()["height"]
-    # None is stated of the turned angles.
+    # The turned angles have no stated standard deviation.
     assert report.drawn("#plot-turned")["below"] is None
 
 
-def test_a_plot_without_values_says_why_and_draws_no_axes(browser: Any, results: Path, tmp_path: Path) -> None:
+def test_a_plot_without_values_gives_the_reason_and_no_axes(browser: Any, results: Path, tmp_path: Path) -> None:
     result = read(results / "si")
     assert result.motion is not None
     nothing = np.full_like(result.motion.spin_rad_s, np.nan)
@@ -319,7 +317,7 @@ def test_a_plot_without_values_says_why_and_draws_no_axes(browser: Any, results:
     smooth = dataclasses.replace(result, motion=motion, status=np.full(len(result.status), "weak_texture"))
     (tmp_path / "report.html").write_text(pages.report_html(smooth), encoding="utf-8")
     opened = browser.new_page(viewport={"width": 360, "height": 900})
-    # What is written into canvases, by words.
+    # Texts in the canvases.
     opened.add_init_script(
         "window.written = []; const fill = CanvasRenderingContext2D.prototype.fillText;"
         "CanvasRenderingContext2D.prototype.fillText = function (text, ...rest) {"
@@ -351,8 +349,8 @@ def test_a_batch_of_many_is_sorted_searched_and_paged(browser: Any, results: Pat
     rows[1]["result"] = "shot 1"
     rows[3] |= {"state": "failed", "reason": "The file is cut.", "frames": None}
     page = browser.new_page(viewport={"width": 360, "height": 740})
-    complaints: list[str] = []
-    page.on("console", lambda message: complaints.append(message.text))
+    console_messages: list[str] = []
+    page.on("console", lambda message: console_messages.append(message.text))
     page.goto(pages.write_index(tmp_path, rows).as_uri())
     assert page.locator("tbody tr").count() == 200
     assert page.evaluate("document.scrollingElement.scrollWidth <= innerWidth")
@@ -366,12 +364,12 @@ def test_a_batch_of_many_is_sorted_searched_and_paged(browser: Any, results: Pat
     page.click("#next")
     page.click("#next")
     assert page.text_content("#page") == "401 to 501 of 501"
-    # What was not measured stands last, whichever way it is sorted.
+    # Rows without a value are last in both directions.
     assert page.locator("tbody tr").last.inner_text().startswith("\tshot 3.tif\tfailed\tThe file is cut.")
     page.fill("#search", "cut")
     assert page.locator("tbody tr").count() == 1
     page.fill("#search", "shot 1.tif")
     page.click("tbody a")
     page.wait_for_selector("#verdict:has-text('All 12 frames')")
-    assert complaints == []
+    assert console_messages == []
     page.close()

@@ -1,4 +1,4 @@
-"""Figures and report drawn from a result folder alone, and figures drawn by a process beside this one."""
+"""Figures and report from a result folder alone, and figures from a second process."""
 
 import json
 import multiprocessing
@@ -25,13 +25,13 @@ FIGURES = ("motion", "rotation", "quality", "path", "residuals")
 
 @pytest.fixture
 def idle(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let a core lie idle, whatever machine this is."""
+    """Report an idle core, whatever the machine."""
     monkeypatch.setattr(threads, "has_idle_cores", lambda: True)
 
 
 @pytest.fixture(scope="module")
 def alone(short: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Give a result of a process that draws all by itself."""
+    """A result whose figures this process drew."""
     out = tmp_path_factory.mktemp("alone") / "out"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(threads, "has_idle_cores", lambda: False)
@@ -44,7 +44,7 @@ def tracked(short: Path, out: Path) -> Path:
 
 
 def contents(folder: Path) -> dict[str, object]:
-    """All files by name, of the summary what does not depend on the clock."""
+    """All files by name; the summary without its time."""
     found: dict[str, object] = {
         str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()
     }
@@ -56,7 +56,7 @@ def refuse(*_: object) -> None:
 
 
 @pytest.mark.usefixtures("idle")
-def test_with_idle_cores_another_process_draws_and_the_result_is_the_same_file_by_file(
+def test_with_idle_cores_a_second_process_draws_the_same_files(
     short: Path, alone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(draw.motion_figures, "motion_figure", refuse)
@@ -66,7 +66,7 @@ def test_with_idle_cores_another_process_draws_and_the_result_is_the_same_file_b
 
 
 @pytest.mark.usefixtures("idle")
-def test_a_process_that_dies_leaves_its_figures_to_this_one(
+def test_this_process_draws_the_figures_of_a_process_that_dies(
     short: Path, alone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     killed = []
@@ -95,7 +95,7 @@ def test_an_error_leaves_no_process_and_no_folder(short: Path, tmp_path: Path, m
     assert not multiprocessing.active_children()
 
 
-# Its memory comes on top, which long recordings have none to spare for.
+# The memory of the process is additional, and long recordings need all memory.
 @pytest.mark.usefixtures("idle")
 def test_a_long_recording_is_drawn_without_the_process(
     short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -105,13 +105,13 @@ def test_a_long_recording_is_drawn_without_the_process(
     assert (tracked(short, tmp_path / "out") / "report.html").is_file()
 
 
-def test_what_cannot_be_drawn_is_told_as_without_the_process(tmp_path: Path) -> None:
+def test_an_invalid_folder_is_refused_with_and_without_the_process(tmp_path: Path) -> None:
     with draw.drawing_process() as pool, pytest.raises(ValueError, match="no result folder"):
         draw.draw(tmp_path, pool)
     assert not list(tmp_path.iterdir())
 
 
-def test_report_draws_the_same_from_the_folder_alone_and_touches_no_number(
+def test_report_draws_the_same_files_from_the_folder_alone_and_changes_no_number(
     measured: tuple[Path, Measurement], tmp_path: Path
 ) -> None:
     copy = tmp_path / "copy"

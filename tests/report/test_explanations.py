@@ -1,4 +1,4 @@
-"""Sentences on a result: every status is explained, and nothing is said twice."""
+"""Sentences on a result: every status has an explanation, without repetition."""
 
 import numpy as np
 
@@ -11,6 +11,6 @@ def test_runs_of_frames_are_named_by_their_ends() -> None:
     assert explanations.frame_runs(np.arange(0, 20, 2), most=3) == "0, 2, 4 and 7 more runs"
 
 
-def test_every_status_has_its_meaning_and_what_to_do() -> None:
+def test_every_status_has_a_meaning_and_a_remedy() -> None:
     assert tuple(explanations.STATUSES) == STATUSES
     assert all(meaning and (remedy or name == "ok") for name, (meaning, remedy) in explanations.STATUSES.items())

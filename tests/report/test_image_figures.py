@@ -61,7 +61,7 @@ def test_a_contact_with_no_or_one_frame_is_a_line_on_the_path(result: ResultFold
     assert np.hypot(*np.diff(drawn, axis=0).T).sum() == pytest.approx((end - start) * step, rel=0.2)
 
 
-def test_a_bar_of_round_length_gives_the_scale_of_the_path_where_it_is_known(result: ResultFolder) -> None:
+def test_a_bar_of_round_length_gives_a_known_scale(result: ResultFolder) -> None:
     axis = image_figures.path_figure(result).axes[0]
     (bar,) = [text.get_text() for text in axis.texts if text.get_text()]
     assert bar.endswith(" mm")

@@ -1,4 +1,4 @@
-"""The overlay video: axes as a person would draw them, and a file that a browser plays."""
+"""The overlay video: directions of the axes, and a file that a browser plays."""
 
 import dataclasses
 import io
@@ -46,7 +46,7 @@ def seen(path: Path) -> ResultFolder:
 
 
 def test_a_quarter_turn_about_y_points_x_at_the_viewer_and_z_to_the_right() -> None:
-    # Front to the left: what pointed right comes to the front, what pointed away comes to the right.
+    # The front turns to the left: the right side comes to the front, the back comes to the right.
     turned = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
     x, y, z = ball_axes(np.array([60.0, 40.0]), 20.0, turned)
     np.testing.assert_allclose(x.tip, [60, 40], atol=1e-12)
@@ -63,11 +63,11 @@ def test_without_a_rotation_no_axes_are_drawn() -> None:
     assert ball_axes(np.zeros(2), 1.0, np.full((3, 3), np.nan)) == []
 
 
-def test_the_circle_is_drawn_where_the_ball_is_and_nowhere_when_it_is_lost(tmp_path: Path) -> None:
+def test_the_circle_is_drawn_at_the_ball_and_not_drawn_for_a_lost_ball(tmp_path: Path) -> None:
     result = seen(tmp_path)
     assert result.sampled is not None
     pictures = [np.asarray(draw_frame(result, result.sampled, k)).astype(int) for k in range(3)]
-    # The box of 101 px is shown 720 px wide, below two lines of words.
+    # The box of 101 px is shown 720 px wide, below two lines of text.
     zoom, below = 720 / 101, 56
     orange = np.array([230, 159, 0])
     for k, x in ((0, 30), (1, 60)):

@@ -42,7 +42,7 @@ def test_data_that_json_lacks_is_refused() -> None:
         filled({"values": [1.0, float("nan")]})
 
 
-def test_a_report_asks_nothing_from_outside_and_holds_any_name(result: ResultFolder, tmp_path: Path) -> None:
+def test_a_report_loads_no_other_file_and_allows_any_name(result: ResultFolder, tmp_path: Path) -> None:
     name = "</script><script>alert(1)</script><!-- &amp; $title {{ title }} {% raw %}.tif"
     source = result.summary["input"] | {"path": f"/shots/{name}"}
     summary = result.summary | {"input": source, "warnings": [f"A warning of {name}."]}
@@ -51,18 +51,18 @@ def test_a_report_asks_nothing_from_outside_and_holds_any_name(result: ResultFol
     assert "http://" not in text
     assert "https://" not in text
     assert "alert(1)</script>" not in text
-    # The data's script and the page's own, and no third.
+    # The script of the data and the script of the page.
     assert text.count("</script>") == 2
     assert f"A warning of {html.escape(name)}." in text
 
 
-def test_options_of_the_command_line_stand_as_code(result: ResultFolder) -> None:
+def test_options_of_the_command_line_are_formatted_as_code(result: ResultFolder) -> None:
     summary = result.summary | {"warnings": ["Give --mm-per-px <px>, or --fps."]}
     text = pages.report_html(dataclasses.replace(result, summary=summary))
     assert "<li>Give <code>--mm-per-px</code> &lt;px&gt;, or <code>--fps</code>.</li>" in text
 
 
-def test_a_recording_in_which_the_ball_is_lost_is_reported_in_words_and_never_as_nan(tmp_path: Path) -> None:
+def test_the_report_of_a_recording_without_the_ball_has_words_and_no_nan(tmp_path: Path) -> None:
     images = demo_shot.make_shot().images[:8].copy()
     images[1:] = np.random.default_rng(0).integers(55, 66, images[1:].shape)
     tifffile.imwrite(tmp_path / "shot.tif", images, photometric="minisblack")
@@ -72,7 +72,7 @@ def test_a_recording_in_which_the_ball_is_lost_is_reported_in_words_and_never_as
     assert (
         explanations.verdict(result) == "No motion was measured: the ball was found in 1 frame of 8, but not followed."
     )
-    # A circle was given: to give one is no advice.
+    # The circle was given, so that the option is no remedy.
     assert not any("--circle" in p.remedy for p in explanations.problems(result))
     assert any("circle that was given" in p.remedy for p in explanations.problems(result))
     assert sum(len(p.remedy) > 0 for p in explanations.problems(result)) == len(explanations.problems(result)) > 0
@@ -115,7 +115,7 @@ def data(page: str) -> dict[str, Any]:
     return json.loads(found[1])
 
 
-def test_every_recording_has_a_row_and_only_a_measured_one_a_report_and_a_picture(tmp_path: Path, done: Path) -> None:
+def test_every_recording_has_a_row_and_only_a_result_has_report_and_thumbnail(tmp_path: Path, done: Path) -> None:
     rows = batch(tmp_path, done)
     page = pages.write_index(tmp_path, rows).read_text()
     assert "3 recordings: 1 done, 1 failed, 1 pending." in page
@@ -144,7 +144,7 @@ def test_report_draws_a_whole_batch_again_from_its_folder(tmp_path: Path, done: 
     assert not [path.name for path in tmp_path.iterdir() if path.name.startswith(".")]
 
 
-def test_a_damaged_result_is_named_and_the_index_is_written_all_the_same(tmp_path: Path, done: Path, capsys) -> None:
+def test_a_damaged_result_is_named_and_the_index_is_still_written(tmp_path: Path, done: Path, capsys) -> None:
     batch(tmp_path, done)
     (tmp_path / "day 1" / "shot#1" / "track.csv").write_text("frame\n")
     assert main(["report", str(tmp_path), "--quiet"]) == 1

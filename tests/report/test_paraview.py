@@ -1,4 +1,4 @@
-"""The series for ParaView, read by VTK itself: the ball at its pose, its texture, its vectors, its times."""
+"""The series for ParaView, read by VTK: pose, texture, vectors and times."""
 
 import dataclasses
 import xml.etree.ElementTree as ElementTree
@@ -70,7 +70,7 @@ def test_a_quarter_turn_about_y_brings_the_front_to_the_left(tmp_path: Path) -> 
     np.testing.assert_allclose(moved, after - before, atol=1e-8)
 
 
-def test_in_the_lab_frame_the_same_turn_goes_the_other_way_about_an_axis_that_points_up(tmp_path: Path) -> None:
+def test_in_the_lab_frame_the_same_turn_has_the_opposite_sign_about_y(tmp_path: Path) -> None:
     # The camera's +y is down; front is +z in the lab frame, and still goes to the left.
     write_paraview(moving(tmp_path, lab_frame=True))
     front = int(np.abs(sphere_mesh().points - [0, 0, 1]).sum(1).argmin())
@@ -78,14 +78,14 @@ def test_in_the_lab_frame_the_same_turn_goes_the_other_way_about_an_axis_that_po
     np.testing.assert_allclose(after[front], [0.03 - 0.015, 0.02, 0.0], atol=1e-8)
 
 
-def test_the_mesh_is_closed_looks_outwards_and_carries_its_texture(tmp_path: Path) -> None:
+def test_the_mesh_is_closed_with_outward_normals_and_texture(tmp_path: Path) -> None:
     write_paraview(moving(tmp_path))
     ball = read(tmp_path / "paraview/ball_000007.vtp")
     points = array(ball.GetPoints().GetData()) - [0.01, 0.02, 0.0]
     corners = points[array(ball.GetPolys().GetConnectivityArray()).reshape(-1, 3)]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert np.all((normal * corners.mean(1)).sum(1) >= -1e-15)
-    # Pyramids over the facets fill the sphere, but for the 1.3 % that 18 x 36 of them lack, only if none is missing.
+    # Pyramids over all 18 x 36 facets fill the sphere to 1.3 %.
     volume = (corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])).sum() / 6
     assert volume == pytest.approx(4 / 3 * np.pi * 0.015**3, rel=0.02)
     texture = array(ball.GetPointData().GetTCoords())

@@ -1,4 +1,4 @@
-"""The figure of a plan: axes that can be compared, units, and nothing drawn over data."""
+"""The figure of a plan: comparable axes, units, and legends beside the curves."""
 
 import math
 from dataclasses import replace
@@ -58,7 +58,7 @@ def test_the_error_of_the_force_has_a_panel_of_its_own_with_the_stated_band() ->
     assert axis.get_xlabel() == "time from first touch (µs)"
 
 
-def test_a_factor_has_one_height_in_velocity_and_force() -> None:
+def test_a_decade_has_the_same_height_in_velocity_and_force() -> None:
     left, right = plan_figure.plan_figure(made()).axes[4:6]
     assert [axis.get_ylabel() for axis in (left, right)] == ["sd of velocity (m/s)", "sd of force (kN)"]
     spans = [math.log(axis.get_ylim()[1] / axis.get_ylim()[0]) for axis in (left, right)]
