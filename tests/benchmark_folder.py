@@ -1,4 +1,4 @@
-"""A small benchmark folder as `torchsphere benchmark make` makes it, by the ray caster of `ray_caster`."""
+"""A small benchmark folder in the format of `torchsphere benchmark make`, rendered by the ray caster."""
 
 from __future__ import annotations
 

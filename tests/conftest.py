@@ -12,13 +12,13 @@ from torchsphere.measure import Measurement
 from torchsphere.results.reader import ResultFolder, read
 from torchsphere.synthetic import demo_shot as demo
 
-# Two processes whose torch threads share two cores wait for each other and take forty times as long.
+# Torch threads of two processes on two cores wait for each other and take forty times as long.
 torch.set_num_threads(1)
 
 
 @pytest.fixture
 def shared_data() -> Path:
-    """Give the folder of public sample recordings, which lies beside the project."""
+    """Give the folder of public sample recordings next to the project."""
     folder = Path(__file__).resolve().parents[2] / "shared" / "data"
     if not folder.is_dir():
         pytest.skip("the sample recordings (../shared/data) are not here")

@@ -1,4 +1,4 @@
-"""Shots and command lines that plans are tested with."""
+"""Shots and command lines for the tests of plans."""
 
 import math
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ MARGIN, FRAMES, SPECKLE, GREY = 12, 40, 3.5, (30.0, 220.0)
 # Standard deviation that rounding to whole grey levels adds.
 ROUNDING = 12**-0.5
 
-# A ball of radius 18 px in noise, and one of 24 px that is blurred by 3 px and turns by 0.6 deg per frame.
+# A ball of radius 18 px with noise, and a ball of 24 px with a blur of 3 px and a rotation of 0.6 deg per frame.
 SMALL = Setup(
     speed_m_s=30.0, frame_rate=36_000, shutter_s=1e-6, px_per_mm=1.2, diameter_mm=30, mass_g=110, noise=4.0,
     direction_deg=20.0, spin_rev_s=(10.0, 20.0, -10.0),
@@ -35,14 +35,14 @@ GIVEN = [*TEST, "--shutter-us", "5", "--noise", "2", "--contact-us", "200"]
 
 @dataclass(frozen=True)
 class Shot:
-    """Images (n, h, w) of a flight and the outline in the first."""
+    """Images (n, h, w) of a flight, and the outline in the first image."""
 
     images: torch.Tensor
     circle: tuple[float, float, float]
 
 
 def recorded(setup: Setup, seed: int, frames: int = FRAMES) -> Shot:
-    """What the camera records of that test, by the package's ray caster."""
+    """Images of the planned test, rendered by the ray caster of the package."""
     radius, step = setup.radius_px, setup.increment
     start = radius + MARGIN + np.random.default_rng(seed).uniform(0, 1, 2)
     moments = max(math.ceil(1.5 * setup.blur_px), 1)

@@ -1,4 +1,4 @@
-"""Shared by the tests of the renderer: motions, and the outline of a ball by the formula of its tangent cone."""
+"""Motions for the tests of the renderer, and the outline of a ball by the formula of its tangent cone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an import loads: nothing heavy, no side effects. What may import what stands in pyproject.toml."""
+"""Imports load no heavy library and have no side effects. The contracts of imports are in pyproject.toml."""
 
 import subprocess
 import sys
@@ -40,13 +40,13 @@ def test_torchsphere_imports_where_optional_libraries_are_missing() -> None:
 
 
 def ran(script: str) -> str:
-    """What a script prints in a process of its own."""
+    """Output of a script in its own process."""
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
-#: Libraries that take a second or two, and those of figures and pages.
+#: Libraries that take a second or two to load, and those of figures and pages.
 SLOW = ("torch", "kornia", "scipy", "matplotlib", "jinja2")
 LOADED = f"print('loaded', *({set(SLOW)!r} & set(sys.modules)))"
 
@@ -65,7 +65,7 @@ LOADED = f"print('loaded', *({set(SLOW)!r} & set(sys.modules)))"
         "track shot.tif --out result --method guessing",
     ],
 )
-def test_help_and_a_wrong_option_wait_for_no_library(line: str) -> None:
+def test_help_and_refusals_load_no_slow_library(line: str) -> None:
     script = f"""
 import sys
 from torchsphere.cli.main import main
@@ -79,7 +79,7 @@ except SystemExit as stop:
     assert ran(script).splitlines()[-2:] == [f"ended with {code}", "loaded"]
 
 
-def test_the_facts_of_a_recording_wait_for_no_library(tmp_path: Path) -> None:
+def test_the_command_info_loads_no_slow_library(tmp_path: Path) -> None:
     np.save(tmp_path / "shot.npy", np.zeros((3, 8, 9), np.uint8))
     script = (
         f"import sys; from torchsphere.cli.main import main; main(['info', {str(tmp_path / 'shot.npy')!r}]); {LOADED}"
@@ -89,20 +89,20 @@ def test_the_facts_of_a_recording_wait_for_no_library(tmp_path: Path) -> None:
     assert printed.splitlines()[-1] == "loaded"
 
 
-def test_a_report_is_drawn_again_without_what_measures() -> None:
+def test_drawing_a_report_again_loads_no_library_of_the_measurement() -> None:
     assert ran(f"import sys; import torchsphere.report.draw, torchsphere.report.pages; {LOADED}") == "loaded\n"
 
 
-# Each name that a command does not need is time that it takes: `track` is the one that is run most.
+# Loading unneeded modules takes time, and `track` is the most frequent command.
 def test_a_track_loads_no_other_command() -> None:
     script = "import sys; import torchsphere.cli.main, torchsphere.measure; print(*sys.modules)"
     loaded = set(ran(script).split())
     others = ("archive", "benchmark", "planning.plan", "planning.expected", "synthetic", "instruments")
-    # The map's equations are sparse; a track without a map has none.
+    # Only the equations of a map are sparse.
     assert {*(f"torchsphere.{name}" for name in others), "scipy.sparse"} & loaded == set()
 
 
-def test_a_public_name_is_the_same_whoever_imports_its_module_first() -> None:
+def test_a_public_name_does_not_depend_on_the_order_of_imports() -> None:
     script = """
 import torchsphere.tracking.track, torchsphere.dynamics.impact, torchsphere.correlation.correlate
 import torchsphere as ts
@@ -113,6 +113,6 @@ print(*sorted(name for name in ts.__all__ if not callable(getattr(ts, name))), c
     assert ran(script).split() == ["True"]
 
 
-def test_a_name_that_the_package_lacks_is_refused_as_by_any_module() -> None:
+def test_an_unknown_name_of_the_package_raises_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="module 'torchsphere' has no attribute 'tracks'"):
         _ = torchsphere.tracks

@@ -1,23 +1,23 @@
 #!/bin/sh
-# A toy tracker in shell and awk: how a program that is no Python enters the benchmark.
+# A toy tracker in shell and awk: an example of a program in the benchmark that is not in Python.
 #
 #   sh tests/toy_tracker.sh BENCHMARK SUITE > predictions/SUITE.csv
 #   torchsphere benchmark score BENCHMARK predictions --name toy
 #
-# In each frame it takes the pixels that are far from the most frequent grey level for the ball, and the middle of their
-# bounding box for its centre. It measures no rotation and says nothing of its uncertainty, so it leaves those columns
-# out. It needs od and awk, images of 8 bit that are not compressed, and a backdrop of one grey level.
+# In each frame, the pixels far from the most frequent grey level are the ball, and the middle of their bounding box is
+# its centre. Columns of rotation and uncertainty are left out. The script needs od and awk, images of 8 bit without
+# compression, and a background of one grey level.
 set -eu
 bench=$1 suite=$2
 index=$bench/suites.json images=$bench/$suite/frames.tif
 
-# A value of the suite in suites.json, where each stands on a line of its own.
+# A value of the suite in suites.json, which has one value a line.
 value() {
     awk -v suite="\"$suite\"" -v key="\"$1\":" '
         $1 == "\"name\":" { here = ($2 == suite ",") }
         here && $1 == key { sub(/,$/, "", $2); gsub(/"/, "", $2); print $2; exit }' "$index"
 }
-# A whole number in the images' file: its place, its bytes (2 or 4). The first two say whether the large end comes first.
+# A whole number in the image file, by its position and number of bytes (2 or 4). The first two bytes give the byte order.
 order=$(od -An -c -N2 "$images" | tr -d ' ')
 number() {
     od -An -v -tu1 "-j$1" "-N$2" "$images" |
@@ -26,7 +26,7 @@ number() {
 
 frames=$(value frames) width=$(value width) height=$(value height)
 
-# TIFF: the first directory is a list of entries of 12 bytes; number 273 says where the grey levels begin.
+# TIFF: the first directory is a list of entries of 12 bytes; number 273 holds the position of the grey levels.
 directory=$(number 4 4)
 entries=$(number "$directory" 2)
 at=$((directory + 2))
@@ -35,7 +35,7 @@ until [ "$(number "$at" 2)" -eq 273 ]; do
     [ "$entries" -gt 0 ] || { echo "$images: no strips" >&2; exit 1; }
 done
 start=$(number $((at + 8)) 4)
-# Several strips: the entry holds the place of the list instead.
+# With several strips the entry holds the position of a list.
 [ "$(number $((at + 4)) 4)" -eq 1 ] || start=$(number "$start" 4)
 
 echo "# suite: $suite"
@@ -54,7 +54,7 @@ awk -v height="$height" '
                 bottom = y
             }
         }
-        # A ball that is gone leaves an empty row: lost.
+        # A ball that has left the image gives an empty row: lost.
         if (box) printf "%d,%.2f,%.2f\n", frame, (left + right) / 2 - 1, (top + bottom) / 2
         else printf "%d,,\n", frame
         split("", count); frame++

@@ -61,7 +61,7 @@ def absolute_motion(
     *,
     progress: Progress | None = None,
 ) -> AbsoluteMotion:
-    """The ``measured`` motion, on a map of the ball where a map is ``asked`` for or, by None, needed."""
+    """The ``measured`` motion, on a map of the ball if a map is ``asked`` for (None: if a map is needed)."""
     known = np.isfinite(measured.position[:, 0])
     chained = orientation.chain(measured.rotation, known)
     reason = _reason_without_map(measured, circle, asked, options.model)

@@ -53,7 +53,7 @@ Progress = Callable[[int, int], None]
 
 
 class Follower:
-    """One pass over a recording: its ``record`` so far, and the last frame in which the ball was seen."""
+    """One pass over a recording: its ``record`` so far, and the last frame that shows the ball."""
 
     def __init__(
         self,
@@ -66,7 +66,7 @@ class Follower:
         in_place: bool = False,
         searches: float = math.inf,
     ) -> None:
-        """Start from the circle ``first``; ``searches`` over rotations may fail before no more are made."""
+        """Start from the circle ``first``; after ``searches`` failed searches over rotations no further one is made."""
         self.record = Record.empty(source.count, first)
         self._source, self._progress, self._first, self._searches = source, progress, first.frame, searches
         self._setup = PairSetup(options, ignore, in_place, shared=lambda part, rows: [part(0, rows)])
@@ -99,7 +99,7 @@ class Follower:
         return self.record
 
     def _correlate_batch(self, batches: Prefetcher, count: int, stop: int) -> int:
-        """Correlate the next ``count`` pairs from the predicted increments: the number of first ones that succeed."""
+        """Correlate the next ``count`` pairs from predicted increments; return the number of leading pairs that succeed."""
         state = self._state
         batch = batches.get(state, count)
         if count == BATCH:
@@ -131,7 +131,7 @@ class Follower:
         return circle_path(self._state.circle, steps, found.growth.double().cpu())
 
     def _accept(self, found: Correlation, count: int, image: Tensor) -> None:
-        """Store ``count`` confirmed pairs and go on from the last of them, whose second ``image`` this is."""
+        """Store ``count`` confirmed pairs and continue from the second ``image`` of the last pair."""
         last = self._state.frame
         measured = self.record.set_pairs(last, found, self._circles_after(found), count)
         self._failed_searches = []
@@ -141,13 +141,13 @@ class Follower:
             self._state = dataclasses.replace(self._state, increment=increment, trend=trend)
 
     def _state_in(self, frame: int, image: Tensor, increment: NDArray[np.float64], growth: float = 0.0) -> BallState:
-        """The ball in ``frame`` as the record has it, moving on by ``increment``."""
+        """State of the ball in ``frame`` by the record, with the expected ``increment``."""
         expected = torch.from_numpy(np.nan_to_num(increment))
         centre, radius = torch.from_numpy(self.record.position[frame]), float(self.record.size[frame])
         return BallState(frame, image, centre, radius, expected, torch.zeros_like(expected), growth)
 
     def _recover(self, at: int) -> None:
-        """Measure frame ``at`` by itself against the last one in which the ball was seen, and store its status."""
+        """Measure frame ``at`` by itself against the last frame that shows the ball, and store its status."""
         state, record = self._state, self.record
         target = self._source.images(at, at + 1)
         pair = torch.cat((state.image, target))
@@ -190,7 +190,7 @@ class Follower:
         return recovery.correlate_by_search(pair, state, setup) or found
 
     def _resume_after_gap(self, at: int, image: Tensor, found: Correlation) -> None:
-        """Go on after a gap: position and orientation are known again, the increment from the frame before is not."""
+        """Continue after a gap: position and orientation are known again, the increment before is not."""
         state, motion = self._state, found.q[0].double().cpu()
         centre = state.centre if self._setup.in_place else state.centre + motion[:2]
         self.record.place(at, centre.numpy(), state.radius * (1 + float(found.growth[0])))
@@ -200,7 +200,7 @@ class Follower:
         self._state = self._state_in(at, image, motion.numpy() / (at - state.frame))
 
     def _step_by_outlines(self, at: int, pair: Tensor, place: Tensor) -> None:
-        """Go on with a ball whose texture cannot carry the modes: its outlines give the translation alone."""
+        """Continue with a ball without enough texture for the modes: its outlines give the translation alone."""
         state, record = self._state, self.record
         found = recovery.step_by_outlines(pair, state, place, self._is_plain, self._setup)
         record.status[at] = "lost"
@@ -220,7 +220,7 @@ class Follower:
         self._state = self._state_in(at, pair[1:], increment / (at - state.frame))
 
     def _restart_by_outline(self, at: int, image: Tensor) -> None:
-        """Go on with a ball that shows another side by now: its outline gives the position and no rotation."""
+        """Continue with a ball that shows another side: its outline gives the position and no rotation."""
         centre = recovery.find_by_outline(image, self._state, self._setup)
         if centre is not None:
             self.record.place(at, centre.numpy(), self._state.radius)

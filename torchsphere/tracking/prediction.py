@@ -69,7 +69,7 @@ def linear_trend(increments: NDArray[np.float64]) -> tuple[Tensor, Tensor]:
 
 
 def circle_path(first: Tensor, steps: Tensor, growth: Tensor) -> Tensor:
-    """Circles (m + 1, 3) that ``steps`` (m, 2), px, and relative ``growth`` (m,) lead to from ``first`` (3,)."""
+    """Circles (m + 1, 3) from ``first`` (3,) on, after ``steps`` (m, 2), px, and relative ``growth`` (m,)."""
     centres = first[:2] + steps.cumsum(0)
     radii = first[2] * (1 + growth).cumprod(0)
     return torch.cat((first[None], torch.cat((centres, radii[:, None]), -1)))

@@ -142,7 +142,7 @@ def step_by_outlines(
 
 
 def find_by_outline(image: Tensor, state: BallState, setup: PairSetup) -> Tensor | None:
-    """Centre (2,), px, of a ball that shows another side by now in ``image`` (1, h, w); None where there is none."""
+    """Centre (2,), px, of a ball that shows another side in ``image`` (1, h, w); None without a ball."""
     if setup.in_place:
         return None
     try:
@@ -163,5 +163,5 @@ def find_by_outline(image: Tensor, state: BallState, setup: PairSetup) -> Tensor
 
 
 def has_left_image(state: BallState, expected: Tensor) -> bool:
-    """Whether the ball is out of the frame by its expected motion (5,)."""
+    """Whether the ball has left the image by its expected motion (5,)."""
     return state.share_in_image(state.centre + expected[:2]) < MIN_IN_FRAME

@@ -46,7 +46,7 @@ class PreparedBatch:
     is_exact: bool  # circles and start are better than a coarse solution, which errs by a px and more at an occluder
 
     def circles_from(self, first: Tensor) -> Tensor:
-        """Circles (m + 1, 3) that the coarse solution leads to from ``first`` (3,), px, float64."""
+        """Circles (m + 1, 3) from ``first`` (3,) on by the coarse solution, px, float64."""
         steps = self.coarse.q.to("cpu", torch.float64)
         return circle_path(first, steps[:, :2], steps[:, 5] if steps.shape[-1] == 6 else torch.zeros_like(steps[:, 0]))
 
@@ -112,7 +112,7 @@ def _cut(images: Tensor, circles: Tensor, setup: PairSetup) -> crop.Crops:
 
 
 def _filter(crops: crop.Crops, setup: PairSetup, interlaced: bool) -> Filtered:
-    """The crops filtered, by one of their fields where they are ``interlaced``."""
+    """The filtered crops, reduced to one of their fields if ``interlaced``."""
     if interlaced:
         crops = interlacing.one_field(crops)
 
@@ -158,7 +158,7 @@ def _count_plausible(coarse: CoarseSolution, off: Tensor, radius: float) -> int:
 
 
 def _measure(pairs: Pairs, coarse: Tensor, start: Tensor, targets: Tensor, setup: PairSetup) -> Correlation:
-    """Motion of the pairs from ``coarse``, both ways where they turn fast; ``targets`` (m, 3) in the images g."""
+    """Motion of the pairs from ``coarse``, in both directions if fast; ``targets`` (m, 3) in images g."""
     found = solve(pairs, coarse, setup.options, start)
     if not setup.in_place:
         # The measured centre: an error of 2 px in the expected one makes errors of 0.06 px on the way back.
