@@ -99,7 +99,7 @@ class Follower:
         return self.record
 
     def _correlate_batch(self, batches: Prefetcher, count: int, stop: int) -> int:
-        """Correlate the next ``count`` pairs from predicted increments; return the number of leading pairs that succeed."""
+        """Correlate ``count`` pairs from predicted increments; return the number of leading pairs that succeed."""
         state = self._state
         batch = batches.get(state, count)
         if count == BATCH:
