@@ -61,7 +61,7 @@ def test_finite_follows_large_rotations_from_a_near_guess(degrees: float) -> Non
     f, g, circle = pair((0.6, 0.3, 0, degrees, 0))
     start = [0.6, 0.3, 0, np.deg2rad(0.9 * degrees), 0]
     found = correlate(f, g, circle, start=start, model="finite", jacobian="autograd")
-    # PHYSICS section 3: a bias along the front's motion of 0.002 px per degree, and an error of each pair of that size.
+    # Measured: a bias along the front's motion of 0.002 px per degree, and an error of each pair of that size.
     np.testing.assert_allclose(to_degrees(found.q)[0], (0.6, 0.3, 0, degrees, 0), atol=0.005 * degrees)
 
 
@@ -84,7 +84,7 @@ def jacobian_difference(images: tuple[torch.Tensor, torch.Tensor, tuple[float, f
 )
 def test_constant_and_autograd_jacobians_agree_at_convergence(model: str, motion: tuple[float, ...]) -> None:
     coarse = ray_caster.speckle(0, radius_px=50.0, speckle_px=8.0)
-    # 1e-4 px: PHYSICS section 3. Noise-free, and with a speckle that the spline interpolates without error.
+    # Noise-free, and with a speckle that the spline interpolates without error.
     assert jacobian_difference(pair(motion, pattern=coarse), model=model, roi=0.9) < 1e-4
 
 

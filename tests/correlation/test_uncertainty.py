@@ -32,7 +32,7 @@ def test_the_correlations_are_those_of_the_scatter() -> None:
     sd = stated.diagonal().sqrt()
     measured = torch.corrcoef(found.q.double().T)
     expected = stated / (sd[:, None] * sd)
-    # x with wy and y with wx: 0.96 at 0.95 R in PHYSICS section 2, from 80 samples to (1 - 0.96^2) / sqrt(80) = 0.009.
+    # x with wy and y with wx: 0.96 at 0.95 R, from 80 samples to (1 - 0.96^2) / sqrt(80) = 0.009.
     for i, j in ((0, 3), (1, 2)):
         assert abs(float(expected[i, j])) == pytest.approx(0.96, abs=0.02)
         assert float(measured[i, j]) == pytest.approx(float(expected[i, j]), abs=0.04)
@@ -57,8 +57,8 @@ def test_a_smaller_region_has_a_larger_uncertainty() -> None:
     f, g, circle = pair(MOTION)
     f, g = noisy(f, 2.0, 9), noisy(g, 2.0, 10)
     sd = [correlate(f, g, circle, roi=roi).covariance[0].diagonal().sqrt() for roi in (0.5, 0.7, 0.9)]
-    # PHYSICS section 2: the standard deviation of x falls from 0.043 to 0.014 to 0.008 px, by 3.1 and by 1.75; on any
-    # pattern at least by 1.5.
+    # By the operator of a uniform texture the standard deviation of x falls from 0.043 to 0.014 to 0.008 px, by 3.1 and
+    # by 1.75; on any pattern at least by 1.5.
     assert (sd[0][[0, 1, 2, 3]] > 1.5 * sd[1][[0, 1, 2, 3]]).all()
     assert (sd[1][[0, 1, 2, 3]] > 1.5 * sd[2][[0, 1, 2, 3]]).all()
 
