@@ -25,7 +25,7 @@ def worst_error(circle: Circle, made: Shot) -> float:
 
 
 # Tolerances, px. 1 px in the centre costs the increment 0.002 px, 1 px in the radius 0.026 px and 0.021 deg at
-# 0.5 deg per frame, and the radius is calibrated later: half a px suffices. Over a texture as strong as the pattern, one px.
+# 0.5 deg per frame, and the radius is calibrated later: half a px suffices. Over a texture like the pattern: one px.
 UNIFORM, TEXTURED = 0.5, 1.0
 
 
