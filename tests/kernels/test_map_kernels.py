@@ -61,7 +61,7 @@ def assert_close(found: torch.Tensor | Array, expected: Array, tolerance: float)
 
 
 @both
-def test_the_maps_value_its_slopes_and_what_is_added_to_it_are_those_of_all_its_splines(dtype: torch.dtype) -> None:
+def test_value_slopes_and_adjoint_of_the_map_equal_a_sum_over_all_its_splines(dtype: torch.dtype) -> None:
     places, coefficients = directions(300, dtype), random(cube_map.coefficient_count(CELLS), dtype=dtype)
     look = cube_map.stencil(places, CELLS)
     design = np.stack([looked_up(place) for place in places.double().numpy().T])
@@ -77,18 +77,18 @@ def test_the_maps_value_its_slopes_and_what_is_added_to_it_are_those_of_all_its_
             np.stack([looked_up(place + sign * nudge) for place in places.double().numpy().T]) for sign in (1, -1)
         )
         slope = (ahead - behind) @ coefficients.double().numpy() / (2 * step)
-        # What differences leave, of slopes of some ten a radian.
+        # Truncation of the differences, at slopes of about ten per radian.
         assert_close(gradient[axis], slope, max(20 * TOLERANCE[dtype], 1e-6))
 
 
-def test_what_is_no_direction_makes_no_index() -> None:
+def test_a_nan_direction_gives_a_valid_index() -> None:
     corner, *_ = cube_loop.place(torch.full((3, 5), torch.nan), CELLS)
     assert int(corner.min()) >= 0
     assert int(corner.max()) + 4 * (CELLS + 3) < cube_map.coefficient_count(CELLS)
 
 
 @both
-def test_rays_meet_the_ball_where_they_would_by_hand(dtype: torch.dtype) -> None:
+def test_rays_meet_the_ball_at_the_points_of_plain_geometry(dtype: torch.dtype) -> None:
     pixels, centre = window(dtype), np.array([30.5, 29.3])
     points, weight = forward_model.surface_points(pixels, torch.from_numpy(centre), RADIUS)
     across = pixels.rays.numpy() - centre[:, None]
@@ -97,12 +97,12 @@ def test_rays_meet_the_ball_where_they_would_by_hand(dtype: torch.dtype) -> None
     assert_close(points, np.stack((*flat, -np.sqrt(1 - np.hypot(*flat) ** 2))), TOLERANCE[dtype])
     met = pixels.ray_weights.double().numpy() * (ndtr((RADIUS - distance) / forward_model.RAY_TRANSITION_PX) + 1e-9)
     whole = np.bincount(pixels.ray_pixels.numpy(), met)
-    # A ray's turn takes up ten times what its place is rounded by, and beyond the outline more.
+    # The transition at the outline magnifies the rounding of a place ten times, and more outside.
     assert_close(weight, met / whole[pixels.ray_pixels.numpy()], max(100 * TOLERANCE[dtype], 1e-9))
 
 
 @both
-def test_a_pixels_share_is_that_of_a_blurred_straight_edge(dtype: torch.dtype) -> None:
+def test_the_share_of_a_pixel_is_that_of_a_blurred_straight_edge(dtype: torch.dtype) -> None:
     pixels, centre, blur = window(dtype), np.array([30.5, 29.3]), 0.4
     share, slope = forward_model.coverage(pixels, torch.from_numpy(centre), RADIUS, blur)
     offset = pixels.pixels.numpy() - centre
@@ -118,7 +118,7 @@ def test_a_pixels_share_is_that_of_a_blurred_straight_edge(dtype: torch.dtype) -
 
 
 @both
-def test_what_rays_see_changes_with_the_surface_that_moves_under_them(dtype: torch.dtype) -> None:
+def test_grey_levels_of_rays_change_with_the_motion_of_the_surface(dtype: torch.dtype) -> None:
     points, gradient = -directions(200).abs(), random(3, 200)
     value, light, turn = random(200), random(200).abs(), torch.linalg.qr(random(3, 3))[0]
     given = (t.to(dtype).contiguous() for t in (points, value, gradient, light, turn))
@@ -126,14 +126,14 @@ def test_what_rays_see_changes_with_the_surface_that_moves_under_them(dtype: tor
     x, y, z = points.numpy()
     slope = (turn @ gradient * light / RADIUS).numpy() * (-z > 0.1)
     expected = [(light * value).numpy(), slope[2] * x / z - slope[0], slope[2] * y / z - slope[1]]
-    # By a rotation w the ball's point under a ray moves on by w x P, and what is seen comes from before that.
+    # A rotation w moves the ball's point under a ray by w x P: the ray then meets the point that was at -w x P.
     expected += [-(slope * np.cross(axis, points.numpy().T).T).sum(0) for axis in np.eye(3)]
     expected.append(slope[2] / z - (slope * points.numpy()).sum(0))
     assert_close(found, np.stack(expected), TOLERANCE[dtype])
 
 
 @both
-def test_sums_over_rays_and_values_for_rays_are_those_of_their_pixels(dtype: torch.dtype) -> None:
+def test_sums_over_rays_and_values_for_rays_belong_to_their_pixels(dtype: torch.dtype) -> None:
     pixels = window(dtype)
     count, owner = len(pixels.pixels), pixels.ray_pixels.numpy()
     values, light = random(7, len(owner), dtype=dtype), random(len(owner), dtype=dtype)

@@ -1,4 +1,4 @@
-"""The compiled loops, held to torch's operations: float32 goes through the one, float64 through the other."""
+"""The compiled loops against torch's operations: float32 takes the loops, float64 torch."""
 
 import dataclasses
 import math
@@ -16,14 +16,14 @@ import torch
 from shots import noisy, pair
 from torch import Tensor
 
-from torchsphere import correlate, kernels
+from torchsphere import correlate
 from torchsphere.correlation import illumination, occlusion, reference_lookup, residual_noise, warp, znssd
 from torchsphere.correlation.gauss_newton import Solution, SolverSettings, gauss_newton
 from torchsphere.correlation.reference import Filtered, Pairs, Reference, build_reference
 from torchsphere.geometry import motion_models, rotation
 from torchsphere.imaging import interpolation
 from torchsphere.imaging.crop import Crops, cut, half_size
-from torchsphere.kernels import jit as function
+from torchsphere.kernels import jit
 from torchsphere.kernels.operator import solve as solved
 
 MOTION = (0.6, -0.4, 0.3, -0.5, 0.7)
@@ -55,14 +55,21 @@ def unknowns(dtype: torch.dtype, off: float = 0.0) -> Tensor:
 
 
 def assert_loops_agree(function: Callable[[torch.dtype], Tensor], tolerance: float) -> None:
-    """The function's float32 result, from compiled loops, is its float64 one, from torch's operations.
+    """The float32 result, from compiled loops, equals the float64 result, from torch's operations.
 
     To within ``tolerance`` of the largest value.
     """
     with pytest.MonkeyPatch.context() as patch:
         taken: list[bool] = []
-        really = kernels.suits
-        patch.setattr(kernels, "suits", lambda *tensors: taken.append(really(*tensors)) or taken[-1])
+        suits = jit.suits
+
+        def recorded(*tensors: Tensor, dtype: torch.dtype = torch.float32) -> bool:
+            suitable = suits(*tensors, dtype=dtype)
+            # Cholesky factors are float64 in both.
+            taken.extend([suitable] if dtype == torch.float32 else [])
+            return suitable
+
+        patch.setattr(jit, "suits", recorded)
         single = function(torch.float32)
         assert taken
         assert all(taken)
@@ -75,12 +82,12 @@ def assert_loops_agree(function: Callable[[torch.dtype], Tensor], tolerance: flo
     torch.testing.assert_close(single.double(), double.double(), atol=tolerance * largest, rtol=0)
 
 
-def test_what_is_compiled_takes_float32_on_the_cpu_of_which_no_derivative_is_asked() -> None:
+def test_loops_take_float32_on_the_cpu_without_derivatives() -> None:
     single = torch.zeros(3)
-    assert kernels.suits(single)
-    assert not kernels.suits(single, single.double())
-    assert not kernels.suits(single.clone().requires_grad_())
-    assert not kernels.suits(torch.zeros(3, device="meta"))
+    assert jit.suits(single)
+    assert not jit.suits(single, single.double())
+    assert not jit.suits(single.clone().requires_grad_())
+    assert not jit.suits(torch.zeros(3, device="meta"))
 
 
 @pytest.mark.parametrize("pre_blur", [0.0, 0.6, 1.0])
@@ -90,7 +97,7 @@ def test_coefficients(shape: tuple[int, ...], pre_blur: float) -> None:
     assert_loops_agree(lambda dtype: interpolation.coefficients(images.to(dtype), pre_blur), 2e-6)
 
 
-def test_coefficients_of_images_that_do_not_lie_together() -> None:
+def test_coefficients_of_images_that_are_not_contiguous() -> None:
     images = torch.rand(2, 60, 50, generator=torch.Generator().manual_seed(1))
     part = images[:, 10:40, 5:45]
     assert torch.equal(interpolation.coefficients(part), interpolation.coefficients(part.clone()))
@@ -108,7 +115,7 @@ def test_samples_and_their_gradient_up_to_the_last_cell() -> None:
     assert_loops_agree(lambda dtype: interpolation.sample_with_gradient(c.to(dtype), places.to(dtype))[1], 2e-6)
 
 
-def test_a_place_that_is_no_number_or_far_outside_reads_nothing_that_is_not_there() -> None:
+def test_a_place_that_is_nan_or_far_outside_stays_within_the_array() -> None:
     c = torch.ones(1, 8, 8)
     places = torch.tensor([[[torch.nan, 3.0], [3.0, torch.inf], [-1e30, 1e30], [-torch.inf, torch.nan]]])
     assert interpolation.sample(c, places).tolist() == [[1.0] * 4]
@@ -132,7 +139,7 @@ def test_pixels_at_the_border_of_a_crop() -> None:
 
 
 @pytest.mark.parametrize("model", CLOSED)
-def test_what_the_deformed_image_shows_at_the_displaced_points(model: motion_models.Displacement) -> None:
+def test_the_deformed_image_at_the_displaced_points(model: motion_models.Displacement) -> None:
     def look(dtype: torch.dtype) -> tuple[Tensor, Tensor, Tensor]:
         some = pairs(dtype)
         return warp.warp_with_gradient(reference_of(dtype), some.g.c, some.shift, unknowns(dtype), model)
@@ -158,7 +165,7 @@ def test_points_that_turn_to_the_back_or_leave_the_crop_are_not_counted() -> Non
 
 
 @pytest.mark.parametrize("model", CLOSED)
-def test_slopes_without_what_may_change_besides_the_motion(model: motion_models.Displacement) -> None:
+def test_slopes_projected_off_the_nuisances(model: motion_models.Displacement) -> None:
     def slopes(dtype: torch.dtype) -> tuple[Tensor, Tensor]:
         made = reference_of(dtype)
         return warp.projected_slopes(made, made.gradient, unknowns(dtype), model, made.weights)
@@ -166,17 +173,6 @@ def test_slopes_without_what_may_change_besides_the_motion(model: motion_models.
     assert_loops_agree(lambda dtype: slopes(dtype)[0], 5e-6)
     assert_loops_agree(lambda dtype: slopes(dtype)[1], 5e-6)
     assert_loops_agree(lambda dtype: znssd.operator(slopes(dtype)[0], reference_of(dtype).weights), 5e-6)
-
-
-@pytest.mark.parametrize("every", [1, 8])
-@pytest.mark.parametrize("model", CLOSED)
-def test_products_of_the_modes(model: motion_models.Displacement, every: int) -> None:
-    def gram(dtype: torch.dtype) -> Tensor:
-        made = reference_of(dtype)
-        turned = 20 * unknowns(dtype)
-        return rotation.gram(turned, made.surface, made.weights, exact=model is motion_models.finite, every=every)
-
-    assert_loops_agree(gram, 5e-6)
 
 
 def test_small_systems_of_equations() -> None:
@@ -212,7 +208,7 @@ def test_gauss_newton_takes_the_same_steps_to_the_same_place(model: motion_model
         torch.testing.assert_close(one, other, atol=2e-5 * float(other.abs().max()), rtol=0)
 
 
-def test_gauss_newton_ends_after_so_many_steps_and_at_a_step_that_is_none() -> None:
+def test_gauss_newton_ends_after_the_most_steps_and_at_a_step_that_is_nan() -> None:
     one = descended(torch.float32, motion_models.finite, steps=1)
     assert one.converged.tolist() == [False, False]
     assert one.iterations.tolist() == [1, 1]
@@ -240,7 +236,7 @@ def test_agreement_of_both_images() -> None:
     assert bool(znssd.zncc(flat * torch.nan, flat, flat).eq(0).all())
 
 
-def test_windows_and_blocks() -> None:
+def test_sums_over_blocks_and_power_of_the_residual() -> None:
     noise = torch.rand(2, 5, 20_000, generator=torch.Generator().manual_seed(4), dtype=torch.float64)
 
     def given(dtype: torch.dtype) -> tuple[Reference, Tensor, Tensor]:
@@ -253,9 +249,6 @@ def test_windows_and_blocks() -> None:
 
     assert_loops_agree(lambda dtype: block_sums(dtype, fading=True), 5e-6)
     assert_loops_agree(lambda dtype: block_sums(dtype, fading=False), 5e-6)
-    assert_loops_agree(
-        lambda dtype: residual_noise.local_mean(given(dtype)[0], given(dtype)[1][:, 0], given(dtype)[2]), 1e-6
-    )
 
     def power(dtype: torch.dtype) -> residual_noise.ResidualPower:
         made, values, weights = given(dtype)
@@ -296,8 +289,6 @@ def test_rotations_and_their_tangents(size: float) -> None:
     vectors = vectors.float().double()
     assert_loops_agree(lambda dtype: rotation.rotations(vectors.to(dtype)), 1e-6)
     assert_loops_agree(lambda dtype: rotation.tangents(vectors.to(dtype)), 1e-6)
-    q = torch.cat((torch.zeros(20, 2), vectors), 1)
-    assert_loops_agree(lambda dtype: rotation.matrices(q.to(dtype), exact=False), 1e-6)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.5, 3.0])
@@ -312,7 +303,7 @@ def test_increments_and_their_uncertainty(turn: float) -> None:
     torch.testing.assert_close(single.zncc.double(), double.zncc, rtol=0, atol=1e-5)
 
 
-def test_parts_of_an_image_that_are_not_to_be_used() -> None:
+def test_ignored_parts_of_an_image_have_no_weight() -> None:
     some = pairs(torch.float32)
     usable = torch.ones_like(some.f.crops.images, dtype=torch.bool)
     usable[:, :60] = False
@@ -325,15 +316,15 @@ def test_parts_of_an_image_that_are_not_to_be_used() -> None:
     assert torch.equal(made.weights[below], whole.weights[below])
 
 
-def test_where_nothing_can_be_kept_each_process_compiles_for_itself() -> None:
+def test_without_a_writable_cache_each_process_compiles_for_itself() -> None:
     homeless: dict[str, Callable[..., np.float32]] = {}
     exec("def first(values):\n    return values[0]", homeless)
     with pytest.raises(RuntimeError, match="cannot cache"):
         numba.njit(cache=True)(homeless["first"])
-    assert function.compiled(homeless["first"])(np.ones(3, np.float32)) == 1
+    assert jit.compiled(homeless["first"])(np.ones(3, np.float32)) == 1
 
 
-#: What an image shows at its pixels, as bytes: functions that call others, in loops whose sums may be reordered.
+#: Grey levels of an image at its pixels, as bytes: functions that call others, in loops with reordered sums.
 LOOKED_UP = """
 import sys, torch
 from torchsphere.correlation import reference_lookup
@@ -344,7 +335,7 @@ for found in reference_lookup.levels(c, grid, torch.full((2, 2), 20)):
 """
 
 
-def test_the_process_that_compiles_finds_what_all_later_ones_find(tmp_path: Path) -> None:
+def test_the_compiling_process_and_later_ones_give_the_same_values(tmp_path: Path) -> None:
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     command = [sys.executable, "-c", LOOKED_UP]
     first, second = (subprocess.run(command, env=environment, capture_output=True, check=True) for _ in range(2))
@@ -353,7 +344,7 @@ def test_the_process_that_compiles_finds_what_all_later_ones_find(tmp_path: Path
     assert first.stdout == second.stdout
 
 
-def test_a_reference_that_was_thinned_gives_the_same_slopes_at_the_points_that_stay() -> None:
+def test_a_thinned_reference_gives_the_same_slopes_at_its_points() -> None:
     made = reference_of(torch.float32)
     few = made.thinned()
     assert few.values.shape[-1] == math.ceil(made.values.shape[-1] / 4)
@@ -377,6 +368,6 @@ def test_a_reference_that_was_thinned_gives_the_same_slopes_at_the_points_that_s
         ),
     ],
 )
-def test_arrays_that_do_not_fit_are_refused_before_a_loop_reads_what_is_not_there(wrong: Callable[[], object]) -> None:
+def test_arrays_of_unequal_sizes_are_refused(wrong: Callable[[], object]) -> None:
     with pytest.raises(ValueError, match="got shape"):
         wrong()

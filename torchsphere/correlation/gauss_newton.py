@@ -9,7 +9,6 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from torchsphere import kernels
 from torchsphere.correlation import znssd
 from torchsphere.correlation.reference import Reference, scale
 from torchsphere.correlation.warp import operator, warp, warp_with_gradient
@@ -17,6 +16,7 @@ from torchsphere.geometry import motion_models
 from torchsphere.geometry.motion_models import Displacement
 from torchsphere.imaging import interpolation
 from torchsphere.kernels import gauss_newton as descent
+from torchsphere.kernels import jit
 
 #: Steps after which a point that left sight or crop stays out (docs/constants.md).
 SETTLE_AFTER = 5
@@ -71,7 +71,7 @@ def gauss_newton(
     reference: Reference, c_g: Tensor, shift: Tensor, start: Tensor, model: Displacement, settings: SolverSettings
 ) -> Solution:
     """Gauss-Newton from ``start`` (n, k)."""
-    if not settings.exact and model in motion_models.CLOSED_FORM and kernels.suits(c_g, start, reference.weights):
+    if not settings.exact and model in motion_models.CLOSED_FORM and jit.suits(c_g, start, reference.weights):
         return _descend(reference, c_g, shift, start, model, settings)
     n, device = len(start), start.device
     result = Solution(

@@ -11,7 +11,6 @@ import dataclasses
 import torch
 from torch import Tensor
 
-from torchsphere import kernels
 from torchsphere.correlation import illumination, residual_noise, znssd
 from torchsphere.correlation.gauss_newton import Solution, SolverSettings, gauss_newton
 from torchsphere.correlation.reference import Reference
@@ -19,8 +18,7 @@ from torchsphere.correlation.warp import operator, warp
 from torchsphere.geometry import motion_models, rotation
 from torchsphere.geometry.motion_models import Displacement
 from torchsphere.imaging import interpolation
-from torchsphere.kernels import region
-from torchsphere.kernels import znssd as znssd_loop
+from torchsphere.kernels import jit, region
 
 #: Quantile of the residual's energy that stands for the calm part of the ball.
 CALM_QUANTILE = 0.3
@@ -86,8 +84,6 @@ def _judge_rows(
 
 def _exceeds(energy: Tensor, limit: Tensor, seen: Tensor) -> Tensor:
     """True (n,) where the energy (n, p) of a ``seen`` point exceeds the row's limit (n,)."""
-    if kernels.suits(energy, limit, seen):
-        return znssd_loop.beyond(energy, limit, seen)
     return ((energy > limit[:, None]) & (seen > 0)).any(-1)
 
 
@@ -122,7 +118,7 @@ def weight_by_view(reference: Reference, q: Tensor, model: Displacement) -> Refe
     """The reference with less weight where a turn like that of ``q`` (n, k) changes the view of the texture much."""
     degrees = torch.rad2deg(motion_models.turn(q))[:, None]
     surface, weights, radius = reference.surface, reference.weights, reference.geometry.radius
-    if model in motion_models.CLOSED_FORM and kernels.suits(surface, weights, q):
+    if model in motion_models.CLOSED_FORM and jit.suits(surface, weights, q):
         turn = rotation.matrices(q, exact=model is motion_models.finite)
         share = MISPLACED_PX_PER_DEG / TOLERATED_PX * degrees
         weights = region.seen_alike(surface, weights, turn, radius, share[:, 0], MIN_COSINE)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 
-from torchsphere import kernels
 from torchsphere.geometry import rotation
 from torchsphere.imaging import interpolation
+from torchsphere.kernels import jit, region
 from torchsphere.kernels import lookup as looked
-from torchsphere.kernels import region
 
 #: From the mean absolute difference of two Laplacians to the standard deviation of white noise.
 _TO_DEVIATION = math.sqrt(math.pi / 2) / 6
@@ -20,33 +20,34 @@ _TO_DEVIATION = math.sqrt(math.pi / 2) / 6
 _KERNEL = looked.Kernel.of(interpolation.NODE_WEIGHTS[:2], interpolation.SLOPE_WEIGHTS)
 
 
+@jit.in_loops(region.front)
 def front(grid: Tensor, nearest: Tensor, radius: Tensor, limit: Tensor) -> tuple[Tensor, Tensor]:
     """The ball's front (n, 3, p) at the pixels ``grid`` (p, 2), and weights (n, p): 1 within ``limit`` (n,), else 0.
 
     The grid's origin is ``nearest`` (n, 2) from the centre of a ball of ``radius`` (n,), all px.
     """
-    if kernels.suits(nearest, radius, limit):
-        return region.front(grid, nearest, radius, limit)
     points = grid.T.to(nearest).contiguous() + nearest[..., None]
     weights = points.square().sum(1) < limit[:, None].square()
     return rotation.surface(points, radius), weights.to(nearest)
 
 
+@jit.in_loops(functools.partial(looked.levels, kernel=_KERNEL))
 def levels(c: Tensor, grid: Tensor, middle: Tensor) -> tuple[Tensor, Tensor]:
     """Values (n, p) and gradients (n, 2, p), per px, of the splines ``c`` (n, h, w) at the pixels ``grid`` (p, 2).
 
     The grid's origin is the pixel ``middle`` (n, 2) of the crop, as (x, y).
     """
-    if kernels.suits(c):
-        return looked.levels(c, grid, middle, _KERNEL)
     value, *gradient = gather_pixels(nodes(c).unbind(1), grid, middle - 1)
     return value, torch.stack(gradient, 1)
 
 
+@jit.in_loops(
+    lambda c, grid, middle, sigma: looked.blurred_gradient(
+        c, grid, middle, _KERNEL, interpolation.gaussian_kernel(sigma)
+    )
+)
 def blurred_gradient(c: Tensor, grid: Tensor, middle: Tensor, sigma: float) -> Tensor:
     """The gradients (n, 2, p) of `levels` after a Gaussian blur by ``sigma`` px."""
-    if kernels.suits(c):
-        return looked.blurred_gradient(c, grid, middle, _KERNEL, interpolation.gaussian_kernel(sigma))
     blurred = blur_within(c, sigma)
     border = (c.shape[-1] - blurred.shape[-1]) // 2 + 1
     return torch.stack(gather_pixels(nodes(blurred).unbind(1)[1:], grid, middle - border), 1)
@@ -57,8 +58,6 @@ def noise(images: Tensor, grid: Tensor, middle: Tensor, weights: Tensor) -> Tens
 
     J. Immerkaer, Computer Vision and Image Understanding 64 (1996) 300, doi:10.1006/cviu.1996.0060.
     """
-    if kernels.suits(images, weights):
-        return _TO_DEVIATION * looked.roughness(images, grid, middle, weights)
     rows = images[:, :-2] - 2 * images[:, 1:-1] + images[:, 2:]
     both = rows[:, :, :-2] - 2 * rows[:, :, 1:-1] + rows[:, :, 2:]
     (response,) = gather_pixels([both.abs()], grid, middle - 1)

@@ -10,9 +10,8 @@ import torch
 import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
 
-from torchsphere import kernels
 from torchsphere.correlation.reference import Reference, scale
-from torchsphere.kernels import box_filter, znssd
+from torchsphere.kernels import box_filter, jit, znssd
 
 #: Sides of the windows of energy and of shape, shares of the radius: half a dozen and a dozen speckles.
 ENERGY_WINDOW, SHAPE_WINDOW = 0.13, 0.22
@@ -39,8 +38,6 @@ MIN_QUIET_SDS, FULL_QUIET_SDS = 1.0, 3.0
 def local_mean(reference: Reference, values: Tensor, weights: Tensor) -> Tensor:
     """Weighted mean (n, p) of ``values`` (n, p) in a window around each point."""
     window = _window_side(ENERGY_WINDOW, reference)
-    if kernels.suits(values, weights):
-        return box_filter.local_mean(values, weights, reference.places, reference.side, window)
     total, count = _window_sums(reference, torch.stack((weights * values, weights), 1), window).unbind(1)
     return total / count.clamp_min(1e-6)
 
@@ -111,7 +108,7 @@ class ResidualPower(NamedTuple):
     def of(cls, reference: Reference, difference: Tensor, weights: Tensor) -> ResidualPower:
         """From the residual (n, p) and the weights (n, p)."""
         limit = FACING * reference.geometry.radius
-        if kernels.suits(difference, weights, limit):
+        if jit.suits(difference, weights, limit):
             return cls(*znssd.powers(difference, weights, reference.surface, limit).unbind(-1))
         facing = weights * (reference.points.square().sum(-1) < limit[:, None].square())
         square = difference.square()
@@ -166,7 +163,7 @@ def block_sums(reference: Reference, values: Tensor, weights: Tensor, *, fading:
     """
     size = math.ceil(max(MIN_BLOCK_PX, BLOCK * float(reference.geometry.radius.mean())) / reference.spacing)
     shares = _shares(reference.side, size, fading).to(values)
-    if kernels.suits(values, weights):
+    if jit.suits(values, weights):
         return box_filter.block_sums(values, weights, reference.places, reference.side, shares)
     return (shares @ to_grid(reference, values * weights[:, None]) @ shares.T).flatten(2)
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from torchsphere import kernels
 from torchsphere.correlation import znssd
 from torchsphere.correlation.reference import Reference, nuisances, slopes
 from torchsphere.geometry import motion_models, rotation
 from torchsphere.geometry.motion_models import Displacement
 from torchsphere.imaging import interpolation
-from torchsphere.kernels import gauss_newton
+from torchsphere.kernels import gauss_newton, jit
 from torchsphere.kernels import operator as system
 
 
@@ -27,7 +26,7 @@ def projected_slopes(
     reference: Reference, gradient: Tensor, q: Tensor, model: Displacement, weights: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Change of grey level per px of each unknown (n, k, p), projected off the nuisances; its operator."""
-    if model not in motion_models.CLOSED_FORM or reference.uneven_light or not kernels.suits(gradient, q, weights):
+    if model not in motion_models.CLOSED_FORM or reference.uneven_light or not jit.suits(gradient, q, weights):
         found = slopes(gradient, q, model, reference)
         found = znssd.project(found, nuisances(reference, model, weights), weights)
         return found, znssd.operator(found, weights)
@@ -57,7 +56,7 @@ def _displaced(
     reference: Reference, c_g: Tensor, shift: Tensor, q: Tensor, model: Displacement
 ) -> tuple[Tensor, Tensor]:
     """Places (n, p, 2) of the points in the deformed image's crop, and their weights (n, p): 0 out of sight."""
-    if model in motion_models.CLOSED_FORM and kernels.suits(c_g, q, reference.weights):
+    if model in motion_models.CLOSED_FORM and jit.suits(c_g, q, reference.weights):
         turn = rotation.matrices(q, exact=model is motion_models.finite)
         places = q[:, :2] + shift
         return gauss_newton.look(

@@ -9,9 +9,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from torchsphere import kernels
+from torchsphere.kernels import jit, znssd
 from torchsphere.kernels import operator as system
-from torchsphere.kernels import znssd
 
 
 def centred(values: Tensor, weights: Tensor) -> Tensor:
@@ -25,18 +24,16 @@ def _power(values: Tensor, weights: Tensor) -> Tensor:
     return torch.linalg.vecdot(weights * values, values)[:, None]
 
 
+@jit.in_loops(znssd.residual)
 def residual(values: Tensor, warped: Tensor, weights: Tensor) -> Tensor:
     """``f - a g - b`` (n, p), gain and offset from equal mean and standard deviation: equation (3)."""
-    if kernels.suits(values, warped, weights):
-        return znssd.residual(values, warped, weights)
     f, g = centred(values, weights), centred(warped, weights)
     return f - (_power(f, weights) / _power(g, weights).clamp_min(1e-12)).sqrt() * g
 
 
+@jit.in_loops(znssd.zncc)
 def zncc(values: Tensor, warped: Tensor, weights: Tensor) -> Tensor:
     """Zero-mean normalised cross-correlation coefficient (n,), -1 to 1; 0 where an image is flat."""
-    if kernels.suits(values, warped, weights):
-        return znssd.zncc(values, warped, weights)
     f, g = centred(values, weights) * weights, centred(warped, weights) * weights
     power = (torch.linalg.vecdot(f, f) * torch.linalg.vecdot(g, g)).sqrt()
     return torch.where(power > 1e-9, torch.linalg.vecdot(f, g) / power.clamp_min(1e-9), 0.0)
@@ -96,20 +93,18 @@ def project(slopes: Tensor, nuisance: Tensor, weights: Tensor) -> Tensor:
     return slopes - along.mT @ nuisance
 
 
+@jit.in_loops(system.gram)
 def operator(slopes: Tensor, weights: Tensor) -> Tensor:
     """Correlation operator ``J^T W J`` (n, k, k), float64, of the slopes (n, k, p): equations (7) and (10)."""
-    if kernels.suits(slopes, weights):
-        return system.gram(slopes, weights)
     return ((slopes * weights[:, None]) @ slopes.mT).double()
 
 
+@jit.in_loops(system.cholesky, torch.float64)
 def cholesky(operator: Tensor) -> Tensor:
     """Cholesky factor (n, k, k) of symmetric operators; the identity for rows that are not positive definite.
 
     Such a row (no texture, no points, not finite) does not converge, and the rest of the batch goes on.
     """
-    if operator.device.type == "cpu" and operator.dtype == torch.float64 and not operator.requires_grad:
-        return system.cholesky(operator)
     identity = torch.eye(operator.shape[-1]).to(operator)
     scale = operator.diagonal(dim1=-2, dim2=-1).mean(-1)[:, None, None]
     factor, failed = torch.linalg.cholesky_ex(operator + (1e-12 * scale + 1e-30) * identity)

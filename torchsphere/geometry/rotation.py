@@ -8,8 +8,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from torchsphere import kernels
-from torchsphere.kernels import rotation
+from torchsphere.kernels import jit, rotation
 
 
 def surface(points: Tensor, radius: Tensor) -> Tensor:
@@ -30,23 +29,21 @@ def cross_matrices(vectors: Tensor) -> Tensor:
     return (vectors @ _CROSS.to(vectors)).unflatten(-1, (3, 3))
 
 
+@jit.in_loops(rotation.matrices)
 def rotations(vectors: Tensor) -> Tensor:
     """Rotation matrices (n, 3, 3) of rotation vectors (n, 3), rad: Rodrigues' formula, its quotients as sinc."""
-    if kernels.suits(vectors):
-        return rotation.matrices(vectors, exact=True)
     cross = cross_matrices(vectors)
     half_turns = vectors.norm(dim=-1)[:, None, None] / torch.pi
     sine, versine = torch.sinc(half_turns), 0.5 * torch.sinc(0.5 * half_turns).square()
     return torch.eye(3, dtype=vectors.dtype, device=vectors.device) + sine * cross + versine * (cross @ cross)
 
 
+@jit.in_loops(rotation.tangents)
 def tangents(vectors: Tensor) -> Tensor:
     """Left Jacobians (n, 3, 3) of SO(3): ``I + (1 - cos t) / t^2 [w]x + (t - sin t) / t^3 [w]x^2``.
 
     They map a change of the rotation vectors (n, 3) to the small rotation that follows the old one.
     """
-    if kernels.suits(vectors):
-        return rotation.tangents(vectors)
     cross = cross_matrices(vectors)
     half_turns = vectors.norm(dim=-1)[:, None, None] / torch.pi
     versine = 0.5 * torch.sinc(0.5 * half_turns).square()
@@ -65,8 +62,6 @@ def moved(q: Tensor, places: Tensor, *, exact: bool) -> Tensor:
 def matrices(q: Tensor, *, exact: bool) -> Tensor:
     """Matrices (n, 3, 3) of the rotation in ``q`` (n, k), ``exact`` or linearised."""
     vectors = q[:, 2:5]
-    if kernels.suits(vectors):
-        return rotation.matrices(vectors, exact=exact)
     return rotations(vectors) if exact else torch.eye(3).to(q) + cross_matrices(vectors)
 
 
@@ -95,10 +90,6 @@ _MODES = torch.tensor(
 
 def gram(q: Tensor, places: Tensor, weights: Tensor, *, exact: bool, every: int = 1) -> Tensor:
     """Weighted sum (n, 5, 5), float64, of the products of the modes, over every ``every``-th point."""
-    if kernels.suits(q, places, weights):
-        still = torch.eye(3).expand(len(q), 3, 3)
-        turn, tangent = (rotations(q[:, 2:5]), tangents(q[:, 2:5])) if exact else (still, still)
-        return rotation.gram(places, weights, turn, tangent, every)
     places, weights = places[..., ::every], weights[..., ::every]
     at = moved(q, places, exact=True) if exact else places
     at = torch.cat((torch.ones_like(at[:, :1]), at), 1)

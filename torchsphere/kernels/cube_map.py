@@ -1,6 +1,6 @@
-"""Look-ups in a map of cubic B-splines on the faces of a cube: where directions meet it, its values, and back.
+"""Map of cubic B-splines on the faces of a cube: where directions meet the map, its values, and their adjoint.
 
-The loops serve single and double precision alike: constants in them are whole numbers, which are exact in both.
+The loops serve single and double precision: their constants are whole numbers, exact in both.
 """
 
 from __future__ import annotations
@@ -14,27 +14,19 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.kernels import spline
-from torchsphere.kernels.jit import compiled
+from torchsphere.kernels.jit import ONE, TWO, ZERO, compiled
 
 Array = NDArray[Any]
 Numbers = NDArray[np.int32]
 
-_ZERO, _ONE, _TWO, _THREE, _FOUR, _SIX = (np.float32(value) for value in (0, 1, 2, 3, 4, 6))
+_THREE, _FOUR, _SIX = (np.float32(value) for value in (3, 4, 6))
 
 
 def place(directions: Tensor, cells: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Where ``directions`` (3, q) meet the map of so many cells a face: see `cube_map.Stencil`.
+    """Cell and face that ``directions`` (3, q) meet, on faces of ``cells`` by ``cells``: see `cube_map.Stencil`.
 
-    Returns
-    -------
-    corner : Tensor
-        Number (q,) of the first of the sixteen coefficients, int32.
-    offset : Tensor
-        Place (2, q) in the cell.
-    axis : Tensor
-        Axis (q,) that the face is across: 0 to 2, int8.
-    parts : Tensor
-        Components (3, q) of the direction, along that axis and the two that follow it in turn.
+    Number of the first of sixteen coefficients (q,), int32; place in the cell (2, q); axis across the face (q,), int8;
+    components (3, q) along that axis and the next two in turn.
     """
     count = directions.shape[1]
     axis, parts = torch.empty(count, dtype=torch.int8), torch.empty_like(directions)
@@ -58,7 +50,7 @@ def value(coefficients: Tensor, cells: int, corner: Tensor, offset: Tensor) -> T
 def value_and_gradient(
     coefficients: Tensor, cells: int, corner: Tensor, offset: Tensor, axis: Tensor, parts: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """`value`, and its derivative (3, q) by the direction."""
+    """`value`, and its derivative (3, q) with respect to the direction."""
     found, gradient = torch.empty_like(offset[0]), torch.empty_like(parts)
     (x, y), (gx, gy, gz) = offset.numpy(), gradient.numpy()
     _value_and_slopes(coefficients.contiguous().numpy(), cells + 3, corner.numpy(), x, y, found.numpy(), gx, gy)
@@ -69,7 +61,7 @@ def value_and_gradient(
 
 
 def add(values: Tensor, cells: int, corner: Tensor, offset: Tensor) -> Tensor:
-    """Sums (m,) of the ``values`` (q,) over the coefficients that they come from: `value` backwards."""
+    """Sums (m,) of the ``values`` (q,) over their coefficients: the adjoint of `value`."""
     total = values.new_zeros(6 * (cells + 3) ** 2)
     x, y = offset.numpy()
     _add(values.contiguous().numpy(), cells + 3, corner.numpy(), x, y, total.numpy())
@@ -80,7 +72,7 @@ def add(values: Tensor, cells: int, corner: Tensor, offset: Tensor) -> Tensor:
 def _faces(
     x: Array, y: Array, z: Array, axis: Array, forwards: Array, right: Array, up: Array, of_right: Array, of_up: Array
 ) -> None:
-    """Axes, parts, and the tangents of the two angles on the face."""
+    """Axes, components, and the tangents of the two angles on the face."""
     for i in range(len(x)):
         along, across, inwards = abs(x[i]), abs(y[i]), abs(z[i])
         by_x = along >= across and along >= inwards
@@ -95,34 +87,34 @@ def _faces(
 
 @compiled
 def _cells(cells: int, scale: Any, axis: Array, forwards: Array, x: Array, y: Array, corner: Numbers) -> None:
-    """Cells, and the places in them (q,) in place of the angles ``x`` and ``y``."""
-    half, last, width = np.float32(cells) / _TWO, np.float32(cells - 1), np.int32(cells + 3)
+    """Numbers of the cells; the angles ``x`` and ``y`` (q,) become places in the cells."""
+    half, last, width = np.float32(cells) / TWO, np.float32(cells - 1), np.int32(cells + 3)
     for i in range(len(x)):
-        u, v = (x[i] * scale + _ONE) * half, (y[i] * scale + _ONE) * half
-        # What is no number goes to the first cell.
+        u, v = (x[i] * scale + ONE) * half, (y[i] * scale + ONE) * half
+        # NaN goes to the first cell.
         column, row = np.floor(u), np.floor(v)
-        column, row = column if column > _ZERO else _ZERO, row if row > _ZERO else _ZERO
+        column, row = column if column > ZERO else ZERO, row if row > ZERO else ZERO
         column, row = column if column < last else last, row if row < last else last
-        face = np.int32(axis[i]) + (np.int32(0) if forwards[i] > _ZERO else np.int32(3))
+        face = np.int32(axis[i]) + (np.int32(0) if forwards[i] > ZERO else np.int32(3))
         corner[i] = (face * width + np.int32(row)) * width + np.int32(column)
         x[i], y[i] = u - column, v - row
 
 
 @compiled
 def weights(t: Any) -> tuple[Any, ...]:
-    """Weights of the four nodes around a point at the share ``t`` of its cell: `interpolation.spline_weights`."""
-    squared, rest = t * t, _ONE - t
+    """`interpolation.spline_weights` of the B-spline."""
+    squared, rest = t * t, ONE - t
     first, last = rest * rest * rest / _SIX, squared * t / _SIX
     second = (_FOUR - _SIX * squared + _THREE * squared * t) / _SIX
-    return first, second, _ONE - first - second - last, last
+    return first, second, ONE - first - second - last, last
 
 
 @compiled
 def slopes(t: Any) -> tuple[Any, ...]:
-    """Derivatives of `weights`."""
-    rest = _ONE - t
-    first, last = -rest * rest / _TWO, t * t / _TWO
-    second = _THREE * last - _TWO * t
+    """`interpolation.slope_weights` of the B-spline."""
+    rest = ONE - t
+    first, last = -rest * rest / TWO, t * t / TWO
+    second = _THREE * last - TWO * t
     return first, second, -first - second - last, last
 
 
@@ -147,16 +139,13 @@ def _value_and_slopes(
 
 @compiled
 def _chain(rate: Any, axis: Array, forwards: Array, right: Array, up: Array, x: Array, y: Array, z: Array) -> None:
-    """Derivatives by the direction's ``x``, ``y``, ``z``, in place of those by the place on the face in the first two.
-
-    Along the face's axis and the two that follow it in turn, back to x, y and z.
-    """
+    """Derivatives on the face, in ``x`` and ``y``, become derivatives by the direction (``x``, ``y``, ``z``)."""
     for i in range(len(x)):
         squared, height = forwards[i] * forwards[i], abs(forwards[i])
         of_right = rate * x[i] / (right[i] * right[i] + squared)
         of_up = rate * y[i] / (up[i] * up[i] + squared)
         along = of_right * right[i] + of_up * up[i]
-        first, second, third = -along if forwards[i] > _ZERO else along, of_right * height, of_up * height
+        first, second, third = -along if forwards[i] > ZERO else along, of_right * height, of_up * height
         by_x, by_y = axis[i] == 0, axis[i] == 1
         x[i] = first if by_x else third if by_y else second
         y[i] = second if by_x else first if by_y else third

@@ -1,4 +1,4 @@
-"""Gauss-Newton with the reference's gradient, pair by pair: where the points go, what is seen there, the next step."""
+"""Gauss-Newton with the gradient of the reference, pair by pair."""
 
 from __future__ import annotations
 
@@ -9,35 +9,22 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.kernels.jit import arrays, compiled, require_one_size, require_room
+from torchsphere.kernels.jit import ONE, ZERO, Doubles, Floats, arrays, compiled, require_nodes, require_one_size
 from torchsphere.kernels.rotation import rotation
 from torchsphere.kernels.spline import sample_one
 from torchsphere.kernels.znssd import adjusted
 
-Array = NDArray[np.float32]
-Double = NDArray[np.float64]
-
-_ZERO, _ONE = np.float32(0), np.float32(1)
-
 
 class Limits(NamedTuple):
-    """When to end: see `torchsphere.correlation.gauss_newton`.
+    """Limits of the iteration: see `torchsphere.correlation.gauss_newton`."""
 
-    Attributes
-    ----------
-    steps, settle_after : int
-        Steps at most, and those after which a point that has left sight stays out.
-    tolerance_px : float
-        A pair has converged when a step moves no point of the ball by more.
-    """
-
-    steps: int
-    settle_after: int
-    tolerance_px: float
+    steps: int  # most steps
+    settle_after: int  # steps after which a point that has left sight stays out
+    tolerance_px: float  # a pair has converged when a step moves no point of the ball further
 
 
 class Descended(NamedTuple):
-    """Where n pairs have come to: see `gauss_newton.Solution`."""
+    """Result for n pairs: see `gauss_newton.Solution`."""
 
     q: Tensor
     iterations: Tensor
@@ -61,11 +48,11 @@ def descend(
 ) -> Descended:
     """Gauss-Newton from ``start`` (n, 5), px and rad, with one ``jacobian`` (n, 5, p) for all steps.
 
-    ``c`` (n, h, h) are the splines of the deformed images, ``shift`` (n, 2) leads to their crops, ``region`` is the
-    surface (n, 3, p), weights (n, p) and values (n, p) of the reference; ``inverse`` (n, 5, 5), float64, is that of the
-    operator; ``radius`` (n,), px. ``exact``: with the rotation itself, otherwise with its linearisation.
+    ``c`` (n, h, h): splines of the deformed images; ``shift`` (n, 2): to their crops; ``region``: surface (n, 3, p),
+    weights (n, p), values (n, p) of the reference; ``inverse`` (n, 5, 5), float64: of the operator; ``radius`` (n,),
+    px; ``exact``: rotation, or its linearisation.
     """
-    require_room(c, 4)
+    require_nodes(c, 4)
     require_one_size(0, c, shift, start, *region, jacobian, inverse, radius)
     require_one_size(-1, *region, jacobian)
     n, points = len(start), jacobian.shape[-1]
@@ -80,10 +67,10 @@ def descend(
 def look(
     c: Tensor, surface: Tensor, weights: Tensor, turn: Tensor, middle: Tensor, *, exact: bool
 ) -> tuple[Tensor, Tensor]:
-    """Places (n, p, 2) of the points in crops like ``c`` (n, h, h), and their weights there (n, p), 0 where not seen.
+    """Places (n, p, 2) of the points in crops like ``c`` (n, h, h), and their weights (n, p), 0 out of sight.
 
-    The ball's front ``surface`` (n, 3, p), with ``weights`` (n, p), is turned by the matrices ``turn`` (n, 3, 3) around
-    ``middle`` (n, 2), px of the crop. ``exact``: what turns to the back is out of sight.
+    ``surface`` (n, 3, p) is turned by ``turn`` (n, 3, 3) around ``middle`` (n, 2), px of the crop. ``exact``: points
+    that turn to the back are out of sight.
     """
     require_one_size(0, c, surface, weights, turn, middle)
     require_one_size(-1, surface, weights)
@@ -94,7 +81,7 @@ def look(
 
 @compiled
 def _look(
-    surface: Array, weights: Array, turn: Array, middle: Array, points: Array, seen: Array, size: int, exact: bool
+    surface: Floats, weights: Floats, turn: Floats, middle: Floats, points: Floats, seen: Floats, size: int, exact: bool
 ) -> None:
     for n in range(len(surface)):
         _place(surface[n], weights[n], turn[n], middle[n], size, exact, points[n, 0], points[n, 1], seen[n])
@@ -102,49 +89,49 @@ def _look(
 
 @compiled
 def _place(
-    surface: Array,
-    weights: Array,
-    turn: Array,
-    middle: Array,
+    surface: Floats,
+    weights: Floats,
+    turn: Floats,
+    middle: Floats,
     size: int,
     exact: bool,
-    columns: Array,
-    lines: Array,
-    seen: Array,
+    columns: Floats,
+    lines: Floats,
+    seen: Floats,
 ) -> None:
-    """`look` for one pair; points that leave the crop are left to the sampling, which holds them at its border."""
+    """`look` for one pair; the sampling holds points outside the crop at its border."""
     xs, ys, zs = surface[0], surface[1], surface[2]
     centre = np.float32(0.5 * (size - 1))
     left, top = middle[0], middle[1]
     a, b, c, d, e, f = turn[0, 0], turn[0, 1], turn[0, 2], turn[1, 0], turn[1, 1], turn[1, 2]
-    away_x, away_y, away_z = (turn[2, 0], turn[2, 1], turn[2, 2]) if exact else (_ZERO, _ZERO, _ZERO)
+    away_x, away_y, away_z = (turn[2, 0], turn[2, 1], turn[2, 2]) if exact else (ZERO, ZERO, ZERO)
     for i in range(len(xs)):
         x, y, z = xs[i], ys[i], zs[i]
         column, line = a * x + b * y + c * z + left, d * x + e * y + f * z + top
         across, down = abs(column - centre), abs(line - centre)
-        room = centre - _ONE - (across if across > down else down)
+        room = centre - ONE - (across if across > down else down)
         hidden = away_x * x + away_y * y + away_z * z
         room = -hidden if -hidden < room else room
         columns[i], lines[i] = column, line
-        # What is no number is nowhere: no comparison with it holds.
-        seen[i] = weights[i] if (room >= _ZERO) & (across + down >= _ZERO) else _ZERO
+        # NaN is out of sight: no comparison with it holds.
+        seen[i] = weights[i] if (room >= ZERO) & (across + down >= ZERO) else ZERO
 
 
 @compiled
 def _descend(
-    c: Array,
-    shift: Array,
-    surface: Array,
-    weights: Array,
-    values: Array,
-    jacobian: Array,
-    inverse: Double,
-    radius: Array,
-    q: Double,
+    c: Floats,
+    shift: Floats,
+    surface: Floats,
+    weights: Floats,
+    values: Floats,
+    jacobian: Floats,
+    inverse: Doubles,
+    radius: Floats,
+    q: Doubles,
     iterations: NDArray[np.int64],
     converged: NDArray[np.bool_],
-    warped: Array,
-    seen: Array,
+    warped: Floats,
+    seen: Floats,
     limits: Limits,
     sharpness: np.float32,
     exact: bool,
@@ -165,7 +152,7 @@ def _descend(
                 _copy(seen[n], counting)
             length = _step(values[n], warped[n], seen[n], jacobian[n], inverse[n], step)
             iterations[n] += 1
-            # A step longer than the ball is wide has nothing to do with the images any more; nor has what is no number.
+            # A step longer than the ball is wide, or NaN, has left the images.
             if not length < 2 * radius[n]:
                 break
             for k in range(5):
@@ -176,19 +163,19 @@ def _descend(
 
 
 @compiled
-def _copy(values: Array, found: Array) -> None:
+def _copy(values: Floats, found: Floats) -> None:
     for i in range(len(values)):
         found[i] = values[i]
 
 
 @compiled
-def _step(values: Array, warped: Array, weights: Array, jacobian: Array, inverse: Double, step: Double) -> float:
-    """The Gauss-Newton step (5,), px, from the residual of equation (3), and how far it moves a point at most."""
+def _step(values: Floats, warped: Floats, weights: Floats, jacobian: Floats, inverse: Doubles, step: Doubles) -> float:
+    """Gauss-Newton step (5,), px, from the residual of equation (3), and the largest motion of a point."""
     mean_f, mean_g, gain = adjusted(values, warped, weights)
     for j in range(len(step)):
         step[j] = 0
     for k in range(len(jacobian)):
-        mode, total = jacobian[k], _ZERO
+        mode, total = jacobian[k], ZERO
         for i in range(len(values)):
             total += mode[i] * weights[i] * (values[i] - mean_f - gain * (warped[i] - mean_g))
         for j in range(len(step)):

@@ -1,24 +1,52 @@
-"""How a function is compiled: once for each machine, and kept on disk."""
+"""Compilation of the loops, once for each machine and kept on disk, and the choice between loop and torch."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numba
+import numpy as np
+import torch
 from numba.core.compiler import Compiler
+from numpy.typing import NDArray
 from torch import Tensor
 
-#: Sums may be taken in any order, which is what lets several points be done at once. NaN and infinities stay what they
-#: are, unlike with all of Numba's shortcuts: values that are no numbers must be told, and never make an index.
-_MATHEMATICS = {"reassoc", "contract", "arcp", "nsz"}
+Floats = NDArray[np.float32]
+Doubles = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+ZERO, ONE, TWO = (np.float32(value) for value in (0, 1, 2))
+
+#: Sums in any order, which vectorises them. NaN and infinities stay exact: they must be seen, and never make an index.
+_FAST_MATH = {"reassoc", "contract", "arcp", "nsz"}
 
 
-class _Apart(Compiler):
-    """Arrays that a function is given never overlap.
+def suits(*tensors: Tensor, dtype: torch.dtype = torch.float32) -> bool:
+    """Whether a loop can take these tensors: on the CPU, of one type, and without derivatives."""
+    return all(t.device.type == "cpu" and t.dtype == dtype and not t.requires_grad for t in tensors)
 
-    Without that promise a loop that looks values up and writes others is done point by point: three times as slow.
-    """
+
+def in_loops(loops: Callable[..., R], dtype: torch.dtype = torch.float32) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Decorator: where `suits` allows, ``loops`` takes the place of the torch function; tensors are positional."""
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        @functools.wraps(function)
+        def choose(*args: P.args, **kwargs: P.kwargs) -> R:
+            tensors = (t for t in args if isinstance(t, Tensor) and t.is_floating_point())
+            return (loops if suits(*tensors, dtype=dtype) else function)(*args, **kwargs)
+
+        return choose
+
+    return decorate
+
+
+class _NoAliasCompiler(Compiler):
+    """Promise that array arguments never overlap: without it, loops with look-ups are three times slower."""
 
     def define_pipelines(self) -> Any:
         self.state.flags.noalias = True
@@ -26,41 +54,46 @@ class _Apart(Compiler):
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """The function, compiled on its first call, free of Python's lock; its arrays must not overlap.
+    """Compile the function on its first call, without Python's lock; its arrays must not overlap.
 
-    Hot loops go over whole rows, ``values[n, 0]`` and not one of ``x, y = values[n]``, whose places in memory are no
-    longer known to be neighbours; indices of look-ups have no sign, or each is checked for counting from the end.
+    Hot loops use whole rows, ``values[n, 0]`` and not ``x, y = values[n]``, which may not be contiguous, and unsigned
+    indices: a signed index is checked for counting from the end.
     """
     options: dict[str, Any] = {
         "nogil": True,
-        # A function that was called, and not put in place of its call, was another one in the process that compiled it
-        # than in those that load it, with sums in another order: the first run's last digits were its own.
+        # A called function that was not inlined had its sums in another order in the process that compiled it.
         "forceinline": True,
-        "fastmath": _MATHEMATICS,
+        "fastmath": _FAST_MATH,
         "error_model": "numpy",
-        "pipeline_class": _Apart,
+        "pipeline_class": _NoAliasCompiler,
     }
     try:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError:
-        # Neither beside the module nor in the user's own cache can anything be written: each process compiles anew.
+        # No folder for the cache is writable: each process compiles anew.
         return numba.njit(**options)(function)
 
 
 def arrays(*tensors: Tensor) -> tuple[Any, ...]:
-    """Tensors as NumPy arrays whose values lie together: a function is compiled for such alone."""
+    """Tensors as contiguous NumPy arrays, for which alone the functions are compiled."""
     return tuple(tensor.contiguous().numpy() for tensor in tensors)
 
 
 def require_one_size(axis: int, *tensors: Tensor) -> None:
-    """Raise ValueError unless all tensors are as long along that axis: no loop looks where an array ends."""
+    """Raise ValueError unless the tensors have one size along the axis: loops do not check array bounds."""
     sizes = {tensor.shape[axis] for tensor in tensors}
     if len(sizes) > 1:
         shapes = ", ".join(str(tuple(tensor.shape)) for tensor in tensors)
         raise ValueError(f"expected arrays of one size along axis {axis}, got shapes {shapes}")
 
 
-def require_room(images: Tensor, nodes: int) -> None:
+def require_same_points(*tensors: Tensor) -> None:
+    """Raise ValueError unless all tensors have as many pairs and as many points."""
+    require_one_size(0, *tensors)
+    require_one_size(-1, *tensors)
+
+
+def require_nodes(images: Tensor, nodes: int) -> None:
     """Raise ValueError unless ``images`` (n, h, w) have so many nodes on either axis."""
     if min(images.shape[-2:]) < nodes:
         raise ValueError(f"expected images of {nodes} px or more on either side, got shape {tuple(images.shape)}")

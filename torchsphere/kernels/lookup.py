@@ -1,7 +1,6 @@
-"""What an image shows at whole pixels of a region: levels, gradients, noise.
+"""Grey levels and gradients of images at the whole pixels of a region.
 
-The points of a region lie line by line. Where many are wanted each line is worked out whole and its points are picked:
-eight columns at once take less time than the points one by one.
+Whole lines are computed and the region's points picked from them: eight columns at once beat single points.
 """
 
 from __future__ import annotations
@@ -10,20 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.kernels.jit import arrays, compiled, require_one_size, require_room
+from torchsphere.kernels.jit import ZERO, Floats, Integers, arrays, compiled, require_nodes, require_one_size
 from torchsphere.kernels.spline import blur_down, transpose
-
-Array = NDArray[np.float32]
-Whole = NDArray[np.int64]
-
-_ZERO, _ONE, _TWO = (np.float32(value) for value in (0, 1, 2))
 
 
 class Kernel(NamedTuple):
-    """The spline's kernel at its own node and at the neighbours, and its derivative at the next two nodes."""
+    """Values of the spline's kernel beside and at its own node, and its derivative at the next two nodes."""
 
     side: np.float32
     middle: np.float32
@@ -32,16 +25,13 @@ class Kernel(NamedTuple):
 
     @classmethod
     def of(cls, values: tuple[float, ...], slopes: tuple[float, ...]) -> Kernel:
-        """From values at a neighbour and at its own node, and slopes at the first and at the second neighbour."""
+        """From values beside and at its own node, and slopes at the first and second neighbour."""
         return cls(*(np.float32(value) for value in (*values, *slopes)))
 
 
 def levels(c: Tensor, pixels: Tensor, middle: Tensor, kernel: Kernel) -> tuple[Tensor, Tensor]:
-    """Values (n, p) and gradients (n, 2, p) of the splines ``c`` (n, h, w) at whole ``pixels`` (p, 2) from ``middle``.
-
-    ``middle`` (n, 2) is that of the region, as (x, y), in px of the crop.
-    """
-    require_room(c, 3)
+    """`reference_lookup.levels`."""
+    require_nodes(c, 3)
     require_one_size(0, c, middle)
     values, gradient = torch.empty(len(c), len(pixels)), torch.empty(len(c), 2, len(pixels))
     _levels(*arrays(c, pixels.T, middle, values, gradient), kernel)
@@ -49,8 +39,8 @@ def levels(c: Tensor, pixels: Tensor, middle: Tensor, kernel: Kernel) -> tuple[T
 
 
 def blurred_gradient(c: Tensor, pixels: Tensor, middle: Tensor, kernel: Kernel, blur: Tensor) -> Tensor:
-    """The gradients (n, 2, p) of `levels` after a blur by the odd, symmetric kernel ``blur``."""
-    require_room(c, 3)
+    """`reference_lookup.blurred_gradient`, by the odd, symmetric kernel ``blur``."""
+    require_nodes(c, 3)
     require_one_size(0, c, middle)
     found = torch.empty(len(c), 2, len(pixels))
     taps = blur[len(blur) // 2 :].float()
@@ -58,21 +48,8 @@ def blurred_gradient(c: Tensor, pixels: Tensor, middle: Tensor, kernel: Kernel, 
     return found
 
 
-def roughness(images: Tensor, pixels: Tensor, middle: Tensor, weights: Tensor) -> Tensor:
-    """Weighted mean (n,) over a region of the absolute difference of two Laplacians of ``images`` (n, h, w).
-
-    ``pixels`` and ``middle`` as in `levels`, ``weights`` (n, p).
-    """
-    require_room(images, 3)
-    require_one_size(0, images, middle, weights)
-    require_one_size(-1, pixels.T, weights)
-    found = torch.empty(len(images))
-    _roughness(*arrays(images, pixels.T, middle, weights, found))
-    return found
-
-
 @compiled
-def _levels(c: Array, pixels: Whole, middle: Whole, values: Array, gradient: Array, kernel: Kernel) -> None:
+def _levels(c: Floats, pixels: Integers, middle: Integers, values: Floats, gradient: Floats, kernel: Kernel) -> None:
     _, height, width = c.shape
     smooth, steep = np.empty(width + 2, np.float32), np.empty(width + 2, np.float32)
     line = np.empty((3, width), np.float32)
@@ -93,7 +70,9 @@ def _levels(c: Array, pixels: Whole, middle: Whole, values: Array, gradient: Arr
 
 
 @compiled
-def _blurred_gradient(c: Array, pixels: Whole, middle: Whole, taps: Array, found: Array, kernel: Kernel) -> None:
+def _blurred_gradient(
+    c: Floats, pixels: Integers, middle: Integers, taps: Floats, found: Floats, kernel: Kernel
+) -> None:
     _, height, width = c.shape
     down = np.empty((height, width), np.float32)
     turned = np.empty((width, height), np.float32)
@@ -102,22 +81,22 @@ def _blurred_gradient(c: Array, pixels: Whole, middle: Whole, taps: Array, found
         blur_down(c[n], taps, down)
         transpose(down, turned)
         blur_down(turned, taps, blurred)
-        # It lies on its side: rather than turn it back, x and y change places.
+        # The result is transposed: x and y change places.
         _gradient(blurred, pixels[1], pixels[0], middle[n, 1], middle[n, 0], kernel, found[n, 1], found[n, 0])
 
 
 @compiled
 def _gradient(
-    c: Array,
-    columns: Whole,
-    lines: Whole,
+    c: Floats,
+    columns: Integers,
+    lines: Integers,
     first_column: int,
     first_line: int,
     kernel: Kernel,
-    along: Array,
-    across: Array,
+    along: Floats,
+    across: Floats,
 ) -> None:
-    """The spline's gradient point by point: for a few points of each line."""
+    """Gradient of the spline point by point: for a few points of each line."""
     height, width = c.shape
     flat = c.reshape(height * width)
     side, centre, near, far = kernel
@@ -125,7 +104,7 @@ def _gradient(
         column, line = _within(first_column + columns[i], width), _within(first_line + lines[i], height)
         left, right = _mirrored(column - 2, width), _mirrored(column + 2, width)
         above, below = _mirrored(line - 2, height) * width, _mirrored(line + 2, height) * width
-        slope_x, slope_y = _ZERO, _ZERO
+        slope_x, slope_y = ZERO, ZERO
         for step in range(-1, 2):
             weight = centre if step == 0 else side
             start, up = (line + step) * width, column + step
@@ -137,34 +116,8 @@ def _gradient(
 
 
 @compiled
-def _roughness(images: Array, pixels: Whole, middle: Whole, weights: Array, found: Array) -> None:
-    _, height, width = images.shape
-    bent, line = np.empty(width, np.float32), np.zeros(width, np.float32)
-    for n in range(len(images)):
-        start, total, count = 0, _ZERO, _ZERO
-        while start < pixels.shape[1]:
-            end = _end_of_line(pixels[1], start)
-            _bent(images[n], _within(middle[n, 1] + pixels[1, start], height), bent, line)
-            for i in range(start, end):
-                total += weights[n, i] * line[_at(_within(middle[n, 0] + pixels[0, i], width))]
-                count += weights[n, i]
-            start = end
-        found[n] = total / (count if count > _ONE else _ONE)
-
-
-@compiled
-def _bent(image: Array, line: int, bent: Array, found: Array) -> None:
-    """Absolute difference of two Laplacians on a line, at all but its first and last place; ``bent`` is room for it."""
-    above, below = line - 1, line + 1
-    for x in range(len(found)):
-        bent[x] = image[above, x] - _TWO * image[line, x] + image[below, x]
-    for x in range(1, len(found) - 1):
-        found[x] = abs(bent[x - 1] - _TWO * bent[x] + bent[x + 1])
-
-
-@compiled
-def _end_of_line(lines: Whole, start: int) -> int:
-    """The first point behind ``start`` that lies on another line."""
+def _end_of_line(lines: Integers, start: int) -> int:
+    """First point behind ``start`` on another line."""
     end = start + 1
     while end < len(lines) and lines[end] == lines[start]:
         end += 1
@@ -172,8 +125,8 @@ def _end_of_line(lines: Whole, start: int) -> int:
 
 
 @compiled
-def _down(c: Array, line: int, kernel: Kernel, smooth: Array, steep: Array) -> None:
-    """The spline ``c`` (h, w) and its derivative down the image on a line, with a place to spare at either end."""
+def _down(c: Floats, line: int, kernel: Kernel, smooth: Floats, steep: Floats) -> None:
+    """The spline ``c`` (h, w) and its derivative down the image on a line, with a spare place at either end."""
     height, width = c.shape
     before, behind = line - 1, line + 1
     above, below = _mirrored(line - 2, height), _mirrored(line + 2, height)
@@ -185,21 +138,21 @@ def _down(c: Array, line: int, kernel: Kernel, smooth: Array, steep: Array) -> N
 
 
 @compiled
-def _mirror_ends(values: Array) -> None:
+def _mirror_ends(values: Floats) -> None:
     values[0], values[len(values) - 1] = values[2], values[len(values) - 3]
 
 
 @compiled
-def _weighed(values: Array, kernel: Kernel, found: Array) -> None:
-    """The spline (m,) across a line from its ``values`` (m + 2,), which begin a place before."""
+def _weighed(values: Floats, kernel: Kernel, found: Floats) -> None:
+    """The spline (m,) across a line from its ``values`` (m + 2,), which begin one place earlier."""
     side, middle = kernel.side, kernel.middle
     for x in range(len(found)):
         found[x] = side * (values[x] + values[x + 2]) + middle * values[x + 1]
 
 
 @compiled
-def _sloped(values: Array, kernel: Kernel, found: Array) -> None:
-    """Like `_weighed`, its derivative, at all but the first and the last place."""
+def _sloped(values: Floats, kernel: Kernel, found: Floats) -> None:
+    """Derivative of `_weighed` at all places but the first and the last."""
     near, far = kernel.near, kernel.far
     for x in range(1, len(found) - 1):
         found[x] = near * (values[x + 2] - values[x]) + far * (values[x + 3] - values[x - 1])
@@ -207,7 +160,7 @@ def _sloped(values: Array, kernel: Kernel, found: Array) -> None:
 
 @compiled
 def _at(index: int) -> np.uint64:
-    """An index that is known not to be negative; that of a sign would be checked for counting from the end."""
+    """Unsigned index: a signed index would be checked for counting from the end."""
     return np.uint64(index)
 
 
@@ -220,6 +173,6 @@ def _within(node: int, size: int) -> int:
 
 @compiled
 def _mirrored(node: int, size: int) -> int:
-    """`spline.mirrored` without its loop: a node beyond an end of the axis by no more than its length."""
+    """`spline.mirrored` without its loop: for nodes outside by less than the axis is long."""
     node = node if node >= 0 else -node
     return node if node < size else 2 * size - 2 - node

@@ -1,8 +1,7 @@
-"""The sparse equations of a map: which of its coefficients each pixel sees, and their products summed over all pixels.
+"""Sparse normal equations of a map: derivatives by its coefficients, and their products summed over all pixels.
 
-Nearly all pixels see a patch of one face of at most `SIDE` coefficients on a side. Their products go to dense rows of
-neighbours, eight at once; those of the few on a seam or far out, where a pixel sees many, to a product of sparse
-matrices.
+Most pixels see a patch of one face of at most `SIDE` by `SIDE` coefficients: their products go to dense rows. Pixels on
+a seam or near the limb go to a product of sparse matrices.
 """
 
 from __future__ import annotations
@@ -10,18 +9,17 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import scipy  # which imports scipy.sparse on its first use: 0.1 s, and a track without a map has none
+import scipy  # imports scipy.sparse on first use, which takes 0.1 s; a track without a map never does
 from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.kernels import cube_map
-from torchsphere.kernels.jit import compiled
+from torchsphere.kernels.jit import Doubles, Integers, compiled
 
 Array = NDArray[Any]
-Double = NDArray[np.float64]
 Numbers = NDArray[np.int32]
 
-#: Side of the patches, and columns kept for each row of a coefficient's neighbours: from 7 before it to 8 behind.
+#: Side of the patches, and columns in a row of neighbours of a coefficient: from 7 before it to 8 behind.
 SIDE, COLUMNS = 8, 16
 
 
@@ -30,16 +28,8 @@ def design(
 ) -> scipy.sparse.csr_matrix:
     """Derivative (p, m) of the pixels' grey levels by the map's coefficients.
 
-    Parameters
-    ----------
-    amount : Tensor
-        What a unit of the map adds along each ray (q,).
-    owner : Tensor
-        The ray's pixel (q,), in ascending order.
-    pixels, cells : int
-        Number of pixels, and of cells along a face.
-    corner, offset : Tensor
-        Where the rays meet the map: see `cube_map.Stencil`.
+    ``amount`` (q,): effect of a unit of the map along each ray; ``owner`` (q,): the ray's pixel, ascending; ``corner``
+    and ``offset``: where rays meet the map of ``cells`` per face side, see `cube_map.Stencil`.
     """
     size = 6 * (cells + 3) ** 2
     index, values = np.empty(16 * len(owner), np.int32), np.empty(16 * len(owner))
@@ -53,7 +43,7 @@ def design(
 @compiled
 def _design(
     amount: Array,
-    owner: NDArray[np.int64],
+    owner: Integers,
     width: int,
     corner: Numbers,
     x: Array,
@@ -61,7 +51,7 @@ def _design(
     latest: Numbers,
     places: Numbers,
     index: Numbers,
-    values: Double,
+    values: Doubles,
 ) -> int:
     """Fill ``places``, ``index`` and ``values`` of the sparse matrix, and count the entries."""
     count, first, pixel = 0, 0, -1
@@ -76,7 +66,7 @@ def _design(
             for along in of_x:
                 entry = latest[np.uint32(number)]
                 if entry < first:
-                    # This pixel has not touched it yet.
+                    # First entry of this coefficient for this pixel.
                     entry = count
                     latest[np.uint32(number)], index[count], values[count] = count, number, 0.0
                     count += 1
@@ -88,13 +78,7 @@ def _design(
 
 
 class Products:
-    """Sum of the normal equations (m, m) of a map over images, one after the other.
-
-    Parameters
-    ----------
-    cells : int
-        Cells along a face of the map.
-    """
+    """Normal equations (m, m) of a map with ``cells`` per face side, summed image by image."""
 
     def __init__(self, cells: int) -> None:
         width = cells + 3
@@ -103,8 +87,8 @@ class Products:
         self._width, self._near = width, np.zeros((self._size, SIDE, COLUMNS))
         self._far: list[scipy.sparse.csr_matrix] = []
 
-    def add(self, design: scipy.sparse.csr_matrix, weights: Double) -> None:
-        """Add one image with its `design` (p, m) and the weights (p,) of its pixels."""
+    def add(self, design: scipy.sparse.csr_matrix, weights: Doubles) -> None:
+        """Add an image with its `design` (p, m) and the weights (p,) of its pixels."""
         far = np.zeros(len(weights), np.bool_)
         given = design.indptr, design.indices, design.data, weights, self._width, self._lines, self._columns
         _near_products(*given, np.empty(SIDE * SIDE), self._near.reshape(-1), far)
@@ -126,18 +110,18 @@ class Products:
 def _near_products(
     places: Numbers,
     index: Numbers,
-    values: Double,
-    weights: Double,
+    values: Doubles,
+    weights: Doubles,
     width: int,
     lines: Numbers,
     columns: Numbers,
-    patch: Double,
-    near: Double,
+    patch: Doubles,
+    near: Doubles,
     far: NDArray[np.bool_],
 ) -> None:
-    """Add the products of the pixels with small patches to ``near`` (m SIDE COLUMNS,); tell which are ``far``.
+    """Add the products of pixels with small patches to ``near`` (m SIDE COLUMNS,); mark the others as ``far``.
 
-    ``patch`` (SIDE SIDE,) is where each is laid out. Only coefficients in the same row or in the rows behind are kept.
+    ``patch`` (SIDE SIDE,) is a buffer. Only coefficients in the same row or in later rows are kept.
     """
     for pixel in range(len(weights)):
         first, last = places[pixel], places[pixel + 1]
@@ -164,8 +148,8 @@ def _near_products(
 
 
 @compiled
-def _add_rows(amount: float, patch: Double, row: int, height: int, start: int, total: Double) -> None:
-    """Add ``amount`` times the patch's rows from ``row`` on to the neighbours that ``start`` in the flat ``total``."""
+def _add_rows(amount: float, patch: Doubles, row: int, height: int, start: int, total: Doubles) -> None:
+    """Add ``amount`` times the patch's rows from ``row`` on to ``total``, which is flat, from ``start`` on."""
     at = np.uint64(start)
     for source in range(row * SIDE, height * SIDE, SIDE):
         for column in range(SIDE):
@@ -174,7 +158,7 @@ def _add_rows(amount: float, patch: Double, row: int, height: int, start: int, t
 
 
 @compiled
-def _gathered(near: Array, width: int, places: Numbers, index: Numbers, values: Double) -> None:
+def _gathered(near: Array, width: int, places: Numbers, index: Numbers, values: Doubles) -> None:
     """The upper half of the sum as a sparse matrix."""
     count = 0
     for number in range(len(near)):

@@ -1,4 +1,4 @@
-"""The modes' change of grey level at each point, and the small systems of equations that come of it."""
+"""Change of grey level by each mode at each point, and the small systems of equations of the operator."""
 
 from __future__ import annotations
 
@@ -6,35 +6,18 @@ import math
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.kernels.jit import arrays, compiled, require_one_size
-
-Array = NDArray[np.float32]
-Double = NDArray[np.float64]
-
-_ZERO, _ONE = np.float32(0), np.float32(1)
+from torchsphere.kernels.jit import ONE, ZERO, Doubles, Floats, arrays, compiled, require_one_size
 
 
 def projected(
     surface: Tensor, gradient: Tensor, values: Tensor, weights: Tensor, radius: Tensor, turn: Tensor, mix: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Changes of grey level per px of each unknown (n, 5, p), without what may change besides the motion; their `gram`.
+    """`warp.projected_slopes` (n, 5, p), px per px, and their `gram`; the nuisances are offset, gain and light.
 
-    What may change is offset, gain, and the light, by the normal: `znssd.project` of `rotation.slopes`.
-
-    Parameters
-    ----------
-    surface, gradient : Tensor
-        The ball's front (n, 3, p), px from its centre, and the image's gradient (n, 2, p) there.
-    values, weights : Tensor
-        The image (n, p) and the weights (n, p).
-    radius : Tensor
-        (n,), px.
-    turn, mix : Tensor
-        Matrices (n, 3, 3): that of the rotation so far, and that from the small rotations that follow it to changes
-        of the rotation vector.
+    ``surface`` (n, 3, p), px; ``gradient`` (n, 2, p); ``values``, ``weights`` (n, p); ``radius`` (n,), px; ``turn``,
+    ``mix`` (n, 3, 3): the rotation, and from small rotations after it to changes of the rotation vector.
     """
     require_one_size(0, surface, gradient, values, weights, radius, turn, mix)
     require_one_size(-1, surface, gradient, values, weights)
@@ -45,14 +28,14 @@ def projected(
 
 
 def cholesky(operators: Tensor) -> Tensor:
-    """Cholesky factors (n, k, k) of operators (n, k, k), float64: see `znssd.cholesky`."""
+    """`znssd.cholesky`."""
     found = operators.clone(memory_format=torch.contiguous_format)
     _cholesky(*arrays(found))
     return found
 
 
 def gram(slopes: Tensor, weights: Tensor) -> Tensor:
-    """Weighted sums (n, k, k), float64, of the products of ``slopes`` (n, k, p) with each other."""
+    """`znssd.operator`."""
     require_one_size(0, slopes, weights)
     require_one_size(-1, slopes, weights)
     k = slopes.shape[1]
@@ -63,25 +46,25 @@ def gram(slopes: Tensor, weights: Tensor) -> Tensor:
 
 @compiled
 def _projected(
-    surface: Array,
-    gradient: Array,
-    values: Array,
-    weights: Array,
-    radius: Array,
-    turn: Array,
-    mix: Array,
-    found: Array,
-    operator: Double,
+    surface: Floats,
+    gradient: Floats,
+    values: Floats,
+    weights: Floats,
+    radius: Floats,
+    turn: Floats,
+    mix: Floats,
+    found: Floats,
+    operator: Doubles,
 ) -> None:
     points = weights.shape[1]
     weighted, nuisances = np.empty(points, np.float32), np.empty((5, points), np.float32)
     known, both = np.empty((5, 5)), np.empty((5, 5))
     for n in range(len(weights)):
-        _slopes(surface[n], gradient[n], turn[n], mix[n], _ONE / radius[n], found[n])
-        _nuisances(surface[n], values[n], weights[n], _ONE / radius[n], nuisances)
+        _slopes(surface[n], gradient[n], turn[n], mix[n], ONE / radius[n], found[n])
+        _nuisances(surface[n], values[n], weights[n], ONE / radius[n], nuisances)
         for j in range(5):
             _product(nuisances[j], weights[n], weighted)
-            # Of a symmetric matrix the factor is made from its lower triangle.
+            # The factor of a symmetric matrix needs its lower triangle only.
             for k in range(j + 1):
                 known[j, k] = dot(weighted, nuisances[k])
             for k in range(5):
@@ -93,7 +76,7 @@ def _projected(
 
 
 @compiled
-def _cholesky(operators: Double) -> None:
+def _cholesky(operators: Doubles) -> None:
     for n in range(len(operators)):
         matrix = operators[n]
         sound = factorise(matrix)
@@ -104,10 +87,10 @@ def _cholesky(operators: Double) -> None:
 
 
 @compiled
-def factorise(matrix: Double) -> bool:
-    """Put a Cholesky factor in the lower triangle of a ``matrix`` (k, k); False where it is not positive definite.
+def factorise(matrix: Doubles) -> bool:
+    """Cholesky factor in the lower triangle of ``matrix`` (k, k); False where it is not positive definite.
 
-    It is made a little more so than it is, as in `znssd.cholesky`.
+    The diagonal is raised as in `znssd.cholesky`.
     """
     size = len(matrix)
     mean = 0.0
@@ -129,10 +112,10 @@ def factorise(matrix: Double) -> bool:
 
 
 @compiled
-def solve(matrix: Double, right: Double) -> None:
-    """Solve for the columns of ``right`` (k, m), in place; of the ``matrix`` (k, k) remains a Cholesky factor.
+def solve(matrix: Doubles, right: Doubles) -> None:
+    """Solve for the columns of ``right`` (k, m) in place; the ``matrix`` (k, k) becomes its Cholesky factor.
 
-    Where the matrix is not positive definite, ``right`` stays as it is.
+    ``right`` stays as it is where the matrix is not positive definite.
     """
     size = len(matrix)
     if not factorise(matrix):
@@ -149,8 +132,8 @@ def solve(matrix: Double, right: Double) -> None:
 
 
 @compiled
-def _slopes(surface: Array, gradient: Array, turn: Array, mix: Array, per_px: np.float32, found: Array) -> None:
-    """The modes' products with the gradient, as in `rotation.slopes`, per px on the ball's front."""
+def _slopes(surface: Floats, gradient: Floats, turn: Floats, mix: Floats, per_px: np.float32, found: Floats) -> None:
+    """`rotation.slopes`, per px on the ball's front."""
     xs, ys, zs, across, down = surface[0], surface[1], surface[2], gradient[0], gradient[1]
     along_x, along_y, first, second, third = found[0], found[1], found[2], found[3], found[4]
     for i in range(len(xs)):
@@ -166,29 +149,29 @@ def _slopes(surface: Array, gradient: Array, turn: Array, mix: Array, per_px: np
 
 
 @compiled
-def _nuisances(surface: Array, values: Array, weights: Array, per_px: np.float32, found: Array) -> None:
-    """`znssd.nuisances` of light that does not change unevenly."""
-    count, total = _ZERO, _ZERO
+def _nuisances(surface: Floats, values: Floats, weights: Floats, per_px: np.float32, found: Floats) -> None:
+    """`znssd.nuisances` for light that changes evenly."""
+    count, total = ZERO, ZERO
     for i in range(len(values)):
         count += weights[i]
         total += weights[i] * values[i]
-    mean = total / (count if count > _ONE else _ONE)
+    mean = total / (count if count > ONE else ONE)
     for i in range(len(values)):
-        found[0, i] = _ONE
+        found[0, i] = ONE
         found[1, i] = values[i] - mean
     for k in range(3):
         _scaled(surface[k], per_px, found[2 + k])
 
 
 @compiled
-def _gram(slopes: Array, weights: Array, operator: Double) -> None:
+def _gram(slopes: Floats, weights: Floats, operator: Doubles) -> None:
     weighted = np.empty(weights.shape[1], np.float32)
     for n in range(len(slopes)):
         _products(slopes[n], weights[n], weighted, operator[n])
 
 
 @compiled
-def _products(slopes: Array, weights: Array, weighted: Array, operator: Double) -> None:
+def _products(slopes: Floats, weights: Floats, weighted: Floats, operator: Doubles) -> None:
     for j in range(len(slopes)):
         _product(slopes[j], weights, weighted)
         for k in range(j, len(slopes)):
@@ -196,30 +179,30 @@ def _products(slopes: Array, weights: Array, weighted: Array, operator: Double) 
 
 
 @compiled
-def dot(first: Array, second: Array) -> np.float32:
+def dot(first: Floats, second: Floats) -> np.float32:
     """Sum of the products of two rows (m,)."""
-    total = _ZERO
+    total = ZERO
     for i in range(len(first)):
         total += first[i] * second[i]
     return total
 
 
 @compiled
-def _product(first: Array, second: Array, found: Array) -> None:
+def _product(first: Floats, second: Floats, found: Floats) -> None:
     for i in range(len(first)):
         found[i] = first[i] * second[i]
 
 
 @compiled
-def _scaled(values: Array, factor: np.float32, found: Array) -> None:
+def _scaled(values: Floats, factor: np.float32, found: Floats) -> None:
     for i in range(len(values)):
         found[i] = values[i] * factor
 
 
 @compiled
-def _subtract(values: Array, factors: Double, column: int, others: Array) -> None:
+def _subtract(values: Floats, factors: Doubles, column: int, others: Floats) -> None:
     for i in range(len(values)):
-        total = _ZERO
+        total = ZERO
         for j in range(5):
             total += np.float32(factors[j, column]) * others[j, i]
         values[i] -= total

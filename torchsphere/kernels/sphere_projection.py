@@ -1,6 +1,6 @@
-"""What rays meet of the ball's surface, how a step of the ball changes what they see, and which pixels the disc covers.
+"""Rays on the surface of the ball, the change of their grey level with the pose, and the disc's share of each pixel.
 
-The loops serve single and double precision alike: see `torchsphere.kernels.cube_map`.
+The loops serve single and double precision, as in `torchsphere.kernels.cube_map`.
 """
 
 from __future__ import annotations
@@ -13,22 +13,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.kernels.jit import compiled
+from torchsphere.kernels.jit import ONE, ZERO, Doubles, Integers, compiled
 
 Array = NDArray[Any]
-Double = NDArray[np.float64]
-Owners = NDArray[np.int64]
 
-_ZERO, _ONE = np.float32(0), np.float32(1)
-
-#: Distance, in standard deviations, from which a ray meets the ball or passes it, as far as double precision tells.
+#: Distance, in standard deviations, from which a ray meets or misses the ball with certainty in double precision.
 _CERTAIN = 8.5
 
 
 def met(
     rays: Tensor, centre: Tensor, part: Tensor, owner: Tensor, pixels: int, radius: float, limb: float, turn_px: float
 ) -> tuple[Tensor, Tensor]:
-    """Points (3, q) of the unit sphere, and the rays' weights (q,) in their pixels: see `projection.surface_points`."""
+    """`projection.surface_points`: points (3, q) of the unit sphere, and the rays' weights (q,) in their pixels."""
     points, weight = part.new_empty(3, len(part)), torch.empty_like(part)
     numbers = part.new_tensor([limb, limb * radius]).numpy()
     given: Any = *rays.contiguous().numpy(), *centre.tolist(), *numbers, *points.numpy(), weight.numpy()
@@ -39,11 +35,20 @@ def met(
 
 @compiled
 def _meet(
-    across: Double, down: Double, x: float, y: float, limb: Any, least: Any, px: Array, py: Array, pz: Array, far: Array
+    across: Doubles,
+    down: Doubles,
+    x: float,
+    y: float,
+    limb: Any,
+    least: Any,
+    px: Array,
+    py: Array,
+    pz: Array,
+    far: Array,
 ) -> None:
     """Points of the unit sphere, and the rays' distances ``far`` from the centre."""
     for i in range(len(px)):
-        # In double precision until they are taken from the centre.
+        # In double precision up to the difference from the centre.
         px[i], py[i] = across[i] - x, down[i] - y
     for i in range(len(px)):
         distance = np.sqrt(px[i] * px[i] + py[i] * py[i])
@@ -51,12 +56,12 @@ def _meet(
         scale = limb / (distance if distance > least else least)
         px[i] *= scale
         py[i] *= scale
-        pz[i] = -np.sqrt(_ONE - (px[i] * px[i] + py[i] * py[i]))
+        pz[i] = -np.sqrt(ONE - (px[i] * px[i] + py[i] * py[i]))
 
 
 @compiled
-def _share_out(part: Array, owner: Owners, radius: float, turn_px: float, whole: Double, weight: Array) -> None:
-    """Weights in their pixels, in place of the rays' distances; the pixels' sums come to be in ``whole``."""
+def _share_out(part: Array, owner: Integers, radius: float, turn_px: float, whole: Doubles, weight: Array) -> None:
+    """Weights in the pixels replace the rays' distances; ``whole`` receives the sums of the pixels."""
     for i in range(len(part)):
         inside = (radius - weight[i]) / turn_px
         share = 1.0 if inside > 0 else 0.0
@@ -71,10 +76,7 @@ def _share_out(part: Array, owner: Owners, radius: float, turn_px: float, whole:
 def coverage(
     pixels: Tensor, centre: Tensor, radius: float, blur: float, reach: float, like: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Share (p,) of each of the ``pixels`` (p, 2) that the disc covers, and its slope: see `projection.coverage`.
-
-    ``reach``, px, is how far from the outline a pixel may lie and see it.
-    """
+    """`projection.coverage`; pixels further than ``reach``, px, from the outline do not see it."""
     share, slope = torch.empty_like(like), torch.empty_like(like)
     x, y = centre.tolist()
     _coverage(pixels.contiguous().numpy(), x, y, radius, blur, reach, share.numpy(), slope.numpy())
@@ -83,9 +85,9 @@ def coverage(
 
 @compiled
 def _coverage(
-    pixels: Double, x: float, y: float, radius: float, blur: float, reach: float, share: Array, slope: Array
+    pixels: Doubles, x: float, y: float, radius: float, blur: float, reach: float, share: Array, slope: Array
 ) -> None:
-    # A straight edge in place of the circle would make the disc larger by pi times the variance of blur and pixel.
+    # A straight edge in place of the circle enlarges the disc by pi times the variance of blur and pixel.
     edge = radius - (blur * blur + 1 / 12) / (2 * radius)
     for i in range(len(pixels)):
         across, down = pixels[i, 0] - x, pixels[i, 1] - y
@@ -101,7 +103,7 @@ def _coverage(
 
 @compiled
 def _corners(inwards: float, a: float, b: float, blur: float) -> tuple[float, float]:
-    """Sums over a pixel's corners, with their signs, of `_integrals`."""
+    """Signed sums of `_integrals` over the corners of a pixel."""
     first, of_first = _integrals(inwards + a + b, blur)
     second, of_second = _integrals(inwards + a - b, blur)
     third, of_third = _integrals(inwards + b - a, blur)
@@ -121,22 +123,10 @@ def _integrals(x: float, blur: float) -> tuple[float, float]:
 def changes(
     points: Tensor, value: Tensor, gradient: Tensor, light: Tensor, turn: Tensor, deepest: float, radius: float
 ) -> Tensor:
-    """What each ray sees (7, q): the lit value, and its changes by dx, dy, wx, wy, wz and the radius, px.
+    """Grey level of each ray, and its change by dx, dy, wx, wy, wz and the radius (7, q), px.
 
-    Parameters
-    ----------
-    points : Tensor
-        Of the unit sphere (3, q), camera axes.
-    value, gradient : Tensor
-        Of the map (q,), and its derivative (3, q) by the direction, in the ball's axes.
-    light : Tensor
-        On the ball there (q,).
-    turn : Tensor
-        The ball's orientation (3, 3).
-    deepest : float
-        Depth of the surface, in radii, below which a ray counts as one on the limb.
-    radius : float
-        px.
+    ``points`` (3, q) of the unit sphere, camera axes; ``value`` (q,) and ``gradient`` (3, q) of the map, ball's axes;
+    ``light`` (q,); ``turn`` (3, 3): orientation; ``deepest``: depth in radii below which a ray counts as at the limb.
     """
     found = points.new_empty(7, points.shape[1])
     numbers = points.new_tensor([deepest, 1 / radius]).numpy()
@@ -167,15 +157,15 @@ def _changes(
     wz: Array,
     wider: Array,
 ) -> None:
-    """What a pixel sees of the surface moves against the ball: by -(1, 0, -x / z) for dx, by -w x P for a rotation.
+    """The seen surface point moves on the ball by -(1, 0, -x / z) for dx, by -w x P for a rotation.
 
-    For a larger radius the surface comes nearer by R / s and shrinks with respect to the ball.
+    A larger radius brings the surface nearer by R / s and shrinks the point's distance on the ball.
     """
     for i in range(len(px)):
         x, y, z = px[i], py[i], pz[i]
         lit[i] = light[i] * value[i]
-        # Rays that were drawn back to the limb follow the ball, and so near to it depth is no linear function any more.
-        scale = light[i] * per_px if -z > deepest else _ZERO
+        # Rays drawn back to the limb follow the ball, and depth is not linear that close to the limb.
+        scale = light[i] * per_px if -z > deepest else ZERO
         sx = scale * (turn[0, 0] * gx[i] + turn[0, 1] * gy[i] + turn[0, 2] * gz[i])
         sy = scale * (turn[1, 0] * gx[i] + turn[1, 1] * gy[i] + turn[1, 2] * gz[i])
         sz = scale * (turn[2, 0] * gx[i] + turn[2, 1] * gy[i] + turn[2, 2] * gz[i])
@@ -193,7 +183,7 @@ def pixel_sums(values: Tensor, owner: Tensor, pixels: int) -> Tensor:
 
 
 @compiled
-def _pixel_sums(values: Array, owner: Owners, found: Array) -> None:
+def _pixel_sums(values: Array, owner: Integers, found: Array) -> None:
     rays, unknowns = len(owner), len(values)
     for i in range(rays):
         pixel = np.uint64(owner[i])
@@ -202,20 +192,20 @@ def _pixel_sums(values: Array, owner: Owners, found: Array) -> None:
 
 
 def spread(values: Tensor, owner: Tensor, light: Tensor) -> Tensor:
-    """``light`` (q,) times the ``values`` (p,) of each ray's pixel: `pixel_sums` backwards."""
+    """``light`` (q,) times the ``values`` (p,) of each ray's pixel: the adjoint of `pixel_sums`."""
     found = torch.empty_like(light)
     _spread(values.contiguous().numpy(), owner.numpy(), light.contiguous().numpy(), found.numpy())
     return found
 
 
 @compiled
-def _spread(values: Array, owner: Owners, light: Array, found: Array) -> None:
+def _spread(values: Array, owner: Integers, light: Array, found: Array) -> None:
     for i in range(len(owner)):
         found[i] = light[i] * values[np.uint64(owner[i])]
 
 
 def lit(points: Tensor, part: Tensor, shading: Tensor) -> Tensor:
-    """Weights (q,) times the light at ``points`` (3, q), which is ``shading`` (4,) of `projection.shading_basis`."""
+    """Weights (q,) times the light at ``points`` (3, q) by ``shading`` (4,) of `projection.shading_basis`."""
     found = torch.empty_like(part)
     given: Any = *points.numpy(), part.numpy(), *shading.to(part).numpy(), found.numpy()
     _lit(*given)

@@ -1,28 +1,23 @@
-"""Spline coefficients of blurred images, by recursion, and the spline and its gradient at any place."""
+"""Spline coefficients of blurred images by recursion; values and gradients of the spline."""
 
 from __future__ import annotations
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.kernels.jit import arrays, compiled, require_one_size, require_room
+from torchsphere.kernels.jit import ONE, TWO, ZERO, Floats, arrays, compiled, require_nodes, require_one_size
 
-Array = NDArray[np.float32]
-
-#: Nodes that a recursion's first value is summed up over: each is worth 0.42 of the one before.
+#: Nodes in the sum for the first value of a recursion: each weighs 0.42 of the one before.
 _HORIZON = 30
 
-_ZERO, _ONE, _TWO, _THREE, _HALF, _SIXTH = (np.float32(value) for value in (0, 1, 2, 3, 1 / 2, 1 / 6))
+_THREE, _HALF, _SIXTH = (np.float32(value) for value in (3, 1 / 2, 1 / 6))
 
 
 def coefficients(images: Tensor, kernel: Tensor, side: float, middle: float) -> Tensor:
-    """Coefficients (n, h, w) of the spline through ``images`` (n, h, w) blurred by the odd, symmetric ``kernel``.
+    """`interpolation.coefficients`; the spline's kernel is ``middle`` at its own node and ``side`` beside it.
 
-    The spline's kernel is ``middle`` at its own node and ``side`` at the neighbours. All is mirrored at the border.
-    The recursion is that of M. Unser, A. Aldroubi and M. Eden, IEEE Trans. Signal Process. 41 (1993) 821,
-    doi:10.1109/78.193220.
+    Recursion of M. Unser, A. Aldroubi and M. Eden, IEEE Trans. Signal Process. 41 (1993) 821, doi:10.1109/78.193220.
     """
     ratio = 0.5 * middle / side
     pole = (ratio * ratio - 1) ** 0.5 - ratio
@@ -33,7 +28,7 @@ def coefficients(images: Tensor, kernel: Tensor, side: float, middle: float) -> 
 
 
 @compiled
-def _coefficients(images: Array, taps: Array, found: Array, pole: np.float32) -> None:
+def _coefficients(images: Floats, taps: Floats, found: Floats, pole: np.float32) -> None:
     _, height, width = images.shape
     along = np.empty((height, width), np.float32)
     turned = np.empty((width, height), np.float32)
@@ -48,15 +43,15 @@ def _coefficients(images: Array, taps: Array, found: Array, pole: np.float32) ->
 
 
 @compiled
-def blur_down(values: Array, taps: Array, found: Array) -> None:
-    """The columns of ``values`` (h, w), mirrored, filtered by symmetric ``taps``, the middle one first: ``found``."""
+def blur_down(values: Floats, taps: Floats, found: Floats) -> None:
+    """Columns of ``values`` (h, w), mirrored at the ends, filtered by symmetric ``taps``, the middle one first."""
     height, width = values.shape
     for y in range(height):
         for x in range(width):
             found[y, x] = taps[0] * values[y, x]
-        # By two taps at once, so that what is found is read and written half as often.
+        # Two taps at once: the result is read and written half as often.
         for j in range(1, len(taps), 2):
-            near, far = taps[j], taps[j + 1] if j + 1 < len(taps) else _ZERO
+            near, far = taps[j], taps[j + 1] if j + 1 < len(taps) else ZERO
             above, below = mirrored(y - j, height), mirrored(y + j, height)
             over, under = mirrored(y - j - 1, height), mirrored(y + j + 1, height)
             for x in range(width):
@@ -65,8 +60,8 @@ def blur_down(values: Array, taps: Array, found: Array) -> None:
 
 
 @compiled
-def _recurse_down(values: Array, pole: np.float32) -> None:
-    """From values to coefficients along the columns of (h, w), in place, forth and back."""
+def _recurse_down(values: Floats, pole: np.float32) -> None:
+    """Values become coefficients along the columns (h, w), in place, forwards and backwards."""
     height, width = values.shape
     first = np.empty(width, np.float32)
     for x in range(width):
@@ -83,7 +78,7 @@ def _recurse_down(values: Array, pole: np.float32) -> None:
         for x in range(width):
             values[y, x] += pole * values[y - 1, x]
     before, last = max(height - 2, 0), height - 1
-    end = pole / (pole * pole - _ONE)
+    end = pole / (pole * pole - ONE)
     for x in range(width):
         values[last, x] = end * (values[last, x] + pole * values[before, x])
     for y in range(height - 2, -1, -1):
@@ -93,7 +88,7 @@ def _recurse_down(values: Array, pole: np.float32) -> None:
 
 @compiled
 def mirrored(node: int, size: int) -> int:
-    """The node of an axis of so many, mirrored at the first and at the last until it is one of them."""
+    """Node of an axis of ``size`` nodes, mirrored at both ends until it lies inside."""
     if size == 1:
         return 0
     while not 0 <= node < size:
@@ -102,9 +97,9 @@ def mirrored(node: int, size: int) -> int:
 
 
 @compiled
-def transpose(values: Array, found: Array) -> None:
+def transpose(values: Floats, found: Floats) -> None:
     """``found`` (w, h) from ``values`` (h, w)."""
-    # Eight lines at once: measured two thirds of the time of one after the other.
+    # Eight lines at once take two thirds of the time.
     height, width = values.shape
     whole = height - height % 8
     for y in range(0, whole, 8):
@@ -120,7 +115,7 @@ def transpose(values: Array, found: Array) -> None:
 
 
 def sample(c: Tensor, points: Tensor, sharpness: float) -> Tensor:
-    """The spline with coefficients ``c`` (n, h, w) at ``points`` (n, p, 2): (n, p); see `interpolation.sample`."""
+    """`interpolation.sample`."""
     _require_places(c, points)
     found = torch.empty(points.shape[:2])
     _sample(*arrays(c, points.mT, found), np.float32(sharpness))
@@ -128,7 +123,7 @@ def sample(c: Tensor, points: Tensor, sharpness: float) -> Tensor:
 
 
 def sample_with_gradient(c: Tensor, points: Tensor, sharpness: float) -> tuple[Tensor, Tensor]:
-    """`sample`, and the spline's gradient (n, 2, p)."""
+    """`interpolation.sample_with_gradient`."""
     _require_places(c, points)
     found, gradient = torch.empty(points.shape[:2]), torch.empty(len(points), 2, points.shape[1])
     _sample_with_gradient(*arrays(c, points.mT, found, gradient), np.float32(sharpness))
@@ -137,18 +132,18 @@ def sample_with_gradient(c: Tensor, points: Tensor, sharpness: float) -> tuple[T
 
 def _require_places(c: Tensor, points: Tensor) -> None:
     """Raise ValueError unless each spline has its points, and the four nodes that one takes."""
-    require_room(c, 4)
+    require_nodes(c, 4)
     require_one_size(0, c, points)
 
 
 @compiled
-def _sample(c: Array, points: Array, found: Array, sharpness: np.float32) -> None:
+def _sample(c: Floats, points: Floats, found: Floats, sharpness: np.float32) -> None:
     for n in range(len(c)):
         sample_one(c[n], points[n], sharpness, found[n])
 
 
 @compiled
-def sample_one(c: Array, points: Array, sharpness: np.float32, found: Array) -> None:
+def sample_one(c: Floats, points: Floats, sharpness: np.float32, found: Floats) -> None:
     """`sample` of one image ``c`` (h, w) at ``points`` (2, p): ``found`` (p,)."""
     height, width = c.shape
     levels, x, y = c.reshape(height * width), points[0], points[1]
@@ -159,7 +154,7 @@ def sample_one(c: Array, points: Array, sharpness: np.float32, found: Array) -> 
 
 
 @compiled
-def _sample_with_gradient(c: Array, points: Array, found: Array, gradient: Array, sharpness: np.float32) -> None:
+def _sample_with_gradient(c: Floats, points: Floats, found: Floats, gradient: Floats, sharpness: np.float32) -> None:
     _, height, width = c.shape
     for n in range(len(c)):
         levels, x, y = c[n].reshape(height * width), points[n, 0], points[n, 1]
@@ -175,11 +170,11 @@ def _sample_with_gradient(c: Array, points: Array, found: Array, gradient: Array
 
 @compiled
 def cell(x: np.float32, size: int) -> tuple[np.int32, np.float32]:
-    """First of the four nodes around a place on an axis of so many, and the place in their middle cell, 0 to 1.
+    """First of the four nodes around a place on an axis of ``size`` nodes, and the place in the middle cell, 0 to 1.
 
-    Places are held within the first and the last cell that have all four; what is no number goes to the first.
+    Places are limited to the cells that have four nodes; NaN goes to the first.
     """
-    x = x if x > _ONE else _ONE
+    x = x if x > ONE else ONE
     x = x if x < np.float32(size - 2) else np.float32(size - 2)
     start = np.floor(x)
     start = start if start < np.float32(size - 3) else np.float32(size - 3)
@@ -188,24 +183,24 @@ def cell(x: np.float32, size: int) -> tuple[np.int32, np.float32]:
 
 @compiled
 def value(
-    levels: Array,
+    levels: Floats,
     width: int,
     column: np.int32,
     line: np.int32,
     of_x: tuple[np.float32, ...],
     of_y: tuple[np.float32, ...],
 ) -> np.float32:
-    """Weighted sum over the sixteen nodes from ``column`` and ``line`` on, of the flat image ``levels``."""
-    # Without a sign: a negative index would be counted from the end, which takes a comparison each.
+    """Weighted sum over the sixteen nodes from ``column`` and ``line`` on of the flat image ``levels``."""
+    # Unsigned: a signed index is checked for counting from the end.
     at = np.uint64(np.uint32(line) * np.uint32(width) + np.uint32(column))
     return around(levels, at, np.uint64(width), of_x, of_y)
 
 
 @compiled
 def around(
-    levels: Array, at: np.uint64, step: np.uint64, of_x: tuple[np.float32, ...], of_y: tuple[np.float32, ...]
+    levels: Floats, at: np.uint64, step: np.uint64, of_x: tuple[np.float32, ...], of_y: tuple[np.float32, ...]
 ) -> np.float32:
-    """Weighted sum over four rows of four nodes, a ``step`` from each other, from the number ``at`` on."""
+    """Weighted sum over four rows of four nodes, ``step`` apart, from the number ``at`` on."""
     total = of_y[0] * _line(levels, at, of_x)
     total += of_y[1] * _line(levels, at + step, of_x)
     total += of_y[2] * _line(levels, at + step + step, of_x)
@@ -213,7 +208,7 @@ def around(
 
 
 @compiled
-def _line(levels: Array, at: np.uint64, of_x: tuple[np.float32, ...]) -> np.float32:
+def _line(levels: Floats, at: np.uint64, of_x: tuple[np.float32, ...]) -> np.float32:
     one = np.uint64(1)
     a, b, c, d = of_x
     return a * levels[at] + b * levels[at + one] + c * levels[at + one + one] + d * levels[at + one + one + one]
@@ -221,18 +216,18 @@ def _line(levels: Array, at: np.uint64, of_x: tuple[np.float32, ...]) -> np.floa
 
 @compiled
 def weights(t: np.float32, sharpness: np.float32) -> tuple[np.float32, ...]:
-    """Weights of the four nodes around a point at the share ``t`` of its cell: `interpolation.spline_weights`."""
-    squared, rest = t * t, _ONE - t
+    """`interpolation.spline_weights`."""
+    squared, rest = t * t, ONE - t
     last = (squared * _SIXTH + sharpness) * t
     first = (rest * rest * _SIXTH + sharpness) * rest
-    second = _TWO * (_TWO * _SIXTH - sharpness) - squared + _THREE * last
-    return first, second, _ONE - first - second - last, last
+    second = TWO * (TWO * _SIXTH - sharpness) - squared + _THREE * last
+    return first, second, ONE - first - second - last, last
 
 
 @compiled
 def slopes(t: np.float32, sharpness: np.float32) -> tuple[np.float32, ...]:
-    """Derivatives of `weights`."""
-    rest = _ONE - t
+    """`interpolation.slope_weights`."""
+    rest = ONE - t
     last, first = _HALF * t * t + sharpness, -_HALF * rest * rest - sharpness
-    second = _THREE * last - _TWO * t
+    second = _THREE * last - TWO * t
     return first, second, -first - second - last, last
