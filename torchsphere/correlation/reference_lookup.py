@@ -6,6 +6,7 @@ import functools
 import math
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -17,7 +18,7 @@ from torchsphere.kernels import lookup as looked
 #: From the mean absolute difference of two Laplacians to the standard deviation of white noise.
 _TO_DEVIATION = math.sqrt(math.pi / 2) / 6
 
-_KERNEL = looked.Kernel.of(interpolation.NODE_WEIGHTS[:2], interpolation.SLOPE_WEIGHTS)
+_KERNEL = looked.Kernel(*map(np.float32, (*interpolation.NODE_WEIGHTS[:2], *interpolation.SLOPE_WEIGHTS)))
 
 
 @jit.in_loops(region.front)

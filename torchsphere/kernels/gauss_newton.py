@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.kernels.jit import ONE, ZERO, Doubles, Floats, arrays, compiled, require_nodes, require_one_size
@@ -23,16 +22,6 @@ class Limits(NamedTuple):
     tolerance_px: float  # a pair has converged when a step moves no point of the ball further
 
 
-class Descended(NamedTuple):
-    """Result for n pairs: see `gauss_newton.Solution`."""
-
-    q: Tensor
-    iterations: Tensor
-    converged: Tensor
-    warped: Tensor
-    weights: Tensor
-
-
 def descend(
     c: Tensor,
     shift: Tensor,
@@ -45,7 +34,7 @@ def descend(
     sharpness: float,
     *,
     exact: bool,
-) -> Descended:
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
     """Gauss-Newton from ``start`` (n, 5), px and rad, with one ``jacobian`` (n, 5, p) for all steps.
 
     ``c`` (n, h, h): splines of the deformed images; ``shift`` (n, 2): to their crops; ``region``: surface (n, 3, p),
@@ -59,9 +48,12 @@ def descend(
     q = start.double().contiguous()
     iterations, converged = torch.zeros(n, dtype=torch.long), torch.zeros(n, dtype=torch.bool)
     warped, weights = torch.empty(n, points), torch.empty(n, points)
-    given = arrays(c, shift, *region, jacobian, inverse, radius, q, iterations, converged, warped, weights)
-    _descend(*given, limits, np.float32(sharpness), exact)
-    return Descended(q.to(start), iterations, converged, warped, weights)
+    given, found = (
+        arrays(c, shift, *region, jacobian, inverse, radius),
+        arrays(q, iterations, converged, warped, weights),
+    )
+    _descend(given, found, limits, np.float32(sharpness), exact)
+    return q.to(start), iterations, converged, warped, weights
 
 
 def look(
@@ -84,22 +76,15 @@ def _look(
     surface: Floats, weights: Floats, turn: Floats, middle: Floats, points: Floats, seen: Floats, size: int, exact: bool
 ) -> None:
     for n in range(len(surface)):
-        _place(surface[n], weights[n], turn[n], middle[n], size, exact, points[n, 0], points[n, 1], seen[n])
+        _place(surface[n], weights[n], turn[n], middle[n], size, exact, (points[n, 0], points[n, 1], seen[n]))
 
 
 @compiled
 def _place(
-    surface: Floats,
-    weights: Floats,
-    turn: Floats,
-    middle: Floats,
-    size: int,
-    exact: bool,
-    columns: Floats,
-    lines: Floats,
-    seen: Floats,
+    surface: Floats, weights: Floats, turn: Floats, middle: Floats, size: int, exact: bool, found: tuple[Floats, ...]
 ) -> None:
     """`look` for one pair; the sampling holds points outside the crop at its border."""
+    columns, lines, seen = found
     xs, ys, zs = surface[0], surface[1], surface[2]
     centre = np.float32(0.5 * (size - 1))
     left, top = middle[0], middle[1]
@@ -119,23 +104,10 @@ def _place(
 
 @compiled
 def _descend(
-    c: Floats,
-    shift: Floats,
-    surface: Floats,
-    weights: Floats,
-    values: Floats,
-    jacobian: Floats,
-    inverse: Doubles,
-    radius: Floats,
-    q: Doubles,
-    iterations: NDArray[np.int64],
-    converged: NDArray[np.bool_],
-    warped: Floats,
-    seen: Floats,
-    limits: Limits,
-    sharpness: np.float32,
-    exact: bool,
+    given: tuple[Any, ...], found: tuple[Any, ...], limits: Limits, sharpness: np.float32, exact: bool
 ) -> None:
+    c, shift, surface, weights, values, jacobian, inverse, radius = given
+    q, iterations, converged, warped, seen = found
     size = c.shape[-1]
     points = np.empty((2, weights.shape[1]), np.float32)
     counting = np.empty(weights.shape[1], np.float32)
@@ -146,7 +118,7 @@ def _descend(
         for turned in range(limits.steps):
             rotation(q[n, 2], q[n, 3], q[n, 4], exact, turn)
             middle[0], middle[1] = q[n, 0] + shift[n, 0], q[n, 1] + shift[n, 1]
-            _place(surface[n], counting, turn, middle, size, exact, points[0], points[1], seen[n])
+            _place(surface[n], counting, turn, middle, size, exact, (points[0], points[1], seen[n]))
             sample_one(c[n], points, sharpness, warped[n])
             if turned >= limits.settle_after:
                 _copy(seen[n], counting)

@@ -23,11 +23,6 @@ class Kernel(NamedTuple):
     near: np.float32
     far: np.float32
 
-    @classmethod
-    def of(cls, values: tuple[float, ...], slopes: tuple[float, ...]) -> Kernel:
-        """From values beside and at its own node, and slopes at the first and second neighbour."""
-        return cls(*(np.float32(value) for value in (*values, *slopes)))
-
 
 def levels(c: Tensor, pixels: Tensor, middle: Tensor, kernel: Kernel) -> tuple[Tensor, Tensor]:
     """`reference_lookup.levels`."""

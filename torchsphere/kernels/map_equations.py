@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.kernels import cube_map
-from torchsphere.kernels.jit import Doubles, Integers, compiled
+from torchsphere.kernels.jit import Doubles, compiled
 
 Array = NDArray[Any]
 Numbers = NDArray[np.int32]
@@ -35,25 +35,16 @@ def design(
     index, values = np.empty(16 * len(owner), np.int32), np.empty(16 * len(owner))
     places, latest = np.zeros(pixels + 1, np.int32), np.full(size, -1, np.int32)
     x, y = offset.numpy()
-    given = amount.contiguous().numpy(), owner.numpy(), cells + 3, corner.numpy(), x, y
-    count = _design(*given, latest, places, index, values)
+    given = amount.contiguous().numpy(), owner.numpy(), corner.numpy(), x, y
+    count = _design(given, cells + 3, (latest, places, index, values))
     return scipy.sparse.csr_matrix((values[:count].copy(), index[:count].copy(), places), shape=(pixels, size))
 
 
 @compiled
-def _design(
-    amount: Array,
-    owner: Integers,
-    width: int,
-    corner: Numbers,
-    x: Array,
-    y: Array,
-    latest: Numbers,
-    places: Numbers,
-    index: Numbers,
-    values: Doubles,
-) -> int:
+def _design(given: tuple[Array, ...], width: int, found: tuple[Array, ...]) -> int:
     """Fill ``places``, ``index`` and ``values`` of the sparse matrix, and count the entries."""
+    amount, owner, corner, x, y = given
+    latest, places, index, values = found
     count, first, pixel = 0, 0, -1
     for i in range(len(amount)):
         if owner[i] != pixel:
@@ -90,8 +81,8 @@ class Products:
     def add(self, design: scipy.sparse.csr_matrix, weights: Doubles) -> None:
         """Add an image with its `design` (p, m) and the weights (p,) of its pixels."""
         far = np.zeros(len(weights), np.bool_)
-        given = design.indptr, design.indices, design.data, weights, self._width, self._lines, self._columns
-        _near_products(*given, np.empty(SIDE * SIDE), self._near.reshape(-1), far)
+        given = design.indptr, design.indices, design.data, weights, self._lines, self._columns
+        _near_products(given, self._width, np.empty(SIDE * SIDE), self._near.reshape(-1), far)
         wide = design[far]
         self._far.append(wide.multiply(np.sqrt(weights[far])[:, None]).tocsr())
 
@@ -107,22 +98,12 @@ class Products:
 
 
 @compiled
-def _near_products(
-    places: Numbers,
-    index: Numbers,
-    values: Doubles,
-    weights: Doubles,
-    width: int,
-    lines: Numbers,
-    columns: Numbers,
-    patch: Doubles,
-    near: Doubles,
-    far: NDArray[np.bool_],
-) -> None:
+def _near_products(given: tuple[Array, ...], width: int, patch: Doubles, near: Doubles, far: NDArray[np.bool_]) -> None:
     """Add the products of pixels with small patches to ``near`` (m SIDE COLUMNS,); mark the others as ``far``.
 
     ``patch`` (SIDE SIDE,) is a buffer. Only coefficients in the same row or in later rows are kept.
     """
+    places, index, values, weights, lines, columns = given
     for pixel in range(len(weights)):
         first, last = places[pixel], places[pixel + 1]
         if first == last:

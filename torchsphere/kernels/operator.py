@@ -23,7 +23,7 @@ def projected(
     require_one_size(-1, surface, gradient, values, weights)
     found = torch.empty(len(weights), 5, weights.shape[1])
     operator = torch.empty(len(weights), 5, 5, dtype=torch.float64)
-    _projected(*arrays(surface, gradient, values, weights, radius, turn, mix, found, operator))
+    _projected(arrays(surface, gradient, values, weights, radius, turn, mix), *arrays(found, operator))
     return found, operator
 
 
@@ -45,17 +45,8 @@ def gram(slopes: Tensor, weights: Tensor) -> Tensor:
 
 
 @compiled
-def _projected(
-    surface: Floats,
-    gradient: Floats,
-    values: Floats,
-    weights: Floats,
-    radius: Floats,
-    turn: Floats,
-    mix: Floats,
-    found: Floats,
-    operator: Doubles,
-) -> None:
+def _projected(given: tuple[Floats, ...], found: Floats, operator: Doubles) -> None:
+    surface, gradient, values, weights, radius, turn, mix = given
     points = weights.shape[1]
     weighted, nuisances = np.empty(points, np.float32), np.empty((5, points), np.float32)
     known, both = np.empty((5, 5)), np.empty((5, 5))

@@ -116,7 +116,8 @@ def transpose(values: Floats, found: Floats) -> None:
 
 def sample(c: Tensor, points: Tensor, sharpness: float) -> Tensor:
     """`interpolation.sample`."""
-    _require_places(c, points)
+    require_nodes(c, 4)
+    require_one_size(0, c, points)
     found = torch.empty(points.shape[:2])
     _sample(*arrays(c, points.mT, found), np.float32(sharpness))
     return found
@@ -124,16 +125,11 @@ def sample(c: Tensor, points: Tensor, sharpness: float) -> Tensor:
 
 def sample_with_gradient(c: Tensor, points: Tensor, sharpness: float) -> tuple[Tensor, Tensor]:
     """`interpolation.sample_with_gradient`."""
-    _require_places(c, points)
+    require_nodes(c, 4)
+    require_one_size(0, c, points)
     found, gradient = torch.empty(points.shape[:2]), torch.empty(len(points), 2, points.shape[1])
     _sample_with_gradient(*arrays(c, points.mT, found, gradient), np.float32(sharpness))
     return found, gradient
-
-
-def _require_places(c: Tensor, points: Tensor) -> None:
-    """Raise ValueError unless each spline has its points, and the four nodes that one takes."""
-    require_nodes(c, 4)
-    require_one_size(0, c, points)
 
 
 @compiled
