@@ -5,7 +5,7 @@ Whole lines are computed and the region's points picked from them: eight columns
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -77,21 +77,13 @@ def _blurred_gradient(
         transpose(down, turned)
         blur_down(turned, taps, blurred)
         # The result is transposed: x and y change places.
-        _gradient(blurred, pixels[1], pixels[0], middle[n, 1], middle[n, 0], kernel, found[n, 1], found[n, 0])
+        _gradient(blurred, (pixels[1], pixels[0], middle[n, 1], middle[n, 0]), kernel, found[n, 1], found[n, 0])
 
 
 @compiled
-def _gradient(
-    c: Floats,
-    columns: Integers,
-    lines: Integers,
-    first_column: int,
-    first_line: int,
-    kernel: Kernel,
-    along: Floats,
-    across: Floats,
-) -> None:
+def _gradient(c: Floats, places: tuple[Any, ...], kernel: Kernel, along: Floats, across: Floats) -> None:
     """Gradient of the spline point by point: for a few points of each line."""
+    columns, lines, first_column, first_line = places
     height, width = c.shape
     flat = c.reshape(height * width)
     side, centre, near, far = kernel

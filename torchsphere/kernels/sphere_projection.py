@@ -130,37 +130,19 @@ def changes(
     """
     found = points.new_empty(7, points.shape[1])
     numbers = points.new_tensor([deepest, 1 / radius]).numpy()
-    given: Any = *points.numpy(), value.numpy(), *gradient.numpy(), light.contiguous().numpy()
-    given = *given, turn.contiguous().numpy(), *numbers, *found.numpy()
-    _changes(*given)
+    given = *points.numpy(), value.numpy(), *gradient.numpy(), light.contiguous().numpy(), turn.contiguous().numpy()
+    _changes(given, *numbers, tuple(found.numpy()))
     return found
 
 
 @compiled
-def _changes(
-    px: Array,
-    py: Array,
-    pz: Array,
-    value: Array,
-    gx: Array,
-    gy: Array,
-    gz: Array,
-    light: Array,
-    turn: Array,
-    deepest: Any,
-    per_px: Any,
-    lit: Array,
-    dx: Array,
-    dy: Array,
-    wx: Array,
-    wy: Array,
-    wz: Array,
-    wider: Array,
-) -> None:
+def _changes(given: tuple[Array, ...], deepest: Any, per_px: Any, found: tuple[Array, ...]) -> None:
     """The seen surface point moves on the ball by -(1, 0, -x / z) for dx, by -w x P for a rotation.
 
     A larger radius brings the surface nearer by R / s and shrinks the point's distance on the ball.
     """
+    px, py, pz, value, gx, gy, gz, light, turn = given
+    lit, dx, dy, wx, wy, wz, wider = found
     for i in range(len(px)):
         x, y, z = px[i], py[i], pz[i]
         lit[i] = light[i] * value[i]
