@@ -11,7 +11,7 @@ import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
 
 from torchsphere.correlation.reference import Reference, scale
-from torchsphere.kernels import box_filter, jit, znssd
+from torchsphere.kernels import jit, region, znssd
 
 #: Sides of the windows of energy and of shape, shares of the radius: half a dozen and a dozen speckles.
 ENERGY_WINDOW, SHAPE_WINDOW = 0.13, 0.22
@@ -164,7 +164,7 @@ def block_sums(reference: Reference, values: Tensor, weights: Tensor, *, fading:
     size = math.ceil(max(MIN_BLOCK_PX, BLOCK * float(reference.geometry.radius.mean())) / reference.spacing)
     shares = _shares(reference.side, size, fading).to(values)
     if jit.suits(values, weights):
-        return box_filter.block_sums(values, weights, reference.places, reference.side, shares)
+        return region.block_sums(values, weights, reference.places, reference.side, shares)
     return (shares @ to_grid(reference, values * weights[:, None]) @ shares.T).flatten(2)
 
 
