@@ -21,12 +21,15 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import crop
 from torchsphere.runtime import threads
 from torchsphere.settings.arrays import as_images, as_mask, as_rows, check_circle
+from torchsphere.settings.limits import require_one_of
 
 #: Largest distance of a pair's circle from the circle expected by the pair before, for one crop of both, px.
 MAX_SHARED_CROP_PX = SLACK_PX / 2
 
 
-def correlate(f: Any, g: Any, circle: Any, *, start: Any = None, ignore: Any = None, **options: Any) -> Correlation:
+def correlate(
+    f: Any, g: Any, circle: Any, *, start: Any = None, ignore: Any = None, engine: str = "fast", **options: Any
+) -> Correlation:
     """Measure the motion of the ball between the images of each pair.
 
     Parameters
@@ -42,6 +45,9 @@ def correlate(f: Any, g: Any, circle: Any, *, start: Any = None, ignore: Any = N
         `torchsphere.track` finds it by itself.
     ignore : array_like, optional
         (h, w), True where the images are not to be used.
+    engine : str
+        "fast", or "plain": the same criterion in plain torch and Kornia (`torchsphere.correlation.plain`), over every
+        pixel of the region, without the search for occluders and uneven light.
     **options
         Fields of `Options`.
 
@@ -79,6 +85,11 @@ def correlate(f: Any, g: Any, circle: Any, *, start: Any = None, ignore: Any = N
         if settings.camera.focal_px is None:
             raise ValueError("camera: pairs need its focal_px; only a track can tell it from the ball's distance")
         settings = dataclasses.replace(settings, camera=settings.camera.settled(f.shape))
+    require_one_of(("fast", "plain"))("engine", engine)
+    if engine == "plain":
+        from torchsphere.correlation.plain import correlate_plain  # Kornia's warps take a second to load
+
+        return correlate_plain(f, g, circles, first, mask, settings)
     return correlate_pairs(f, g, circles, first, mask, settings)
 
 
