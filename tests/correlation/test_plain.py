@@ -99,7 +99,7 @@ def test_what_cannot_be_measured_is_flagged_and_nan(case: str) -> None:
     if case == "plain ball":
         f, g = (noisy(torch.full_like(image, 100.0), 2.0, seed) for seed, image in enumerate((f, g)))
     if case == "noise":
-        g = noisy(g, 20.0, 1)
+        g = noisy(g, 50.0, 1)
     if case == "covered":
         ignore[:, int(circle[0]) - 12 :] = True
     found = correlate(f, g, circle, engine="plain", ignore=ignore, min_zncc=0.99)
