@@ -134,6 +134,12 @@ def test_the_modes_are_those_of_finite_differences() -> None:
         np.testing.assert_allclose(modes[..., k], (ahead - behind) / 2e-6, atol=1e-7)
 
 
+def test_values_that_are_no_numbers_lose_the_pair() -> None:
+    f, g, circle = pair(MOTION, radius=24.0)
+    g[int(circle[1]), int(circle[0])] = torch.nan
+    assert correlate(f, g, circle, engine="plain").status.tolist() == ["lost"]
+
+
 def test_an_unknown_engine_is_refused() -> None:
     f, g, circle = pair(STILL)
     with pytest.raises(ValueError, match="engine = 'slow': expected one of fast, plain"):

@@ -67,10 +67,8 @@ def correlate_plain(
     ended = converged = torch.zeros_like(iterations, dtype=torch.bool)
     for _ in range(options.max_iterations):
         warped, weights, gradient = _warp(region, c_g, usable, shift, q, model)
-        jacobian = _jacobian(region, gradient if options.jacobian == "autograd" else region.gradient, q, model, weights)
-        residual = znssd_residual(region.values, warped, weights)
-        operator = _products(jacobian, weights)
-        step = _solve(operator, _products(jacobian, weights, residual[..., None]))[..., 0]
+        gradient = gradient if options.jacobian == "autograd" else region.gradient
+        step, jacobian, residual = _step(region, gradient, warped, weights, q, model)
         length = step.abs().amax(-1)
         going = ~ended & (length < 2 * region.geometry.radius)
         q = torch.where(going[:, None], q + (step / _scale(region, step.shape[-1])).to(q), q)
@@ -81,6 +79,7 @@ def correlate_plain(
             break
     covariance, carried = _uncertainty(region, jacobian, residual, weights, q, model, options.pre_blur)
     coefficient = zncc(region.values, warped, weights)
+    finite = (crop_f.images.isfinite() & crop_g.images.isfinite()).flatten(1).all(1)
     expected = torch.pi * (options.roi * region.geometry.radius) ** 2
     status = torch.zeros_like(iterations)
     for failed, name in (
@@ -88,6 +87,7 @@ def correlate_plain(
         (~converged, "not_converged"),
         (~carried, "weak_texture"),
         ((weights > 0).sum(-1) < options.min_visible * expected, "out_of_frame"),
+        (~finite, "lost"),
     ):
         status = torch.where(failed, STATUSES.index(name), status)
     return _as_correlation(q, covariance, coefficient, iterations, status)
@@ -183,6 +183,16 @@ def _view_weights(region: Region, turned: Tensor, q: Tensor) -> Tensor:
     degrees = torch.rad2deg(motion_models.turn(q))[:, None]
     misplaced = MISPLACED_PX_PER_DEG * degrees * (1 / cosine.clamp_min(MIN_COSINE) - 1)
     return 1 / (1 + (misplaced / TOLERATED_PX).square())
+
+
+def _step(
+    region: Region, gradient: Tensor, warped: Tensor, weights: Tensor, q: Tensor, model: Displacement
+) -> tuple[Tensor, Tensor, Tensor]:
+    """The step (n, k) of equations (7) to (10), px, float64; its Jacobian (n, p, k) and residual (n, p)."""
+    jacobian = _jacobian(region, gradient, q, model, weights)
+    residual = znssd_residual(region.values, warped, weights)
+    step = _solve(_products(jacobian, weights), _products(jacobian, weights, residual[..., None]))[..., 0]
+    return step, jacobian, residual
 
 
 def _jacobian(region: Region, gradient: Tensor, q: Tensor, model: Displacement, weights: Tensor) -> Tensor:
