@@ -118,28 +118,26 @@ def test_the_command_line_wins_over_the_config_and_a_recording_over_both(shots: 
     assert [row["frame_rate"] for row in rows(out)] == ["200", "300"]
 
 
-def test_switches_change_the_defaults_of_settings(shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[Any] = []
+@pytest.fixture
+def seen(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+    """Give the settings of each recording that the pretended measurement gets."""
+    settings: list[dict[str, Any]] = []
 
     def engine(jobs: Any, **_: Any) -> Any:
         for job in jobs:
-            seen.append(dict(job.item.settings))
+            settings.append(dict(job.item.settings))
             yield run_job(job, pretended)
 
     monkeypatch.setattr(processes, "run", engine)
+    return settings
+
+
+def test_switches_change_the_defaults_of_settings(shots: Path, tmp_path: Path, seen: list[dict[str, Any]]) -> None:
     main(["batch", str(shots / ".."), "--out", str(tmp_path / "out"), "--quiet", "--lab-frame", "--no-report"])
     assert seen == [{"lab_frame": True, "report": False}] * 2
 
 
-def test_the_option_ignore_may_be_repeated(shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[Any] = []
-
-    def engine(jobs: Any, **_: Any) -> Any:
-        for job in jobs:
-            seen.append(dict(job.item.settings))
-            yield run_job(job, pretended)
-
-    monkeypatch.setattr(processes, "run", engine)
+def test_the_option_ignore_may_be_repeated(shots: Path, tmp_path: Path, seen: list[dict[str, Any]]) -> None:
     regions = ["0,0 9,0 9,9", "20,20 30,20 30,30"]
     ignored = [word for region in regions for word in ("--ignore", region)]
     main(["batch", str(shots), "--out", str(tmp_path / "out"), "--quiet", *ignored])
