@@ -177,12 +177,14 @@ def track(
     task = _Task(source, circle, mask, refine, in_place, asked, progress)
 
     start = _initial_circle(task, settings, options)
-    measured, motion = _follow(task, start)
+    measured = _follow(task, start)
+    motion = _absolute_motion(task, start, measured)
     change = abs(motion.circle.radius - start.circle.radius)
     if change > WRONG_RADIUS * start.circle.radius and bool((measured.status != "ok").any()):
         # Frames failed with a radius that the map has corrected since.
         start = dataclasses.replace(start, circle=dataclasses.replace(motion.circle, frame=start.circle.frame))
-        measured, motion = _follow(task, start)
+        measured = _follow(task, start)
+        motion = _absolute_motion(task, start, measured)
     return _assemble(task, start, measured, motion)
 
 
@@ -194,8 +196,8 @@ def _initial_circle(task: _Task, settings: Options, given: dict[str, Any]) -> _S
     return _Start(circle, image, contrast, adapt_options(settings, given, circle.radius, contrast))
 
 
-def _follow(task: _Task, start: _Start) -> tuple[Record, AbsoluteMotion]:
-    """Phases 2 and 3: the motion from frame to frame, and the poses on a map of the ball where a map is made."""
+def _follow(task: _Task, start: _Start) -> Record:
+    """Phase 2: the motion from frame to frame."""
     first, options = start.circle, start.options
     follower = Follower(task.source, first, task.ignore, options, progress=task.progress, in_place=task.in_place)
     measured = follower.run(task.source.count)
@@ -203,10 +205,13 @@ def _follow(task: _Task, start: _Start) -> tuple[Record, AbsoluteMotion]:
     if task.circle is not None and not is_confirmed and not shows_outline(task.source, first, options):
         # Neither its own image nor any other supports the given circle.
         measured = measured.without(first.frame)
-    if options.model == "translation":
-        measured = measured.without_rotation()
-    return measured, absolute_motion(
-        task.source, measured, first, task.ignore, task.sphere_map, options, progress=task.progress
+    return measured.without_rotation() if options.model == "translation" else measured
+
+
+def _absolute_motion(task: _Task, start: _Start, measured: Record) -> AbsoluteMotion:
+    """Phase 3: the poses on a map of the ball where a map is made, else the sum of the increments."""
+    return absolute_motion(
+        task.source, measured, start.circle, task.ignore, task.sphere_map, start.options, progress=task.progress
     )
 
 
