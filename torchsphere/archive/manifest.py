@@ -24,7 +24,7 @@ class Item:
     recording: str  # path as in the manifest, or relative to the searched folder
     input: Path  # path to open
     result: str  # result folder, relative to the output folder, with slashes
-    settings: Mapping[str, Any]  # fields of `torchsphere.measure.Request`
+    settings: Mapping[str, Any]  # fields of `torchsphere.request.Request`
 
 
 @dataclass(frozen=True)

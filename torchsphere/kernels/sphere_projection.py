@@ -24,7 +24,7 @@ _CERTAIN = 8.5
 def met(
     rays: Tensor, centre: Tensor, part: Tensor, owner: Tensor, pixels: int, radius: float, limb: float, turn_px: float
 ) -> tuple[Tensor, Tensor]:
-    """`projection.surface_points`: points (3, q) of the unit sphere, and the rays' weights (q,) in their pixels."""
+    """`forward_model.surface_points`: points (3, q) of the unit sphere, and the rays' weights (q,) in their pixels."""
     points, weight = part.new_empty(3, len(part)), torch.empty_like(part)
     numbers = part.new_tensor([limb, limb * radius]).numpy()
     given: Any = *rays.contiguous().numpy(), *centre.tolist(), *numbers, *points.numpy(), weight.numpy()
@@ -76,7 +76,7 @@ def _share_out(part: Array, owner: Integers, radius: float, turn_px: float, whol
 def coverage(
     pixels: Tensor, centre: Tensor, radius: float, blur: float, reach: float, like: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """`projection.coverage`; pixels further than ``reach``, px, from the outline do not see it."""
+    """`forward_model.coverage`; pixels further than ``reach``, px, from the outline do not see it."""
     share, slope = torch.empty_like(like), torch.empty_like(like)
     x, y = centre.tolist()
     _coverage(pixels.contiguous().numpy(), x, y, radius, blur, reach, share.numpy(), slope.numpy())
@@ -187,7 +187,7 @@ def _spread(values: Array, owner: Integers, light: Array, found: Array) -> None:
 
 
 def lit(points: Tensor, part: Tensor, shading: Tensor) -> Tensor:
-    """Weights (q,) times the light at ``points`` (3, q) by ``shading`` (4,) of `projection.shading_basis`."""
+    """Weights (q,) times the light at ``points`` (3, q) by ``shading`` (4,) of `forward_model.shading_basis`."""
     found = torch.empty_like(part)
     given: Any = *points.numpy(), part.numpy(), *shading.to(part).numpy(), found.numpy()
     _lit(*given)
