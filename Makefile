@@ -20,7 +20,7 @@ setup: $(VENV)/installed-test  ## make .venv with all that the checks and the te
 
 demo: $(VENV)/installed-demo  ## track a synthetic shot and write the whole result folder
 	$(BIN)/torchsphere demo --out $(DEMO_OUT) --overwrite
-	@echo "The result is in $(DEMO_OUT)/: open $(DEMO_OUT)/figures/motion.png, or read track.csv, kinematics.csv and summary.json."
+	@echo "The result is in $(DEMO_OUT)/: open $(DEMO_OUT)/report.html in a browser, or read track.csv, kinematics.csv and summary.json."
 
 docs: $(VENV)/installed-test  ## build the pages: docs/_build/index.html
 	# A link that leads nowhere, a command or an object that is gone: every warning is an error.

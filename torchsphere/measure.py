@@ -155,7 +155,7 @@ def _impact(request: Request, tracked: Track, motion: Kinematics | None) -> tupl
         solid = ball(1e-3 * request.mass_g, 2 * radius_m, shell_m=shell_m, inertia_kg_m2=inertia)
     found, reason = impact(motion, solid, normal_deg=request.normal_deg)
     if found is None:
-        return None, (f"{NO_IMPACT}{reason}",)
+        return None, (f"{NO_IMPACT}{reason[0].lower()}{reason[1:]}",)
     return found, (*impact_warnings(motion, found), *found.missing)
 
 

@@ -34,7 +34,10 @@ MAX_TRIES = 40
 MAX_CIRCLE_SDS, MAX_CIRCLE_ERROR = 4.0, 0.03
 
 #: Advice for a circle in doubt.
-CHECK_ADVICE = "See figures/path.png: where it is not the ball's, every length and speed is off as its radius is."
+CHECK_ADVICE = (
+    "See figures/path.png: if the circle is not the ball's outline, lengths and speeds are wrong in proportion to its "
+    "radius."
+)
 
 
 def find(images: Images, count: int, ignore: Tensor | None = None) -> Circle:

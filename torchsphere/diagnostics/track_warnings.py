@@ -127,7 +127,9 @@ def _circle_warnings(recording: Recording, track: Track, start: int) -> list[str
     """Whether the image shows the ball's outline at the circle."""
     sentences, circle = [], track.circle
     if math.isnan(circle.sd_radius):
-        sentences.append("The circle was given without an uncertainty; its share of the results' is not included.")
+        sentences.append(
+            "The circle was given without an uncertainty: the standard deviations of the results do not include its error."
+        )
         if track.settings["camera"] is None:
             frame = start + circle.frame
             doubt = given_circle_warning(torch.as_tensor(recording.images(frame, frame + 1)[0]).float(), circle)

@@ -57,5 +57,5 @@ class Circle:
         """A sentence with the `doubt` about a circle that was found, and ``where`` to look at it."""
         return (
             f"The circle found, of {self.radius:.1f} px radius, may not be the ball: {self.doubt}; look at it {where}, "
-            "and give --circle X,Y,R where it is not."
+            "and give --circle X,Y,R if it is wrong."
         )

@@ -91,7 +91,7 @@ def poses_on_map(
     """
     known = np.flatnonzero(np.isfinite(position[:, 0]) & np.isfinite(orientation[:, 0, 0]))
     if len(known) < MIN_FRAMES:
-        return f"only {len(known)} frames have a known pose, and a map of the ball needs {MIN_FRAMES}"
+        return f"a map of the ball needs {MIN_FRAMES} frames with a known pose, and this recording has {len(known)}"
     frames = _Frames(
         source,
         {i: Pose(torch.from_numpy(position[i]), torch.from_numpy(orientation[i])) for i in known.tolist()},
