@@ -127,9 +127,7 @@ def _circle_warnings(recording: Recording, track: Track, start: int) -> list[str
     """Whether the image shows the ball's outline at the circle."""
     sentences, circle = [], track.circle
     if math.isnan(circle.sd_radius):
-        sentences.append(
-            "The circle was given without an uncertainty: the standard deviations of the results do not include its error."
-        )
+        sentences.append("The circle was given without an uncertainty: no standard deviation includes its error.")
         if track.settings["camera"] is None:
             frame = start + circle.frame
             doubt = given_circle_warning(torch.as_tensor(recording.images(frame, frame + 1)[0]).float(), circle)
