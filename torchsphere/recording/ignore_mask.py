@@ -27,8 +27,9 @@ def read_ignore(texts: Sequence[str], shape: tuple[int, ...]) -> NDArray[np.bool
         mask |= _region(text, shape)
     if mask.all():
         raise ValueError(
-            f"ignore {', '.join(texts)}: leaves nothing of the recording's images; pixels that are not black in a mask, or "
-            "lie within a polygon, are ignored, and a mask's transparency is not read; invert an inverted mask again"
+            f"ignore {', '.join(texts)}: leaves nothing of the recording's images; pixels that are not black in a "
+            "mask, or lie within a polygon, are ignored, and a mask's transparency is not read; invert an "
+            "inverted mask again"
         )
     return mask
 
