@@ -236,7 +236,7 @@ def test_agreement_of_both_images() -> None:
     assert bool(znssd.zncc(flat * torch.nan, flat, flat).eq(0).all())
 
 
-def test_sums_over_blocks_and_power_of_the_residual() -> None:
+def test_sums_over_windows_and_blocks_and_power_of_the_residual() -> None:
     noise = torch.rand(2, 5, 20_000, generator=torch.Generator().manual_seed(4), dtype=torch.float64)
 
     def given(dtype: torch.dtype) -> tuple[Reference, Tensor, Tensor]:
@@ -249,6 +249,9 @@ def test_sums_over_blocks_and_power_of_the_residual() -> None:
 
     assert_loops_agree(lambda dtype: block_sums(dtype, fading=True), 5e-6)
     assert_loops_agree(lambda dtype: block_sums(dtype, fading=False), 5e-6)
+    assert_loops_agree(
+        lambda dtype: residual_noise.local_mean(given(dtype)[0], given(dtype)[1][:, 0], given(dtype)[2]), 1e-6
+    )
 
     def power(dtype: torch.dtype) -> residual_noise.ResidualPower:
         made, values, weights = given(dtype)

@@ -59,10 +59,16 @@ def noise(images: Tensor, grid: Tensor, middle: Tensor, weights: Tensor) -> Tens
 
     J. Immerkaer, Computer Vision and Image Understanding 64 (1996) 300, doi:10.1006/cviu.1996.0060.
     """
+    return _TO_DEVIATION * roughness(images, grid, middle, weights)
+
+
+@jit.in_loops(looked.roughness)
+def roughness(images: Tensor, grid: Tensor, middle: Tensor, weights: Tensor) -> Tensor:
+    """Weighted mean (n,) of the absolute difference of two Laplacians, which does not see the image itself."""
     rows = images[:, :-2] - 2 * images[:, 1:-1] + images[:, 2:]
     both = rows[:, :, :-2] - 2 * rows[:, :, 1:-1] + rows[:, :, 2:]
     (response,) = gather_pixels([both.abs()], grid, middle - 1)
-    return _TO_DEVIATION * torch.linalg.vecdot(response, weights) / weights.sum(-1).clamp_min(1)
+    return torch.linalg.vecdot(response, weights) / weights.sum(-1).clamp_min(1)
 
 
 def gather_pixels(maps: Sequence[Tensor], grid: Tensor, middle: Tensor) -> list[Tensor]:

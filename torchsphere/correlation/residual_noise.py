@@ -38,6 +38,8 @@ MIN_QUIET_SDS, FULL_QUIET_SDS = 1.0, 3.0
 def local_mean(reference: Reference, values: Tensor, weights: Tensor) -> Tensor:
     """Weighted mean (n, p) of ``values`` (n, p) in a window around each point."""
     window = _window_side(ENERGY_WINDOW, reference)
+    if jit.suits(values, weights):
+        return region.local_mean(values, weights, reference.places, reference.side, window)
     total, count = _window_sums(reference, torch.stack((weights * values, weights), 1), window).unbind(1)
     return total / count.clamp_min(1e-6)
 

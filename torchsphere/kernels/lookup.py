@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchsphere.kernels.jit import ZERO, Floats, Integers, arrays, compiled, require_nodes, require_one_size
+from torchsphere.kernels.jit import ONE, TWO, ZERO, Floats, Integers, arrays, compiled, require_nodes, require_one_size
 from torchsphere.kernels.spline import blur_down, transpose
 
 
@@ -40,6 +40,16 @@ def blurred_gradient(c: Tensor, pixels: Tensor, middle: Tensor, kernel: Kernel, 
     found = torch.empty(len(c), 2, len(pixels))
     taps = blur[len(blur) // 2 :].float()
     _blurred_gradient(*arrays(c, pixels.T, middle, taps, found), kernel)
+    return found
+
+
+def roughness(images: Tensor, pixels: Tensor, middle: Tensor, weights: Tensor) -> Tensor:
+    """Weighted mean (n,) of the absolute difference of two Laplacians: `reference_lookup.roughness`."""
+    require_nodes(images, 3)
+    require_one_size(0, images, middle, weights)
+    require_one_size(-1, pixels.T, weights)
+    found = torch.empty(len(images))
+    _roughness(*arrays(images, pixels.T, middle, weights, found))
     return found
 
 
@@ -100,6 +110,31 @@ def _gradient(c: Floats, places: tuple[Any, ...], kernel: Kernel, along: Floats,
             slope_y += weight * near * (flat[_at((line + 1) * width + up)] - flat[_at((line - 1) * width + up)])
             slope_y += weight * far * (flat[_at(below + up)] - flat[_at(above + up)])
         along[i], across[i] = slope_x, slope_y
+
+
+@compiled
+def _roughness(images: Floats, pixels: Integers, middle: Integers, weights: Floats, found: Floats) -> None:
+    _, height, width = images.shape
+    bent, line = np.empty(width, np.float32), np.zeros(width, np.float32)
+    for n in range(len(images)):
+        start, total, count = 0, ZERO, ZERO
+        while start < pixels.shape[1]:
+            end = _end_of_line(pixels[1], start)
+            _laplacians(images[n], _within(middle[n, 1] + pixels[1, start], height), bent, line)
+            for i in range(start, end):
+                total += weights[n, i] * line[_at(_within(middle[n, 0] + pixels[0, i], width))]
+                count += weights[n, i]
+            start = end
+        found[n] = total / (count if count > ONE else ONE)
+
+
+@compiled
+def _laplacians(image: Floats, line: int, bent: Floats, found: Floats) -> None:
+    """Absolute difference of two Laplacians on a line, without its first and last place; ``bent`` is room for it."""
+    for x in range(len(found)):
+        bent[x] = image[line - 1, x] - TWO * image[line, x] + image[line + 1, x]
+    for x in range(1, len(found) - 1):
+        found[x] = abs(bent[x - 1] - TWO * bent[x] + bent[x + 1])
 
 
 @compiled

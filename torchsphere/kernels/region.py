@@ -10,6 +10,9 @@ from torch import Tensor
 from torchsphere.kernels.jit import ONE, ZERO, Floats, Integers, arrays, compiled, require_one_size
 from torchsphere.kernels.operator import dot
 
+#: Least sum of weights in a window.
+_MIN_COUNT = np.float32(1e-6)
+
 
 def front(pixels: Tensor, nearest: Tensor, radius: Tensor, limit: Tensor) -> tuple[Tensor, Tensor]:
     """`reference_lookup.front`."""
@@ -63,6 +66,18 @@ def _seen_alike(
             row[i] = weight[i] / (ONE + misplaced * misplaced)
 
 
+def local_mean(values: Tensor, weights: Tensor, places: Tensor, side: int, window: int) -> Tensor:
+    """Weighted mean (n, p) of ``values`` (n, p) over ``window`` by ``window`` places: `residual_noise.local_mean`.
+
+    ``places`` and ``side`` as in `block_sums`.
+    """
+    require_one_size(0, values, weights)
+    require_one_size(-1, values, weights, places)
+    found = torch.empty(values.shape)
+    _local_mean(*arrays(values, weights, places, found), side, window)
+    return found
+
+
 def block_sums(values: Tensor, factors: Tensor, places: Tensor, side: int, belongs: Tensor) -> Tensor:
     """Sums (n, c, b b) of ``values`` (n, c, p) times ``factors`` (n, p): `residual_noise.block_sums`.
 
@@ -81,6 +96,55 @@ def _spread(values: Floats, factors: Floats, at: NDArray[np.uint32], found: Floa
     """Products at their places; unsigned, since a signed index is checked for counting from the end."""
     for i in range(len(at)):
         found[at[i]] = values[i] * factors[i]
+
+
+@compiled
+def _local_mean(values: Floats, weights: Floats, places: Integers, found: Floats, side: int, window: int) -> None:
+    reach = window // 2
+    wide = side + 2 * reach
+    total, count = np.zeros((wide, wide), np.float32), np.zeros((wide, wide), np.float32)
+    sums, counts = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
+    ones = np.ones(len(places), np.float32)
+    at, back = np.empty(len(places), np.uint32), np.empty(len(places), np.uint32)
+    for i in range(len(places)):
+        back[i] = places[i]
+        at[i] = (places[i] // side + reach) * wide + places[i] % side + reach
+    for n in range(len(values)):
+        _spread(values[n], weights[n], at, total.reshape(wide * wide))
+        _spread(ones, weights[n], at, count.reshape(wide * wide))
+        _window_sums(total, window, sums)
+        _window_sums(count, window, counts)
+        _quotients(sums.reshape(side * side), counts.reshape(side * side), back, found[n])
+
+
+@compiled
+def _quotients(sums: Floats, counts: Floats, at: NDArray[np.uint32], found: Floats) -> None:
+    for i in range(len(at)):
+        points = counts[at[i]]
+        found[i] = sums[at[i]] / (points if points > _MIN_COUNT else _MIN_COUNT)
+
+
+@compiled
+def _window_sums(wide: Floats, window: int, found: Floats) -> None:
+    """Sums over a square window from each of the first places of ``wide`` on, as many as ``found`` has."""
+    side = len(found)
+    row = np.empty(wide.shape[1], np.float32)
+    for y in range(side):
+        _add_rows(wide[y : y + window], row)
+        for x in range(side):
+            found[y, x] = row[x]
+        for step in range(1, window):
+            for x in range(side):
+                found[y, x] += row[x + step]
+
+
+@compiled
+def _add_rows(rows: Floats, found: Floats) -> None:
+    for x in range(len(found)):
+        found[x] = rows[0, x]
+    for y in range(1, len(rows)):
+        for x in range(len(found)):
+            found[x] += rows[y, x]
 
 
 @compiled
