@@ -122,7 +122,7 @@ def test_grey_levels_of_rays_change_with_the_motion_of_the_surface(dtype: torch.
     points, gradient = -directions(200).abs(), random(3, 200)
     value, light, turn = random(200), random(200).abs(), torch.linalg.qr(random(3, 3))[0]
     given = (t.to(dtype).contiguous() for t in (points, value, gradient, light, turn))
-    found = sphere_projection.changes(*given, 0.1, RADIUS)
+    found = sphere_projection.pose_derivatives(*given, 0.1, RADIUS)
     x, y, z = points.numpy()
     slope = (turn @ gradient * light / RADIUS).numpy() * (-z > 0.1)
     expected = [(light * value).numpy(), slope[2] * x / z - slope[0], slope[2] * y / z - slope[1]]
@@ -140,10 +140,10 @@ def test_sums_over_rays_and_values_for_rays_belong_to_their_pixels(dtype: torch.
     expected = np.stack([np.bincount(owner, row) for row in values.double().numpy()], 1)
     assert_close(sphere_projection.pixel_sums(values, pixels.ray_pixels, count), expected, TOLERANCE[dtype])
     each = random(count, dtype=dtype)
-    assert_close(pixels.spread(each, light), (each.double().numpy()[owner] * light.double().numpy()), TOLERANCE[dtype])
+    assert_close(pixels.to_rays(each, light), (each.double().numpy()[owner] * light.double().numpy()), TOLERANCE[dtype])
     points, shading = directions(len(owner), dtype), random(4)
     bright = light.double().numpy() * (shading @ forward_model.shading_basis(points.double())).numpy()
-    assert_close(sphere_projection.lit(points, light, shading), bright, TOLERANCE[dtype])
+    assert_close(sphere_projection.ray_light(points, light, shading), bright, TOLERANCE[dtype])
 
 
 def test_the_equations_of_all_pixels_are_those_of_dense_matrices() -> None:

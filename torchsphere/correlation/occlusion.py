@@ -121,7 +121,7 @@ def weight_by_view(reference: Reference, q: Tensor, model: Displacement) -> Refe
     if model in motion_models.CLOSED_FORM and jit.suits(surface, weights, q):
         turn = rotation.matrices(q, exact=model is motion_models.finite)
         share = MISPLACED_PX_PER_DEG / TOLERATED_PX * degrees
-        weights = region.seen_alike(surface, weights, turn, radius, share[:, 0], MIN_COSINE)
+        weights = region.view_weights(surface, weights, turn, radius, share[:, 0], MIN_COSINE)
         return dataclasses.replace(reference, weights=weights)
     misplaced = MISPLACED_PX_PER_DEG * degrees * _misplacement(reference, q, model)
     return dataclasses.replace(reference, weights=weights / (1 + (misplaced / TOLERATED_PX).square()))

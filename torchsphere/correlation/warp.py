@@ -59,7 +59,7 @@ def _displaced(
     if model in motion_models.CLOSED_FORM and jit.suits(c_g, q, reference.weights):
         turn = rotation.matrices(q, exact=model is motion_models.finite)
         places = q[:, :2] + shift
-        return gauss_newton.look(
+        return gauss_newton.displaced(
             c_g, reference.surface, reference.weights, turn, places, exact=model is motion_models.finite
         )
     middle = 0.5 * (c_g.shape[-1] - 1)

@@ -56,7 +56,7 @@ def descend(
     return q.to(start), iterations, converged, warped, weights
 
 
-def look(
+def displaced(
     c: Tensor, surface: Tensor, weights: Tensor, turn: Tensor, middle: Tensor, *, exact: bool
 ) -> tuple[Tensor, Tensor]:
     """Places (n, p, 2) of the points in crops like ``c`` (n, h, h), and their weights (n, p), 0 out of sight.
@@ -67,12 +67,12 @@ def look(
     require_one_size(0, c, surface, weights, turn, middle)
     require_one_size(-1, surface, weights)
     points, seen = torch.empty(len(c), 2, weights.shape[-1]), torch.empty(weights.shape)
-    _look(*arrays(surface, weights, turn, middle, points, seen), c.shape[-1], exact)
+    _displaced(*arrays(surface, weights, turn, middle, points, seen), c.shape[-1], exact)
     return points.mT, seen
 
 
 @compiled
-def _look(
+def _displaced(
     surface: Floats, weights: Floats, turn: Floats, middle: Floats, points: Floats, seen: Floats, size: int, exact: bool
 ) -> None:
     for n in range(len(surface)):
@@ -83,7 +83,7 @@ def _look(
 def _place(
     surface: Floats, weights: Floats, turn: Floats, middle: Floats, size: int, exact: bool, found: tuple[Floats, ...]
 ) -> None:
-    """`look` for one pair; the sampling holds points outside the crop at its border."""
+    """`displaced` for one pair; the sampling holds points outside the crop at its border."""
     columns, lines, seen = found
     xs, ys, zs = surface[0], surface[1], surface[2]
     centre = np.float32(0.5 * (size - 1))

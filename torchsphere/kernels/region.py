@@ -39,7 +39,7 @@ def _front(pixels: Integers, nearest: Floats, radius: Floats, limit: Floats, sur
             weight[i] = ONE if squared < inside else ZERO
 
 
-def seen_alike(surface: Tensor, weights: Tensor, turn: Tensor, radius: Tensor, share: Tensor, least: float) -> Tensor:
+def view_weights(surface: Tensor, weights: Tensor, turn: Tensor, radius: Tensor, share: Tensor, least: float) -> Tensor:
     """Weights (n, p) of `occlusion.weight_by_view`.
 
     ``share`` (n,) is the weight of a foreshortening of 1, ``least`` the least cosine of a view.
@@ -47,12 +47,12 @@ def seen_alike(surface: Tensor, weights: Tensor, turn: Tensor, radius: Tensor, s
     require_one_size(0, surface, weights, turn, radius, share)
     require_one_size(-1, surface, weights)
     found = torch.empty(weights.shape)
-    _seen_alike(*arrays(surface, weights, turn, radius, share, found), np.float32(least))
+    _view_weights(*arrays(surface, weights, turn, radius, share, found), np.float32(least))
     return found
 
 
 @compiled
-def _seen_alike(
+def _view_weights(
     surface: Floats, weights: Floats, turn: Floats, radius: Floats, share: Floats, found: Floats, least: np.float32
 ) -> None:
     for n in range(len(weights)):

@@ -21,7 +21,7 @@ Array = NDArray[Any]
 _CERTAIN = 8.5
 
 
-def met(
+def surface_points(
     rays: Tensor, centre: Tensor, part: Tensor, owner: Tensor, pixels: int, radius: float, limb: float, turn_px: float
 ) -> tuple[Tensor, Tensor]:
     """`forward_model.surface_points`: points (3, q) of the unit sphere, and the rays' weights (q,) in their pixels."""
@@ -120,7 +120,7 @@ def _integrals(x: float, blur: float) -> tuple[float, float]:
     return 0.5 * (x * x + blur * blur) * below + 0.5 * x * blur * density, x * below + blur * density
 
 
-def changes(
+def pose_derivatives(
     points: Tensor, value: Tensor, gradient: Tensor, light: Tensor, turn: Tensor, deepest: float, radius: float
 ) -> Tensor:
     """Grey level of each ray, and its change by dx, dy, wx, wy, wz and the radius (7, q), px.
@@ -131,12 +131,12 @@ def changes(
     found = points.new_empty(7, points.shape[1])
     numbers = points.new_tensor([deepest, 1 / radius]).numpy()
     given = *points.numpy(), value.numpy(), *gradient.numpy(), light.contiguous().numpy(), turn.contiguous().numpy()
-    _changes(given, *numbers, tuple(found.numpy()))
+    _pose_derivatives(given, *numbers, tuple(found.numpy()))
     return found
 
 
 @compiled
-def _changes(given: tuple[Array, ...], deepest: Any, per_px: Any, found: tuple[Array, ...]) -> None:
+def _pose_derivatives(given: tuple[Array, ...], deepest: Any, per_px: Any, found: tuple[Array, ...]) -> None:
     """The seen surface point moves on the ball by -(1, 0, -x / z) for dx, by -w x P for a rotation.
 
     A larger radius brings the surface nearer by R / s and shrinks the point's distance on the ball.
@@ -173,28 +173,30 @@ def _pixel_sums(values: Array, owner: Integers, found: Array) -> None:
             found[pixel, np.uint64(k)] += values[np.uint64(k), np.uint64(i)]
 
 
-def spread(values: Tensor, owner: Tensor, light: Tensor) -> Tensor:
+def to_rays(values: Tensor, owner: Tensor, light: Tensor) -> Tensor:
     """``light`` (q,) times the ``values`` (p,) of each ray's pixel: the adjoint of `pixel_sums`."""
     found = torch.empty_like(light)
-    _spread(values.contiguous().numpy(), owner.numpy(), light.contiguous().numpy(), found.numpy())
+    _to_rays(values.contiguous().numpy(), owner.numpy(), light.contiguous().numpy(), found.numpy())
     return found
 
 
 @compiled
-def _spread(values: Array, owner: Integers, light: Array, found: Array) -> None:
+def _to_rays(values: Array, owner: Integers, light: Array, found: Array) -> None:
     for i in range(len(owner)):
         found[i] = light[i] * values[np.uint64(owner[i])]
 
 
-def lit(points: Tensor, part: Tensor, shading: Tensor) -> Tensor:
+def ray_light(points: Tensor, part: Tensor, shading: Tensor) -> Tensor:
     """Weights (q,) times the light at ``points`` (3, q) by ``shading`` (4,) of `forward_model.shading_basis`."""
     found = torch.empty_like(part)
     given: Any = *points.numpy(), part.numpy(), *shading.to(part).numpy(), found.numpy()
-    _lit(*given)
+    _ray_light(*given)
     return found
 
 
 @compiled
-def _lit(x: Array, y: Array, z: Array, part: Array, same: Any, of_x: Any, of_y: Any, of_z: Any, found: Array) -> None:
+def _ray_light(
+    x: Array, y: Array, z: Array, part: Array, same: Any, of_x: Any, of_y: Any, of_z: Any, found: Array
+) -> None:
     for i in range(len(part)):
         found[i] = part[i] * (same + of_x * x[i] + of_y * y[i] + of_z * z[i])

@@ -182,7 +182,7 @@ def _gradient(linearised: LinearisedState) -> _Gradient:
     def image_gradient(window: Window, pose: Pose, model: Linearisation) -> tuple[Array, Array, float]:
         residual = window.levels - model.levels
         weighted = pixel_weights.weights(window, pose, state.profile) * residual
-        by_coefficients = model.stencil.adjoint(window.spread(weighted, model.map_slopes))
+        by_coefficients = model.stencil.adjoint(window.to_rays(weighted, model.map_slopes))
         image_squares = float(weighted.double() @ residual.double())
         return by_coefficients.numpy(), (model.jacobian.T @ weighted).numpy(), image_squares
 

@@ -85,7 +85,7 @@ def surface_points(window: Window, centre: Tensor, radius: float) -> tuple[Tenso
     Rays that miss the ball have no weight. The weight changes over `RAY_TRANSITION_PX`: the model is continuous.
     """
     rays = window.rays, centre, window.ray_weights, window.ray_pixels, len(window.pixels)
-    return sphere_projection.met(*rays, radius, MAX_RAY_DISTANCE, RAY_TRANSITION_PX)
+    return sphere_projection.surface_points(*rays, radius, MAX_RAY_DISTANCE, RAY_TRANSITION_PX)
 
 
 def shading_basis(normals: Tensor) -> Tensor:
@@ -115,14 +115,14 @@ class Projection:
 
     def map_slopes(self, window: Window, pose: Pose) -> Tensor:
         """Derivative (q,) of the grey level of each ray's pixel by the map's value at the ray."""
-        return window.spread(pose.gain * self.coverage, self.light)
+        return window.to_rays(pose.gain * self.coverage, self.light)
 
 
 def project(window: Window, pose: Pose, ball: TexturedBall) -> Projection:
     """Project the ball at ``pose`` into the ``window``."""
     points, weights = surface_points(window, pose.centre, ball.radius)
     stencil = cube_map.stencil(pose.orientation.T.to(points) @ points, ball.cells)
-    light = sphere_projection.lit(points, weights, ball.shading)
+    light = sphere_projection.ray_light(points, weights, ball.shading)
     return Projection(points, stencil, light, *coverage(window, pose.centre, ball.radius, ball.edge_blur))
 
 
@@ -172,7 +172,7 @@ def linearise(
     points, share, share_slope = projected.points, projected.coverage, projected.coverage_slope
     values = projected.stencil.value_and_gradient(ball.coefficients.to(points))
     orientation = pose.orientation.to(points)
-    rays = sphere_projection.changes(points, *values, projected.light, orientation, MIN_DEPTH, ball.radius)
+    rays = sphere_projection.pose_derivatives(points, *values, projected.light, orientation, MIN_DEPTH, ball.radius)
     sums = sphere_projection.pixel_sums(rays, window.ray_pixels, len(window.pixels))
     ball_levels = sums[:, 0]
     contrast = ball_levels - window.background

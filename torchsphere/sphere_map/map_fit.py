@@ -192,7 +192,7 @@ def _gradient(state: State, projections: list[Projection]) -> Array:
     def image_gradient(window: Window, pose: Pose, projected: Projection) -> Array:
         residual = window.levels - forward_model.grey_levels(window, projected, pose, state.ball.coefficients)
         weighted = pixel_weights.weights(window, pose, state.profile) * residual
-        ray_values = window.spread(pose.gain * projected.coverage * weighted, projected.light)
+        ray_values = window.to_rays(pose.gain * projected.coverage * weighted, projected.light)
         return projected.stencil.adjoint(ray_values).double().numpy()
 
     gradient = -roughness_gradient(state.ball)

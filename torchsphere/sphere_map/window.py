@@ -57,9 +57,9 @@ class Window:
         sums = torch.zeros(len(self.pixels), *values.shape[1:], dtype=values.dtype)
         return sums.index_add_(0, self.ray_pixels, values)
 
-    def spread(self, values: Tensor, factors: Tensor) -> Tensor:
+    def to_rays(self, values: Tensor, factors: Tensor) -> Tensor:
         """The pixels' ``values`` (p,) at their rays, times the rays' ``factors`` (q,): (q,)."""
-        return sphere_projection.spread(values, self.ray_pixels, factors)
+        return sphere_projection.to_rays(values, self.ray_pixels, factors)
 
     def offsets_from(self, centre: Tensor) -> Tensor:
         """Offsets (p, 2) of the pixels from ``centre`` (2,), px."""
