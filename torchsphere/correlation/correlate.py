@@ -47,7 +47,8 @@ def correlate(
         (h, w), True where the images are not to be used.
     engine : str
         "fast", or "plain": the same criterion in plain torch and Kornia (`torchsphere.correlation.plain`), over every
-        pixel of the region, without the search for occluders and uneven light.
+        pixel of the region, with the exact rotation at any angle. Occluders and uneven light only widen its
+        covariance: ``robust`` and ``finite_from_deg`` have no effect.
     **options
         Fields of `Options`.
 

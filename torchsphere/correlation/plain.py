@@ -7,7 +7,7 @@ displacement of a rigid ball and a, b make mean and contrast of both images equa
 differentiation. All pairs go together, on a CPU or a GPU: n pairs, p pixels, k unknowns.
 
 `torchsphere.correlate` takes it with ``engine="plain"``. The default engine minimises the same criterion faster; it
-leaves out occluders, allows for uneven light, and corrects the covariance for residuals that are not noise.
+leaves out occluders and allows for uneven light. Here both only widen the covariance.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from torch import Tensor
 
 from torchsphere.correlation.occlusion import MIN_COSINE, MISPLACED_PX_PER_DEG, TOLERATED_PX
 from torchsphere.correlation.options import Options, margin
+from torchsphere.correlation.residual_noise import BLOCK, MAX_CHANCE_SCATTER, MIN_BLOCK_PX
 from torchsphere.correlation.result import STATUSES, Correlation
 from torchsphere.correlation.uncertainty import MAX_CONDITION, MIN_TEXTURE_SIGNAL
 from torchsphere.geometry import motion_models
@@ -229,7 +230,7 @@ def _uncertainty(
     """Covariance (n, k, k) of the increments, px and rad, and True (n,) where the texture determines every mode.
 
     The pre-blur leaves a share of the noise's variance and correlates neighbours: ``s^2 M^-1 N M^-1``, N as M with the
-    gradients blurred once more.
+    gradients blurred once more. Where the residual is more than noise, its scatter widens it: `_widening`.
     """
     k = q.shape[-1]
     of_value, of_slope = interpolation.noise_gains(pre_blur)
@@ -241,6 +242,8 @@ def _uncertainty(
     half = _solve(operator, spread)
     unit = _scale(region, k).double()
     covariance = variance[:, None, None] * _solve(operator, half.mT) / (unit[:, :, None] * unit[:, None])
+    wider = _widening(region, operator, jacobian, weights * residual, covariance * (unit[:, :, None] * unit[:, None]))
+    covariance = covariance * wider[:, :, None] * wider[:, None]
     # The operator over that of noise alone, whose gradients have independent components.
     modes = motion_models.modes(model, q, region.points, region.geometry) / _scale(region, k)[:, None, None]
     # Two upper bounds: the residual exceeds the noise where the match fails, the raw image's where texture is fine.
@@ -249,6 +252,24 @@ def _uncertainty(
     ratios = torch.linalg.eigvals(_solve(of_noise, operator).nan_to_num()).real
     worst, best = ratios.amin(-1), ratios.amax(-1)
     return covariance, (worst > MIN_TEXTURE_SIGNAL) & (best < MAX_CONDITION * worst)
+
+
+def _widening(region: Region, operator: Tensor, jacobian: Tensor, weighted: Tensor, covariance: Tensor) -> Tensor:
+    """Factors (n, k), 1 or more, on the standard deviations for a residual that is not noise, as behind an occluder.
+
+    The scatter of the scores ``J^T W r`` between blocks gives a covariance without a model of the residual (the
+    sandwich of Huber and White); ``weighted`` (n, p) is ``W r``, ``covariance`` (n, k, k) that of noise, px.
+    """
+    radius = float(region.geometry.radius.max())
+    side = max(MIN_BLOCK_PX, BLOCK * radius)
+    count = math.ceil(2 * radius / side)
+    column, row = ((region.points + radius) / side).long().clamp(0, count - 1).unbind(-1)
+    scores = jacobian.new_zeros(len(jacobian), count * count, jacobian.shape[-1])
+    blocks = (row * count + column)[..., None].expand_as(jacobian)
+    scores.scatter_add_(1, blocks, jacobian * weighted[..., None])
+    response = _solve(operator, scores.mT.double())
+    ratio = response.square().sum(-1) / covariance.diagonal(dim1=-2, dim2=-1)
+    return (ratio / MAX_CHANCE_SCATTER).nan_to_num(1.0, 1.0).clamp_min(1.0).sqrt()
 
 
 def _scale(region: Region, k: int) -> Tensor:
