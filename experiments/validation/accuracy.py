@@ -127,6 +127,17 @@ Results = dict[tuple[str, float], Errors]
 
 def make_shot(case: Case, seed: int, behind: Callable[[tuple[int, int]], torch.Tensor] | None = None) -> Shot:
     """Footage of one pattern; ``behind`` makes the still background (h, w), by default 90 throughout."""
+    return recorded(clean_shot(case, seed, behind), case.noise, seed + 100)
+
+
+def recorded(shot: Shot, noise: float, seed: int) -> Shot:
+    """A clean shot as a camera of 8 bit records it, with white noise, grey levels."""
+    levels = shot.images + noise * torch.randn(shot.images.shape, generator=torch.Generator().manual_seed(seed))
+    return replace(shot, images=levels.round().clamp(0, 255))
+
+
+def clean_shot(case: Case, seed: int, behind: Callable[[tuple[int, int]], torch.Tensor] | None = None) -> Shot:
+    """Footage of one pattern without noise, not rounded; `Case.noise` is not used."""
     rng = np.random.default_rng(seed)
     steps = np.array(case.step) + rng.uniform(-0.3, 0.3, (case.frames - 1, 2))
     turn = np.radians(case.turn) * AXIS
@@ -150,9 +161,8 @@ def make_shot(case: Case, seed: int, behind: Callable[[tuple[int, int]], torch.T
         subsamples=SUBSAMPLES // 2 if case.blur else SUBSAMPLES,
     )
     images = images.unflatten(0, (case.frames, len(share))).mean(1)
-    noise = case.noise * torch.randn(images.shape, generator=torch.Generator().manual_seed(seed + 100))
     increment = np.concatenate((steps, np.tile(turn, (case.frames - 1, 1))), 1)
-    return Shot((images + noise).round().clamp(0, 255), position, increment, case.radius)
+    return Shot(images, position, increment, case.radius)
 
 
 def errors_of(increment: Array, covariance: Array, truth: Array) -> tuple[Array, Array]:
