@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from torchsphere.cli.console import progress_bar
 from torchsphere.cli.options import add_command, add_out, add_quiet, add_settings, given_settings
 from torchsphere.request import SETTINGS, Request, merged, read_config
+from torchsphere.runtime.imports import without_collections
 
 if TYPE_CHECKING:
     from torchsphere.measure import Measurement
@@ -32,7 +33,8 @@ def measure_with_progress(
     request: Request, quiet: bool, extra: dict[str, Path] | None = None, name: str | None = None
 ) -> Measurement:
     """`torchsphere.measure.measure`, with a progress bar unless ``quiet``."""
-    from torchsphere.measure import measure
+    with without_collections():
+        from torchsphere.measure import measure
 
     with progress_bar(quiet, "tracking", second_pass="on the map") as progress:
         return measure(request, progress, extra, name=name)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from torchsphere.report import image_figures, motion_figures, pages
 from torchsphere.report.figure_style import new_figure
 from torchsphere.results.reader import ResultFolder, read
-from torchsphere.runtime import signals
+from torchsphere.runtime import imports
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,7 +49,8 @@ def drawing_process(wanted: bool = True) -> Iterator[Executor | None]:
         return
     # Spawned, not forked: torch's threads do not survive a fork.
     spawned = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(1, spawned, initializer=signals.become_worker)
+    modules = __name__, "matplotlib.backends.backend_agg", "matplotlib.backends.backend_pdf"
+    pool = ProcessPoolExecutor(1, spawned, initializer=imports.become_worker_with, initargs=modules)
     try:
         begin(pool, load_matplotlib)
         yield pool
