@@ -19,3 +19,12 @@ def test_crops_are_the_same_of_images_that_do_not_lie_together(corner: float, ig
     assert (together.usable is None) == (apart.usable is None) == (corner == 20.0 and not ignored)
     if together.usable is not None and apart.usable is not None:
         assert torch.equal(together.usable, apart.usable)
+
+
+@pytest.mark.parametrize("corner", [20.0, 3.0])
+def test_whole_numbers_become_float32(corner: float) -> None:
+    images = torch.randint(0, 256, (2, 40, 50), generator=torch.Generator().manual_seed(4), dtype=torch.uint8)
+    centres = torch.tensor([[corner, 20.4], [22.0, 19.7]], dtype=torch.float64)
+    whole, floats = crop.cut(images, centres, 9), crop.cut(images.float(), centres, 9)
+    assert whole.images.dtype == torch.float32
+    assert torch.equal(whole.images, floats.images)

@@ -65,3 +65,13 @@ def test_images_of_a_file_are_read_into_a_buffer(tmp_path: Path, count: int) -> 
 
 def test_images_in_memory_fill_no_buffer() -> None:
     assert not Source.open(torch.rand(6, 4, 5)).fills_buffers
+
+
+@pytest.mark.parametrize("kind", ["uint8", "uint16"])
+def test_whole_numbers_in_memory_stay_as_they_are(kind: str) -> None:
+    levels = np.arange(6 * 4 * 5).reshape(6, 4, 5).astype(kind)
+    source = Source.open(levels)
+    assert np.shares_memory(source.unconverted(2, 5).numpy(), levels)
+    assert torch.equal(source.unconverted(2, 5).float(), source.images(2, 5))
+    assert Source.open(levels, dtype=torch.float64).unconverted(2, 5).dtype == torch.float64
+    assert Source.open(levels.astype(float)).unconverted(2, 5).dtype == torch.float32

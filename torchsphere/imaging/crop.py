@@ -50,7 +50,8 @@ def half_size(radius: float, margin: float) -> int:
 def cut(images: Tensor | Sequence[Tensor], centres: Tensor, half: int, ignore: Tensor | None = None) -> Crops:
     """Cut crops of ``2 half + 1`` px around ``centres`` (n, 2), px, from ``images`` (n, h, w) or n times (h, w).
 
-    ``ignore`` (h, w) is True where the image is not to be used. Centres on the CPU keep the cut from waiting for a GPU.
+    Whole numbers become float32. ``ignore`` (h, w) is True where the image is not to be used. Centres on the CPU keep
+    the cut from waiting for a GPU.
     """
     height, width = images.shape[-2:] if isinstance(images, Tensor) else images[0].shape
     device = images.device if isinstance(images, Tensor) else images[0].device
@@ -63,7 +64,7 @@ def cut(images: Tensor | Sequence[Tensor], centres: Tensor, half: int, ignore: T
         slices = [
             image[y : y + side, x : x + side] for image, (x, y) in zip(images, origin.long().tolist(), strict=True)
         ]
-        return Crops(torch.stack(slices), None, origin)
+        return Crops(_as_floats(torch.stack(slices)), None, origin)
     steps = torch.arange(side)
     x = (origin[:, :1].long() + steps).to(device)
     y = (origin[:, 1:].long() + steps).to(device)
@@ -73,6 +74,7 @@ def cut(images: Tensor | Sequence[Tensor], centres: Tensor, half: int, ignore: T
         crops = images[rows, rows_in, columns_in]
     else:
         crops = torch.stack([image[y, x] for image, y, x in zip(images, rows_in, columns_in, strict=True)])
+    crops = _as_floats(crops)
     if inside and ignore is None:
         return Crops(crops, None, origin)
     unusable = ((x < 0) | (x >= width))[:, None, :] | ((y < 0) | (y >= height))[:, :, None]
@@ -85,3 +87,7 @@ def cut(images: Tensor | Sequence[Tensor], centres: Tensor, half: int, ignore: T
         crops = torch.where(dropped, level, crops)
     spread = F.max_pool2d(unusable[:, None].to(crops.dtype), 2 * REACH + 1, stride=1, padding=REACH)[:, 0]
     return Crops(crops, spread == 0, origin)
+
+
+def _as_floats(images: Tensor) -> Tensor:
+    return images if images.is_floating_point() else images.float()

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchsphere.recording import Recording
-from torchsphere.settings.arrays import as_images
+from torchsphere.settings.arrays import as_stack
 from torchsphere.settings.choices import DEVICES
 
 #: Limit of the memory for images that are read ahead or kept for a second use, bytes (docs/constants.md).
@@ -45,7 +45,7 @@ class Source:
         if isinstance(recording, Recording):
             source = cls(recording.images, len(recording), device or torch.device("cpu"), dtype, is_file=True)
         else:
-            images = as_images(recording, "recording")
+            images = as_stack(recording, "recording")
             source = cls(lambda start, stop: images[start:stop], len(images), device or images.device, dtype)
         _require_device(source.device)
         if source.count < 2:
@@ -55,6 +55,12 @@ class Source:
     def images(self, start: int, stop: int) -> Tensor:
         """Grey levels (stop - start, h, w)."""
         return torch.as_tensor(self.read(start, stop)).to(self.device, self.dtype)
+
+    def unconverted(self, start: int, stop: int) -> Tensor:
+        """`images`, but whole numbers in memory as they are: a crop of them is sooner converted than all."""
+        images = torch.as_tensor(self.read(start, stop))
+        stays = self.dtype == torch.float32 and not images.is_floating_point()
+        return images.to(self.device, None if stays else self.dtype)
 
     @property
     def fills_buffers(self) -> bool:

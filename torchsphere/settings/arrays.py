@@ -13,6 +13,12 @@ from torch import Tensor
 
 def as_images(images: Any, name: str = "images") -> Tensor:
     """Images (n, h, w) or (h, w) as a tensor (n, h, w); float64 stays, other types become float32."""
+    tensor = as_stack(images, name)
+    return tensor if tensor.dtype == torch.float64 else tensor.float()
+
+
+def as_stack(images: Any, name: str = "images") -> Tensor:
+    """Images (n, h, w) or (h, w) as a tensor (n, h, w) that shares their memory where torch has their type."""
     _require_unmasked(
         images,
         name,
@@ -24,8 +30,7 @@ def as_images(images: Any, name: str = "images") -> Tensor:
         raise ValueError(f"{name}: expected an array (n, h, w) of grey levels, got {_describe(images)}") from error
     if tensor.is_complex() or tensor.ndim not in (2, 3) or 0 in tensor.shape:
         raise ValueError(f"{name}: expected real grey levels (n, h, w) or (h, w), got shape {tuple(tensor.shape)}")
-    tensor = tensor if tensor.ndim == 3 else tensor[None]
-    return tensor if tensor.dtype == torch.float64 else tensor.float()
+    return tensor if tensor.ndim == 3 else tensor[None]
 
 
 def _describe(images: Any) -> str:
@@ -50,13 +55,13 @@ def _require_unmasked(values: Any, name: str, expected: str) -> None:
 
 
 def _native(array: np.ndarray) -> np.ndarray:
-    """The array in a type of torch: float32 for unsigned 16 and 32 bit and for foreign byte orders."""
+    """The array in a type of torch: float32 for rare types and for foreign byte orders."""
     if array.dtype.kind not in "buif":
         raise ValueError(f"no numbers: {array.dtype}")
     if not array.flags.writeable or min(array.strides, default=0) < 0:
         # Torch cannot share read-only memory or negative strides.
         array = array.copy()
-    return array if array.dtype in (np.float64, np.float32, np.uint8) else array.astype(np.float32)
+    return array if array.dtype in (np.float64, np.float32, np.uint8, np.uint16) else array.astype(np.float32)
 
 
 def as_mask(mask: Any, images: Tensor) -> Tensor:

@@ -46,6 +46,9 @@ CENTRE_TOLERANCE_PX_RAD = 0.005
 #: Weight of an error of the radius relative to one of the centre (docs/constants.md).
 RADIUS_WEIGHT = 10.0
 
+#: Memory that the process keeps from batch to batch, bytes (docs/constants.md).
+KEPT_BYTES = 2**24
+
 #: Number of frames without the ball from which its outline alone is enough to go on (docs/constants.md).
 RESTART_AFTER = 3
 
@@ -78,6 +81,8 @@ class Follower:
 
     def run(self, stop: int) -> Record:
         """Measure frame after frame up to ``stop``, in batches that grow while they succeed."""
+        # Once it has freed so much at once, the C library of Linux keeps as much for the next batch.
+        torch.empty(KEPT_BYTES, dtype=torch.uint8)
         with contextlib.ExitStack() as stack:
             shared = stack.enter_context(threads.row_runner(self._source.device, (2 * self._state.radius) ** 2))
             self._setup = dataclasses.replace(self._setup, shared=shared)
@@ -120,7 +125,7 @@ class Follower:
             good = count_leading(found.status == "ok")
         if good:
             # A copy, since the memory of the batch is used again.
-            self._accept(found, good, images[good : good + 1].clone())
+            self._accept(found, good, images[good : good + 1].to(self._source.dtype, copy=True))
         return good
 
     def _circles_after(self, found: Correlation) -> Tensor:
