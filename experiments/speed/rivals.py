@@ -103,3 +103,11 @@ def lucas_kanade(f: Array, g: Array, circle: Array) -> Array:
     kept = np.tile(found.ravel() == 1, 2)
     flow = (moved - points).T.ravel()
     return np.asarray(np.linalg.lstsq(design[kept], flow[kept], rcond=None)[0])
+
+
+#: The methods by name.
+RIVALS = {
+    "plain five-mode Gauss-Newton, numpy and scipy": plain_gauss_newton,
+    "OpenCV ECC (two translations)": ecc,
+    "OpenCV Lucas-Kanade with a five-mode fit": lucas_kanade,
+}

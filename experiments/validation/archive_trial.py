@@ -4,7 +4,7 @@ One recording kills its worker, three are corrupt, and a worker is killed during
 
 Claim: 196 results, four failures with their reasons, nothing measured twice, and nothing to do in a second run; with
 own processes, with a Dask cluster, and after the parent was killed with SIGKILL in the middle. The trial also measures
-time, memory and files per recording, from which docs/speed.md estimates a million recordings.
+time, memory and files of such short recordings; `experiments.speed.million` measures those of the demo's shot.
 
 The trial takes about a quarter of an hour on two cores; a number of recordings after the command makes it smaller. Its
 recordings get no report, which would take most of the time of such short recordings.
@@ -13,12 +13,10 @@ recordings get no report, which would take most of the time of such short record
 from __future__ import annotations
 
 import csv
-import dataclasses
 import functools
 import json
 import logging
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -35,12 +33,12 @@ import tifffile
 import torch
 
 import torchsphere as ts
-from experiments.experiment import OUTPUT, publish, table
+from experiments.experiment import OUTPUT, table
 from torchsphere.archive import dask_engine, manifest, processes
 from torchsphere.archive.run import Counts, run
-from torchsphere.archive.work import Job, Outcome, run_job
+from torchsphere.archive.work import Job, Outcome
 from torchsphere.measure import Request, measure
-from torchsphere.synthetic import demo_shot, ray_caster
+from torchsphere.synthetic import ray_caster
 
 COUNT, WORKERS, RADIUS, FRAMES = 200, 2, 12.0, 5
 COMMON: dict[str, Any] = {
@@ -52,8 +50,6 @@ COMMON: dict[str, Any] = {
 }
 CALLS = "calls.txt"
 OUT = OUTPUT / "archive_trial.json"
-#: Recordings in the test of manifest and records alone.
-MANY = 10_000
 
 
 def write_archive(folder: Path, count: int) -> None:
@@ -188,55 +184,11 @@ def _count_results(out: Path) -> int:
     return found
 
 
-def _cost_of_records(folder: Path) -> dict[str, float]:
-    """Time and memory of the manifest and the records of many recordings, which are all missing."""
-
-    def serial(jobs: Iterator[Job]) -> Iterator[Outcome]:
-        return (run_job(job, measure) for job in jobs)
-
-    folder.mkdir(parents=True)
-    sheet, out = folder / "list.csv", folder / "out"
-    sheet.write_text("recording,fps\n" + "".join(f"{i // 100}/{i}.cine,{1000 + i}\n" for i in range(MANY)))
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    began = time.perf_counter()
-    run(manifest.read(sheet, {}, out), out, serial)
-    first, began = time.perf_counter() - began, time.perf_counter()
-    run(manifest.read(sheet, {}, out), out, serial)
-    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-    return {"ms_first": 1e3 * first / MANY, "ms_second": 1e3 * (time.perf_counter() - began) / MANY, "kB": grown / MANY}
-
-
-def _cost_of_shot(folder: Path) -> dict[str, float]:
-    """Seconds to measure the demo's shot on one thread, without and with the map; files and kB of the result."""
-    folder.mkdir(parents=True)
-    torch.set_num_threads(1)
-    shot = demo_shot.make_shot()
-    path, _ = demo_shot.write_shot(folder, shot)
-    found: dict[str, float] = {"frames": len(shot.images)}
-    for name in ("off", "on"):
-        request = Request(
-            input=path, out=folder / name, fps=36000, diameter_mm=30, mass_g=110, map=name, report=False, overwrite=True
-        )
-        if name == "off":
-            measure(request)  # what is compiled and loaded once per worker
-        began = time.perf_counter()
-        measure(request)
-        found[f"seconds_map_{name}"] = time.perf_counter() - began
-    began = time.perf_counter()
-    measure(dataclasses.replace(request, map="off", report=True))
-    found["seconds_report"] = time.perf_counter() - began - found["seconds_map_off"]
-    files = [p for p in request.out.rglob("*") if p.is_file()]
-    return {**found, "files": len(files), "kB": sum(p.stat().st_size for p in files) / 1e3}
-
-
 def compute(count: int = COUNT) -> dict[str, Any]:
-    """All trials and costs; kept in ``experiments/output/archive_trial.json``."""
+    """All trials; kept in ``experiments/output/archive_trial.json``."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         found: dict[str, Any] = {"count": count, "workers": WORKERS, "version": ts.__version__}
-        # First, because the growth of the process is the measure of memory.
-        found["state"] = _cost_of_records(folder / "state")
-        found["one_shot"] = _cost_of_shot(folder / "shot")
         for key, how in (("own processes", _by_processes), ("Dask", _by_dask), ("parent killed", _with_parent_killed)):
             found[key] = how(folder / key.replace(" ", "-"), count)
             OUT.parent.mkdir(exist_ok=True)
@@ -261,32 +213,14 @@ def main() -> None:
         counts = (row["results"], len(row["reasons"]), row["measured_twice"], row["measured_in_second_run"])
         lines.append((key, *counts, f"{row['seconds']:.0f}", "yes" if holds(row, count) else "NO"))
     print("\n" + table(head, lines))
-    for recording, reason in sorted(found["own processes"]["reasons"].items()):
+    own = found["own processes"]
+    seconds, size = own["seconds"] * WORKERS / own["results"], own["kB_per_result"]
+    print(
+        f"A recording, by a worker of {WORKERS}: {seconds:.2f} s, {own['files_per_result']:.0f} files, {size:.0f} kB."
+    )
+    print(f"A worker held {own['worker_MB']:.0f} MB.\n")
+    for recording, reason in sorted(own["reasons"].items()):
         print(f"  {recording}: {reason}")
-    own, shot, state = found["own processes"], found["one_shot"], found["state"]
-    per = own["seconds"] * WORKERS / own["results"]
-    whole = f"shot of {shot['frames']} frames, one thread"
-    lines = [
-        (
-            f"short ({FRAMES} frames, no map, no report), by a worker of {WORKERS}",
-            f"{per:.2f} s",
-            f"{own['files_per_result']:.0f} + 1",
-            f"{own['kB_per_result']:.0f}",
-            f"{own['worker_MB']:.0f} MB per worker",
-        ),
-        (f"{whole}, no map, no report", f"{shot['seconds_map_off']:.2f} s", "", "", ""),
-        (f"{whole}, with the map", f"{shot['seconds_map_on']:.1f} s", "", "", ""),
-        ("report and figures", f"{shot['seconds_report']:.1f} s more", f"{shot['files']} + 1", f"{shot['kB']:.0f}", ""),
-        (
-            "manifest and records alone",
-            f"{state['ms_first']:.2f} ms, {state['ms_second']:.2f} ms in a second run",
-            1,
-            "",
-            f"{state['kB']:.1f} kB of the parent",
-        ),
-    ]
-    head = ("per recording", "time", "files", "kB", "memory")
-    publish("archive", "validation.archive_trial", table(head, lines))
 
 
 if __name__ == "__main__":
