@@ -59,7 +59,7 @@ def _busy(images: Array, footage: Footage, sphere_map: bool | None) -> float:
     """Time in which the GPU works during a track, s, by torch's profiler."""
     from torch.profiler import ProfilerActivity, profile
 
-    with profile(activities=[ProfilerActivity.CPU, ProfilerActivity.CUDA]) as profiled:
+    with profile(activities=[ProfilerActivity.CUDA]) as profiled:
         ts.track(images, footage.circle(), sphere_map=sphere_map, device="cuda")
     events: Any = profiled.events()
     on_gpu = [event for event in events if event.device_type.name == "CUDA"]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -78,6 +79,7 @@ def _all_ways(shot: Shot, n: int, threads: int, seconds: float) -> dict[str, Tim
     return found
 
 
+@lru_cache(maxsize=len(RADII))
 def _shot(radius: float, pairs: int) -> Shot:
     """The example shot at another size: the pattern grows with the ball."""
     return make_shot(Case(radius=radius, speckle=4 * max(radius / 50, 0.7), frames=pairs + 1), 0)
