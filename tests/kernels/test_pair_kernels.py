@@ -21,7 +21,7 @@ from torchsphere.correlation import illumination, occlusion, reference_lookup, r
 from torchsphere.correlation.gauss_newton import Solution, SolverSettings, gauss_newton
 from torchsphere.correlation.reference import Filtered, Pairs, Reference, build_reference
 from torchsphere.geometry import motion_models, rotation
-from torchsphere.imaging import interpolation
+from torchsphere.imaging import interlacing, interpolation
 from torchsphere.imaging.crop import Crops, cut, half_size
 from torchsphere.kernels import jit
 from torchsphere.kernels.operator import solve as solved
@@ -259,6 +259,25 @@ def test_sums_over_windows_and_blocks_and_power_of_the_residual() -> None:
 
     for name in residual_noise.ResidualPower._fields:
         assert_loops_agree(lambda dtype, name=name: getattr(power(dtype), name), 5e-6)  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("every", [1, 8])
+@pytest.mark.parametrize("model", CLOSED)
+def test_products_of_the_modes(model: motion_models.Displacement, every: int) -> None:
+    def gram(dtype: torch.dtype) -> Tensor:
+        made, exact = reference_of(dtype), model is motion_models.finite
+        return rotation.gram(unknowns(dtype), made.surface, made.weights, exact=exact, every=every)
+
+    assert_loops_agree(gram, 2e-6)
+
+
+def test_shift_between_the_fields() -> None:
+    images = pairs(torch.float64).f.crops.images.clone()
+    images[1, 1::2] = images[1, 1::2].roll(1, -1)
+    assert_loops_agree(lambda dtype: interlacing.row_products(images.to(dtype)), 1e-6)
+    still, shifted = interlacing.field_shift(images.float())
+    assert still.tolist() == [0.0, 0.0]
+    assert float(shifted[0]) > 0.3
 
 
 def test_judgements_of_a_pair() -> None:

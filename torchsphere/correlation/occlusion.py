@@ -82,6 +82,7 @@ def _judge_rows(
     return rows, (excess <= 0) | (excess <= _foreshortening(reference.take(rows), seen, q[rows], model))
 
 
+@jit.in_loops(region.exceeds)
 def _exceeds(energy: Tensor, limit: Tensor, seen: Tensor) -> Tensor:
     """True (n,) where the energy (n, p) of a ``seen`` point exceeds the row's limit (n,)."""
     return ((energy > limit[:, None]) & (seen > 0)).any(-1)

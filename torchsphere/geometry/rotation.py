@@ -90,17 +90,22 @@ _MODES = torch.tensor(
 
 def gram(q: Tensor, places: Tensor, weights: Tensor, *, exact: bool, every: int = 1) -> Tensor:
     """Weighted sum (n, 5, 5), float64, of the products of the modes, over every ``every``-th point."""
-    places, weights = places[..., ::every], weights[..., ::every]
-    at = moved(q, places, exact=True) if exact else places
-    at = torch.cat((torch.ones_like(at[:, :1]), at), 1)
-    moments = ((at * weights[:, None]) @ at.mT).double()
+    moments = _moments(places, weights, every).double()
     modes = _MODES.to(moments.device)
-    total = (modes @ moments[:, None] @ modes.mT).sum(1)
     if exact:
-        change = torch.eye(5, dtype=torch.float64, device=total.device).repeat(len(total), 1, 1)
-        change[:, 2:, 2:] = tangents(q[:, 2:5].double())
-        total = change.mT @ total @ change
-    return total
+        turn, change = torch.eye(5, dtype=torch.float64, device=moments.device).repeat(2, len(moments), 1, 1)
+        turn = turn[:, :4, :4]
+        turn[:, 1:, 1:], change[:, 2:, 2:] = rotations(q[:, 2:5]), tangents(q[:, 2:5])
+        moments = turn @ moments @ turn.mT
+    total = (modes @ moments[:, None] @ modes.mT).sum(1)
+    return change.mT @ total @ change if exact else total
+
+
+@jit.in_loops(rotation.moments)
+def _moments(places: Tensor, weights: Tensor, every: int) -> Tensor:
+    """Weighted sums (n, 4, 4) of the products of 1 and the ``places`` (n, 3, p), at every ``every``-th point."""
+    at = torch.cat((torch.ones_like(places[:, :1, ::every]), places[..., ::every]), 1)
+    return (at * weights[:, None, ::every]) @ at.mT
 
 
 def radius_mode(q: Tensor, places: Tensor, radius: Tensor, *, exact: bool) -> Tensor:

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from torchsphere.imaging.crop import Crops
+from torchsphere.kernels import fields, jit
 
 #: Shift (x, y) between the fields above which an image counts as interlaced, px (docs/constants.md).
 MIN_SHIFT_PX = (0.05, 0.15)
@@ -34,22 +35,31 @@ MIDWAY_WEIGHTS = (-1 / 16, 9 / 16, 9 / 16, -1 / 16)
 
 def field_shift(images: Tensor) -> Tensor:
     """Shift (n, 2) in px of each image's odd rows against an interpolation of its even rows, to first order."""
+    products = row_products(images).double()
+    normal = products[:, :2, :2] + 1e-6 * torch.eye(2, dtype=torch.float64, device=images.device)
+    score, power = products[:, :2, 2], products[:, 2, 2]
+    shift = torch.linalg.solve_ex(normal, score)[0]
+    # Without texture, the noise of the rows alone would give a shift.
+    pixels = (images.shape[1] - 8) * (images.shape[2] - 2)
+    variance = power[:, None] / pixels * torch.linalg.inv_ex(normal)[0].diagonal(dim1=1, dim2=2)
+    explained = (shift * score).sum(-1, keepdim=True) > MIN_EXPLAINED * power[:, None]
+    return torch.where((shift.abs() > MIN_SIGNIFICANCE * variance.sqrt()) & explained, shift, 0.0)
+
+
+@jit.in_loops(fields.products)
+def row_products(images: Tensor) -> Tensor:
+    """Sums (n, 3, 3) of the products of slope along x, slope along y and rest, over the pixels of ``images`` (n, h, w).
+
+    The rest is an image minus the interpolation of each of its rows from the other field. Its sign alternates from row
+    to row, since rows belong to either field in turn; the slopes are those of the interpolation.
+    """
     between = _interpolate_rows(images)
-    rest = images[:, 3:-3] - between
+    rest = (images[:, 3:-3] - between)[:, 1:-1, 1:-1]
     slope_x = 0.5 * (between[:, 1:-1, 2:] - between[:, 1:-1, :-2])
     slope_y = 0.5 * (between[:, 2:, 1:-1] - between[:, :-2, 1:-1])
-    rest = rest[:, 1:-1, 1:-1]
-    # Rows belong to either field in turn, and the sign of their rest alternates.
     sign = 1 - 2 * (torch.arange(rest.shape[1], device=rest.device) % 2)[:, None].to(rest)
-    slopes = torch.stack((slope_x.flatten(1), slope_y.flatten(1)), 1)
-    score = (slopes @ (sign * rest).flatten(1)[..., None])[..., 0].double()
-    normal = (slopes @ slopes.mT).double() + 1e-6 * torch.eye(2, dtype=torch.float64, device=slopes.device)
-    shift = torch.linalg.solve_ex(normal, score)[0]
-    power = rest.square().mean((1, 2)).double()
-    # Without texture, the noise of the rows alone would give a shift.
-    noise = (power[:, None] * torch.linalg.inv_ex(normal)[0].diagonal(dim1=1, dim2=2)).sqrt()
-    explained = (shift * score).sum(-1, keepdim=True) > MIN_EXPLAINED * power[:, None] * rest[0].numel()
-    return torch.where((shift.abs() > MIN_SIGNIFICANCE * noise) & explained, shift, 0.0)
+    values = torch.stack((slope_x, slope_y, sign * rest), 1).flatten(2)
+    return values @ values.mT
 
 
 def is_interlaced(crops: Crops) -> bool:

@@ -1,4 +1,4 @@
-"""Points of the region of interest on the ball's front, their weights in a changed view, and sums over blocks."""
+"""Points of the region of interest: on the ball's front, weights in a changed view, sums over blocks, a limit."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.kernels.jit import ONE, ZERO, Floats, Integers, arrays, compiled, require_one_size
+from torchsphere.kernels.jit import ONE, ZERO, Floats, Integers, arrays, compiled, require_one_size, require_same_points
 from torchsphere.kernels.operator import dot
 
 #: Least sum of weights in a window.
@@ -89,6 +89,24 @@ def block_sums(values: Tensor, factors: Tensor, places: Tensor, side: int, belon
     found = torch.empty(*values.shape[:2], len(belongs) ** 2)
     _block_sums(*arrays(values, factors, places, belongs, found), side)
     return found
+
+
+def exceeds(values: Tensor, limit: Tensor, weights: Tensor) -> Tensor:
+    """True (n,) where one of the ``values`` (n, p) that have ``weights`` (n, p) exceeds the row's ``limit`` (n,)."""
+    require_same_points(values, weights)
+    require_one_size(0, values, limit)
+    found = torch.empty(len(values), dtype=torch.bool)
+    _exceeds(*arrays(values, limit, weights, found))
+    return found
+
+
+@compiled
+def _exceeds(values: Floats, limit: Floats, weights: Floats, found: NDArray[np.bool_]) -> None:
+    for n in range(len(values)):
+        above = 0
+        for i in range(values.shape[1]):
+            above += (values[n, i] > limit[n]) & (weights[n, i] > ZERO)
+        found[n] = above > 0
 
 
 @compiled

@@ -1,13 +1,15 @@
-"""Rotation matrices and tangents of many balls: torch takes some ten operations for each kind."""
+"""Rotation matrices, tangents and moments of many balls: torch takes some ten operations for each kind."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from torchsphere.kernels.jit import Floats, arrays, compiled
+from torchsphere.kernels.jit import Floats, arrays, compiled, require_one_size
+from torchsphere.kernels.operator import dot
 
 #: Turn below which quotients of sines and cosines come from their series, since they lose digits, rad.
 _SMALL = 1e-2
@@ -24,6 +26,15 @@ def tangents(vectors: Tensor) -> Tensor:
     """`rotation.tangents`."""
     found = torch.empty(len(vectors), 3, 3)
     _tangents(*arrays(vectors, found))
+    return found
+
+
+def moments(places: Tensor, weights: Tensor, every: int) -> Tensor:
+    """`rotation._moments`."""
+    require_one_size(0, places, weights)
+    require_one_size(-1, places, weights)
+    found = torch.empty(len(places), 4, 4)
+    _moments(*arrays(places, weights, found), every)
     return found
 
 
@@ -67,3 +78,19 @@ def _combined(x: float, y: float, z: float, first: float, second: float, found: 
     found[0, 1], found[1, 0] = second * x * y - first * z, second * x * y + first * z
     found[0, 2], found[2, 0] = second * x * z + first * y, second * x * z - first * y
     found[1, 2], found[2, 1] = second * y * z - first * x, second * y * z + first * x
+
+
+@compiled
+def _moments(places: Floats, weights: Floats, found: Floats, every: int) -> None:
+    at = np.ones((4, (weights.shape[1] + every - 1) // every), np.float32)
+    weighted = np.empty(at.shape, np.float32)
+    for n in range(len(places)):
+        for i in range(at.shape[1]):
+            weighted[0, i] = weights[n, i * every]
+        for k in range(1, 4):
+            for i in range(at.shape[1]):
+                at[k, i] = places[n, k - 1, i * every]
+                weighted[k, i] = weighted[0, i] * at[k, i]
+        for j in range(4):
+            for k in range(4):
+                found[n, j, k] = dot(weighted[j], at[k])
