@@ -11,7 +11,7 @@ from typing import Any
 Works = Mapping[str, tuple[Callable[[], Any], int]]
 
 #: Rounds at most and at least; no round begins after this time, s.
-ROUNDS, FEWEST_ROUNDS, SECONDS = 7, 2, 10.0
+ROUNDS, FEWEST_ROUNDS, SECONDS = 7, 2, 5.0
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,8 @@ FRAMES, RADII, LENGTHS = 100, (15, 30, 50, 100, 150), (10, 30, 100, 300, 1000, 2
 
 MOTIONS = {"hardly turns": CALM, "spins": SPIN, "spins fast": FAST}
 
-#: Pairs that the other methods take at most.
-RIVAL_PAIRS = 64
+#: Pairs that the other methods take: up to R = 50 px, and at least. Larger balls get fewer.
+RIVAL_PAIRS, FEWEST_PAIRS = 64, 8
 
 DEFAULT, PAIRS, ECC = "torchsphere", "torchsphere by pairs", "OpenCV ECC (two translations)"
 
@@ -73,7 +73,8 @@ def works(images: Array, footage: Footage) -> tuple[Works, dict[str, Any]]:
 
         return work
 
-    pairs = min(RIVAL_PAIRS, len(images) - 1)
+    wanted = max(FEWEST_PAIRS, round(RIVAL_PAIRS * min(1.0, (50 / footage.radius) ** 2)))
+    pairs = min(wanted, len(images) - 1)
     ways = {DEFAULT: (tracked(None), len(images)), PAIRS: (tracked(False), len(images))}
     return ways | {name: (by_rival(way, pairs), pairs) for name, way in RIVALS.items()}, last
 
