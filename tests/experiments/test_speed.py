@@ -155,8 +155,25 @@ def test_a_million_recordings_cost_a_million_times_one() -> None:
     assert "6 minutes, 2 in a second run, and 6 GB" in text
 
 
-def test_a_limit_of_frames_leaves_out_longer_recordings(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[tuple[Any, ...]] = []
-    monkeypatch.setattr(recordings, "measured", lambda *key: asked.append(key))
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
+    """The recordings that were asked for, none of which is made; each takes a second less than the one before."""
+    calls: list[tuple[Any, ...]] = []
+
+    def measured(*key: Any) -> Run:
+        calls.append(key)
+        return _run(key[2], 100.0 - len(calls), 0.7)
+
+    monkeypatch.setattr(recordings, "measured", measured)
+    return calls
+
+
+def test_a_limit_of_frames_leaves_out_longer_recordings(asked: list[tuple[Any, ...]]) -> None:
     recordings.compute(Scope(most_frames=1000))
     assert sorted(count for _, _, count, _ in asked) == [500, 1000]
+
+
+def test_the_fastest_run_of_the_recording_with_a_limit_counts(asked: list[tuple[Any, ...]]) -> None:
+    found = recordings.compute(Scope(most_frames=2000))
+    assert found[recordings.CLAIMED].wall_s == 100 - recordings.REPEATS
+    assert len(asked) == len(found) + recordings.REPEATS - 1
