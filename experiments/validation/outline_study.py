@@ -60,7 +60,6 @@ from torchsphere.imaging import background as still
 from torchsphere.imaging.interpolation import blur
 from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map import forward_model
-from torchsphere.sphere_map.window import cut_window
 
 FRAMES, BEYOND = 60, 1.08
 BOUND_PX, TARGET_PX = 0.0017, 0.0026
@@ -93,11 +92,9 @@ def without_background(shot: Shot, position: Array) -> Tensor:
     level = float(behind.median())
     centres, images = torch.from_numpy(position), shot.images.clone()
     for image, centre in zip(images, centres, strict=True):
-        window = cut_window(image, behind, centre, shot.radius, None)
         y, x = torch.meshgrid(*(torch.arange(n) for n in image.shape), indexing="ij")
-        inside = (x - centre[0]).square() + (y - centre[1]).square() < shot.radius**2
-        share, column, row = inside.to(image), *window.pixels.long().unbind(-1)
-        share[row, column], _ = forward_model.coverage(window, centre, shot.radius, forward_model.MIN_BLUR_PX)
+        size = torch.tensor([shot.radius, forward_model.MIN_BLUR_PX], dtype=torch.float64)
+        share, _, _ = forward_model.coverage(x - centre[0], y - centre[1], *size)
         image -= ((1 - share) * (behind - level)).float()
     return images
 

@@ -1,6 +1,6 @@
 """Absolute poses on a map of the ball: drift, uncertainty, and refusal of the map."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -9,12 +9,15 @@ from shots import angles_between, noisy, rotation_matrix, speckle
 
 from torchsphere import Circle, track
 from torchsphere.recording.frame_source import Source
-from torchsphere.sphere_map import bundle_adjustment, forward_model, poses, registration
+from torchsphere.sphere_map import bundle_adjustment, poses, registration
+from torchsphere.sphere_map.ball import Poses, TexturedBall, uniform_light
 from torchsphere.sphere_map.bundle_adjustment import Adjustment
-from torchsphere.sphere_map.forward_model import Pose, TexturedBall
+from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
+from torchsphere.sphere_map.keyframes import MAX_KEYFRAMES, MIN_KEYFRAMES
 from torchsphere.sphere_map.pixel_weights import uniform_profile
 from torchsphere.sphere_map.registration import Registration
 from torchsphere.sphere_map.state import State
+from torchsphere.sphere_map.window import Windows
 from torchsphere.synthetic import ray_caster
 from torchsphere.tracking.track import Track
 
@@ -56,7 +59,7 @@ def turning() -> Turning:
 def test_a_ball_that_turns_far_gets_a_map_by_default(turning: Turning) -> None:
     settings = turning.track.settings["sphere_map"]
     assert settings["used"] is True
-    assert settings["keyframes"] == poses.MAX_KEYFRAMES
+    assert MIN_KEYFRAMES <= settings["keyframes"] <= MAX_KEYFRAMES
     assert settings["frames"] == N
     # The residual is noise alone, by the estimate from the pairs.
     assert settings["residual_over_noise"] < 1.3
@@ -93,7 +96,10 @@ def test_position_and_orientation_do_not_drift(turning: Turning) -> None:
     # 0.01 px are stated for each of 120 numbers. The sum of the increments is off by 0.1 px or more.
     assert errors.max() < 0.035
     truth = turning.orientations @ turning.orientations[0].T
-    assert angles_between(measured.orientation, truth).max() < 0.12
+    angles = angles_between(measured.orientation, truth)
+    # Six shots with other patterns and noise had 0.032 to 0.056 deg in the mean, and 0.06 to 0.13 deg at most.
+    assert angles.mean() < 0.06
+    assert angles.max() < 0.15
 
 
 def test_a_wrong_radius_is_corrected(turning: Turning) -> None:
@@ -115,7 +121,7 @@ def test_no_map_is_made_if_it_is_switched_off_or_too_few_frames_are_known(turnin
     assert measured.settings["sphere_map"]["used"] is False
     few = track(turning.images[:4], turning.circle, sphere_map=True)
     assert few.settings["sphere_map"]["used"] is False
-    assert "has 4" in few.settings["sphere_map"]["reason"]
+    assert "there are 4" in few.settings["sphere_map"]["reason"]
 
 
 def test_singular_equations_of_the_map_leave_the_measured_increments(
@@ -147,7 +153,7 @@ def test_images_that_do_not_fit_any_map_are_refused(turning: Turning) -> None:
     images[1::2] = noisy(other, 2.0, 11)[1::2]
     circle = Circle(*turning.circle)
     found = poses.poses_on_map(
-        Source.open(images), turning.centres[:10], turning.orientations[:10], 0.025, circle, None
+        Source.open(images), turning.centres[:10], turning.orientations[:10], 0.025, circle, None, 0.1
     )
     assert isinstance(found, str)
     assert found
@@ -155,15 +161,16 @@ def test_images_that_do_not_fit_any_map_are_refused(turning: Turning) -> None:
 
 def test_a_frame_that_is_not_on_the_map_keeps_its_increment(turning: Turning, monkeypatch: pytest.MonkeyPatch) -> None:
     """One registration is made to fail; its frame follows from its neighbour by the correlation's increment."""
-    true_register, calls = registration.register, []
+    true_register = registration.register
 
-    def failing(*args: object) -> Registration:
-        calls.append(1)
-        found = true_register(*args)  # type: ignore[arg-type]
-        return Registration(found.pose, found.covariance, len(calls) != 2, found.misfit)
+    def failing(windows: Windows, *rest: object) -> Registration:
+        found = true_register(windows, *rest)  # type: ignore[arg-type]
+        converged = found.converged.clone()
+        if len(windows) == 16:
+            converged[6] = False
+        return replace(found, converged=converged)
 
     monkeypatch.setattr(registration, "register", failing)
-    monkeypatch.setattr(poses, "MAX_KEYFRAMES", 10)
     plain = track(turning.images[:16], turning.circle, sphere_map=False)
     measured = track(turning.images[:16], turning.circle, sphere_map=True)
     settings = measured.settings["sphere_map"]
@@ -183,13 +190,18 @@ def step_variances(misfits: dict[int, float], keyframe_variance: float = 4.0) ->
 
     ``misfits`` are those of the frames beside the keyframes; the adjustment gives each keyframe ``keyframe_variance``.
     """
-    pose, unit = Pose(torch.zeros(2).double(), torch.eye(3).double()), torch.eye(5, dtype=torch.float64)
-    found = {i: Registration(pose, unit, True, misfit) for i, misfit in misfits.items()}
-    found |= {i: Registration(pose, unit, True, 1.0) for i in KEYS}
-    ball = TexturedBall(RADIUS, 0.3, 8, torch.zeros(0), forward_model.uniform_light())
-    state = State([], [pose] * len(KEYS), ball, uniform_profile(RADIUS))
-    adjustment = Adjustment(state, keyframe_variance * np.eye(5 * len(KEYS) + 2), settled=True)
-    variance = np.einsum("nii->ni", poses.step_covariances(9, found, KEYS, adjustment))
+    numbers = np.array(sorted({*misfits, *KEYS}))
+    unit = torch.eye(5, dtype=torch.float64).expand(len(numbers), 5, 5)
+    misfit = torch.tensor([misfits.get(int(i), 1.0) for i in numbers], dtype=torch.float64)
+    at = Poses.at(torch.zeros(len(numbers), 2).double(), torch.eye(3).double().expand(len(numbers), 3, 3))
+    found = Registration(at, unit, misfit > 0, misfit)
+    size, none = torch.tensor(RADIUS, dtype=torch.float64), torch.zeros(len(KEYS), 1, 1)
+    ball = TexturedBall(size, size * 0 + 0.3, 8, torch.zeros(0), uniform_light(size))
+    windows = Windows(none, none, none, torch.zeros(len(KEYS), 2).double())
+    state = State(windows, at.take(slice(0, len(KEYS))), ball, uniform_profile(size, 4.0))
+    covariance = keyframe_variance * torch.eye(PER_IMAGE * len(KEYS) + COMMON, dtype=torch.float64)
+    adjustment = Adjustment(state, covariance, settled=True)
+    variance = np.einsum("nii->ni", poses.step_covariances(9, numbers, found, KEYS, adjustment))
     return variance * np.array([1, 1, *3 * [RADIUS**2]])
 
 

@@ -41,7 +41,7 @@ def test_the_rotation_of_a_bright_ball_over_a_dark_background_is_not_overestimat
 
 
 def test_a_given_region_is_kept_and_its_leakage_is_stated(bright: Shot) -> None:
-    measured = track(bright.images, bright.circle, roi=0.95)
+    measured = track(bright.images, bright.circle, roi=0.95, sphere_map=False)
     assert measured.settings["roi"] == 0.95
     along, turned = turn_errors(measured, bright)
     front = RADIUS * np.radians(TURN_DEG[1])
@@ -56,7 +56,7 @@ def test_a_warning_about_leakage_names_a_better_region(
     path = tmp_path / "bright.npy"
     np.save(path, bright.images.numpy().astype(np.uint8))
     recording: Recording = open_recording(path)
-    measured = track(recording, bright.circle, **({} if roi is None else {"roi": roi}))
+    measured = track(recording, bright.circle, sphere_map=False, **({} if roi is None else {"roi": roi}))
     found = [
         s
         for s in track_warnings(Request(input=path, out="out", roi=roi), recording, measured, 1e3, 0)

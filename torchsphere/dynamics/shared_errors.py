@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.dynamics.scale import Scale
-from torchsphere.tracking.drift import STEP_PER_RADIUS
 from torchsphere.tracking.track import Track
+
+#: Error of a step, px, per px of error of the radius and rad of rotation (docs/constants.md).
+STEP_PER_RADIUS = 3.0
 
 #: Relative change of the rotation per relative change of the radius (docs/constants.md).
 ROTATION_PER_RADIUS = 2.1

@@ -20,12 +20,11 @@ from numpy.typing import NDArray
 
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics, mean_motion
-from torchsphere.dynamics.shared_errors import ROTATION_PER_RADIUS
+from torchsphere.dynamics.shared_errors import ROTATION_PER_RADIUS, STEP_PER_RADIUS
 from torchsphere.geometry.orientation import quaternions
 from torchsphere.recording import Recording
 from torchsphere.request import Request
 from torchsphere.results.reader import KINEMATICS_COLUMNS, TRACK_COLUMNS
-from torchsphere.tracking.drift import STEP_PER_RADIUS
 from torchsphere.tracking.track import Track
 
 #: Rows of a block of a CSV file.

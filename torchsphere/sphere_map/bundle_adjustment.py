@@ -1,49 +1,47 @@
 """Bundle adjustment of one sphere: texture map, radius and edge blur of the ball, and its poses in many images.
 
-The grey levels are linear in the thousands of map coefficients, and only neighbours are coupled: the map is eliminated
-exactly (`map_fit`). Five unknowns per image and two common ones remain; the inverse of their normal matrix is the
-covariance of all poses, with the uncertainty of the map. One elimination serves several Gauss-Newton steps.
+Each Gauss-Newton step of map and poses together is found by conjugate gradients (`elimination`), which start from the
+equations without the map. The inverse of their matrix is the covariance of all poses, with the uncertainty of the map.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
+from torch import Tensor
 
-from torchsphere.runtime import threads
-from torchsphere.sphere_map import cube_map, forward_model, map_fit, pixel_weights
-from torchsphere.sphere_map.forward_model import Linearisation, Pose, TexturedBall, uniform_light
-from torchsphere.sphere_map.map_fit import Elimination
-from torchsphere.sphere_map.state import LinearisedState, State
-from torchsphere.sphere_map.window import Window
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.threads import RowRunner
+from torchsphere.sphere_map import cube_map, elimination, forward_model, pixel_weights
+from torchsphere.sphere_map.ball import Poses, TexturedBall, uniform_light
+from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
+from torchsphere.sphere_map.forward_model import Linearisation
+from torchsphere.sphere_map.light import fit_light
+from torchsphere.sphere_map.map_fit import MapEquations
+from torchsphere.sphere_map.state import State, drawn, fit_map, linearised, reweighted, with_cells
+from torchsphere.sphere_map.window import Windows
 
 
 class _Level(NamedTuple):
     """One resolution of the map."""
 
     cell_px: float  # width of the cells
-    tolerance_px: float  # length of a step at which the steps with one elimination end
-    settled_px: float  # move by the first step of an elimination below which the level is done
+    settled_px: float  # largest move of a pose by a step below which the level is done
+    max_steps: int
+    is_last: bool
 
 
-#: Levels of the map, coarse to fine; coarse cells align poses that are off by a px (docs/constants.md).
-LEVELS = (_Level(2.0, 0.02, 0.1), _Level(1.5, 0.01, 0.1), _Level(1.0, 0.001, 0.02))
+#: Width of the first map's cells, px: coarse cells align poses that are off by a px (docs/constants.md).
+COARSE_PX = 2.0
 
 #: Blur of the outline at the start, px (docs/constants.md).
 INITIAL_BLUR_PX = 0.3
 
-#: Largest number of eliminations at one level.
-MAX_ELIMINATIONS = 4
-
-#: Residual variance within the disc, in variances of the noise, from which a shading is fitted (docs/constants.md).
-SHADING_FROM = 1.5
+#: Residual variance within the disc, in variances of the noise, from which a light is fitted (docs/constants.md).
+LIGHT_FROM = 1.5
 
 #: Systematic error of the radius by the model of the edge, px (docs/constants.md).
 RADIUS_ERROR_PX = 0.012
@@ -51,163 +49,143 @@ RADIUS_ERROR_PX = 0.012
 #: Blur that optics alone make, px, and systematic error of the radius per px of further blur (docs/constants.md).
 OPTICS_BLUR_PX, RADIUS_ERROR_PER_BLUR = 0.3, 0.8
 
-#: Number of fits of gains and offsets, each followed by a fit of the map, before the first level (docs/constants.md).
-BRIGHTNESS_ROUNDS = 2
+#: Largest variance of a ring over that within the disc while the outline is not yet found (docs/constants.md).
+MAX_RING_VARIANCE = 10.0
 
-#: Largest number of steps with one elimination, and ratio of two steps from which they end (docs/constants.md).
-MAX_STEPS, MAX_STEP_RATIO = 4, 0.8
+#: Move of a pose below which it counts as settled, in standard deviations (docs/constants.md).
+SETTLED_SD = 1.0
 
-#: Shares of a step, tried in turn until the squares fall: near the limb no step is linear (docs/constants.md).
-STEP_SHARES: tuple[float, ...] = (1.0, 0.3, 0.1)
+#: Conjugate gradients for a map on new cells, and for a step of map and poses together (docs/constants.md).
+NEW_MAP_STEPS, STEPS = 6, 8
 
-#: Share that is tried first after a step whose first share was accepted (docs/constants.md).
-EXTENDED_SHARE = 2.0
+#: Largest change of the edge's blur in a step, px: its effect on the grey levels is far from linear.
+MAX_BLUR_STEP_PX = 0.2
 
-#: Smallest decrease of the weighted squares for another step (docs/constants.md).
-MIN_DECREASE = 1.0
+#: Largest move of a pose in a step, px (docs/constants.md).
+MAX_MOVE_PX = 1.0
 
 
 @dataclass(frozen=True)
 class Adjustment:
     """The adjusted ball and poses."""
 
-    state: State  # images with their visibility, poses, ball, and profile of the residuals
-    # (5 n + 2, 5 n + 2) of the poses as (dx, dy, wx, wy, wz), px, rotations times the radius, then of radius and edge
-    # blur, px. The mean orientation defines the frame and has no variance.
-    covariance: Array
+    state: State
+    # (7 n + 2, 7 n + 2): of each image (dx, dy, wx, wy, wz), px, rotations times the radius, then gain and offset; then
+    # of radius and edge blur, px. The mean orientation defines the frame and has no variance.
+    covariance: Tensor
     settled: bool  # False if the poses still moved at the end
 
 
 def adjust(
-    windows: list[Window],
-    poses: list[Pose],
+    windows: Windows,
+    poses: Poses,
     radius: float,
     noise_variance: float,
+    cell_px: float,
+    shared: RowRunner,
     progress: Callable[[float], None] | None = None,
 ) -> Adjustment:
     """Adjust map and poses to n images, from ``poses`` within half a speckle and a ``radius`` within a px.
 
-    Light that differs from side to side is fitted, too, if the residual is much larger than ``noise_variance``, grey
-    levels squared. ``progress`` is called with the share that is done. Singular equations raise LinAlgError.
+    ``cell_px`` is the width of the map's cells, ``noise_variance`` that of the images, grey levels squared; ``shared``
+    shares images out among threads. ``progress`` is called with the share that is done. Singular equations raise
+    LinAlgError.
     """
-    cells = cube_map.cells_per_face(radius, LEVELS[0].cell_px)
-    ball = TexturedBall(radius, INITIAL_BLUR_PX, cells, torch.zeros(0).double(), uniform_light())
-    poses = pixel_weights.with_initial_gains(windows, poses)
-    state = State(windows, poses, ball, pixel_weights.uniform_profile(radius))
-    state = map_fit.fit_map(state, brightness_rounds=BRIGHTNESS_ROUNDS)
-    costs = np.cumsum([level.cell_px**-2 for level in LEVELS])
-    for level, cost in zip(LEVELS, costs, strict=True):
-        cells = cube_map.cells_per_face(radius, level.cell_px)
-        if cells != state.ball.cells:
-            state = map_fit.fit_map(replace(state, ball=replace(state.ball, cells=cells)))
-        adjustment = _adjust_level(state, level)
-        state = adjustment.state
-        if progress is not None:
-            progress(float(cost / costs[-1]))
-    if state.profile.variance[0] > SHADING_FROM * noise_variance:
-        adjustment = _adjust_level(map_fit.fit_shading(state), LEVELS[-1])
-    blur = adjustment.state.ball.edge_blur
-    return replace(adjustment, covariance=_with_radius_error(adjustment.covariance, len(poses), blur))
+    like = windows.levels
+    size = torch.tensor(radius, dtype=torch.float64, device=like.device)
+    ball = TexturedBall(size, torch.full_like(size, INITIAL_BLUR_PX), 0, like.new_zeros(0), uniform_light(size))
+    state = State(
+        windows, _with_initial_gains(windows, poses), ball, pixel_weights.uniform_profile(size, noise_variance)
+    )
+    state = _with_first_map(state, max(COARSE_PX, cell_px), shared)
+    adjustment = _adjust_level(state, _Level(max(COARSE_PX, cell_px), 0.1, 6, is_last=False), shared)
+    _report(progress, 0.4)
+    if not adjustment.settled:
+        # Poses that jump about on a coarse map do so on a fine one.
+        return adjustment
+    last = _Level(cell_px, 0.002, 12, is_last=True)
+    adjustment = _adjust_level(adjustment.state, last, shared)
+    if float(adjustment.state.profile.variance[0]) > LIGHT_FROM * noise_variance:
+        adjustment = _adjust_level(fit_light(adjustment.state, shared), last, shared)
+    _report(progress, 1.0)
+    return replace(adjustment, covariance=_with_radius_error(adjustment))
 
 
-def _adjust_level(state: State, level: _Level) -> Adjustment:
-    """Eliminations and steps until the first step of an elimination moves no pose by more than ``settled_px``."""
-    linearised = state.linearise(state.project())
-    for _ in range(MAX_ELIMINATIONS):
-        linearised = linearised.fit_brightness().measure_profile().estimate_visibility()
-        elimination = map_fit.eliminate(linearised)
-        linearised, move = iterate(linearised, elimination, level.tolerance_px)
-        if move < level.settled_px:
-            break
-    return Adjustment(linearised.measure_profile().state, elimination.covariance, move < level.settled_px)
+def _report(progress: Callable[[float], None] | None, share: float) -> None:
+    if progress is not None:
+        progress(share)
 
 
-def _with_radius_error(covariance: Array, n: int, edge_blur: float) -> Array:
-    """The covariance with the systematic error of the radius, and the effect of this error on the poses."""
-    by_radius = covariance[:, 5 * n] / covariance[5 * n, 5 * n]
-    error = np.hypot(RADIUS_ERROR_PX, RADIUS_ERROR_PER_BLUR * max(edge_blur - OPTICS_BLUR_PX, 0.0))
-    return covariance + error**2 * np.outer(by_radius, by_radius)
+def _with_initial_gains(windows: Windows, poses: Poses) -> Poses:
+    """The poses with gains from the mean grey levels around the ball, before a map exists."""
+    visible = windows.visibility
+    means = (visible * windows.levels).sum((1, 2)) / visible.sum((1, 2)).clamp_min(1)
+    return replace(poses, gain=(means / means.mean().clamp_min(1e-6)).clamp_min(0.1).double())
 
 
-def iterate(
-    linearised: LinearisedState, elimination: Elimination, tolerance_px: float
-) -> tuple[LinearisedState, float]:
-    """Take Gauss-Newton steps with one elimination while they shrink and are longer than ``tolerance_px``.
+def _with_first_map(state: State, cell_px: float, shared: RowRunner) -> State:
+    """The state with a map that is refined from wide cells to cells of twice ``cell_px``.
 
-    Returns the state after the last step, and the largest move of a ball's centre by the first whole step, px.
+    Wide cells are seen often enough even near the limb: what they hold is a start for narrow ones.
     """
-    moves: list[float] = []
-    gradient, shares = _gradient(linearised), STEP_SHARES
-    for _ in range(MAX_STEPS):
-        for share in shares:
-            candidate = _take_step(linearised.state, gradient, elimination, share)
-            candidate_gradient = _gradient(candidate)
-            move = _largest_move(linearised.state.poses, candidate.state.poses) / share
-            if candidate_gradient.squares < gradient.squares:
+    windows, radius = state.windows, float(state.ball.radius)
+    level = (windows.visibility * windows.levels).sum() / windows.visibility.sum().clamp_min(1)
+    cells = cube_map.cells_per_face(radius, 4 * cell_px)
+    coefficients = level.expand(cube_map.coefficient_count(cells)).clone()
+    state = replace(state, ball=replace(state.ball, cells=cells, coefficients=coefficients))
+    state, _ = fit_map(state, shared, NEW_MAP_STEPS)
+    state = with_cells(state, cube_map.cells_per_face(radius, 2 * cell_px))
+    return fit_map(state, shared, NEW_MAP_STEPS)[0]
+
+
+def _adjust_level(state: State, level: _Level, shared: RowRunner) -> Adjustment:
+    """Gauss-Newton steps until one moves no pose by more than ``settled_px``."""
+    state = with_cells(state, cube_map.cells_per_face(float(state.ball.radius), level.cell_px))
+    state, equations = fit_map(state, shared, NEW_MAP_STEPS)
+    limit = MAX_RING_VARIANCE
+    for _ in range(level.max_steps):
+        model = linearised(state, shared)
+        state = reweighted(state, state.windows.levels - model.levels, equations.leverage(), limit)
+        weights = state.profile.weights(state.windows, state.poses.centre)
+        equations = MapEquations.of(drawn(state, shared), weights, shared)
+        joint = elimination.joint_equations(model, equations, state.poses)
+        state, move = _moved(state, joint, *_step(joint, state, model))
+        settled = max(level.settled_px, SETTLED_SD * float(joint.covariance.diagonal()[0].sqrt()))
+        if move < settled:
+            bound = float(state.profile.variance.max()) >= limit * float(state.profile.variance[0])
+            if not level.is_last or not bound:
                 break
-        else:
-            # No share lowers the squares. Without an earlier step, this step tells whether the poses have settled.
-            moves = moves or [move]
-            break
-        moves.append(move)
-        decrease = gradient.squares - candidate_gradient.squares
-        linearised, gradient = candidate, candidate_gradient
-        too_long = len(moves) > 1 and move > MAX_STEP_RATIO * moves[-2]
-        if move < tolerance_px or decrease < MIN_DECREASE or too_long:
-            break
-        shares = (EXTENDED_SHARE, *STEP_SHARES) if share == shares[0] else STEP_SHARES
-    return linearised, moves[0]
+            limit = math.inf
+    return Adjustment(state, joint.covariance, move < settled)
 
 
-def _largest_move(before: list[Pose], after: list[Pose]) -> float:
-    """Largest component of a move of a ball's centre, px."""
-    return max(float((p.centre - q.centre).abs().max()) for p, q in zip(before, after, strict=True))
+def _step(joint: JointEquations, state: State, model: Linearisation) -> tuple[Tensor, Tensor]:
+    """Gauss-Newton step of the map (m,) and of all other unknowns (7 n + 2,)."""
+    weighted = (joint.map.weights * (state.windows.levels - model.levels)).flatten(1).unsqueeze(1)
+    by_unknowns = elimination.spread_gradient(torch.bmm(weighted, model.jacobian)[:, 0].double())
+    by_map = joint.map.gradient(state.ball.coefficients, state.windows.levels)
+    return joint.solve(by_map, by_unknowns, STEPS)
 
 
-@dataclass(frozen=True)
-class _Gradient:
-    """Descent directions of the map (m,) and the other unknowns (5 n + 2,), and the weighted sum of squares."""
-
-    by_map: Array
-    by_poses: Array
-    squares: float
-
-
-def _gradient(linearised: LinearisedState) -> _Gradient:
-    state, squares = linearised.state, 0.0
-    n, ball = len(state.windows), state.ball
-    by_map = np.zeros(cube_map.coefficient_count(ball.cells))
-    by_poses = np.zeros(5 * n + map_fit.SHARED_UNKNOWNS)
-
-    def image_gradient(window: Window, pose: Pose, model: Linearisation) -> tuple[Array, Array, float]:
-        residual = window.levels - model.levels
-        weighted = pixel_weights.weights(window, pose, state.profile) * residual
-        by_coefficients = model.stencil.adjoint(window.to_rays(weighted, model.map_slopes))
-        image_squares = float(weighted.double() @ residual.double())
-        return by_coefficients.numpy(), (model.jacobian.T @ weighted).numpy(), image_squares
-
-    images = threads.parallel_map(image_gradient, state.windows, state.poses, linearised.model)
-    for i, (image_by_map, image_by_pose, image_squares) in enumerate(images):
-        by_map += image_by_map
-        by_poses[map_fit.image_unknowns(i, n)] += image_by_pose
-        squares += image_squares
-    smoothness = map_fit.roughness_gradient(ball)
-    return _Gradient(by_map - smoothness, by_poses, squares + float(ball.coefficients.numpy() @ smoothness))
+def _moved(state: State, joint: JointEquations, of_map: Tensor, step: Tensor) -> tuple[State, float]:
+    """The state after a step, held within the limits of its length, and the largest move of a pose, px."""
+    ball = state.ball
+    # The blur is held within its bounds; the other unknowns follow by their correlation with it.
+    wanted = step[-1].clamp(-MAX_BLUR_STEP_PX, MAX_BLUR_STEP_PX).maximum(forward_model.MIN_BLUR_PX - ball.edge_blur)
+    step = step + joint.covariance[:, -1] / joint.covariance[-1, -1] * (wanted - step[-1])
+    own = step[:-COMMON].unflatten(0, (-1, PER_IMAGE))
+    longest = own[:, :5].abs().max()
+    share = MAX_MOVE_PX / longest.clamp_min(MAX_MOVE_PX)
+    step, own = share * step, share * own
+    poses = state.poses.moved(own[:, :5], ball.radius).brightened(own[:, 5:])
+    coefficients = ball.coefficients + share.to(of_map) * of_map
+    ball = replace(ball, radius=ball.radius + step[-2], edge_blur=ball.edge_blur + step[-1], coefficients=coefficients)
+    return replace(state, poses=poses, ball=ball), float(own[:, :5].abs().max().maximum(step[-2].abs()))
 
 
-def _take_step(state: State, gradient: _Gradient, elimination: Elimination, share: float) -> LinearisedState:
-    """The state after a ``share`` of a Gauss-Newton step, with the map corrected for the new poses."""
-    map_step = elimination.map_factor.solve(gradient.by_map[elimination.observed])
-    covariance, blur = elimination.covariance, 5 * len(state.poses) + 1
-    step = share * covariance @ (gradient.by_poses - elimination.coupling.T @ map_step)
-    # The blur is not lowered below its bound; the other unknowns follow by their correlation with the blur.
-    lowest = forward_model.MIN_BLUR_PX - state.ball.edge_blur
-    if step[blur] < lowest:
-        step = step + covariance[:, blur] / covariance[blur, blur] * (lowest - step[blur])
-    ball = state.ball.with_map_change(elimination.observed, share * map_step - elimination.map_response @ step)
-    radius, edge_blur = ball.radius + float(step[blur - 1]), ball.edge_blur + float(step[blur])
-    steps = torch.from_numpy(step[: blur - 1]).reshape(-1, 5)
-    poses = [forward_model.move_pose(p, s, ball.radius) for p, s in zip(state.poses, steps, strict=True)]
-    state = replace(state, poses=poses, ball=replace(ball, radius=radius, edge_blur=edge_blur))
-    projections = state.project()
-    return map_fit.update_map(state, projections, elimination).linearise(projections)
+def _with_radius_error(adjustment: Adjustment) -> Tensor:
+    """The covariance with the systematic error of the radius, and the effect of this error on the poses."""
+    covariance, blur = adjustment.covariance, float(adjustment.state.ball.edge_blur)
+    by_radius = covariance[:, -COMMON] / covariance[-COMMON, -COMMON]
+    error = RADIUS_ERROR_PX**2 + (RADIUS_ERROR_PER_BLUR * max(blur - OPTICS_BLUR_PX, 0.0)) ** 2
+    return covariance + error * torch.outer(by_radius, by_radius)

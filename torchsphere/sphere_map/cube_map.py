@@ -1,61 +1,115 @@
 """Texture map of the ball: cubic B-splines on the six faces of a cube around the ball, without pole or seam.
 
-A direction belongs to the face through which the direction leaves the cube. Two angles are the coordinates there, so
-that all cells are about equally large (C. Ronchi et al., J. Comput. Phys. 124 (1996) 93, doi:10.1006/jcph.1996.0047).
-Each face has its own coefficients up to its border: at a seam, both faces are fitted to the images.
+A direction belongs to the face through which the direction leaves the cube. On a face, ``t (5 - t^2) / 4`` of the two
+tangents ``t`` are the coordinates: cells are about equally large, as with angles (C. Ronchi et al., J. Comput. Phys.
+124 (1996) 93, doi:10.1006/jcph.1996.0047), and no arctangent is needed. Each face has its own coefficients up to its
+border: at a seam, both faces are fitted to the images.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
-from torchsphere.kernels import cube_map
+from torchsphere.imaging.interpolation import slope_weights, spline_weights
 
-#: Largest number of cells along a face: memory and time grow with its fourth power (docs/constants.md).
-MAX_CELLS = 100
+#: Largest number of cells along a face, which limits the memory (docs/constants.md).
+MAX_CELLS = 320
+
+#: Width of a map of one face in coefficients, beyond its cells.
+BORDER = 3
+
+#: Number of cells along a face times their width, over the radius: cells at the middle of a face are a tenth narrower
+#: than the nominal width, cells at the middle of its edges a tenth wider.
+CELLS_PER_RADIUS = 1.78
 
 
 @dataclass(frozen=True)
-class Stencil:
-    """The sixteen coefficients around each of q directions, and the coordinates between them."""
+class Places:
+    """Where directions (...,) meet the map."""
 
-    corner: Tensor  # number (q,) of the first coefficient, int32; the sixteen lie in four rows of four
-    offset: Tensor  # coordinates (2, q) within the cell, along the rows and across the rows, 0 to 1
-    axis: Tensor  # axis (q,) normal to the face: 0 to 2, int8
-    # Components (3, q) of the direction: along the face's axis, and along the two axes that follow in cyclic order.
-    components: Tensor
+    corner: Tensor  # number (...) of the first of sixteen coefficients, which lie in four rows of four; int64
+    offset: Tensor  # coordinates (2, ...) within the cell, along the rows and across the rows, 0 to 1
+    by_direction: Tensor  # derivative (2, 3, ...) of both coordinates, in cells, by the direction
     cells: int  # cells along a side of a face
 
     def value(self, coefficients: Tensor) -> Tensor:
-        """Values (q,) of the map with the ``coefficients`` (m,)."""
-        return cube_map.value(coefficients, self.cells, self.corner, self.offset)
+        """Values (...) of the map with the ``coefficients`` (m,), or (..., k) with ``coefficients`` (m, k)."""
+        if coefficients.ndim == 1:
+            return _weighted(self._sixteen(coefficients), *self._weights())
+        along, across = self._weights()
+        return torch.einsum("...vuk,...u,...v->...k", self._sixteen(coefficients), along, across)
 
     def value_and_gradient(self, coefficients: Tensor) -> tuple[Tensor, Tensor]:
-        """`value`, and its derivative (3, q) by the direction."""
-        place = self.corner, self.offset, self.axis, self.components
-        return cube_map.value_and_gradient(coefficients, self.cells, *place)
+        """`value`, and its derivative (3, ...) by the direction."""
+        sixteen = self._sixteen(coefficients)
+        along, across = self._weights()
+        slope_along, slope_across = torch.stack(slope_weights(self.offset), -1).unbind(0)
+        slopes = torch.stack((_weighted(sixteen, slope_along, across), _weighted(sixteen, along, slope_across)))
+        return _weighted(sixteen, along, across), (slopes.unsqueeze(1) * self.by_direction).sum(0)
 
-    def adjoint(self, values: Tensor) -> Tensor:
-        """Sums (m,) of the ``values`` (q,) over their coefficients: the adjoint of `value`."""
-        return cube_map.add(values, self.cells, self.corner, self.offset)
+    def adjoint(self, values: Tensor, count: int) -> Tensor:
+        """Sums (m,) of the ``values`` (...) over their ``count`` coefficients: the adjoint of `value`.
+
+        Sums (m, k) of ``values`` (..., k).
+        """
+        along, across = self._weights()
+        rest = values.shape[along.ndim - 1 :]
+        shares = torch.einsum("...v,...u->...vu", across, along)
+        spread = values.reshape(*shares.shape[:-2], 1, 1, *rest)
+        shares = shares.reshape(*shares.shape, *(1 for _ in rest)) * spread
+        return values.new_zeros(count, *rest).index_add_(0, self._numbers().flatten(), shares.reshape(-1, *rest))
+
+    def _weights(self) -> tuple[Tensor, ...]:
+        """Weights (..., 4) of the coefficients along and across the rows."""
+        return torch.stack(spline_weights(self.offset), -1).unbind(0)
+
+    def _numbers(self) -> Tensor:
+        """Numbers (..., 4, 4) of the coefficients."""
+        steps = torch.arange(4, device=self.corner.device)
+        block = steps.unsqueeze(1) * (self.cells + BORDER) + steps
+        return self.corner[..., None, None] + block
+
+    def _sixteen(self, coefficients: Tensor) -> Tensor:
+        return coefficients[self._numbers()]
+
+
+def _weighted(sixteen: Tensor, along: Tensor, across: Tensor) -> Tensor:
+    """Sum (...) of the ``sixteen`` (..., 4, 4) coefficients with weights (..., 4) along and across the rows."""
+    return ((sixteen * along.unsqueeze(-2)).sum(-1) * across).sum(-1)
+
+
+def places(directions: Tensor, cells: int) -> Places:
+    """Places of the ``directions`` (3, ...), of any length.
+
+    Faces 0 to 2 are normal to the positive half axes, faces 3 to 5 to the negative ones.
+    """
+    axis = directions.abs().argmax(0, keepdim=True)
+    forwards, right, up = (directions.gather(0, (axis + k) % 3) for k in range(3))
+    height = forwards.abs()
+    tangents = torch.cat((right, up)) / height
+    coordinates = (tangents * (5 - tangents.square()) / 4 + 1) * (cells / 2)
+    cell = coordinates.detach().nan_to_num().floor().clamp(0, cells - 1)
+    face = torch.where(forwards > 0, axis, axis + 3)[0]
+    column, row = cell.long().unbind(0)
+    corner = (face * (cells + BORDER) + row) * (cells + BORDER) + column
+    # Derivatives by (forwards, right, up), then in the order of the axes.
+    steep = (5 - 3 * tangents.square()) * (cells / 8)
+    by_forwards = -steep * tangents / forwards
+    by_right = torch.cat((steep[:1] / height, torch.zeros_like(height)))
+    by_up = torch.cat((torch.zeros_like(height), steep[1:] / height))
+    turned = torch.stack((by_forwards, by_right, by_up), 1)
+    order = torch.stack([(k - axis[0]) % 3 for k in range(3)]).expand_as(turned)
+    return Places(corner, coordinates - cell, turned.gather(1, order), cells)
 
 
 def cells_per_face(radius: float, cell_px: float) -> int:
     """Cells along a side of a face, `MAX_CELLS` at most, that are ``cell_px`` wide where they face the camera."""
-    return min(max(4, round(math.pi / 2 * radius / cell_px)), MAX_CELLS)
+    return min(max(4, round(CELLS_PER_RADIUS * radius / cell_px)), MAX_CELLS)
 
 
 def coefficient_count(cells: int) -> int:
     """Number of coefficients of a map with ``cells`` along a side of a face."""
-    return 6 * (cells + 3) ** 2
-
-
-def stencil(directions: Tensor, cells: int) -> Stencil:
-    """Stencil of the ``directions`` (3, q), of any length.
-
-    Faces 0 to 2 are normal to the positive half axes, faces 3 to 5 to the negative ones.
-    """
-    return Stencil(*cube_map.place(directions, cells), cells)
+    return 6 * (cells + BORDER) ** 2

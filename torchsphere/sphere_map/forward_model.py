@@ -1,209 +1,322 @@
-"""The forward model: pose, texture map, light and still background -> grey levels, and their derivatives.
+"""The forward model: poses, texture map, light, outline and still background -> grey levels and their derivatives.
 
-A pixel shows the ball over the share of its area that the disc covers, and the background over the rest. The ball's
-part is the mean over the rays of `torchsphere.sphere_map.window`: the pixel's footprint on the curved surface, which a
-correlation of two images does not model.
+A pixel shows the ball over the share of its area that the disc covers, and the background over the rest. The map holds
+the texture as a pixel in front of it sees it, blurred by the pixel's own width. Further out the surface is tilted away,
+and the pixel's footprint on it grows along the radius of the disc alone: the ball's part is the mean over two rays,
+displaced along the radius, which have the variance of the footprint beyond that of the map (two points of a Gauss rule
+at the limb, one point in the middle). The footprint on the curved surface is what a correlation of two images lacks.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from kornia.geometry.liegroup import So3
-from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.kernels import sphere_projection
+from torchsphere.kernels import forward_model as loops
+from torchsphere.kernels import map_design
+from torchsphere.kernels.jit import suits
 from torchsphere.sphere_map import cube_map
-from torchsphere.sphere_map.cube_map import Stencil
-from torchsphere.sphere_map.window import Window
+from torchsphere.sphere_map.ball import Poses, TexturedBall
+from torchsphere.sphere_map.cube_map import Places
+from torchsphere.sphere_map.window import Windows
 
 #: Distance from the centre, radii, to which all rays further out are drawn (docs/constants.md).
-MAX_RAY_DISTANCE = 0.998
+MAX_RAY_DISTANCE = 0.9998
+
+#: Half the width of a pixel, and share of it at which the two points of a Gauss rule lie.
+HALF_PIXEL, GAUSS_POINT = 0.5, 1 / math.sqrt(3)
+
+#: Number of points of the Gauss rule along the radius at the limb (docs/constants.md).
+LIMB_RULE_POINTS = 5
+
+#: These points, from -1 to 1, and their weights.
+LIMB_POINTS = np.polynomial.legendre.leggauss(LIMB_RULE_POINTS)
+
+#: Distance from the centre, radii, and distance from the outline, px, from which a pixel is at the limb: there the
+#: surface is so steep that two rays are not enough (docs/constants.md).
+LIMB_FROM, LEAST_LIMB_PX = 0.92, 1.5
+
+_RULE = (LIMB_FROM, LEAST_LIMB_PX, MAX_RAY_DISTANCE), LIMB_POINTS
 
 #: Least blur of the edge by the optics, px (docs/constants.md).
 MIN_BLUR_PX = 0.05
 
-#: Standard deviation of the transition between rays that meet the ball and rays that miss it, px (docs/constants.md).
-RAY_TRANSITION_PX = 0.1
+#: Smallest component of an outline's normal, as the limit of an edge along the rows or columns of pixels.
+LEAST_NORMAL = 0.03
 
-#: Standard deviations beyond which a Gaussian is zero (its tail is 1e-15), and bound of a pixel's half diagonal, px.
-BLUR_CUTOFF_SD, HALF_DIAGONAL_PX = 8.0, 0.75
-
-#: Number of functions in `shading_basis`.
-SHADING_TERMS = 4
-
-#: Depth of the surface, radii, below which a ray follows the limb (docs/constants.md).
-MIN_DEPTH = 0.1
-
-#: Step of the difference quotient by the edge's blur, px.
-BLUR_STEP_PX = 0.01
-
-
-@dataclass(frozen=True)
-class Pose:
-    """Pose and brightness of the ball in one image."""
-
-    centre: Tensor  # (2,), px, float64
-    orientation: Tensor  # rotation (3, 3) from body to camera axes
-    gain: float = 1.0  # brightness of this image relative to the others, with ``offset`` in grey levels
-    offset: float = 0.0
-
-
-@dataclass(frozen=True)
-class TexturedBall:
-    """Properties of the ball that all images share."""
-
-    radius: float  # radius of the outline, px
-    edge_blur: float  # standard deviation of the optics' blur at the outline, px, without the width of a pixel
-    cells: int  # cells along a face of the texture map
-    coefficients: Tensor  # coefficients (m,) of the texture map, float64
-    shading: Tensor  # coefficients (4,) of `shading_basis`: light that does not turn with the ball
-
-    def with_map_change(self, indices: NDArray[np.int64], change: NDArray[np.float64]) -> TexturedBall:
-        """The ball with ``change`` (k,) added to the coefficients at ``indices`` (k,)."""
-        coefficients = self.coefficients.numpy().copy()
-        coefficients[indices] += change
-        return replace(self, coefficients=torch.from_numpy(coefficients))
-
-
-def coverage(window: Window, centre: Tensor, radius: float, blur: float) -> tuple[Tensor, Tensor]:
-    """Share (p,) of each pixel that the disc covers, and its derivative by a shift of the outline, 1/px.
-
-    Exact for a straight edge through a square pixel with Gaussian ``blur``, px: the twofold integral of the Gaussian
-    at the four corners.
-    """
-    reach = HALF_DIAGONAL_PX + BLUR_CUTOFF_SD * blur
-    return sphere_projection.coverage(window.pixels, centre, radius, blur, reach, window.levels)
-
-
-def surface_points(window: Window, centre: Tensor, radius: float) -> tuple[Tensor, Tensor]:
-    """Points (3, q) of the rays on the unit sphere, camera axes, and the rays' weights (q,) in their pixels.
-
-    Rays that miss the ball have no weight. The weight changes over `RAY_TRANSITION_PX`: the model is continuous.
-    """
-    rays = window.rays, centre, window.ray_weights, window.ray_pixels, len(window.pixels)
-    return sphere_projection.surface_points(*rays, radius, MAX_RAY_DISTANCE, RAY_TRANSITION_PX)
-
-
-def shading_basis(normals: Tensor) -> Tensor:
-    """A constant and the components of the ``normals``: (3, q) -> (4, q).
-
-    This is a matt ball under light from one side and from all around. Terms of second order, for attached shadows
-    (R. Basri and D. Jacobs, IEEE Trans. Pattern Anal. Mach. Intell. 25 (2003) 218, doi:10.1109/TPAMI.2003.1177153),
-    cannot be separated from the texture where the ball turns by less than a radian.
-    """
-    return torch.cat((torch.ones_like(normals[:1]), normals))
-
-
-def uniform_light() -> Tensor:
-    """Shading (4,) of a light that is the same from all sides."""
-    return torch.eye(SHADING_TERMS, dtype=torch.float64)[0]
-
-
-@dataclass(frozen=True)
-class Projection:
-    """The forward model at one pose, without map values, gain and offset."""
-
-    points: Tensor  # points (3, q) of the rays on the unit sphere, camera axes
-    stencil: Stencil  # position of the points on the map
-    light: Tensor  # light (q,) at each point times the ray's weight in its pixel
-    coverage: Tensor  # share (p,) of each pixel that the disc covers
-    coverage_slope: Tensor  # its derivative by a shift of the outline, 1/px
-
-    def map_slopes(self, window: Window, pose: Pose) -> Tensor:
-        """Derivative (q,) of the grey level of each ray's pixel by the map's value at the ray."""
-        return window.to_rays(pose.gain * self.coverage, self.light)
-
-
-def project(window: Window, pose: Pose, ball: TexturedBall) -> Projection:
-    """Project the ball at ``pose`` into the ``window``."""
-    points, weights = surface_points(window, pose.centre, ball.radius)
-    stencil = cube_map.stencil(pose.orientation.T.to(points) @ points, ball.cells)
-    light = sphere_projection.ray_light(points, weights, ball.shading)
-    return Projection(points, stencil, light, *coverage(window, pose.centre, ball.radius, ball.edge_blur))
-
-
-def grey_levels(window: Window, projected: Projection, pose: Pose, coefficients: Tensor) -> Tensor:
-    """Grey levels (p,) of the model with the map's ``coefficients`` (m,)."""
-    values = projected.stencil.value(coefficients.to(projected.light))
-    return _blend(window, projected, pose, window.sum_rays(projected.light * values))
-
-
-def _blend(window: Window, projected: Projection, pose: Pose, ball_levels: Tensor) -> Tensor:
-    """Grey levels (p,) of ball and background together, under the image's gain and offset."""
-    share = projected.coverage
-    return pose.gain * (share * ball_levels + (1 - share) * window.background) + pose.offset
-
-
-def predict(window: Window, pose: Pose, ball: TexturedBall) -> Tensor:
-    """Grey levels (p,) of the model."""
-    return grey_levels(window, project(window, pose, ball), pose, ball.coefficients)
+#: Columns of `Linearisation.jacobian`: the motion, what all images share, and the brightness of each image.
+MOTION, SHARED, BRIGHTNESS = slice(0, 5), slice(5, 7), slice(7, 9)
 
 
 @dataclass(frozen=True)
 class Linearisation:
-    """The model's grey levels with their derivatives."""
+    """The model's grey levels in n images with their derivatives, p = s * s pixels each."""
 
-    levels: Tensor  # grey levels (p,)
-    # Derivatives (p, 7) by dx, dy, rotations times radius, radius and edge blur, px; (p, 5) without the last two.
+    levels: Tensor  # grey levels (n, s, s)
+    # Derivatives (n, p, 9) by dx, dy, rotations times radius, radius and edge blur, px, and by gain and offset.
     jacobian: Tensor
-    stencil: Stencil  # position of each ray on the map
-    map_slopes: Tensor  # derivative (q,) of the grey level of each ray's pixel by the map's value at the ray
 
-    def with_brightness(self, before: Pose, after: Pose) -> Linearisation:
-        """The linearisation with the gain and offset of ``after`` in place of those of ``before``."""
-        change = after.gain / before.gain
-        levels = (self.levels - before.offset) * change + after.offset
-        return replace(self, levels=levels, jacobian=change * self.jacobian, map_slopes=change * self.map_slopes)
+    def rows(self, start: int, stop: int) -> Linearisation:
+        """Images ``start`` to ``stop - 1``."""
+        return Linearisation(self.levels[start:stop], self.jacobian[start:stop])
+
+    def normal(self, weights: Tensor, residual: Tensor) -> tuple[Tensor, Tensor]:
+        """Normal matrices (n, 9, 9) and gradients (n, 9), float64, for ``weights`` and ``residual`` (n, s, s)."""
+        if suits(self.jacobian, weights, residual):
+            return map_design.normal(self.jacobian, weights, residual)
+        weighted = self.jacobian * weights.flatten(1).unsqueeze(2)
+        gradient = torch.bmm(weighted.mT, residual.flatten(1).unsqueeze(2))[..., 0]
+        return torch.bmm(weighted.mT, self.jacobian).double(), gradient.double()
+
+    @classmethod
+    def joined(cls, parts: list[Linearisation]) -> Linearisation:
+        """The images of all parts, one after the other."""
+        return cls(torch.cat([part.levels for part in parts]), torch.cat([part.jacobian for part in parts]))
 
 
-def linearise(
-    window: Window, pose: Pose, ball: TexturedBall, projected: Projection | None = None, *, by_ball: bool = True
-) -> Linearisation:
-    """Linearise the model at a pose.
+@dataclass(frozen=True)
+class Design:
+    """The model's grey levels as a linear function of the map's coefficients, in n images of s by s pixels."""
 
-    A known projection ``projected`` at this pose saves half of the time. Without ``by_ball`` the derivatives by radius
-    and edge blur are left out, which saves a tenth.
+    corner: Tensor  # first coefficient (n, s, s, k) of the sixteen around each of k rays
+    offset: Tensor  # coordinates (n, s, s, k, 2) within the cell, along and across its rows
+    factor: Tensor  # derivative (n, s, s, k) of the pixel's grey level by the map's value at the ray; unused ones last
+    fixed: Tensor  # grey levels (n, s, s) without the map
+    cells: int
+
+    @classmethod
+    def joined(cls, parts: list[Design]) -> Design:
+        """The images of all parts, one after the other."""
+        columns = zip(*((p.corner, p.offset, p.factor, p.fixed) for p in parts), strict=True)
+        corner, offset, factor, fixed = (torch.cat(column) for column in columns)
+        return cls(corner, offset, factor, fixed, parts[0].cells)
+
+    def rows(self, start: int, stop: int) -> Design:
+        """Images ``start`` to ``stop - 1``."""
+        some = slice(start, stop)
+        return Design(self.corner[some], self.offset[some], self.factor[some], self.fixed[some], self.cells)
+
+    def map_levels(self, coefficients: Tensor) -> Tensor:
+        """The map's part (n, s, s) of the grey levels."""
+        if suits(self.factor, coefficients):
+            return map_design.map_levels(self.corner, self.offset, self.factor, coefficients, self.cells)
+        return (self.factor * self._places().value(coefficients)).sum(-1)
+
+    def levels(self, coefficients: Tensor) -> Tensor:
+        """Grey levels (n, s, s) with the map's ``coefficients`` (m,)."""
+        return self.map_levels(coefficients) + self.fixed
+
+    def adjoint(self, values: Tensor) -> Tensor:
+        """Sums (m,) of the pixels' ``values`` (n, s, s) over the coefficients: the adjoint of `map_levels`."""
+        count = cube_map.coefficient_count(self.cells)
+        if suits(self.factor, values):
+            return map_design.adjoint(self.corner, self.offset, self.factor, values, self.cells, count)
+        return self._places().adjoint(self.factor * values.unsqueeze(-1), count)
+
+    def adjoint_columns(self, values: Tensor) -> Tensor:
+        """`adjoint` (n, m, k) of the columns of ``values`` (n, s * s, k), for each image by itself."""
+        count = cube_map.coefficient_count(self.cells)
+        if suits(self.factor, values):
+            return map_design.adjoint_columns(self.corner, self.offset, self.factor, values, self.cells, count)
+        n, columns = len(values), values.shape[-1]
+        images = torch.arange(n, device=values.device).reshape(n, 1, 1, 1)
+        places = replace(self._places(), corner=self.corner + count * images)
+        rays = self.factor.unsqueeze(-1) * values.unflatten(1, self.factor.shape[1:3]).unsqueeze(3)
+        return places.adjoint(rays, n * count).reshape(n, count, columns)
+
+    def _places(self) -> Places:
+        return Places(self.corner.long(), self.offset.movedim(-1, 0), self.offset.new_zeros(()), self.cells)
+
+
+@dataclass(frozen=True)
+class _Rays:
+    """Rays of each pixel, and how they move; (n, s, s, k) each."""
+
+    scale: Tensor  # distance of the ray from the centre over that of the pixel
+    by_distance: Tensor  # derivative of ``scale`` by the pixel's distance from the centre, 1/px
+    by_radius: Tensor  # derivative of ``scale`` by the radius, 1/px
+    weight: Tensor  # weight of the ray in its pixel
+    weight_by_distance: Tensor  # its derivatives, 1/px
+    weight_by_radius: Tensor
+
+
+def _rays(x: Tensor, y: Tensor, radius: Tensor) -> _Rays:
+    """Rays of the pixels at ``x`` and ``y`` from the centre, px, which broadcast to (n, s, s), on that ``radius``."""
+    distance = (x.square() + y.square()).sqrt().clamp_min(1e-6).unsqueeze(-1)
+    points = torch.tensor(np.array(LIMB_POINTS), dtype=distance.dtype, device=distance.device)
+    inner, outer = _inner_rays(distance, radius), _outer_rays(x, y, distance, radius, points)
+    is_inner = distance < torch.minimum(LIMB_FROM * radius, radius - LEAST_LIMB_PX)
+    at, by_distance, by_radius, *weights = (torch.where(is_inner, i, o) for i, o in zip(inner, outer, strict=True))
+    limit = MAX_RAY_DISTANCE * radius
+    drawn = at > limit
+    at = torch.where(drawn, limit, at)
+    by_distance = torch.where(drawn, 0.0, by_distance)
+    by_radius = torch.where(drawn, MAX_RAY_DISTANCE, by_radius)
+    scale = at / distance
+    return _Rays(scale, (by_distance - scale) / distance, by_radius / distance, *weights)
+
+
+def _inner_rays(distance: Tensor, radius: Tensor) -> tuple[Tensor, ...]:
+    """Distances (n, s, s, k) of two rays from the centre, their derivatives, and their weights with derivatives.
+
+    Both hold the variance by which the footprint exceeds that in front: that of the pixel times ``(r / R)^2``.
     """
-    projected = projected or project(window, pose, ball)
-    points, share, share_slope = projected.points, projected.coverage, projected.coverage_slope
-    values = projected.stencil.value_and_gradient(ball.coefficients.to(points))
-    orientation = pose.orientation.to(points)
-    rays = sphere_projection.pose_derivatives(points, *values, projected.light, orientation, MIN_DEPTH, ball.radius)
-    sums = sphere_projection.pixel_sums(rays, window.ray_pixels, len(window.pixels))
-    ball_levels = sums[:, 0]
-    contrast = ball_levels - window.background
-    offsets = window.offsets_from(pose.centre)
-    normals = offsets / offsets.norm(dim=-1, keepdim=True).clamp_min(1e-9)
-    jacobian = share[:, None] * sums[:, 1:]
-    jacobian[:, :2] += (share_slope * contrast)[:, None] * normals
-    if by_ball:
-        jacobian[:, 5] += share_slope * contrast
-        blurred, _ = coverage(window, pose.centre, ball.radius, ball.edge_blur + BLUR_STEP_PX)
-        jacobian = torch.cat((jacobian, ((blurred - share) / BLUR_STEP_PX * contrast)[:, None]), 1)
-    else:
-        jacobian = jacobian[:, :5]
-    return Linearisation(
-        levels=_blend(window, projected, pose, ball_levels),
-        jacobian=pose.gain * jacobian,
-        stencil=projected.stencil,
-        map_slopes=projected.map_slopes(window, pose),
+    sign = torch.zeros(len(LIMB_POINTS[0]), dtype=distance.dtype, device=distance.device)
+    sign[0], sign[1] = -HALF_PIXEL * GAUSS_POINT, HALF_PIXEL * GAUSS_POINT
+    by_distance = 1 + sign / radius
+    at, none = distance * by_distance, torch.zeros_like(distance * sign)
+    return at, by_distance, -distance * sign / radius.square(), (sign != 0).to(at) / 2, none, none
+
+
+def _outer_rays(x: Tensor, y: Tensor, distance: Tensor, radius: Tensor, points: Tensor) -> tuple[Tensor, ...]:
+    """As `_inner_rays`, for pixels at the limb: a Gauss rule over the part of the pixel that the disc covers.
+
+    Seen along the radius, a square pixel is a trapezium, whose height weighs the rays. The rule's variable is the root
+    of the distance from the outline, in which the surface is even. The derivatives are those of the mean itself: rays
+    stay in their pixel while the ball moves, and the outline gives or takes what lies there.
+    """
+    normal = torch.stack((x.abs().expand(distance.shape[:-1]), y.abs().expand(distance.shape[:-1])), -1) / distance
+    half, plateau = normal.sum(-1, keepdim=True) / 2, (normal[..., :1] - normal[..., 1:]).abs() / 2
+    near, far = (distance - half).minimum(radius - 1e-3), distance + half
+    deep, shallow = (radius - near).sqrt(), (radius - far).clamp_min(1e-12).sqrt()
+    root = shallow + (deep - shallow) * (1 + points[0]) / 2
+    at = radius - root.square()
+    height = _height((at - distance).abs(), half, plateau)
+    weight = points[1] * root * height
+    # Part of the pixel per px at the outline: what a move of the outline adds to the part that the disc covers.
+    edge = torch.where(far > radius, _height((radius - distance).abs(), half, plateau), 0.0)
+    edge = edge / (weight * (deep - shallow)).sum(-1, keepdim=True).clamp_min(1e-6)
+    weight = weight / weight.sum(-1, keepdim=True)
+    # The first ray is the one nearest to the outline.
+    first = (torch.arange(len(points[0]), device=at.device) == 0).to(at)
+    by_radius = edge * (first - weight)
+    return at, torch.ones_like(at), torch.zeros_like(at), weight, -by_radius, by_radius
+
+
+def _height(away: Tensor, half: Tensor, plateau: Tensor) -> Tensor:
+    """Height of a pixel's trapezium ``away`` from its middle, as a share of that in the middle."""
+    return ((half - away) / (half - plateau).clamp_min(1e-3)).clamp(1e-3, 1)
+
+
+def coverage(x: Tensor, y: Tensor, radius: Tensor, blur: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Share of each pixel that the disc covers, and its derivatives by the radius and by the ``blur``, 1/px.
+
+    ``x`` and ``y`` from the centre broadcast. Exact for a straight edge through a square pixel with Gaussian ``blur``,
+    px: the twofold integral of the Gaussian at the four corners.
+    """
+    distance = (x.square() + y.square()).sqrt().clamp_min(1e-6)
+    # A straight edge in place of the circle enlarges the disc by pi times the variance of blur and pixel.
+    bent = (blur.square() + 1 / 12) / (2 * radius)
+    inwards = radius - bent - distance
+    a, b = ((v.abs() / distance).clamp_min(LEAST_NORMAL) / 2 for v in (x, y))
+    share, slope, spread = (torch.zeros_like(inwards) for _ in range(3))
+    for corner, sign in ((a + b, 1.0), (a - b, -1.0), (b - a, -1.0), (-a - b, 1.0)):
+        at = inwards + corner
+        z = (at / blur).clamp(-30, 30)
+        below = torch.special.ndtr(z)
+        density = torch.exp(-0.5 * z.square()) * (blur / math.sqrt(2 * math.pi))
+        share = share + sign * (0.5 * (at.square() + blur.square()) * below + 0.5 * at * density)
+        slope = slope + sign * (at * below + density)
+        spread = spread + sign * blur * below
+    area = 4 * a * b
+    by_distance = slope / area
+    near = inwards.abs() < 1 + 8 * blur
+    share = torch.where(near, share / area, (inwards > 0).to(distance))
+    by_distance = torch.where(near, by_distance, 0.0)
+    by_blur = torch.where(near, spread / area, 0.0) - by_distance * blur / radius
+    return share, by_distance, by_blur
+
+
+@dataclass(frozen=True)
+class _Projection:
+    """The ball projected into n images, without the map's values."""
+
+    x: Tensor  # offsets (n, 1, s) and (n, s, 1) of the pixels from the centre, px
+    y: Tensor
+    rays: _Rays
+    points: Tensor  # points (3, n, s, s, k) of the rays on the unit sphere, camera axes
+    places: Places
+    light: Tensor  # light (n, s, s, k) at the points
+    share: Tensor  # share (n, s, s) of each pixel that the disc covers
+    share_by_radius: Tensor
+    share_by_blur: Tensor
+
+
+def _project(windows: Windows, poses: Poses, ball: TexturedBall) -> _Projection:
+    x, y = windows.offsets(poses.centre)
+    radius, blur = ball.radius.to(x), ball.edge_blur.to(x)
+    rays = _rays(x, y, radius)
+    across, down = rays.scale * x.unsqueeze(-1) / radius, rays.scale * y.unsqueeze(-1) / radius
+    points = torch.stack((across, down, -(1 - across.square() - down.square()).sqrt()))
+    turned = torch.einsum("nij,inabk->jnabk", poses.orientation.to(x), points)
+    light = ball.light.to(x)
+    lit = light[0] + (light[1:].reshape(3, 1, 1, 1, 1) * points).sum(0)
+    return _Projection(x, y, rays, points, cube_map.places(turned, ball.cells), lit, *coverage(x, y, radius, blur))
+
+
+def _column(values: Tensor, like: Tensor) -> Tensor:
+    """Values (n,) of the images as (n, 1, 1), in the type of the grey levels."""
+    return values.to(like).reshape(-1, 1, 1)
+
+
+def _given(windows: Windows, poses: Poses, ball: TexturedBall) -> tuple[Tensor, ...]:
+    """The images, poses and ball for the loops: see `kernels.forward_model.linearise`."""
+    brightness = torch.stack((poses.gain, poses.offset), 1)
+    numbers = torch.cat((torch.stack((ball.radius, ball.edge_blur)), ball.light.double()))
+    first = windows.origin - poses.centre
+    return first, poses.orientation, brightness, windows.visibility, windows.background, numbers
+
+
+def design(windows: Windows, poses: Poses, ball: TexturedBall) -> Design:
+    """The model at ``poses`` as a linear function of the map."""
+    if suits(windows.levels):
+        return Design(*loops.design(ball.cells, _RULE, *_given(windows, poses, ball)), ball.cells)
+    seen = _project(windows, poses, ball)
+    gain, offset = _column(poses.gain, seen.share), _column(poses.offset, seen.share)
+    factor = (gain * seen.share).unsqueeze(-1) * seen.light * seen.rays.weight
+    fixed = gain * (1 - seen.share) * windows.background + offset
+    return Design(seen.places.corner.int(), seen.places.offset.movedim(0, -1), factor, fixed, ball.cells)
+
+
+def linearise(windows: Windows, poses: Poses, ball: TexturedBall) -> Linearisation:
+    """Linearise the model at ``poses``."""
+    if suits(windows.levels, ball.coefficients):
+        given = _given(windows, poses, ball)
+        return Linearisation(*loops.linearise(ball.coefficients, ball.cells, _RULE, *given))
+    seen = _project(windows, poses, ball)
+    radius = ball.radius.to(seen.x)
+    value, by_place = seen.places.value_and_gradient(ball.coefficients.to(seen.x))
+    # Camera axes: of the lit texture, which turns with the ball, and of the light, which does not.
+    slope = seen.light * torch.einsum("nij,jnabk->inabk", poses.orientation.to(seen.x), by_place)
+    turn = torch.linalg.cross(slope, seen.points, dim=0) / radius
+    whole = slope + value * ball.light.to(seen.x)[1:].reshape(3, 1, 1, 1, 1)
+    # Along the image: the third component of a point of the sphere follows from the first two.
+    tx, ty = (whole[:2] - whole[2] * seen.points[:2] / seen.points[2]) / radius
+    rays, lit = seen.rays, seen.light * value
+    x, y = seen.x.unsqueeze(-1), seen.y.unsqueeze(-1)
+    radial = tx * x + ty * y
+    distance = (seen.x.square() + seen.y.square()).sqrt().clamp_min(1e-6)
+    outwards = (rays.weight * rays.by_distance * radial + rays.weight_by_distance * lit) / distance.unsqueeze(-1)
+    along = rays.weight * rays.scale
+    by_radius = rays.weight * radial * (rays.by_radius - rays.scale / radius) + rays.weight_by_radius * lit
+    parts = (-along * tx - outwards * x, -along * ty - outwards * y, *(rays.weight * turn), by_radius)
+    means = torch.stack(parts).sum(-1) * seen.share
+    ball_levels = (rays.weight * lit).sum(-1)
+    contrast = ball_levels - windows.background
+    edge = seen.share_by_radius * contrast
+    gain, offset = _column(poses.gain, value), _column(poses.offset, value)
+    unit = seen.share * contrast + windows.background
+    columns = (
+        gain * (means[0] + edge * seen.x / distance),
+        gain * (means[1] + edge * seen.y / distance),
+        *(gain * means[2:5]),
+        gain * (means[5] + edge),
+        gain * seen.share_by_blur * contrast,
+        unit,
+        torch.ones_like(unit),
     )
-
-
-def shading_jacobian(window: Window, pose: Pose, ball: TexturedBall) -> Tensor:
-    """Derivative (p, 4) of the grey levels by the shading."""
-    projected = project(window, pose, replace(ball, shading=uniform_light()))
-    values = projected.light * projected.stencil.value(ball.coefficients.to(projected.light))
-    by_terms = window.sum_rays((values * shading_basis(projected.points)).T)
-    return (pose.gain * projected.coverage)[:, None] * by_terms
-
-
-def move_pose(pose: Pose, step: Tensor, radius: float) -> Pose:
-    """The pose after a ``step`` (5,) of (dx, dy, wx, wy, wz), px, rotations times the ``radius``."""
-    step = step.double()
-    rotation = So3.exp(step[None, 2:5] / radius).matrix()[0]
-    return replace(pose, centre=pose.centre + step[:2], orientation=rotation @ pose.orientation)
+    return Linearisation(gain * unit + offset, torch.stack([c.flatten(1) for c in columns], -1))

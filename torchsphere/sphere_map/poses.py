@@ -1,7 +1,7 @@
 """Absolute poses of all frames on one texture map of the ball, which do not drift as the sum of increments does.
 
-The map is adjusted together with the poses of keyframes, which are spread over the recording. Each other frame is then
-registered on the map, over the still background.
+The map is adjusted together with the poses of keyframes. All other frames are then registered on the map in batches,
+over the still background.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from kornia.geometry.liegroup import So3
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -18,17 +19,37 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.imaging.background import background
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
-from torchsphere.sphere_map import bundle_adjustment, registration
-from torchsphere.sphere_map.bundle_adjustment import Adjustment
-from torchsphere.sphere_map.forward_model import Pose
+from torchsphere.runtime.threads import RowRunner
+from torchsphere.sphere_map import bundle_adjustment, cube_map, registration
+from torchsphere.sphere_map.ball import Poses
+from torchsphere.sphere_map.bundle_adjustment import NEW_MAP_STEPS, Adjustment
+from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
+from torchsphere.sphere_map.keyframes import choose_keyframes, choose_map_frames
 from torchsphere.sphere_map.pixel_weights import ROUNDING_VARIANCE
 from torchsphere.sphere_map.registration import Registration
-from torchsphere.sphere_map.window import Window, cut_window
+from torchsphere.sphere_map.state import State, drawn, fit_map, reweighted, with_cells
+from torchsphere.sphere_map.window import Windows, cut_windows
 
 Array = NDArray[np.float64]
 
-#: Largest number of keyframes, and smallest number of frames for a map (docs/constants.md).
-MAX_KEYFRAMES, MIN_FRAMES = 36, 6
+#: Smallest number of frames for a map.
+MIN_FRAMES = 6
+
+#: Frames that are registered at once (docs/constants.md).
+BATCH = 32
+
+#: Pixels of the images that make the map, all in all (docs/constants.md).
+MAP_PIXELS = 700_000
+
+#: Pixels of plain arithmetic that the forward model of a pixel is worth: it decides how images are shared out.
+PIXELS_PER_PIXEL = 16.0
+
+#: Width of the final map's cells over that of the map of the keyframes: many frames bear finer cells, and the poses
+#: need them, as what cells cannot hold errs with the pose within a pixel (docs/constants.md).
+FINE_SHARE = 0.7
+
+#: Width of the map's cells in units of the texture's width, and its limits, px (docs/constants.md).
+CELLS_PER_TEXTURE, MIN_CELL_PX, MAX_CELL_PX = 0.75, 1.0, 1.5
 
 #: Residual variance within the disc, in variances of the noise, from which the map is refused (docs/constants.md).
 MAX_MISFIT = 4.0
@@ -59,19 +80,31 @@ class MapPoses:
     misfit: float  # variance of the residual over the variance of the images' noise
 
 
+#: Numbers of frames, and their poses before and after the registration.
+Anchors = tuple[list[int], Poses, Poses]
+
+
 @dataclass(frozen=True)
 class _Frames:
     """The images with their initial poses, their background (h, w), and a mask (h, w) of the usable pixels."""
 
     source: Source
-    initial: dict[int, Pose]
-    keys: list[int]
+    known: NDArray[np.int64]  # numbers (k,) of the frames with an initial pose
+    position: Tensor  # initial poses of all frames, float64: (n, 2) and (n, 3, 3), NaN where unknown
+    orientation: Tensor
     background: Tensor
     usable: Tensor | None
 
-    def window(self, i: int, pose: Pose, radius: float) -> Window:
-        image = self.source.images(i, i + 1)[0].cpu()
-        return cut_window(image, self.background, pose.centre, radius, self.usable)
+    def windows(self, numbers: list[int], centres: Tensor, radius: float) -> Windows:
+        """Windows of the given frames around ``centres`` (k, 2)."""
+        first, last = numbers[0], numbers[-1] + 1
+        if last - first == len(numbers):
+            images = self.source.unconverted(first, last)
+        else:
+            images = torch.cat([self.source.unconverted(i, i + 1) for i in numbers])
+        # Single precision is nearly twice as fast and moves a pose by 1e-6 px.
+        images = images.float() if images.dtype == torch.float64 else images
+        return cut_windows(images, self.background, centres, radius, self.usable)
 
 
 def poses_on_map(
@@ -81,43 +114,63 @@ def poses_on_map(
     noise_share: float,
     circle: Circle,
     ignore: Tensor | None,
+    fineness: float,
     progress: Callable[[int, int], None] | None = None,
 ) -> MapPoses | str:
     """Register all frames on a map of the ball: their poses, or a sentence with the reason why no map is possible.
 
     ``position`` (n, 2), px, and ``orientation`` (n, 3, 3) by the correlation err by at most half a speckle, drift
-    included; NaN where unknown. ``noise_share`` is the variance of the images' noise over that of their grey levels.
-    ``ignore`` (h, w) is True for pixels to ignore. Singular equations of the map raise LinAlgError.
+    within a turn included; NaN where unknown. ``noise_share`` is the variance of the images' noise over that of their
+    grey levels, ``fineness`` that of the texture's slopes over it, 1/px^2. ``ignore`` (h, w) is True for pixels to
+    ignore. Singular equations of the map raise LinAlgError.
     """
     known = np.flatnonzero(np.isfinite(position[:, 0]) & np.isfinite(orientation[:, 0, 0]))
     if len(known) < MIN_FRAMES:
         return f"a map of the ball needs {MIN_FRAMES} frames with a known pose, and this recording has {len(known)}"
     frames = _Frames(
         source,
-        {i: Pose(torch.from_numpy(position[i]), torch.from_numpy(orientation[i])) for i in known.tolist()},
-        known[np.unique(np.linspace(0, len(known) - 1, MAX_KEYFRAMES).round().astype(int))].tolist(),
-        background(source, position, circle.radius),
-        None if ignore is None else ~ignore.cpu(),
+        known,
+        torch.from_numpy(position),
+        torch.from_numpy(orientation),
+        background(source, position, circle.radius).to(source.device, torch.float32),
+        None if ignore is None else ~ignore,
     )
-    poses = [frames.initial[i] for i in frames.keys]
-    windows = [frames.window(i, pose, circle.radius) for i, pose in zip(frames.keys, poses, strict=True)]
-    texture = float(np.median([float(window.levels.var()) for window in windows]))
-    noise = max(noise_share * texture, ROUNDING_VARIANCE)
+    keys = choose_keyframes(known, orientation)
+    initial = Poses.at(frames.position[keys], frames.orientation[keys])
+    windows = frames.windows(keys, initial.centre, circle.radius)
+    noise = max(noise_share * _texture_variance(windows), ROUNDING_VARIANCE)
+    cell_px = float(np.clip(CELLS_PER_TEXTURE / np.sqrt(fineness), MIN_CELL_PX, MAX_CELL_PX))
 
     def report(done: int) -> None:
         if progress is not None:
             progress(done, len(known))
 
     report(0)
-    adjustment = bundle_adjustment.adjust(
-        windows, poses, circle.radius, noise, lambda share: report(round(share * len(poses)))
-    )
-    misfit = float(adjustment.state.profile.variance[0]) / noise
-    refusal = _refusal(adjustment, circle.radius, misfit)
-    if refusal:
-        return refusal
-    found = _register_all(frames, adjustment, report)
-    return _assemble(len(position), found, frames.keys, adjustment, circle, misfit)
+    with threads.row_runner(source.device, PIXELS_PER_PIXEL * windows.levels[0].numel()) as shared:
+        adjustment = bundle_adjustment.adjust(
+            windows,
+            initial,
+            circle.radius,
+            noise,
+            cell_px,
+            shared,
+            lambda share: report(round(share * len(keys))),
+        )
+        misfit = float(adjustment.state.profile.variance[0]) / noise
+        refusal = _refusal(adjustment, circle.radius, misfit)
+        if refusal:
+            return refusal
+        numbers, found = _on_map(frames, keys, initial, adjustment, cell_px, shared, report)
+    return _assemble(len(position), numbers, found, keys, adjustment, circle, misfit)
+
+
+def _texture_variance(windows: Windows) -> float:
+    """Median over the images of the grey levels' variance around the ball."""
+    visible = windows.visibility
+    count = visible.sum((1, 2)).clamp_min(1)
+    mean = (visible * windows.levels).sum((1, 2)) / count
+    squares = (visible * (windows.levels - mean.reshape(-1, 1, 1)).square()).sum((1, 2))
+    return float((squares / count).median())
 
 
 def _refusal(adjustment: Adjustment, radius: float, misfit: float) -> str:
@@ -137,100 +190,164 @@ def _refusal(adjustment: Adjustment, radius: float, misfit: float) -> str:
     return ""
 
 
-def _register_all(frames: _Frames, adjustment: Adjustment, report: Callable[[int], None]) -> dict[int, Registration]:
-    """Registration of every known frame; those of the keyframes come from the adjustment."""
-    keys, state = frames.keys, adjustment.state
+def _on_map(
+    frames: _Frames,
+    keys: list[int],
+    initial: Poses,
+    adjustment: Adjustment,
+    cell_px: float,
+    shared: RowRunner,
+    report: Callable[[int], None],
+) -> tuple[NDArray[np.int64], Registration]:
+    """Numbers (k,) and registrations of all frames on the map.
+
+    The keyframes have settled what all images share. A map of more frames has less noise, and then all frames are
+    registered on it.
+    """
+    state, anchors = adjustment.state, (keys, initial, adjustment.state.poses)
+    chosen = choose_map_frames(frames.known, keys, MAP_PIXELS // state.windows.levels[0].numel())
+    numbers, poses = np.array(keys), state.poses
+    if len(chosen) > len(keys):
+        others, found = _register(frames, np.setdiff1d(chosen, keys), anchors, state, shared, lambda done: None)
+        order = torch.from_numpy(np.argsort(np.concatenate((keys, others))))
+        numbers, poses = np.union1d(keys, others), Poses.joined([poses, found.poses]).take(order)
+    state = _finer(state, frames, numbers, poses, cell_px, shared)
+    return _register(frames, frames.known, anchors, state, shared, report)
+
+
+def _finer(
+    state: State, frames: _Frames, numbers: NDArray[np.int64], poses: Poses, cell_px: float, shared: RowRunner
+) -> State:
+    """The state with a finer map of the frames with these ``numbers`` and ``poses``, and their profile.
+
+    ``cell_px`` is the width of the present cells.
+    """
+    windows = frames.windows(numbers.tolist(), poses.centre, float(state.ball.radius))
+    cells = cube_map.cells_per_face(float(state.ball.radius), FINE_SHARE * cell_px)
+    state = with_cells(replace(state, windows=windows, poses=poses), cells)
+    design = drawn(state, shared)
+    residual = windows.levels - design.levels(state.ball.coefficients)
+    state = reweighted(state, residual, torch.zeros_like(residual))
+    state, equations = fit_map(state, shared, NEW_MAP_STEPS, design)
+    residual = windows.levels - design.levels(state.ball.coefficients)
+    return reweighted(state, residual, equations.leverage())
+
+
+def _register(
+    frames: _Frames,
+    wanted: NDArray[np.int64],
+    anchors: Anchors,
+    state: State,
+    shared: RowRunner,
+    report: Callable[[int], None],
+) -> tuple[NDArray[np.int64], Registration]:
+    """Numbers (k,) and registrations of the ``wanted`` frames that fit the map.
+
+    A batch starts where the frame before it was found: the sum of the increments drifts from turn to turn.
+    """
     ball, profile = state.ball, state.profile
-    adjusted = dict(zip(keys, state.poses, strict=True))
+    numbers, found = [], []
+    for first in range(0, len(wanted), BATCH):
+        batch = wanted[first : first + BATCH]
+        start = _undrifted(frames, batch, *anchors)
+        windows = frames.windows(batch.tolist(), start.centre, float(ball.radius))
 
-    def register(pose: Pose, window: Window) -> Registration | None:
-        found = registration.register(window, pose, ball, profile)
-        move = float((found.pose.centre - pose.centre).norm())
-        accepted = found.converged and move < MAX_MOVE * ball.radius and found.misfit < MAX_FRAME_MISFIT
-        return found if accepted else None
+        def part(a: int, b: int, windows: Windows = windows, start: Poses = start) -> Registration:
+            return registration.register(windows.rows(a, b), start.take(slice(a, b)), ball, profile)
 
-    found = {}
-    others = [i for i in frames.initial if i not in adjusted]
-    for first in range(0, len(others), MAX_KEYFRAMES):
-        # Memory holds as many images at once as in the adjustment.
-        chunk = others[first : first + MAX_KEYFRAMES]
-        poses = [_undrifted(i, frames, adjusted) for i in chunk]
-        windows = [frames.window(i, pose, ball.radius) for i, pose in zip(chunk, poses, strict=True)]
-        registrations = zip(chunk, threads.parallel_map(register, poses, windows), strict=True)
-        for done, (i, registered) in enumerate(registrations, len(keys) + first + 1):
-            report(done)
-            if registered is not None:
-                found[i] = registered
-    for key, window, pose in zip(keys, state.windows, state.poses, strict=True):
-        covariance = registration.pose_covariance(window, pose, ball, profile)
-        found[key] = Registration(pose, covariance, True, 1.0)
-    return found
+        registered = Registration.joined(shared(part, len(batch)))
+        move = (registered.poses.centre - start.centre).norm(dim=1)
+        accepted = registered.converged & (move < MAX_MOVE * ball.radius) & (registered.misfit < MAX_FRAME_MISFIT)
+        rows = torch.nonzero(accepted)[:, 0]
+        numbers.append(batch[rows.cpu().numpy()])
+        found.append(registered.take(rows))
+        report(first + len(batch))
+        if len(rows):
+            anchors = _with_last(anchors, frames, int(numbers[-1][-1]), found[-1].poses.take(slice(-1, None)))
+    return np.concatenate(numbers), Registration.joined(found)
 
 
-def _undrifted(i: int, frames: _Frames, adjusted: dict[int, Pose]) -> Pose:
-    """Initial pose of frame ``i`` without its drift, which is about that of the nearest keyframe."""
-    key = frames.keys[int(np.argmin(np.abs(np.array(frames.keys) - i)))]
-    pose, before, after = frames.initial[i], frames.initial[key], adjusted[key]
-    rotation = after.orientation @ before.orientation.T
-    centre = pose.centre + after.centre - before.centre
-    return Pose(centre, rotation @ pose.orientation, after.gain, after.offset)
+def _with_last(anchors: Anchors, frames: _Frames, number: int, pose: Poses) -> Anchors:
+    """The ``anchors`` after frame ``number``, with the pose that was found for it; those before it are not needed."""
+    numbers, before, after = anchors
+    later = [i for i, key in enumerate(numbers) if key > number]
+    own = Poses.at(frames.position[number : number + 1], frames.orientation[number : number + 1])
+    kept = [number, *(numbers[i] for i in later)]
+    return kept, Poses.joined([own, before.take(later)]), Poses.joined([pose, after.take(later)])
+
+
+def _undrifted(frames: _Frames, batch: NDArray[np.int64], numbers: list[int], before: Poses, after: Poses) -> Poses:
+    """Initial poses of a ``batch`` of frames without their drift, interpolated between the anchors in time.
+
+    Anchors are frames with these ``numbers`` whose poses are known ``before`` and ``after`` the registration.
+    """
+    shift = after.centre - before.centre
+    turn = So3.from_matrix(after.orientation @ before.orientation.mT).log()
+    brightness = torch.stack((after.gain, after.offset), 1)
+    known = torch.cat((shift, turn, brightness), 1).cpu().numpy()
+    at = np.stack([np.interp(batch, numbers, column) for column in known.T], 1)
+    change = torch.from_numpy(at)
+    rotation = So3.exp(change[:, 2:5]).matrix()
+    centre = frames.position[batch] + change[:, :2]
+    return Poses(centre, rotation @ frames.orientation[batch], change[:, 5], change[:, 6])
 
 
 def _assemble(
-    n: int, found: dict[int, Registration], keys: list[int], adjustment: Adjustment, circle: Circle, misfit: float
+    n: int,
+    numbers: NDArray[np.int64],
+    found: Registration,
+    keys: list[int],
+    adjustment: Adjustment,
+    circle: Circle,
+    misfit: float,
 ) -> MapPoses:
     """Arrays over all ``n`` frames from the registrations, and the outline with its standard deviations."""
     position, orientation = np.full((n, 2), np.nan), np.full((n, 3, 3), np.nan)
-    first = min(found)
-    to_first = found[first].pose.orientation.T
-    for i, registered in found.items():
-        position[i] = registered.pose.centre.numpy()
-        orientation[i] = (registered.pose.orientation @ to_first).numpy()
-    ball, variances = adjustment.state.ball, np.diag(adjustment.covariance)
+    position[numbers] = found.poses.centre.cpu().numpy()
+    orientation[numbers] = (found.poses.orientation @ found.poses.orientation[0].T).cpu().numpy()
+    ball, variances = adjustment.state.ball, adjustment.covariance.diagonal().cpu().numpy()
+    first, radius = int(numbers[0]), float(ball.radius)
     k = keys.index(first) if first in keys else 0
-    sd_x, sd_y = np.sqrt(variances[5 * k : 5 * k + 2])
-    sd_radius = np.hypot(np.sqrt(variances[5 * len(keys)]), RADIUS_ERROR_SHARE * ball.radius)
+    sd_x, sd_y = np.sqrt(variances[PER_IMAGE * k : PER_IMAGE * k + 2])
     outline = replace(
         circle,
         x=float(position[first, 0]),
         y=float(position[first, 1]),
-        radius=ball.radius,
+        radius=radius,
         sd_guessed=False,
         sd_x=float(sd_x),
         sd_y=float(sd_y),
-        sd_radius=float(sd_radius),
+        sd_radius=float(np.hypot(np.sqrt(variances[-COMMON]), RADIUS_ERROR_SHARE * radius)),
     )
-    steps = step_covariances(n, found, keys, adjustment)
-    return MapPoses(position, orientation, steps, outline, len(keys), ball.edge_blur, misfit)
+    steps = step_covariances(n, numbers, found, keys, adjustment)
+    return MapPoses(position, orientation, steps, outline, len(keys), float(ball.edge_blur), misfit)
 
 
-def step_covariances(n: int, found: dict[int, Registration], keys: list[int], adjustment: Adjustment) -> Array:
+def step_covariances(
+    n: int, numbers: NDArray[np.int64], found: Registration, keys: list[int], adjustment: Adjustment
+) -> Array:
     """Covariance (n - 1, 5, 5) of the steps between frames that are both on the map; px and rad, NaN elsewhere.
 
     Between keyframes, the covariance is that of the adjustment. Elsewhere it is the noise of both images, scaled by
     `Registration.misfit`: the residual of such a frame also holds the map's error at its pixels, which cancels little
     in a step. A keyframe has no such residual and gets the median misfit of the other frames.
     """
-    units = np.array([1.0, 1.0, *3 * [1 / adjustment.state.ball.radius]])
-    scale = np.outer(units, units)
-    covariance = np.full((n - 1, 5, 5), np.nan)
-    numbers = {i: k for k, i in enumerate(keys)}
-    misfits = [registered.misfit for i, registered in found.items() if i not in numbers]
-    typical = float(np.median(misfits)) if misfits else 1.0
-
-    def of_frame(i: int) -> Array:
-        return (typical if i in numbers else found[i].misfit) * found[i].covariance.numpy()
-
-    for i in range(n - 1):
-        if i in numbers and i + 1 in numbers:
-            covariance[i] = _difference_covariance(adjustment.covariance, numbers[i], numbers[i + 1]) * scale
-        elif i in found and i + 1 in found:
-            covariance[i] = (of_frame(i) + of_frame(i + 1)) * scale
-    return covariance
+    radius = float(adjustment.state.ball.radius)
+    units = np.array([1.0, 1.0, *3 * [1 / radius]])
+    misfit, is_key = found.misfit.cpu().numpy().copy(), np.isin(numbers, keys)
+    misfit[is_key] = np.median(misfit[~is_key]) if bool((~is_key).any()) else 1.0
+    own = np.full((n, 5, 5), np.nan)
+    own[numbers] = misfit[:, None, None] * found.covariance.cpu().numpy()
+    covariance = own[:-1] + own[1:]
+    whole = adjustment.covariance.cpu().numpy()
+    for k in range(len(keys) - 1):
+        if keys[k + 1] == keys[k] + 1:
+            covariance[keys[k]] = _difference_covariance(whole, k, k + 1)
+    return covariance * np.outer(units, units)
 
 
 def _difference_covariance(covariance: Array, a: int, b: int) -> Array:
     """Covariance (5, 5) of the step from pose number ``a`` to number ``b``, from that of all poses."""
-    first, second = slice(5 * a, 5 * a + 5), slice(5 * b, 5 * b + 5)
+    first, second = (slice(PER_IMAGE * k, PER_IMAGE * k + 5) for k in (a, b))
     shared = covariance[first, second]
     return covariance[first, first] + covariance[second, second] - shared - shared.T

@@ -1,81 +1,133 @@
-"""Registration of one image on a known texture map: Gauss-Newton on the forward model."""
+"""Registration of images on a known texture map: Gauss-Newton on the forward model, all images of a batch at once."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from torchsphere.sphere_map import forward_model, pixel_weights
-from torchsphere.sphere_map.forward_model import Pose, TexturedBall
+from torchsphere.sphere_map.ball import Poses, TexturedBall
+from torchsphere.sphere_map.forward_model import BRIGHTNESS, MOTION, Linearisation
 from torchsphere.sphere_map.pixel_weights import ResidualProfile
-from torchsphere.sphere_map.window import Window
+from torchsphere.sphere_map.window import Windows
 
-#: Largest number of steps, and length of the last step, px (docs/constants.md).
-MAX_STEPS, TOLERANCE_PX = 12, 2e-3
+#: Largest number of steps, and length of a step, px, after which no further one is needed: a step leaves about the
+#: square of the error (docs/constants.md).
+MAX_STEPS, LAST_STEP_PX = 8, 0.03
 
-#: Number of steps, or length of a step, px, before the second estimate of the weights (docs/constants.md).
-REWEIGHT_STEP, REWEIGHT_PX = 2, 0.01
+#: Ridge of the normal equations, as a share of their trace.
+RIDGE = 1e-12
 
-#: Length of a step, px, up to which the next step uses the same Jacobian (docs/constants.md).
-KEEP_JACOBIAN_PX = 0.01
-
-#: Scale of the gain's unknown: a grey level, roughly.
-GAIN_SCALE = 100
+#: Columns of the jacobian that a registration solves for.
+COLUMNS = [*range(9)[MOTION], *range(9)[BRIGHTNESS]]
 
 
 @dataclass(frozen=True)
 class Registration:
-    """Pose of one image on the map."""
+    """Poses of n images on the map."""
 
-    pose: Pose
-    covariance: Tensor  # (5, 5) of (dx, dy, wx, wy, wz), px, rotations times the radius, by the image's own noise alone
-    converged: bool
-    misfit: float  # mean square of the weighted residual; 1 if the image fits as well as the images that made the map
+    poses: Poses
+    # (n, 5, 5) of (dx, dy, wx, wy, wz), px, rotations times the radius, by the images' own noise alone
+    covariance: Tensor
+    converged: Tensor  # (n,), bool
+    misfit: Tensor  # (n,): mean square of the weighted residual; 1 if an image fits as well as those that made the map
+
+    @classmethod
+    def joined(cls, parts: list[Registration]) -> Registration:
+        """The images of all parts, one after the other."""
+        covariance, converged, misfit = (
+            torch.cat(column) for column in zip(*((p.covariance, p.converged, p.misfit) for p in parts), strict=True)
+        )
+        return cls(Poses.joined([part.poses for part in parts]), covariance, converged, misfit)
+
+    def take(self, rows: Tensor) -> Registration:
+        """The images of the given rows."""
+        return Registration(self.poses.take(rows), self.covariance[rows], self.converged[rows], self.misfit[rows])
 
 
-def register(window: Window, pose: Pose, ball: TexturedBall, profile: ResidualProfile) -> Registration:
-    """Fit pose, gain and offset of one image, from a pose with an error of up to half a speckle.
+def register(windows: Windows, poses: Poses, ball: TexturedBall, profile: ResidualProfile) -> Registration:
+    """Fit pose, gain and offset of each image, from poses with an error of up to half a speckle.
 
-    Gain and offset are unknowns beside the pose, so that they do not take up a part of its motion.
+    Gain and offset are unknowns beside the pose, so that they do not take up a part of its motion. An image is done
+    after its first short step.
     """
-    length, estimates = torch.inf, 0
-    for step_number in range(MAX_STEPS):
-        if length > KEEP_JACOBIAN_PX:
-            model = forward_model.linearise(window, pose, ball, by_ball=False)
-        else:
-            model = replace(model, levels=forward_model.predict(window, pose, ball))
-        settling = step_number == REWEIGHT_STEP or length <= REWEIGHT_PX
-        if estimates == 0 or (estimates == 1 and settling):
-            estimates += 1
-            brightened = pixel_weights.fit_brightness(window, pose, profile, model.levels)
-            model, pose = model.with_brightness(pose, brightened), brightened
-            window = pixel_weights.estimate_visibility(window, pose, profile, model.levels)
-        weights = pixel_weights.weights(window, pose, profile)
-        residual = window.levels - model.levels
-        by_brightness = model.levels[:, None] / GAIN_SCALE, torch.ones_like(residual)[:, None]
-        jacobian = torch.cat((model.jacobian, *by_brightness), -1)
-        normal = (jacobian.T @ (weights[:, None] * jacobian)).double()
-        normal = normal + 1e-9 * normal.trace() * torch.eye(len(normal), dtype=normal.dtype)
-        inverse = torch.linalg.inv(normal)
-        step = inverse @ (jacobian.T @ (weights * residual)).double()
-        length = float(step[:5].abs().max())
-        if not length < ball.radius:
+    found = _step(windows, poses, ball, profile)
+    for _ in range(MAX_STEPS - 1):
+        moving = torch.nonzero(found.length > LAST_STEP_PX)[:, 0]
+        if len(moving) == 0:
             break
-        pose = forward_model.move_pose(pose, step[:5], ball.radius)
-        change = 1 + float(step[5]) / GAIN_SCALE
-        pose = replace(pose, gain=pose.gain * change, offset=pose.offset * change + float(step[6]))
-        if length < TOLERANCE_PX and estimates == 2:
-            break
-    visible = (window.visibility > 0.5).to(residual)
-    misfit = float((weights * visible * residual.square()).sum() / visible.sum().clamp_min(1))
-    return Registration(pose, inverse[:5, :5], length < 5 * TOLERANCE_PX, misfit)
+        again = _step(windows.take(moving), found.poses.take(moving), ball, profile)
+        found = found.replaced(moving, again)
+    return Registration(found.poses, found.covariance, found.length <= LAST_STEP_PX, found.misfit)
 
 
-def pose_covariance(window: Window, pose: Pose, ball: TexturedBall, profile: ResidualProfile) -> Tensor:
-    """`Registration.covariance` (5, 5) of an image whose pose is known."""
-    model = forward_model.linearise(window, pose, ball, by_ball=False)
-    jacobian = torch.cat((model.jacobian, model.levels[:, None], torch.ones_like(model.levels)[:, None]), -1)
-    weights = pixel_weights.weights(window, pose, profile)
-    return torch.linalg.inv((jacobian.T @ (weights[:, None] * jacobian)).double())[:5, :5]
+@dataclass(frozen=True)
+class _Step:
+    """One step of n images."""
+
+    poses: Poses  # after the step
+    covariance: Tensor
+    length: Tensor  # (n,), px; infinite where the equations have no solution
+    misfit: Tensor
+
+    def replaced(self, rows: Tensor, other: _Step) -> _Step:
+        """With the ``other`` images in the given ``rows`` (k,)."""
+
+        def put(old: Tensor, new: Tensor) -> Tensor:
+            return old.index_copy(0, rows, new)
+
+        pairs = zip(vars(self.poses).values(), vars(other.poses).values(), strict=True)
+        poses = Poses(*(put(old, new) for old, new in pairs))
+        columns = ((self.covariance, other.covariance), (self.length, other.length), (self.misfit, other.misfit))
+        return _Step(poses, *(put(old, new) for old, new in columns))
+
+
+def _step(windows: Windows, poses: Poses, ball: TexturedBall, profile: ResidualProfile) -> _Step:
+    """One Gauss-Newton step, with the visibility that the residuals suggest."""
+    model = forward_model.linearise(windows, poses, ball)
+    variance = profile.at(windows, poses.centre)
+    residual = windows.levels - model.levels
+    plain = _without_brightness(model.levels, windows.visibility / variance, residual)
+    seen = pixel_weights.estimate_visibility(windows, variance, plain)
+    weights = seen.visibility / variance
+    normal, gradient = normal_equations(model, weights, residual)
+    inverse = torch.linalg.inv_ex(normal)[0]
+    step = (inverse @ gradient.unsqueeze(2))[..., 0]
+    length = step[:, :5].abs().amax(1).nan_to_num(torch.inf)
+    usable = length < ball.radius
+    step = torch.where(usable.unsqueeze(1), step, 0.0)
+    visible = seen.visibility > 0.5
+    squares = (weights * visible * residual.square()).sum((1, 2)) - (step * gradient).sum(1)
+    misfit = squares / visible.sum((1, 2)).clamp_min(1)
+    moved = poses.moved(step[:, :5], ball.radius).brightened(step[:, 5:])
+    return _Step(moved, inverse[:, :5, :5], torch.where(usable, length, torch.inf), misfit)
+
+
+def normal_equations(model: Linearisation, weights: Tensor, residual: Tensor) -> tuple[Tensor, Tensor]:
+    """Normal matrix (n, 7, 7) and gradient (n, 7) of pose, gain and offset, float64."""
+    normal, gradient = model.normal(weights, residual)
+    normal = normal[:, COLUMNS][:, :, COLUMNS]
+    ridge = RIDGE * normal.diagonal(dim1=1, dim2=2).sum(1)
+    identity = torch.eye(len(COLUMNS), dtype=normal.dtype, device=normal.device)
+    return normal + ridge.reshape(-1, 1, 1) * identity, gradient[:, COLUMNS]
+
+
+def _without_brightness(levels: Tensor, weights: Tensor, residual: Tensor) -> Tensor:
+    """The ``residual`` (n, s, s) less the change of gain and offset that fits it best, the pose held."""
+
+    def mean(values: Tensor) -> Tensor:
+        return (weights * values).sum((1, 2), keepdim=True) / total
+
+    total = weights.sum((1, 2), keepdim=True).clamp_min(1e-12)
+    centred = levels - mean(levels)
+    rest = residual - mean(residual)
+    return rest - centred * (mean(centred * rest) / mean(centred.square()).clamp_min(1e-12))
+
+
+def pose_covariance(windows: Windows, poses: Poses, ball: TexturedBall, profile: ResidualProfile) -> Tensor:
+    """`Registration.covariance` (n, 5, 5) of images whose pose is known."""
+    model = forward_model.linearise(windows, poses, ball)
+    weights = profile.weights(windows, poses.centre)
+    return torch.linalg.inv_ex(normal_equations(model, weights, weights)[0])[0][:, :5, :5]

@@ -1,81 +1,82 @@
-"""State of an adjustment: images, poses, ball and residual profile, and the model linearised there."""
+"""State of an adjustment: images, poses, ball and residual profile, and the model drawn and linearised there."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from torch import Tensor
 
-from torchsphere.runtime import threads
-from torchsphere.sphere_map import forward_model, pixel_weights
-from torchsphere.sphere_map.forward_model import Linearisation, Pose, Projection, TexturedBall
+from torchsphere.runtime.threads import RowRunner
+from torchsphere.sphere_map import forward_model, map_fit, pixel_weights
+from torchsphere.sphere_map.ball import Poses, TexturedBall
+from torchsphere.sphere_map.forward_model import Design, Linearisation
+from torchsphere.sphere_map.map_fit import MapEquations
 from torchsphere.sphere_map.pixel_weights import ResidualProfile
-from torchsphere.sphere_map.window import Window
+from torchsphere.sphere_map.window import Windows
 
 
 @dataclass(frozen=True)
 class State:
     """Images, poses and ball at one step of an adjustment."""
 
-    windows: list[Window]  # pixels around the ball in n images, with their visibility
-    poses: list[Pose]  # (n,)
-    ball: TexturedBall  # radius, map and light, which all images share
+    windows: Windows  # pixels around the ball in n images, with their visibility
+    poses: Poses
+    ball: TexturedBall
     profile: ResidualProfile  # variance of the residual by the distance from the outline
 
-    def project(self) -> list[Projection]:
-        """Projection of the ball into each image."""
-        ball, project = self.ball, forward_model.project
-        return list(threads.parallel_map(lambda window, pose: project(window, pose, ball), self.windows, self.poses))
-
-    def predict(self, projections: list[Projection]) -> list[Tensor]:
-        """Grey levels (p,) of the model in each image."""
-
-        def levels(window: Window, pose: Pose, projected: Projection) -> Tensor:
-            return forward_model.grey_levels(window, projected, pose, self.ball.coefficients)
-
-        return list(threads.parallel_map(levels, self.windows, self.poses, projections))
-
-    def linearise(self, projections: list[Projection]) -> LinearisedState:
-        """The state with the model linearised in each image."""
-
-        def model(window: Window, pose: Pose, projected: Projection) -> Linearisation:
-            return forward_model.linearise(window, pose, self.ball, projected)
-
-        return LinearisedState(self, list(threads.parallel_map(model, self.windows, self.poses, projections)))
-
-    def fit_brightness(self, levels: list[Tensor]) -> State:
-        """With the gains and offsets that fit best; the model gives the images these ``levels`` (p,)."""
-        images = zip(self.windows, self.poses, levels, strict=True)
-        return replace(self, poses=[pixel_weights.fit_brightness(w, pose, self.profile, v) for w, pose, v in images])
+    def with_light(self, light: Tensor) -> State:
+        """The state with another ``light`` (4,)."""
+        return replace(self, ball=replace(self.ball, light=light))
 
 
-@dataclass(frozen=True)
-class LinearisedState:
-    """A state and the model linearised there."""
+def drawn(state: State, shared: RowRunner) -> Design:
+    """The model in all images as a linear function of the map."""
+    windows, poses = state.windows, state.poses
 
-    state: State
-    model: list[Linearisation]  # of each image
+    def part(a: int, b: int) -> Design:
+        return forward_model.design(windows.rows(a, b), poses.take(slice(a, b)), state.ball)
 
-    @property
-    def levels(self) -> list[Tensor]:
-        """Grey levels (p,) of the model in each image."""
-        return [model.levels for model in self.model]
+    return Design.joined(shared(part, len(poses)))
 
-    def fit_brightness(self) -> LinearisedState:
-        """With the gains and offsets that fit best."""
-        state = self.state.fit_brightness(self.levels)
-        changes = zip(self.model, self.state.poses, state.poses, strict=True)
-        return LinearisedState(state, [model.with_brightness(before, after) for model, before, after in changes])
 
-    def measure_profile(self) -> LinearisedState:
-        """With the profile of the present residuals."""
-        state = self.state
-        profile = pixel_weights.measure_profile(state.windows, state.poses, self.levels, state.ball.radius)
-        return LinearisedState(replace(state, profile=profile), self.model)
+def linearised(state: State, shared: RowRunner) -> Linearisation:
+    """The model and its derivatives in all images."""
+    windows, poses = state.windows, state.poses
 
-    def estimate_visibility(self) -> LinearisedState:
-        """With the visibility that the present residuals suggest."""
-        state, profile = self.state, self.state.profile
-        images = zip(state.windows, state.poses, self.levels, strict=True)
-        windows = [pixel_weights.estimate_visibility(w, pose, profile, v) for w, pose, v in images]
-        return LinearisedState(replace(state, windows=windows), self.model)
+    def part(a: int, b: int) -> Linearisation:
+        return forward_model.linearise(windows.rows(a, b), poses.take(slice(a, b)), state.ball)
+
+    return Linearisation.joined(shared(part, len(poses)))
+
+
+def fit_map(state: State, shared: RowRunner, steps: int, design: Design | None = None) -> tuple[State, MapEquations]:
+    """The state with its map after ``steps`` of conjugate gradients, and the map's equations.
+
+    A ``design`` that is known at these poses saves drawing it.
+    """
+    weights = state.profile.weights(state.windows, state.poses.centre)
+    equations = MapEquations.of(design or drawn(state, shared), weights, shared)
+    coefficients = state.ball.coefficients
+    change, _ = equations.solve(equations.gradient(coefficients, state.windows.levels), steps)
+    return replace(state, ball=replace(state.ball, coefficients=coefficients + change)), equations
+
+
+def with_cells(state: State, cells: int) -> State:
+    """The state with its map on so many ``cells``."""
+    ball = state.ball
+    coefficients = map_fit.refined(ball.coefficients, ball.cells, cells)
+    return replace(state, ball=replace(ball, cells=cells, coefficients=coefficients))
+
+
+def reweighted(state: State, residual: Tensor, leverage: Tensor, limit: float = math.inf) -> State:
+    """The state with the weights and the visibility that the ``residual`` (n, s, s) suggests.
+
+    ``leverage`` (n, s, s) is the share of the noise that the map has taken up. No ring gets a variance of more than
+    ``limit`` times that within the disc.
+    """
+    centre = state.poses.centre
+    profile = pixel_weights.measure_profile(state.windows, centre, residual, state.ball.radius, leverage)
+    profile = replace(profile, variance=profile.variance.minimum(limit * profile.variance[0]))
+    windows = pixel_weights.estimate_visibility(state.windows, profile.at(state.windows, centre), residual)
+    return replace(state, profile=profile, windows=windows)

@@ -1,120 +1,100 @@
-"""The pixels of one image around the ball, and the rays over which a pixel averages the ball.
-
-A Gauss rule places the rays in a pixel: two points in both directions, three near the limb, where the texture is
-foreshortened to less than a pixel, and five across the outline.
-"""
+"""The pixels around the ball in several images, as squares of one size."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-import numpy as np
 import torch
 from torch import Tensor
-
-from torchsphere.kernels import sphere_projection
-
-#: Points of the Gauss rules along a side of a pixel: inside the disc, and near the limb.
-INNER_POINTS, LIMB_POINTS = 2, 3
-
-#: Distance from the centre, in radii, from which a pixel counts as near the limb (docs/constants.md).
-LIMB_FROM = 0.85
-
-#: Distance from the outline, px, within which the outline may cross a pixel (docs/constants.md).
-OUTLINE_PX = 1.0
-
-#: Points across such an outline, and in both directions where the outline is oblique (docs/constants.md).
-POINTS_ACROSS, OBLIQUE_POINTS = 5, 4
-
-#: Slope of the outline's normal against rows or columns up to which the outline is not oblique.
-OBLIQUE_FROM = math.tan(math.radians(30.0))
 
 #: Width of the margin around the disc, px, for the blur of the edge and the error of the pose.
 MARGIN_PX = 2.0
 
 
 @dataclass(frozen=True)
-class Window:
-    """The pixels of one image around the ball.
+class Windows:
+    """Squares of s by s pixels around the ball in n images."""
 
-    Pixel and ray coordinates have double precision. All else, offsets from the centre too, has that of the image:
-    single precision is nearly twice as fast and moves a pose by 1e-6 px.
-    """
-
-    pixels: Tensor  # coordinates (p, 2) as (x, y), px
-    levels: Tensor  # grey levels (p,) of the image
-    background: Tensor  # grey levels (p,) of the still background
-    # (p,), 1 where the pixel shows ball or background, 0 where the pixel is ignored, less than 1 where an object may
-    # hide the ball.
+    levels: Tensor  # grey levels (n, s, s) of the images
+    background: Tensor  # grey levels (n, s, s) of the still background
+    # (n, s, s), 1 where the pixel shows ball or background, 0 where it is ignored or far from the ball, less than 1
+    # where an object may hide the ball.
     visibility: Tensor
-    rays: Tensor  # image coordinates (2, q) of the rays, px
-    ray_weights: Tensor  # weights (q,) of the rays in their pixels
-    ray_pixels: Tensor  # number (q,) of the pixel of each ray, ascending
+    origin: Tensor  # image coordinates (n, 2) of the first pixels, px, float64
 
-    def sum_rays(self, values: Tensor) -> Tensor:
-        """Sum over the rays of each pixel: (q, ...) -> (p, ...)."""
-        sums = torch.zeros(len(self.pixels), *values.shape[1:], dtype=values.dtype)
-        return sums.index_add_(0, self.ray_pixels, values)
+    @classmethod
+    def joined(cls, parts: list[Windows]) -> Windows:
+        """The images of all parts, of one size, one after the other."""
+        columns = zip(*((p.levels, p.background, p.visibility, p.origin) for p in parts), strict=True)
+        return cls(*(torch.cat(column) for column in columns))
 
-    def to_rays(self, values: Tensor, factors: Tensor) -> Tensor:
-        """The pixels' ``values`` (p,) at their rays, times the rays' ``factors`` (q,): (q,)."""
-        return sphere_projection.to_rays(values, self.ray_pixels, factors)
+    def __len__(self) -> int:
+        return len(self.levels)
 
-    def offsets_from(self, centre: Tensor) -> Tensor:
-        """Offsets (p, 2) of the pixels from ``centre`` (2,), px."""
-        return (self.pixels - centre).to(self.levels)
+    def rows(self, start: int, stop: int) -> Windows:
+        """Images ``start`` to ``stop - 1``."""
+        return Windows(*(part[start:stop] for part in (self.levels, self.background, self.visibility, self.origin)))
+
+    def take(self, rows: Tensor) -> Windows:
+        """Images of the given row numbers (k,)."""
+        return Windows(*(part[rows] for part in (self.levels, self.background, self.visibility, self.origin)))
+
+    def with_visibility(self, visibility: Tensor) -> Windows:
+        """The same pixels with another ``visibility`` (n, s, s)."""
+        return replace(self, visibility=visibility)
+
+    def offsets(self, centre: Tensor) -> tuple[Tensor, Tensor]:
+        """Offsets x (n, 1, s) and y (n, s, 1) of the pixels from ``centre`` (n, 2), px, in the type of the images."""
+        steps = torch.arange(self.levels.shape[-1], dtype=centre.dtype, device=centre.device)
+        x, y = (self.origin - centre).to(self.levels.device).unbind(1)
+        x, y = x.unsqueeze(1) + steps, y.unsqueeze(1) + steps
+        return x.to(self.levels.dtype).unsqueeze(1), y.to(self.levels.dtype).unsqueeze(2)
 
 
-def cut_window(image: Tensor, background: Tensor, centre: Tensor, radius: float, usable: Tensor | None) -> Window:
-    """Cut the pixels of ``image`` (h, w) up to `MARGIN_PX` outside the disc around ``centre`` (2,).
+def cut_windows(
+    images: Tensor, background: Tensor, centres: Tensor, radius: float, usable: Tensor | None = None
+) -> Windows:
+    """Cut squares around ``centres`` (n, 2) from ``images`` (n, h, w), with the pixels up to `MARGIN_PX` from the disc.
 
-    ``background`` and ``usable``, where given, are (h, w), too; ``usable`` is False for pixels to ignore.
+    ``background`` and ``usable``, where given, are (h, w); ``usable`` is False for pixels to ignore.
     """
-    height, width = image.shape
-    reach = math.ceil(radius + MARGIN_PX) + 1
-    x, y = (round(float(v)) for v in centre)
-    columns = torch.arange(max(x - reach, 0), min(x + reach, width - 1) + 1)
-    rows = torch.arange(max(y - reach, 0), min(y + reach, height - 1) + 1)
-    pixels = torch.stack(torch.meshgrid(columns, rows, indexing="xy"), -1).reshape(-1, 2)
-    pixels = pixels[(pixels - centre).norm(dim=-1) < radius + MARGIN_PX]
-    column, row = pixels.unbind(-1)
-    levels = image[row, column]
-    visibility = torch.ones_like(levels) if usable is None else usable[row, column].to(levels)
-    rays, weights, owners = _cast_rays(pixels.double(), centre, radius)
-    return Window(
-        pixels.double(), levels, background[row, column].to(levels), visibility, rays, weights.to(levels), owners
-    )
+    half = math.ceil(radius + MARGIN_PX) + 1
+    origin = centres.double().round() - half
+    levels, behind, inside = _squares(images, background, origin, 2 * half + 1, usable)
+    levels = levels if levels.is_floating_point() else levels.float()
+    behind = behind.to(levels)
+    windows = Windows(levels, behind, levels, origin)
+    across, down = windows.offsets(centres.double())
+    seen = across.square() + down.square() < (radius + MARGIN_PX) ** 2
+    if inside is not None:
+        seen = seen & inside
+        # Ignored pixels may hold any value, NaN too.
+        behind = torch.where(inside, behind, 0.0)
+        levels = torch.where(inside, levels, 0.0)
+    return Windows(levels, behind, seen.to(levels), origin)
 
 
-def _cast_rays(pixels: Tensor, centre: Tensor, radius: float) -> tuple[Tensor, Tensor, Tensor]:
-    """`Window.rays`, `Window.ray_weights` and `Window.ray_pixels` of the ``pixels`` (p, 2)."""
-    offsets = pixels - centre
-    distance = offsets.norm(dim=-1)
-    on_outline = (distance - radius).abs() < OUTLINE_PX
-    x, y = offsets.abs().unbind(-1)
-    normal_along_x, normal_along_y = on_outline & (y < OBLIQUE_FROM * x), on_outline & (x < OBLIQUE_FROM * y)
-    near_limb = ~on_outline & (distance > LIMB_FROM * radius)
-    rules = (
-        (~on_outline & ~near_limb, INNER_POINTS, INNER_POINTS),
-        (near_limb, LIMB_POINTS, LIMB_POINTS),
-        (normal_along_x, POINTS_ACROSS, LIMB_POINTS),
-        (normal_along_y, LIMB_POINTS, POINTS_ACROSS),
-        (on_outline & ~normal_along_x & ~normal_along_y, OBLIQUE_POINTS, OBLIQUE_POINTS),
-    )
-    parts = []
-    for chosen, columns, rows in rules:
-        points, point_weights = _gauss_rule(columns, rows)
-        number = torch.nonzero(chosen)[:, 0]
-        rays = (pixels[number][:, None] + points).flatten(0, 1)
-        parts.append((rays.T, point_weights.repeat(len(number)), number.repeat_interleave(len(points))))
-    rays, weights, owners = (torch.cat(column, -1) for column in zip(*parts, strict=True))
-    order = owners.argsort(stable=True)
-    return rays[:, order].contiguous(), weights[order], owners[order]
+def _squares(
+    images: Tensor, background: Tensor, origin: Tensor, side: int, usable: Tensor | None
+) -> tuple[Tensor, Tensor, Tensor | None]:
+    """Squares (n, s, s) of the images and of the background from ``origin`` (n, 2) on, and the pixels that can be used.
 
-
-def _gauss_rule(columns: int, rows: int) -> tuple[Tensor, Tensor]:
-    """Points (k, 2), px from a pixel's centre, and weights (k,) of a Gauss rule over the pixel."""
-    (x, x_weights), (y, y_weights) = (np.polynomial.legendre.leggauss(count) for count in (columns, rows))
-    points = torch.cartesian_prod(torch.from_numpy(x) / 2, torch.from_numpy(y) / 2)
-    return points, torch.outer(torch.from_numpy(x_weights) / 2, torch.from_numpy(y_weights) / 2).flatten()
+    The last is None where all can.
+    """
+    height, width = images.shape[-2:]
+    if images.device.type == "cpu" and usable is None:
+        corners = origin.long().tolist()
+        if all(0 <= x <= width - side and 0 <= y <= height - side for x, y in corners):
+            # Slices are ten times faster than places.
+            slices = [(slice(y, y + side), slice(x, x + side)) for x, y in corners]
+            levels = torch.stack([image[s] for image, s in zip(images, slices, strict=True)])
+            return levels, torch.stack([background[s] for s in slices]), None
+    steps = torch.arange(side, device=images.device)
+    x, y = (start.unsqueeze(1) + steps for start in origin.long().to(images.device).unbind(1))
+    column, row = x.clamp(0, width - 1).unsqueeze(1), y.clamp(0, height - 1).unsqueeze(2)
+    number = torch.arange(len(images), device=images.device).reshape(-1, 1, 1)
+    inside = ((x >= 0) & (x < width)).unsqueeze(1) & ((y >= 0) & (y < height)).unsqueeze(2)
+    if usable is not None:
+        inside = inside & usable[row, column]
+    return images[number, row, column], background[row, column], inside

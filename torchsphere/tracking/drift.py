@@ -23,15 +23,6 @@ from torchsphere.tracking.record import Record
 
 Array = NDArray[np.float64]
 
-#: Turn of the ball in the whole recording, rad, from which a map is made by default (docs/constants.md).
-MAP_FROM_RAD = np.radians(90.0)
-
-#: Error of a step by the uncertain radius, px, from which a map is made by default (docs/constants.md).
-MAX_RADIUS_EFFECT_PX = 0.01
-
-#: Error of a step, px, per px of error of the radius and rad of rotation (docs/constants.md).
-STEP_PER_RADIUS = 3.0
-
 #: Share of the steps with uneven light from which no map is made by default (docs/constants.md).
 MAX_UNEVEN_SHARE = 0.25
 
@@ -58,13 +49,14 @@ def absolute_motion(
     ignore: Tensor | None,
     asked: bool | None,
     options: Options,
+    fineness: float,
     *,
     progress: Progress | None = None,
 ) -> AbsoluteMotion:
-    """The ``measured`` motion, on a map of the ball if a map is ``asked`` for (None: if a map is needed)."""
+    """The ``measured`` motion, on a map of the ball unless none is ``asked`` for (None: if there are frames enough)."""
     known = np.isfinite(measured.position[:, 0])
     chained = orientation.chain(measured.rotation, known)
-    reason = _reason_without_map(measured, circle, asked, options.model)
+    reason = _reason_without_map(measured, asked, options.model)
     about = {"used": False, "reason": reason}
     plain = AbsoluteMotion(measured.position, measured.increment, measured.covariance, chained, circle, about)
     if reason:
@@ -74,7 +66,7 @@ def absolute_motion(
     # Variance of the images' noise over that of their grey levels.
     noise = lack / noise_gains(options.pre_blur)[0]
     try:
-        found = poses.poses_on_map(source, measured.position, chained, noise, circle, ignore, progress)
+        found = poses.poses_on_map(source, measured.position, chained, noise, circle, ignore, fineness, progress)
     except (np.linalg.LinAlgError, torch.linalg.LinAlgError):  # type: ignore[attr-defined]
         # The increments must not be lost with the map.
         found = "the equations of the map have no solution"
@@ -84,19 +76,18 @@ def absolute_motion(
     return _merged(measured, chained, found)
 
 
-def _reason_without_map(measured: Record, circle: Circle, asked: bool | None, model: str) -> str:
+def _reason_without_map(measured: Record, asked: bool | None, model: str) -> str:
     """Why no map of the ball is made, in words; empty where a map is made."""
     if asked is False:
         return "not needed: it was not asked for"
     prefix = "" if asked else "not needed: "
-    turns = np.linalg.norm(measured.rotation, axis=1)
     if model not in MAP_MODELS:
         return f"{prefix}a map of the ball takes a rigid motion in an orthographic view, which {model!r} is not"
-    if not np.isfinite(turns).any():
+    if not np.isfinite(measured.rotation).any():
         return f"{prefix}no rotation was measured, so no map of the ball can be made"
-    by_radius = STEP_PER_RADIUS * float(np.nanmedian(turns)) * np.nan_to_num(circle.sd_radius)
-    if asked is None and np.nansum(turns) < MAP_FROM_RAD and by_radius < MAX_RADIUS_EFFECT_PX:
-        return f"not needed: the ball turns by {np.degrees(np.nansum(turns)):.0f} deg in all, and its radius is known"
+    placed = int(np.isfinite(measured.position[:, 0]).sum())
+    if placed < poses.MIN_FRAMES:
+        return f"{prefix}a map of the ball needs {poses.MIN_FRAMES} frames with a known pose; there are {placed}"
     steps, uneven = int(np.isfinite(measured.increment[:, 0]).sum()), int(measured.uneven_light.sum())
     if asked is None and uneven > MAX_UNEVEN_SHARE * steps:
         return (

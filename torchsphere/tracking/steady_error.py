@@ -53,8 +53,8 @@ ROTATION_PER_STEP = 1.2
 #: Error of steps with uneven light, px, and px over the radius for a turn about z (docs/constants.md).
 UNEVEN_LIGHT_PX, UNEVEN_LIGHT_Z_PX = 0.0021, 0.0003
 
-#: Error on a map of the ball as a share of the error of the same texture by pairs (docs/constants.md).
-SHARE_ON_MAP = 1.2
+#: Error of a step on a map of the ball, px (docs/constants.md).
+ON_MAP_PX = 0.0002
 
 #: Positions across the ball, radii, and the share of the ball's area at each.
 POSITIONS = (np.arange(32) + 0.5) / 16 - 1
@@ -98,24 +98,29 @@ def sd_steady(
 
     ``increment`` (n, 5), px and rad, NaN where not measured; ``radius``, px; ``fineness`` by `texture_fineness`.
     ``uneven_light`` is the share of steps with uneven light, ``leakage`` a share of the front's motion. A map of the
-    ball (``on_map``) knows background and light, so that neither counts there.
+    ball (``on_map``) holds footprints, outline and background, so that only uneven light counts there.
     """
+    light = uneven_light * np.array([UNEVEN_LIGHT_PX, UNEVEN_LIGHT_PX, UNEVEN_LIGHT_Z_PX / radius]) ** 2
+    if on_map:
+        squares = light + np.array([ON_MAP_PX, ON_MAP_PX, ON_MAP_PX / radius]) ** 2
+    else:
+        squares = light + _pair_squares(increment, radius, fineness, leakage)
+    step, about_z = np.sqrt(squares[:2]), np.sqrt(squares[2:])
+    return np.concatenate((step, ROTATION_PER_STEP / radius * step[::-1], about_z))
+
+
+def _pair_squares(increment: Array, radius: float, fineness: float, leakage: float) -> Array:
+    """Squared errors (3,) in x, y and about z, px and rad, of steps from frame to frame."""
     known = np.isfinite(increment)
     steps = np.where(known, increment, 0.0)
+    counted = max(known[:, 0].sum(), 1)
     aliased = ALIASED_PX2 / radius * np.sin(2 * np.pi * steps[:, :2])
     turned = SLOW_TURN_PX * fineness**2 * np.minimum(np.abs(steps[:, [3, 2]]), SLOW_TURN_RAD)
-    counted = max(known[:, 0].sum(), 1)
-    squares = (aliased**2 + turned**2).sum(0) / counted
-    light = 0.0 if on_map else uneven_light
-    fast = np.zeros(3) if on_map else (_fast_turn_errors(steps, radius) ** 2).sum(0) / counted
-    leak = np.zeros(3) if on_map else (_leakage_errors(steps, radius, leakage) ** 2).sum(0) / counted
-    step = np.sqrt(squares + fast[:2] + leak[:2] + (REST_PX2 / radius) ** 2 + light * UNEVEN_LIGHT_PX**2)
-    aliased_z = (_aliased_about_z(steps, radius)[known[:, 0]] ** 2).sum() / counted
-    about_z = np.sqrt(
-        aliased_z + fast[2] + leak[2] + (REST_Z_PX2 / radius**2) ** 2 + light * (UNEVEN_LIGHT_Z_PX / radius) ** 2
-    )
-    turn = ROTATION_PER_STEP / radius * step[::-1]
-    return (SHARE_ON_MAP if on_map else 1.0) * np.concatenate((step, turn, [about_z]))
+    aliased_z = (_aliased_about_z(steps, radius)[known[:, 0]] ** 2).sum()
+    slow = np.concatenate(((aliased**2 + turned**2).sum(0), [aliased_z]))
+    fast = (_fast_turn_errors(steps, radius) ** 2).sum(0) + (_leakage_errors(steps, radius, leakage) ** 2).sum(0)
+    at_rest = np.array([REST_PX2 / radius, REST_PX2 / radius, REST_Z_PX2 / radius**2]) ** 2
+    return np.asarray((slow + fast) / counted + at_rest)
 
 
 def _fast_turn_errors(steps: Array, radius: float) -> Array:

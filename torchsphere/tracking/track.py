@@ -142,11 +142,10 @@ def track(
         The ball turns without leaving its place (in a bearing, on an air cushion): region and positions stay on the
         circle, and the increments are still measured. Without this, errors of fast rotations add up to a drift.
     sphere_map : bool, optional
-        Make a map of the ball's texture from all frames together and take every pose from it, the outline included:
-        no drift, and about twice the precision, for 0.3 s per frame up to 36 frames and a twentieth beyond. By
-        default a map is made where the ball turns by more than 90 deg in all, or so fast that the uncertainty of a
-        found radius would show, unless a target near the ball takes light from one side of it. Where the images do
-        not allow a map, nothing changes and ``settings`` says why.
+        Take every pose from a map of the ball's texture, which is made from the recording itself, the outline
+        included: no drift, and about twice the precision of steps from frame to frame. By default a map is made of
+        every textured ball in six frames or more, unless a target near the ball takes light from one side of it, or
+        the ball turns ``in_place``. Where the images do not allow a map, nothing changes and ``settings`` says why.
     progress : callable, optional
         Called as ``progress(done, total)`` with numbers of frames; once more from 0 while a map of the ball is made.
     dtype : torch.dtype
@@ -210,8 +209,10 @@ def _follow(task: _Task, start: _Start) -> Record:
 
 def _absolute_motion(task: _Task, start: _Start, measured: Record) -> AbsoluteMotion:
     """Phase 3: the poses on a map of the ball where a map is made, else the sum of the increments."""
+    fineness = texture_fineness(start.image, start.circle, task.ignore)
+    asked, options = task.sphere_map, start.options
     return absolute_motion(
-        task.source, measured, start.circle, task.ignore, task.sphere_map, start.options, progress=task.progress
+        task.source, measured, start.circle, task.ignore, asked, options, fineness, progress=task.progress
     )
 
 

@@ -1,0 +1,389 @@
+"""The forward model in compiled loops, one ray after the other: `torchsphere.sphere_map.forward_model` on the CPU.
+
+The torch functions there say what is computed. Here nothing is stored between the steps of a ray, and pixels without
+weight are left out.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchsphere.kernels.cube_map import place, slopes, sum_with_slopes, weights
+from torchsphere.kernels.jit import ONE, TWO, ZERO, Floats, compiled
+
+Array = NDArray[Any]
+Numbers = NDArray[np.int32]
+
+#: Limits of the limb, px and radii, and a Gauss rule: see `linearise`.
+Rule = tuple[tuple[float, ...], tuple[Any, Any]]
+
+_HALF, _TINY, _LEAST, _THIN = (np.float32(v) for v in (0.5, 1e-6, 0.03, 1e-3))
+_TWELFTH, _GAUSS = np.float32(1 / 12), np.float32(1 / math.sqrt(3))
+_ROOT_HALF, _DENSITY = np.float32(math.sqrt(0.5)), np.float32(1 / math.sqrt(2 * math.pi))
+_FIVE, _THREE, _EIGHT, _QUARTER = (np.float32(v) for v in (5, 3, 8, 0.25))
+
+#: Number of columns of the jacobian.
+COLUMNS = 9
+
+
+def _arrays(
+    offset: Tensor, orientation: Tensor, brightness: Tensor, visibility: Tensor, background: Tensor, ball: Tensor
+) -> tuple[Any, ...]:
+    """What both loops read, as contiguous arrays in single precision."""
+    tensors = offset, orientation, brightness, visibility, background, ball
+    return tuple(tensor.to(torch.float32).contiguous().numpy() for tensor in tensors)
+
+
+def _rule(rule: Rule) -> tuple[Any, ...]:
+    return np.array(rule[0], np.float32), *(np.array(part, np.float32) for part in rule[1])
+
+
+def linearise(coefficients: Tensor, cells: int, rule: Rule, *images: Tensor) -> tuple[Tensor, Tensor]:
+    """Levels (n, s, s) and jacobian (n, s * s, 9); ``images`` as for `_arrays`.
+
+    Offsets (n, 2) of the first pixel from the centre, orientations (n, 3, 3), gains and offsets (n, 2), visibility and
+    background (n, s, s); radius, blur and light (6,). The ``rule`` says where the limb begins, in radii and px from the
+    outline, and up to where rays are drawn, radii; then points and weights of the limb's Gauss rule.
+    """
+    given = _arrays(*images)
+    levels = torch.zeros_like(images[3])
+    jacobian = levels.new_zeros(len(levels), levels[0].numel(), COLUMNS)
+    _linearise(coefficients.contiguous().numpy(), cells, *_rule(rule), *given, levels.numpy(), jacobian.numpy())
+    return levels, jacobian
+
+
+def design(cells: int, rule: Rule, *images: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Corners, offsets, factors and fixed levels of `sphere_map.forward_model.Design`."""
+    given, points = _arrays(*images), rule[1]
+    fixed = torch.zeros_like(images[3])
+    n, side, _ = fixed.shape
+    rays = len(points[0])
+    corner, offset = torch.zeros(n, side, side, rays, dtype=torch.int32), fixed.new_zeros(n, side, side, rays, 2)
+    factor = fixed.new_zeros(n, side, side, rays)
+    _design(cells, *_rule(rule), *given, corner.numpy(), offset.numpy(), factor.numpy(), fixed.numpy())
+    return corner, offset, factor, fixed
+
+
+@compiled
+def _trapezium(x: Any, y: Any, distance: Any) -> tuple[Any, Any]:
+    """Half the widths of a square pixel, seen along the radius, at its foot and at its top."""
+    a, b = abs(x) / distance, abs(y) / distance
+    return _HALF * (a + b), _HALF * abs(a - b)
+
+
+@compiled
+def _height(away: Any, half: Any, top: Any) -> Any:
+    """Height of a pixel's trapezium ``away`` from its middle, as a share of that in the middle."""
+    narrow = half - top
+    height = (half - away) / (narrow if narrow > _THIN else _THIN)
+    return _THIN if height < _THIN else ONE if height > ONE else height
+
+
+@compiled
+def _limb_part(distance: Any, radius: Any, half: Any) -> tuple[Any, Any]:
+    """Roots of the distances from the outline between which the disc covers a pixel: the nearer and the farther end."""
+    near, far = distance - half, distance + half
+    near = min(near, radius - _THIN)
+    # No difference may round to less than nothing.
+    return np.sqrt(max(radius - far, ZERO)), np.sqrt(max(radius - near, _THIN))
+
+
+@compiled
+def _coverage(x: Any, y: Any, distance: Any, radius: Any, blur: Any) -> tuple[Any, Any, Any]:
+    """`sphere_map.forward_model.coverage` of one pixel."""
+    bent = (blur * blur + _TWELFTH) / (TWO * radius)
+    inwards = radius - bent - distance
+    if abs(inwards) >= ONE + _EIGHT * blur:
+        return (ONE if inwards > ZERO else ZERO), ZERO, ZERO
+    a, b = abs(x) / distance, abs(y) / distance
+    a, b = _HALF * (a if a > _LEAST else _LEAST), _HALF * (b if b > _LEAST else _LEAST)
+    share, slope, spread = 0.0, 0.0, 0.0
+    for k in range(4):
+        corner = a + b if k == 0 else a - b if k == 1 else b - a if k == 2 else -a - b
+        sign = 1.0 if k == 0 or k == 3 else -1.0
+        # In double precision: the four terms nearly cancel.
+        at, wide = float(inwards + corner), float(blur)
+        z = at / wide
+        below = 0.5 * math.erfc(-z * 0.7071067811865476)
+        density = math.exp(-0.5 * z * z) * wide * 0.3989422804014327
+        share += sign * (0.5 * (at * at + wide * wide) * below + 0.5 * at * density)
+        slope += sign * (at * below + density)
+        spread += sign * wide * below
+    area = 4.0 * float(a) * float(b)
+    by_distance = np.float32(slope / area)
+    return np.float32(share / area), by_distance, np.float32(spread / area) - by_distance * blur / radius
+
+
+@compiled
+def _linearise(
+    coefficients: Floats,
+    cells: int,
+    limits: Floats,
+    points: Floats,
+    shares: Floats,
+    first: Floats,
+    turns: Floats,
+    brightness: Floats,
+    visibility: Floats,
+    background: Floats,
+    ball: Floats,
+    levels: Floats,
+    jacobian: Floats,
+) -> None:
+    radius, blur, per_px = ball[0], ball[1], ONE / ball[0]
+    n, side, _ = visibility.shape
+    # Step by step over the rays of a row of pixels: the steps without look-ups run on several rays at once.
+    outline, begins = np.empty((side, 4), np.float32), np.empty(side + 1, np.int64)
+    rays, corner = np.empty((18, side * len(points)), np.float32), np.empty(side * len(points), np.int32)
+    axis = np.empty(side * len(points), np.int32)
+    for i in range(n):
+        gain, dark = brightness[i, 0], brightness[i, 1]
+        for row in range(side):
+            x0, y = first[i, 0], first[i, 1] + np.float32(row)
+            count = _row_of_rays(x0, y, radius, blur, limits, points, shares, visibility[i, row], outline, begins, rays)
+            _meet(rays, corner, axis, count, turns[i], per_px, cells)
+            _look_up(coefficients, np.uint64(cells + 3), corner, rays, count)
+            _move(rays, axis, count, turns[i], ball, cells)
+            for column in range(side):
+                if visibility[i, row, column] == ZERO:
+                    continue
+                behind = background[i, row, column]
+                unit = behind
+                found = jacobian[i, row * side + column]
+                share, edge, spread, gained = outline[column]
+                start, stop = begins[column], begins[column + 1]
+                if stop > start:
+                    lit, dx, dy, wx, wy, wz, wider = ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO
+                    for k in range(start, stop):
+                        lit += rays[0, k]
+                        dx += rays[1, k]
+                        dy += rays[2, k]
+                        wx += rays[3, k]
+                        wy += rays[4, k]
+                        wz += rays[5, k]
+                        wider += rays[6, k]
+                    contrast = lit - behind
+                    unit += share * contrast
+                    part, steep = gain * share, gain * edge * contrast
+                    # The outline gives or takes what lies there: the first ray is the one nearest to it.
+                    steep += part * gained * (rays[7, start] - lit)
+                    x = x0 + np.float32(column)
+                    distance = np.sqrt(x * x + y * y)
+                    outwards = steep / (distance if distance > _TINY else _TINY)
+                    part *= per_px
+                    found[0] = part * dx + outwards * x
+                    found[1] = part * dy + outwards * y
+                    found[2], found[3], found[4] = part * wx, part * wy, part * wz
+                    found[5] = part * wider + steep
+                    found[6] = gain * spread * contrast
+                found[7], found[8] = unit, ONE
+                levels[i, row, column] = gain * unit + dark
+
+
+@compiled
+def _row_of_rays(
+    x0: Any,
+    y: Any,
+    radius: Any,
+    blur: Any,
+    limits: Floats,
+    points: Floats,
+    shares: Floats,
+    visibility: Floats,
+    outline: Floats,
+    begins: Array,
+    rays: Floats,
+) -> int:
+    """Rays of the pixels in a row: offsets x and y, scale, its changes by distance and size, and weight; their number.
+
+    Also of each pixel share, edge and spread of `_coverage`, and what the outline gives or takes.
+    """
+    inner, outermost = min(limits[0] * radius, radius - limits[1]), limits[2] * radius
+    closer = _HALF * _GAUSS / radius
+    count = 0
+    for column in range(len(visibility)):
+        begins[column] = count
+        if visibility[column] == ZERO:
+            continue
+        x = x0 + np.float32(column)
+        distance = np.sqrt(x * x + y * y)
+        distance = distance if distance > _TINY else _TINY
+        share, edge, spread = _coverage(x, y, distance, radius, blur)
+        outline[column, 0], outline[column, 1], outline[column, 2], outline[column, 3] = share, edge, spread, ZERO
+        if share == ZERO and edge == ZERO:
+            continue
+        if distance < inner:
+            for k in range(2):
+                sign = -ONE if k == 0 else ONE
+                rays[0, count], rays[1, count], rays[2, count] = x, y, ONE + sign * closer
+                rays[3, count], rays[4, count], rays[5, count] = ZERO, -sign * closer / radius, _HALF
+                count += 1
+            continue
+        half, top = _trapezium(x, y, distance)
+        shallow, deep = _limb_part(distance, radius, half)
+        whole = ZERO
+        for k in range(len(points)):
+            root = shallow + (deep - shallow) * _HALF * (ONE + points[k])
+            at, of_distance, of_size = radius - root * root, ONE, ZERO
+            weight = shares[k] * root * _height(abs(at - distance), half, top)
+            if at > outermost:
+                at, of_distance, of_size = outermost, ZERO, limits[2] / distance
+            scale = at / distance
+            rays[0, count + k], rays[1, count + k], rays[2, count + k] = x, y, scale
+            rays[3, count + k], rays[4, count + k] = (of_distance - scale) / (distance * distance), of_size
+            rays[5, count + k] = weight
+            whole += weight
+        for _ in range(len(points)):
+            rays[5, count] /= whole
+            count += 1
+        if distance + half > radius:
+            outline[column, 3] = _height(abs(radius - distance), half, top) / (whole * (deep - shallow))
+    begins[len(visibility)] = count
+    return count
+
+
+@compiled
+def _meet(rays: Floats, corner: Numbers, axis: Numbers, count: int, turn: Floats, per_px: Any, cells: int) -> None:
+    """Where the rays meet the ball, and that point on the map."""
+    half, last, width = np.float32(cells) / TWO, np.float32(cells - 1), np.int32(cells + 3)
+    for i in range(count):
+        wide = rays[2, i] * per_px
+        px, py = wide * rays[0, i], wide * rays[1, i]
+        pz = -np.sqrt(ONE - px * px - py * py)
+        rays[6, i], rays[7, i], rays[8, i] = px, py, pz
+        # Axes of the ball.
+        x = turn[0, 0] * px + turn[1, 0] * py + turn[2, 0] * pz
+        y = turn[0, 1] * px + turn[1, 1] * py + turn[2, 1] * pz
+        z = turn[0, 2] * px + turn[1, 2] * py + turn[2, 2] * pz
+        along, across, inwards = abs(x), abs(y), abs(z)
+        by_x = along >= across and along >= inwards
+        by_y = not by_x and across >= inwards
+        ahead = x if by_x else y if by_y else z
+        nearer = ONE / ahead
+        size = abs(nearer)
+        t, r = (y if by_x else z if by_y else x) * size, (z if by_x else x if by_y else y) * size
+        u, v = (t * (_FIVE - t * t) * _QUARTER + ONE) * half, (r * (_FIVE - r * r) * _QUARTER + ONE) * half
+        # NaN goes to the first cell.
+        column, row = np.floor(u), np.floor(v)
+        column, row = column if column > ZERO else ZERO, row if row > ZERO else ZERO
+        column, row = column if column < last else last, row if row < last else last
+        number = np.int32(0) if by_x else np.int32(1) if by_y else np.int32(2)
+        axis[i] = number
+        face = number + (np.int32(0) if ahead > ZERO else np.int32(3))
+        corner[i] = (face * width + np.int32(row)) * width + np.int32(column)
+        rays[9, i], rays[10, i], rays[11, i], rays[12, i] = u - column, v - row, t, r
+        rays[13, i] = nearer
+
+
+@compiled
+def _look_up(coefficients: Floats, width: Any, corner: Numbers, rays: Floats, count: int) -> None:
+    """Values of the map at the rays, and derivatives by the places in the cells."""
+    for i in range(count):
+        u, v = rays[9, i], rays[10, i]
+        at = np.uint64(np.uint32(corner[i]))
+        value, by_u, by_v = sum_with_slopes(coefficients, at, width, weights(u), weights(v), slopes(u), slopes(v))
+        rays[14, i], rays[15, i], rays[16, i] = value, by_u, by_v
+
+
+@compiled
+def _move(rays: Floats, axis: Numbers, count: int, turn: Floats, ball: Floats, cells: int) -> None:
+    """Weighted levels of the rays, their changes by the motion and by the radius, and the levels themselves.
+
+    They replace the first rows; lengths are in radii.
+    """
+    per_px, same, lx, ly, lz = ONE / ball[0], ball[2], ball[3], ball[4], ball[5]
+    steepest = np.float32(cells) / _EIGHT
+    for i in range(count):
+        x, y, scale, stretch, of_size, weight = rays[0, i], rays[1, i], rays[2, i], rays[3, i], rays[4, i], rays[5, i]
+        px, py, pz, t, r, nearer = rays[6, i], rays[7, i], rays[8, i], rays[11, i], rays[12, i], rays[13, i]
+        size = abs(nearer) * steepest
+        by_u, by_v = rays[15, i] * size * (_FIVE - _THREE * t * t), rays[16, i] * size * (_FIVE - _THREE * r * r)
+        by_height = by_u * t + by_v * r
+        by_height = -by_height if nearer > ZERO else by_height
+        by_x, by_y = axis[i] == 0, axis[i] == 1
+        gx = by_height if by_x else by_v if by_y else by_u
+        gy = by_u if by_x else by_height if by_y else by_v
+        gz = by_v if by_x else by_u if by_y else by_height
+        # Camera axes.
+        bright = same + lx * px + ly * py + lz * pz
+        light, value = weight * bright, weight * rays[14, i]
+        sx = light * (turn[0, 0] * gx + turn[0, 1] * gy + turn[0, 2] * gz)
+        sy = light * (turn[1, 0] * gx + turn[1, 1] * gy + turn[1, 2] * gz)
+        sz = light * (turn[2, 0] * gx + turn[2, 1] * gy + turn[2, 2] * gz)
+        backwards = (sz + value * lz) / pz
+        tx, ty = sx + value * lx - backwards * px, sy + value * ly - backwards * py
+        radial = tx * x + ty * y
+        stretch *= radial
+        rays[0, i], rays[1, i], rays[2, i] = bright * value, -scale * tx - stretch * x, -scale * ty - stretch * y
+        rays[3, i], rays[4, i], rays[5, i] = sy * pz - sz * py, sz * px - sx * pz, sx * py - sy * px
+        rays[6, i], rays[7, i] = radial * (of_size - scale * per_px), bright * rays[14, i]
+
+
+@compiled
+def _design(
+    cells: int,
+    limits: Floats,
+    points: Floats,
+    shares: Floats,
+    first: Floats,
+    turns: Floats,
+    brightness: Floats,
+    visibility: Floats,
+    background: Floats,
+    ball: Floats,
+    corners: Array,
+    offsets: Array,
+    factor: Array,
+    fixed: Floats,
+) -> None:
+    radius, blur, same, lx, ly, lz = ball[0], ball[1], ball[2], ball[3], ball[4], ball[5]
+    inner, outermost = min(limits[0] * radius, radius - limits[1]), limits[2] * radius
+    per_px = ONE / radius
+    closer = _HALF * _GAUSS * per_px
+    n, side, _ = visibility.shape
+    for i in range(n):
+        turn, gain, dark = turns[i], brightness[i, 0], brightness[i, 1]
+        for row in range(side):
+            for column in range(side):
+                if visibility[i, row, column] == ZERO:
+                    continue
+                x, y = first[i, 0] + np.float32(column), first[i, 1] + np.float32(row)
+                distance = np.sqrt(x * x + y * y)
+                distance = distance if distance > _TINY else _TINY
+                share, _, _ = _coverage(x, y, distance, radius, blur)
+                fixed[i, row, column] = gain * (ONE - share) * background[i, row, column] + dark
+                if share == ZERO:
+                    continue
+                is_inner = distance < inner
+                count, whole, half, top, shallow, deep = 2, ZERO, ZERO, ZERO, ZERO, ZERO
+                if not is_inner:
+                    count = len(points)
+                    half, top = _trapezium(x, y, distance)
+                    shallow, deep = _limb_part(distance, radius, half)
+                for k in range(count):
+                    if is_inner:
+                        weight, scale = _HALF, ONE - closer if k == 0 else ONE + closer
+                    else:
+                        root = shallow + (deep - shallow) * _HALF * (ONE + points[k])
+                        at = radius - root * root
+                        weight = shares[k] * root * _height(abs(at - distance), half, top)
+                        scale = min(at, outermost) / distance
+                    px, py = scale * per_px * x, scale * per_px * y
+                    pz = -np.sqrt(ONE - px * px - py * py)
+                    ax = turn[0, 0] * px + turn[1, 0] * py + turn[2, 0] * pz
+                    ay = turn[0, 1] * px + turn[1, 1] * py + turn[2, 1] * pz
+                    az = turn[0, 2] * px + turn[1, 2] * py + turn[2, 2] * pz
+                    corner, _, _, u, v, _, _ = place(ax, ay, az, cells)
+                    corners[i, row, column, k] = np.int32(corner)
+                    offsets[i, row, column, k, 0] = u
+                    offsets[i, row, column, k, 1] = v
+                    factor[i, row, column, k] = weight * (same + lx * px + ly * py + lz * pz)
+                    whole += weight
+                for k in range(count):
+                    factor[i, row, column, k] *= gain * share / whole

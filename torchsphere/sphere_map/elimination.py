@@ -1,0 +1,113 @@
+"""The map eliminated from the equations of map and poses: the covariance of poses whose map is not known.
+
+The Schur complement is the poses' normal matrix less what the map can take up. The map's matrix is nearly diagonal for
+the map's values at its nodes (`map_fit`), so that no equations have to be solved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchsphere.sphere_map import map_fit
+from torchsphere.sphere_map.ball import Poses
+from torchsphere.sphere_map.forward_model import BRIGHTNESS, MOTION, SHARED, Linearisation
+from torchsphere.sphere_map.map_fit import MapEquations
+
+#: Unknowns of each image: motion, gain, offset; and of all images: radius and edge blur.
+PER_IMAGE, COMMON = 7, 2
+
+#: Standard deviations of the mean gain and of the mean offset, grey levels: the map scales as they do, and the
+#: background, a mean of the images, holds them.
+MEAN_GAIN_SD, MEAN_OFFSET_SD = 1e-6, 1e-4
+
+
+@dataclass(frozen=True)
+class JointEquations:
+    """Gauss-Newton equations of map (m,) and u = 7 n + 2 other unknowns, and their approximate solution."""
+
+    map: MapEquations
+    normal: Tensor  # (u, u), float64, of the other unknowns, with constraints on what the images leave open
+    coupling: Tensor  # (m, u): normal matrix between the map's nodes and the unknowns
+    covariance: Tensor  # (u, u), float64: inverse of the Schur complement
+
+    def times(self, of_map: Tensor, step: Tensor) -> tuple[Tensor, Tensor]:
+        """Product (m,) and (u,) of the matrix with changes of the map (m,) and of the other unknowns (u,)."""
+        cells = self.map.design.cells
+        by_map = self.map.times(of_map) + map_fit.from_nodes(self.coupling @ step.to(self.coupling), cells)
+        return by_map, (self.coupling.T @ map_fit.from_nodes(of_map, cells)).double() + self.normal @ step
+
+    def approximate(self, by_map: Tensor, by_unknowns: Tensor) -> tuple[Tensor, Tensor]:
+        """Solution (m,) and (u,) as if the map's matrix were diagonal at its nodes."""
+        cells = self.map.design.cells
+        at_nodes = map_fit.to_nodes(by_map, cells) / self.map.density
+        step = self.covariance @ (by_unknowns - (self.coupling.T @ at_nodes).double())
+        taken_up = self.coupling @ step.to(self.coupling) / self.map.density
+        return map_fit.to_nodes(at_nodes - taken_up, cells), step
+
+    def solve(self, by_map: Tensor, by_unknowns: Tensor, steps: int) -> tuple[Tensor, Tensor]:
+        """Solution (m,) and (u,) after ``steps`` of conjugate gradients from the approximate one."""
+        rest, wanted = by_map, by_unknowns
+        of_map, step = torch.zeros_like(by_map), torch.zeros_like(by_unknowns)
+        z, y = self.approximate(rest, wanted)
+        p, q = z, y
+        square = (rest @ z).double() + wanted @ y
+        for _ in range(steps):
+            mp, mq = self.times(p, q)
+            length = square / ((p @ mp).double() + q @ mq).clamp_min(1e-30)
+            of_map, step = of_map + length.to(p) * p, step + length * q
+            rest, wanted = rest - length.to(p) * mp, wanted - length * mq
+            z, y = self.approximate(rest, wanted)
+            before, square = square, (rest @ z).double() + wanted @ y
+            ratio = square / before.clamp_min(1e-30)
+            p, q = z + ratio.to(p) * p, y + ratio * q
+        return of_map, step
+
+
+def joint_equations(model: Linearisation, equations: MapEquations, poses: Poses) -> JointEquations:
+    """Set up the equations and eliminate the map."""
+    design = equations.design
+
+    def part(a: int, b: int) -> tuple[Tensor, Tensor]:
+        jacobian, weights = model.jacobian[a:b], equations.weights[a:b]
+        weighted = weights.flatten(1).unsqueeze(-1) * jacobian
+        return model.rows(a, b).normal(weights, weights)[0], design.rows(a, b).adjoint_columns(weighted)
+
+    blocks, columns = (torch.cat(parts) for parts in zip(*equations.shared(part, len(poses)), strict=True))
+    normal = spread_normal(blocks)
+    own, common = columns[..., [*range(5), 7, 8]], columns[..., SHARED].sum(0)
+    coupling = torch.cat((own.movedim(0, 1).flatten(1), common), 1)
+    coupling = map_fit.to_nodes(coupling, design.cells)
+    taken_up = coupling.T @ (coupling / equations.density.unsqueeze(1))
+    normal = normal + _gauge(poses, normal)
+    reduced = normal - taken_up.double()
+    return JointEquations(equations, normal, coupling, torch.linalg.inv((reduced + reduced.T) / 2))
+
+
+def spread_normal(blocks: Tensor) -> Tensor:
+    """Normal matrix (7 n + 2, 7 n + 2) from the ``blocks`` (n, 9, 9) of the images."""
+    order = [*range(5), 7, 8]
+    own = torch.block_diag(*blocks[:, order][:, :, order])
+    across = blocks[:, order, SHARED].reshape(-1, COMMON)
+    common = blocks[:, SHARED, SHARED].sum(0)
+    return torch.cat((torch.cat((own, across), 1), torch.cat((across.T, common), 1)))
+
+
+def spread_gradient(parts: Tensor) -> Tensor:
+    """Gradient (7 n + 2,) from that of the images (n, 9)."""
+    own = torch.cat((parts[:, MOTION], parts[:, BRIGHTNESS]), 1)
+    return torch.cat((own.flatten(), parts[:, SHARED].sum(0)))
+
+
+def _gauge(poses: Poses, normal: Tensor) -> Tensor:
+    """Constraints on what the images leave open: a common rotation of poses and map, mean gain and mean offset."""
+    n, device = len(poses), normal.device
+    open_ = torch.zeros(5, 7 * n + COMMON, dtype=torch.float64, device=device)
+    own = open_[:, :-COMMON].view(5, n, PER_IMAGE)
+    stiffness = normal.diagonal()[:5].max()
+    own[:3, :, 2:5] = poses.orientation.permute(2, 0, 1) * (stiffness / n).sqrt()
+    own[3, :, 5] = 1 / (MEAN_GAIN_SD * n)
+    own[4, :, 6] = 1 / (MEAN_OFFSET_SD * n)
+    return open_.T @ open_

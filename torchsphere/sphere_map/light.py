@@ -1,0 +1,63 @@
+"""The fit of the light on the ball: it stays while the ball turns, which tells it from the texture."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from torchsphere.runtime.threads import RowRunner
+from torchsphere.sphere_map.ball import LIGHT_TERMS
+from torchsphere.sphere_map.map_fit import MapEquations
+from torchsphere.sphere_map.state import State, drawn
+
+#: Share of the squared residuals that a light must explain, and largest number of its changes (docs/constants.md).
+MIN_EXPLAINED, ROUNDS = 0.01, 4
+
+#: Prior standard deviation of the light's terms (docs/constants.md).
+TERM_SD = 0.3
+
+#: Conjugate gradients for the map's response to the light (docs/constants.md).
+MAP_STEPS = 16
+
+
+def fit_light(state: State, shared: RowRunner) -> State:
+    """Fit the light on the ball, if a light that differs from side to side explains enough of the residuals.
+
+    Map and light are solved for together: in turns, the map would keep the light that the map has already absorbed.
+    """
+    for _ in range(ROUNDS):
+        change, of_map, explained = _change(state, shared)
+        if not bool(explained > MIN_EXPLAINED):
+            break
+        ball = state.ball
+        light = ball.light + torch.cat((torch.zeros_like(change[:1]), change))
+        state = replace(state, ball=replace(ball, light=light, coefficients=ball.coefficients + of_map))
+    return state
+
+
+def _change(state: State, shared: RowRunner) -> tuple[Tensor, Tensor, Tensor]:
+    """Change of the light's last three terms, change (m,) of the map, and share of the squares that they explain.
+
+    The first term is left out: it scales as the map does.
+    """
+    ball, windows = state.ball, state.windows
+    weights = state.profile.weights(windows, state.poses.centre)
+    equations = MapEquations.of(drawn(state, shared), weights, shared)
+    residual = windows.levels - equations.design.levels(ball.coefficients)
+    units = torch.eye(LIGHT_TERMS, dtype=ball.light.dtype, device=ball.light.device)[1:]
+    by_light = [drawn(state.with_light(unit), shared).map_levels(ball.coefficients) for unit in units]
+    coupling = [equations.design.adjoint(weights * column) for column in by_light]
+    solved = [equations.solve(column, MAP_STEPS) for column in coupling]
+    response, rest = (torch.stack(part, 1) for part in zip(*solved, strict=True))
+    columns = torch.stack([column.flatten() for column in by_light], 1)
+    weighted = weights.flatten().unsqueeze(1) * columns
+    # Never more is taken up by the map than the whole, though its equations are not quite solved.
+    taken_up = torch.stack(coupling, 1).T @ response + response.T @ rest
+    reduced = (columns.T @ weighted - taken_up).double() + torch.eye(len(units), device=rest.device) / TERM_SD**2
+    by_map = equations.gradient(ball.coefficients, windows.levels)
+    gradient = (weighted.T @ residual.flatten() - response.T @ by_map).double()
+    change = torch.linalg.solve(reduced, gradient)
+    squares = (weights * residual.square()).sum().double()
+    return change, -response @ change.to(response), (change @ gradient) / squares
