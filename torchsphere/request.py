@@ -98,7 +98,7 @@ class Request:
             choice(tuple(MAPS)),
             METHOD,
             "",
-            "map of the ball's texture: no drift, twice the precision, up to 1 s a frame; auto makes it where needed",
+            "map of the ball's texture: no drift, twice the precision; auto makes it where it can, off keeps to pairs",
             require_one_of(tuple(MAPS)),
         ),
     ] = "auto"

@@ -67,11 +67,11 @@ def test_products_are_those_of_the_dense_matrix(dense: Dense) -> None:
     assert float((found - expected)[COUNT:].abs().max()) < 1e-10 * float(expected[COUNT:].abs().max())
 
 
-def test_the_normal_matrix_is_that_of_the_pixels_and_five_constraints(dense: Dense) -> None:
+def test_the_normal_matrix_is_that_of_the_pixels_and_six_constraints(dense: Dense) -> None:
     of_pixels = dense.jacobian.T @ (dense.weights[:, None] * dense.jacobian)
     constraints = dense.joint.normal - of_pixels
-    # Common rotation, mean gain and mean offset are what the images leave open.
-    assert int(torch.linalg.matrix_rank(constraints)) == 5
+    # Common rotation, mean gain and mean offset, which the images leave open, and the prior of the blur.
+    assert int(torch.linalg.matrix_rank(constraints)) == 6
     assert float(torch.linalg.eigvalsh(constraints).min()) > -1e-6 * float(of_pixels.max())
 
 

@@ -66,12 +66,12 @@ def _baseline(name: str) -> Callable[[Task], tuple[Columns, float]]:
 #: torchsphere's settings by the names that the command line takes, each with a description.
 OWN: dict[str, tuple[str, Callable[[Task], tuple[Columns, float]]]] = {
     "torchsphere": (
-        "torchsphere.track with its defaults, a map of the ball where the ball turns far; model 'pinhole' where the "
+        "torchsphere.track with its defaults, a map of the ball where it can be made; model 'pinhole' where the "
         "suite tells a camera",
         _torchsphere(None),
     ),
     "torchsphere-pairs": ("the same without a map: successive images alone (sphere_map=False)", _torchsphere(False)),
-    "torchsphere-map": ("the same with a map of the ball always (sphere_map=True)", _torchsphere(True)),
+    "torchsphere-map": ("the same, and a map also in uneven light (sphere_map=True)", _torchsphere(True)),
     "torchsphere-no-camera": ("the defaults, and never told of a camera", _torchsphere(None, use_camera=False)),
 }
 

@@ -57,8 +57,8 @@ def remarks(plan: Plan) -> list[str]:
     sentences += _contact_remarks(plan)
     if setup.turn_deg > MAX_NOISE_ONLY_DEG:
         sentences.append(
-            f"Film faster, or track with --map on: a turn of {setup.turn_deg:.1f} deg per frame adds errors that are "
-            "not in these figures."
+            f"Film faster, or rely on the map of the ball: a turn of {setup.turn_deg:.1f} deg per frame adds errors to "
+            "steps from pairs that are not in these figures."
         )
     if plan.rehearsal is not None and not plan.rehearsal.found:
         sentences.append("The contact does not stand out from the noise: film a larger or better lit ball.")

@@ -15,14 +15,14 @@ import torch
 from torch import Tensor
 
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import cube_map, elimination, forward_model, pixel_weights
+from torchsphere.sphere_map import cube_map, elimination, forward_model, map_fit, pixel_weights
 from torchsphere.sphere_map.ball import Poses, TexturedBall, uniform_light
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
 from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.light import fit_light
 from torchsphere.sphere_map.map_fit import MapEquations
 from torchsphere.sphere_map.state import State, drawn, fit_map, linearised, reweighted, with_cells
-from torchsphere.sphere_map.window import Windows
+from torchsphere.sphere_map.window import Windows, texture_variance
 
 
 class _Level(NamedTuple):
@@ -40,9 +40,6 @@ COARSE_PX = 2.0
 #: Blur of the outline at the start, px (docs/constants.md).
 INITIAL_BLUR_PX = 0.3
 
-#: Residual variance within the disc, in variances of the noise, from which a light is fitted (docs/constants.md).
-LIGHT_FROM = 1.5
-
 #: Systematic error of the radius by the model of the edge, px (docs/constants.md).
 RADIUS_ERROR_PX = 0.012
 
@@ -50,7 +47,14 @@ RADIUS_ERROR_PX = 0.012
 OPTICS_BLUR_PX, RADIUS_ERROR_PER_BLUR = 0.3, 0.8
 
 #: Largest variance of a ring over that within the disc while the outline is not yet found (docs/constants.md).
-MAX_RING_VARIANCE = 10.0
+MAX_RING_VARIANCE = 4.0
+
+#: Move of a pose by the last step from which an adjustment is given up, px: smaller ones do not matter, as every image
+#: is registered again (docs/constants.md).
+MAX_UNSETTLED_PX = 0.02
+
+#: Conjugate gradients for the map to which a light is fitted (docs/constants.md).
+LIGHT_MAP_STEPS = 12
 
 #: Move of a pose below which it counts as settled, in standard deviations (docs/constants.md).
 SETTLED_SD = 1.0
@@ -104,8 +108,15 @@ def adjust(
         # Poses that jump about on a coarse map do so on a fine one.
         return adjustment
     last = _Level(cell_px, 0.002, 12, is_last=True)
-    adjustment = _adjust_level(adjustment.state, last, shared)
-    if float(adjustment.state.profile.variance[0]) > LIGHT_FROM * noise_variance:
+    # The noise as the steps between images saw it may hold more than noise, and so may a residual on coarse cells.
+    noise = min(noise_variance, float(adjustment.state.profile.variance[0]))
+    state = replace(adjustment.state, smoothness=map_fit.smoothness_for(noise, texture_variance(windows)))
+    state = with_cells(state, cube_map.cells_per_face(radius, cell_px))
+    state, _ = fit_map(state, shared, LIGHT_MAP_STEPS)
+    # A light that differs from side to side pulls at the outline: it is fitted before the poses are.
+    state = fit_light(state, shared)
+    adjustment = _adjust_level(state, last, shared)
+    if not bool((state.ball.light == ball.light).all()):
         adjustment = _adjust_level(fit_light(adjustment.state, shared), last, shared)
     _report(progress, 1.0)
     return replace(adjustment, covariance=_with_radius_error(adjustment))
@@ -147,7 +158,7 @@ def _adjust_level(state: State, level: _Level, shared: RowRunner) -> Adjustment:
         model = linearised(state, shared)
         state = reweighted(state, state.windows.levels - model.levels, equations.leverage(), limit)
         weights = state.profile.weights(state.windows, state.poses.centre)
-        equations = MapEquations.of(drawn(state, shared), weights, shared)
+        equations = MapEquations.of(drawn(state, shared), weights, shared, state.smoothness)
         joint = elimination.joint_equations(model, equations, state.poses)
         state, move = _moved(state, joint, *_step(joint, state, model))
         settled = max(level.settled_px, SETTLED_SD * float(joint.covariance.diagonal()[0].sqrt()))
@@ -156,7 +167,7 @@ def _adjust_level(state: State, level: _Level, shared: RowRunner) -> Adjustment:
             if not level.is_last or not bound:
                 break
             limit = math.inf
-    return Adjustment(state, joint.covariance, move < settled)
+    return Adjustment(state, joint.covariance, move < max(settled, MAX_UNSETTLED_PX))
 
 
 def _step(joint: JointEquations, state: State, model: Linearisation) -> tuple[Tensor, Tensor]:

@@ -23,6 +23,10 @@ PER_IMAGE, COMMON = 7, 2
 #: background, a mean of the images, holds them.
 MEAN_GAIN_SD, MEAN_OFFSET_SD = 1e-6, 1e-4
 
+#: Standard deviation of a change of the edge's blur, px: where the outline has no contrast, nothing else holds it
+#: (docs/constants.md).
+BLUR_SD_PX = 0.1
+
 
 @dataclass(frozen=True)
 class JointEquations:
@@ -82,6 +86,7 @@ def joint_equations(model: Linearisation, equations: MapEquations, poses: Poses)
     coupling = map_fit.to_nodes(coupling, design.cells)
     taken_up = coupling.T @ (coupling / equations.density.unsqueeze(1))
     normal = normal + _gauge(poses, normal)
+    normal[-1, -1] += 1 / BLUR_SD_PX**2
     reduced = normal - taken_up.double()
     return JointEquations(equations, normal, coupling, torch.linalg.inv((reduced + reduced.T) / 2))
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 APART_DEG = 20.0
 
 #: Smallest and largest number of keyframes: they share the noise of the map (docs/constants.md).
-MIN_KEYFRAMES, MAX_KEYFRAMES = 10, 48
+MIN_KEYFRAMES, MAX_KEYFRAMES = 12, 48
 
 #: Smallest number of views of each side, an oblique view counted by its cosine (docs/constants.md).
 MIN_VIEWS = 4.0
@@ -61,7 +61,7 @@ def _with_gaps_filled(chosen: list[int], end: int, count: int) -> list[int]:
 
 
 def choose_map_frames(known: NDArray[np.int64], keys: list[int], count: int) -> NDArray[np.int64]:
-    """Up to ``count`` numbers, keyframes included, of frames that make the map finer.
+    """Up to ``count`` numbers, keyframes included, of frames that make the map.
 
     They lie evenly in the time of the keyframes.
     """

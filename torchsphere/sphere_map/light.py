@@ -15,6 +15,9 @@ from torchsphere.sphere_map.state import State, drawn
 #: Share of the squared residuals that a light must explain, and largest number of its changes (docs/constants.md).
 MIN_EXPLAINED, ROUNDS = 0.01, 4
 
+#: Share of the squared residuals beside the map from which a light is looked for (docs/constants.md).
+MIN_SEEN = 2e-4
+
 #: Prior standard deviation of the light's terms (docs/constants.md).
 TERM_SD = 0.3
 
@@ -27,6 +30,8 @@ def fit_light(state: State, shared: RowRunner) -> State:
 
     Map and light are solved for together: in turns, the map would keep the light that the map has already absorbed.
     """
+    if not _is_seen(state, shared):
+        return state
     for _ in range(ROUNDS):
         change, of_map, explained = _change(state, shared)
         if not bool(explained > MIN_EXPLAINED):
@@ -37,6 +42,24 @@ def fit_light(state: State, shared: RowRunner) -> State:
     return state
 
 
+def _is_seen(state: State, shared: RowRunner) -> bool:
+    """Whether the residuals hold more of a light than noise would: most of a light is taken up by the map."""
+    windows, poses = state.windows, state.poses
+    weights = state.profile.weights(windows, poses.centre)
+    levels = drawn(state, shared).levels(state.ball.coefficients)
+    residual = windows.levels - levels
+    x, y = windows.offsets(poses.centre)
+    across, down = x / state.ball.radius.to(x), y / state.ball.radius.to(y)
+    depth = 1 - across.square() - down.square()
+    weights = torch.where(depth > 0, weights, 0.0)
+    normals = (across.expand_as(depth), down.expand_as(depth), depth.clamp_min(0).sqrt())
+    columns = torch.stack([(levels * normal).flatten() for normal in normals], 1)
+    weighted = weights.flatten().unsqueeze(1) * columns
+    gradient = weighted.T @ residual.flatten()
+    seen = gradient @ torch.linalg.solve(weighted.T @ columns, gradient)
+    return bool(seen > MIN_SEEN * (weights * residual.square()).sum())
+
+
 def _change(state: State, shared: RowRunner) -> tuple[Tensor, Tensor, Tensor]:
     """Change of the light's last three terms, change (m,) of the map, and share of the squares that they explain.
 
@@ -44,7 +67,7 @@ def _change(state: State, shared: RowRunner) -> tuple[Tensor, Tensor, Tensor]:
     """
     ball, windows = state.ball, state.windows
     weights = state.profile.weights(windows, state.poses.centre)
-    equations = MapEquations.of(drawn(state, shared), weights, shared)
+    equations = MapEquations.of(drawn(state, shared), weights, shared, state.smoothness)
     residual = windows.levels - equations.design.levels(ball.coefficients)
     units = torch.eye(LIGHT_TERMS, dtype=ball.light.dtype, device=ball.light.device)[1:]
     by_light = [drawn(state.with_light(unit), shared).map_levels(ball.coefficients) for unit in units]

@@ -20,9 +20,13 @@ from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import cube_map
 from torchsphere.sphere_map.forward_model import Design
 
-#: Prior weights of the map's second differences and of its coefficients, against the heaviest pixel: a heavy prior
-#: flattens the map and pulls at the radius (docs/constants.md).
-SMOOTHNESS, RIDGE = 4e-4, 1e-4
+#: Prior weight of the map's second differences, against the heaviest pixel, where noise is weak: a heavy prior flattens
+#: the map and pulls at the radius; and weight of its coefficients, against those (docs/constants.md).
+SMOOTHNESS, RIDGE = 4e-4, 0.25
+
+#: Prior weight over the square of noise over texture, both as variances, where that is more: a map that may follow the
+#: noise holds each image where it was (docs/constants.md).
+SMOOTHNESS_IN_NOISE, MAX_SMOOTHNESS = 17.0, 1.0
 
 #: Mean square of a spline that is 1 at its node and 0 at all others, and largest leverage of a pixel: the variance of
 #: the noise is not divided by less than what is left (docs/constants.md).
@@ -38,19 +42,20 @@ class MapEquations:
     shared: RowRunner  # shares the images out among threads
     density: Tensor  # (m,): sum of the weights of the rays around each node, with the prior; nearly the diagonal
     heaviest: Tensor  # largest weight () of a pixel
+    smoothness: float = SMOOTHNESS  # weight of the prior against that pixel
 
     @classmethod
-    def of(cls, design: Design, weights: Tensor, shared: RowRunner) -> MapEquations:
+    def of(cls, design: Design, weights: Tensor, shared: RowRunner, smoothness: float = SMOOTHNESS) -> MapEquations:
         """The equations of images with ``weights``."""
         ones = weights.new_ones(cube_map.coefficient_count(design.cells))
         # Splines sum to one: these are the sums of the matrix's rows.
-        rows = cls(design, weights, shared, ones, weights.max()).times(ones)
-        prior = weights.max() * (RIDGE + 4 * SMOOTHNESS)
-        return cls(design, weights, shared, rows.clamp_min(0) + prior, weights.max())
+        rows = cls(design, weights, shared, ones, weights.max(), smoothness).times(ones)
+        prior = weights.max() * smoothness * (RIDGE + 4)
+        return cls(design, weights, shared, rows.clamp_min(0) + prior, weights.max(), smoothness)
 
     def prior(self, coefficients: Tensor) -> Tensor:
         """Product (m, ...) of the prior's matrix with ``coefficients`` (m, ...)."""
-        return self.heaviest * prior_gradient(coefficients, self.design.cells)
+        return self.heaviest * self.smoothness * prior_gradient(coefficients, self.design.cells)
 
     def times(self, coefficients: Tensor) -> Tensor:
         """Product (m,) of the matrix with ``coefficients`` (m,)."""
@@ -102,6 +107,12 @@ class MapEquations:
             before, square = square, (residual * scaled).sum(0)
             direction = scaled + (square / before.clamp_min(1e-30)) * direction
         return solution, residual
+
+
+def smoothness_for(noise_variance: float, texture_variance: float) -> float:
+    """Prior weight for images with that variance of their noise and of their grey levels."""
+    share = noise_variance / max(texture_variance - noise_variance, noise_variance)
+    return min(max(SMOOTHNESS, SMOOTHNESS_IN_NOISE * share**2), MAX_SMOOTHNESS)
 
 
 def to_nodes(values: Tensor, cells: int) -> Tensor:
@@ -172,7 +183,7 @@ def prior_gradient(coefficients: Tensor, cells: int) -> Tensor:
     width = cells + cube_map.BORDER
     rows = coefficients.reshape(6, width, -1)
     differences = _along(rough @ rows, smooth, width) + _along(smooth @ rows, rough, width)
-    return SMOOTHNESS * differences.reshape(coefficients.shape) + RIDGE * (coefficients - coefficients.mean(0))
+    return differences.reshape(coefficients.shape) + RIDGE * (coefficients - coefficients.mean(0))
 
 
 @functools.lru_cache(maxsize=8)

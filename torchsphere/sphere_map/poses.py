@@ -20,15 +20,15 @@ from torchsphere.imaging.background import background
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import bundle_adjustment, cube_map, registration
+from torchsphere.sphere_map import bundle_adjustment, registration
 from torchsphere.sphere_map.ball import Poses
 from torchsphere.sphere_map.bundle_adjustment import NEW_MAP_STEPS, Adjustment
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
 from torchsphere.sphere_map.keyframes import choose_keyframes, choose_map_frames
 from torchsphere.sphere_map.pixel_weights import ROUNDING_VARIANCE
 from torchsphere.sphere_map.registration import Registration
-from torchsphere.sphere_map.state import State, drawn, fit_map, reweighted, with_cells
-from torchsphere.sphere_map.window import Windows, cut_windows
+from torchsphere.sphere_map.state import State, drawn, fit_map, reweighted
+from torchsphere.sphere_map.window import Windows, cut_windows, texture_variance
 
 Array = NDArray[np.float64]
 
@@ -44,12 +44,8 @@ MAP_PIXELS = 700_000
 #: Pixels of plain arithmetic that the forward model of a pixel is worth: it decides how images are shared out.
 PIXELS_PER_PIXEL = 16.0
 
-#: Width of the final map's cells over that of the map of the keyframes: many frames bear finer cells, and the poses
-#: need them, as what cells cannot hold errs with the pose within a pixel (docs/constants.md).
-FINE_SHARE = 0.7
-
 #: Width of the map's cells in units of the texture's width, and its limits, px (docs/constants.md).
-CELLS_PER_TEXTURE, MIN_CELL_PX, MAX_CELL_PX = 0.75, 1.0, 1.5
+CELLS_PER_TEXTURE, MIN_CELL_PX, MAX_CELL_PX = 0.75, 1.0, 1.2
 
 #: Residual variance within the disc, in variances of the noise, from which the map is refused (docs/constants.md).
 MAX_MISFIT = 4.0
@@ -138,7 +134,7 @@ def poses_on_map(
     keys = choose_keyframes(known, orientation)
     initial = Poses.at(frames.position[keys], frames.orientation[keys])
     windows = frames.windows(keys, initial.centre, circle.radius)
-    noise = max(noise_share * _texture_variance(windows), ROUNDING_VARIANCE)
+    noise = max(noise_share * texture_variance(windows), ROUNDING_VARIANCE)
     cell_px = float(np.clip(CELLS_PER_TEXTURE / np.sqrt(fineness), MIN_CELL_PX, MAX_CELL_PX))
 
     def report(done: int) -> None:
@@ -160,17 +156,8 @@ def poses_on_map(
         refusal = _refusal(adjustment, circle.radius, misfit)
         if refusal:
             return refusal
-        numbers, found = _on_map(frames, keys, initial, adjustment, cell_px, shared, report)
+        numbers, found = _on_map(frames, keys, initial, adjustment, shared, report)
     return _assemble(len(position), numbers, found, keys, adjustment, circle, misfit)
-
-
-def _texture_variance(windows: Windows) -> float:
-    """Median over the images of the grey levels' variance around the ball."""
-    visible = windows.visibility
-    count = visible.sum((1, 2)).clamp_min(1)
-    mean = (visible * windows.levels).sum((1, 2)) / count
-    squares = (visible * (windows.levels - mean.reshape(-1, 1, 1)).square()).sum((1, 2))
-    return float((squares / count).median())
 
 
 def _refusal(adjustment: Adjustment, radius: float, misfit: float) -> str:
@@ -195,7 +182,6 @@ def _on_map(
     keys: list[int],
     initial: Poses,
     adjustment: Adjustment,
-    cell_px: float,
     shared: RowRunner,
     report: Callable[[int], None],
 ) -> tuple[NDArray[np.int64], Registration]:
@@ -211,20 +197,16 @@ def _on_map(
         others, found = _register(frames, np.setdiff1d(chosen, keys), anchors, state, shared, lambda done: None)
         order = torch.from_numpy(np.argsort(np.concatenate((keys, others))))
         numbers, poses = np.union1d(keys, others), Poses.joined([poses, found.poses]).take(order)
-    state = _finer(state, frames, numbers, poses, cell_px, shared)
+    state = _of_more_frames(state, frames, numbers, poses, shared)
     return _register(frames, frames.known, anchors, state, shared, report)
 
 
-def _finer(
-    state: State, frames: _Frames, numbers: NDArray[np.int64], poses: Poses, cell_px: float, shared: RowRunner
+def _of_more_frames(
+    state: State, frames: _Frames, numbers: NDArray[np.int64], poses: Poses, shared: RowRunner
 ) -> State:
-    """The state with a finer map of the frames with these ``numbers`` and ``poses``, and their profile.
-
-    ``cell_px`` is the width of the present cells.
-    """
+    """The state with a map of the frames with these ``numbers`` and ``poses``, and their profile."""
     windows = frames.windows(numbers.tolist(), poses.centre, float(state.ball.radius))
-    cells = cube_map.cells_per_face(float(state.ball.radius), FINE_SHARE * cell_px)
-    state = with_cells(replace(state, windows=windows, poses=poses), cells)
+    state = replace(state, windows=windows, poses=poses)
     design = drawn(state, shared)
     residual = windows.levels - design.levels(state.ball.coefficients)
     state = reweighted(state, residual, torch.zeros_like(residual))

@@ -11,7 +11,7 @@ from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import forward_model, map_fit, pixel_weights
 from torchsphere.sphere_map.ball import Poses, TexturedBall
 from torchsphere.sphere_map.forward_model import Design, Linearisation
-from torchsphere.sphere_map.map_fit import MapEquations
+from torchsphere.sphere_map.map_fit import SMOOTHNESS, MapEquations
 from torchsphere.sphere_map.pixel_weights import ResidualProfile
 from torchsphere.sphere_map.window import Windows
 
@@ -24,6 +24,7 @@ class State:
     poses: Poses
     ball: TexturedBall
     profile: ResidualProfile  # variance of the residual by the distance from the outline
+    smoothness: float = SMOOTHNESS  # weight of the map's prior: see `map_fit`
 
     def with_light(self, light: Tensor) -> State:
         """The state with another ``light`` (4,)."""
@@ -56,7 +57,7 @@ def fit_map(state: State, shared: RowRunner, steps: int, design: Design | None =
     A ``design`` that is known at these poses saves drawing it.
     """
     weights = state.profile.weights(state.windows, state.poses.centre)
-    equations = MapEquations.of(design or drawn(state, shared), weights, shared)
+    equations = MapEquations.of(design or drawn(state, shared), weights, shared, state.smoothness)
     coefficients = state.ball.coefficients
     change, _ = equations.solve(equations.gradient(coefficients, state.windows.levels), steps)
     return replace(state, ball=replace(state.ball, coefficients=coefficients + change)), equations

@@ -98,3 +98,12 @@ def _squares(
     if usable is not None:
         inside = inside & usable[row, column]
     return images[number, row, column], background[row, column], inside
+
+
+def texture_variance(windows: Windows) -> float:
+    """Median over the images of the grey levels' variance around the ball."""
+    visible = windows.visibility
+    count = visible.sum((1, 2)).clamp_min(1)
+    mean = (visible * windows.levels).sum((1, 2)) / count
+    squares = (visible * (windows.levels - mean.reshape(-1, 1, 1)).square()).sum((1, 2))
+    return float((squares / count).median())

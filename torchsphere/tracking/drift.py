@@ -24,7 +24,7 @@ from torchsphere.tracking.record import Record
 Array = NDArray[np.float64]
 
 #: Share of the steps with uneven light from which no map is made by default (docs/constants.md).
-MAX_UNEVEN_SHARE = 0.25
+MAX_UNEVEN_SHARE = 0.5
 
 #: Models of a rigid motion in an orthographic view, which a map replaces.
 MAP_MODELS = ("rigid", "finite")
