@@ -8,8 +8,8 @@ it needs an environment of its own.
     python -m experiments.validation.leaderboard [--benchmark DIR] [--field DIR]
 
 writes LEADERBOARD.md, a CSV, and a figure. A missing benchmark of the standard size is made in ``experiments/cache``
-(five minutes on two cores). The trackers take about an hour on one core, half of it for the map of the ball.
-Predictions are kept in the cache by the images' checksum; delete them after a change to the package.
+(five minutes on two cores). The trackers take about half an hour on one core. Predictions are kept in the cache by the
+images' checksum; delete them after a change to the package.
 """
 
 from __future__ import annotations

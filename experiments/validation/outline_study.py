@@ -10,7 +10,7 @@ The shot is that of `accuracy` with 60 frames, over a uniform background of 90 g
 3 px, standard deviation 20 grey levels), three patterns each, with the true circle. Ways:
 
 pairs
-    Region 0.95 R, the default of `track`.
+    `track(..., sphere_map=False)`: region 0.95 R.
 region 1.08 R
     The same correlation over a region across the outline; also with a constant instead of the still background, which
     is estimated from the recording, weighted by the share of each pixel that the ball covers.
@@ -18,7 +18,7 @@ fused edge
     The pairs' increments and the centres of circles of the given radius, fitted to the edges, combined by their
     covariances; also without the still background.
 map
-    `track(..., sphere_map=True)`: sphere map and all poses adjusted jointly, the outline in the forward model.
+    `track` by default: all poses on a map of the ball, the outline in the forward model.
 
 Reference numbers: bound 0.0017 px for a pair (Cramer-Rao, whole image, known texture); target 0.0026 px with a bias
 under 0.001 px; a region of 1.08 R in a hand-written solver, 0.0042 and 0.0036 px.
@@ -66,11 +66,11 @@ BOUND_PX, TARGET_PX = 0.0017, 0.0026
 
 #: Ways in the table on the pages, with their names there.
 PUBLISHED = {
-    "pairs": "pairs, region 0.95 R (default)",
+    "pairs": "pairs (`--map off`), region 0.95 R",
     "region 1.08 R": "region extended to 1.08 R",
     "region 1.08 R, background out": "the same, background taken out",
     "fused edge": "pairs fused with an edge fit",
-    "map": "map (`--map on`)",
+    "map": "map (default)",
 }
 
 #: Increments (n - 1, 5) and their covariances (n - 1, 5, 5), px and rad.
@@ -124,7 +124,7 @@ def fused_with_edge(images: Tensor, track: ts.Track) -> Steps:
     radius = torch.full((len(images), 1), track.circle.radius, dtype=torch.float64)
     circles = torch.cat((torch.from_numpy(track.position), radius), 1)
     fit = outline_fit.refine(images, circles, window=outline_fit.STEP_BLUR_PX, fixed_radius=True)
-    names = ("circle", "covariance", "support", "contrast", "rest", "weights")
+    names = ("circle", "covariance", "support", "contrast", "residual", "weights")
     increment, covariance = track.increment.copy(), track.covariance.copy()
     for i in range(len(increment)):
         step, spread = outline_fit.centre_step(OutlineFit(*(getattr(fit, name)[i : i + 2] for name in names)))
@@ -149,7 +149,7 @@ def by_correlation(shot: Shot) -> dict[str, Steps]:
 
 def by_map(shot: Shot) -> dict[str, Steps]:
     """Steps by the map."""
-    track = ts.track(shot.images, shot.circle, sphere_map=True)
+    track = ts.track(shot.images, shot.circle)
     if not track.settings["sphere_map"]["used"]:
         raise RuntimeError(f"no map was made: {track.settings['sphere_map']['reason']}")
     return {"map": (track.increment, track.covariance)}
