@@ -107,7 +107,7 @@ def adjust(
     if not adjustment.settled:
         # Poses that jump about on a coarse map do so on a fine one.
         return adjustment
-    last = _Level(cell_px, 0.002, 12, is_last=True)
+    last = _Level(cell_px, 0.004, 12, is_last=True)
     # The noise as the steps between images saw it may hold more than noise, and so may a residual on coarse cells.
     noise = min(noise_variance, float(adjustment.state.profile.variance[0]))
     state = replace(adjustment.state, smoothness=map_fit.smoothness_for(noise, texture_variance(windows)))
