@@ -97,9 +97,8 @@ def test_position_and_orientation_do_not_drift(turning: Turning) -> None:
     assert errors.max() < 0.035
     truth = turning.orientations @ turning.orientations[0].T
     angles = angles_between(measured.orientation, truth)
-    # Six shots with other patterns and noise had 0.032 to 0.056 deg in the mean, and 0.06 to 0.13 deg at most.
     assert angles.mean() < 0.06
-    assert angles.max() < 0.15
+    assert angles.max() < 0.12
 
 
 def test_a_wrong_radius_is_corrected(turning: Turning) -> None:
