@@ -5,14 +5,14 @@ import pytest
 import torch
 from shots import shot
 
-from torchsphere.sphere_map import forward_model, map_fit, pixel_weights
+from torchsphere.sphere_map import forward_model, map_fit, pixel_weights, registration
 from torchsphere.tracking.track import track
 
 
 def test_loops_and_torch_measure_the_same_poses(monkeypatch: pytest.MonkeyPatch) -> None:
     made = shot(3, n=8, radius=15.0, rotation_deg=(0.5, 2.0, 0.3))
     by_loops = track(made.images, made.circle)
-    for module in (forward_model, map_fit, pixel_weights):
+    for module in (forward_model, map_fit, pixel_weights, registration):
         monkeypatch.setattr(module, "suits", lambda *_: False)
     by_torch = track(made.images, made.circle)
     assert by_loops.settings["sphere_map"]["used"]

@@ -103,6 +103,18 @@ def test_an_object_in_front_of_the_ball_does_not_shift_its_pose(mapped: Mapped) 
     assert float(found.misfit[0]) < 2
 
 
+def test_loops_and_torch_hide_the_same_pixels(mapped: Mapped) -> None:
+    images, truth = mapped.shot.images[7:9].clone(), mapped.state.poses.take(slice(7, 9))
+    x, y = mapped.shot.centres[7].round().long().tolist()
+    images[0, y - 8 : y + 8, x - 8 : x + 2] = 250.0
+    start = off(truth, 0.1)
+    single, double = (mapped.register(levels, start) for levels in (images, images.double()))
+    # 0.005 px are stated for the whole ball.
+    assert float((single.poses.centre - double.poses.centre).abs().max()) < 1e-4
+    torch.testing.assert_close(single.covariance, double.covariance, rtol=1e-3, atol=1e-9)
+    torch.testing.assert_close(single.misfit.double(), double.misfit.double(), rtol=1e-3, atol=1e-3)
+
+
 def test_an_image_of_something_else_does_not_fit(mapped: Mapped) -> None:
     """Another ball in the same place; the other images of the batch are not touched."""
     other = shot(16, n=14, radius=RADIUS, rotation_deg=(1.0, 2.5, 0.7), start=(60.0, 100.0)).images

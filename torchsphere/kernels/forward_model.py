@@ -32,41 +32,42 @@ _FIVE, _THREE, _EIGHT, _QUARTER = (np.float32(v) for v in (5, 3, 8, 0.25))
 COLUMNS = 9
 
 
-def _arrays(
+def contiguous(
     offset: Tensor, orientation: Tensor, brightness: Tensor, visibility: Tensor, background: Tensor, ball: Tensor
 ) -> tuple[Any, ...]:
-    """What both loops read, as contiguous arrays in single precision."""
+    """What the loops read, as contiguous arrays in single precision."""
     tensors = offset, orientation, brightness, visibility, background, ball
     return tuple(tensor.to(torch.float32).contiguous().numpy() for tensor in tensors)
 
 
-def _rule(rule: Rule) -> tuple[Any, ...]:
+def rule_arrays(rule: Rule) -> tuple[Any, ...]:
+    """The rule as arrays in single precision: see `linearise`."""
     return np.array(rule[0], np.float32), *(np.array(part, np.float32) for part in rule[1])
 
 
 def linearise(coefficients: Tensor, cells: int, rule: Rule, *images: Tensor) -> tuple[Tensor, Tensor]:
-    """Levels (n, s, s) and jacobian (n, s * s, 9); ``images`` as for `_arrays`.
+    """Levels (n, s, s) and jacobian (n, s * s, 9); ``images`` as for `contiguous`.
 
     Offsets (n, 2) of the first pixel from the centre, orientations (n, 3, 3), gains and offsets (n, 2), visibility and
     background (n, s, s); radius, blur and light (6,). The ``rule`` says where the limb begins, in radii and px from the
     outline, and up to where rays are drawn, radii; then points and weights of the limb's Gauss rule.
     """
-    given = _arrays(*images)
+    given = contiguous(*images)
     levels = torch.zeros_like(images[3])
     jacobian = levels.new_zeros(len(levels), levels[0].numel(), COLUMNS)
-    _linearise(coefficients.contiguous().numpy(), cells, *_rule(rule), *given, levels.numpy(), jacobian.numpy())
+    _linearise(coefficients.contiguous().numpy(), cells, *rule_arrays(rule), *given, levels.numpy(), jacobian.numpy())
     return levels, jacobian
 
 
 def design(cells: int, rule: Rule, *images: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Corners, offsets, factors and fixed levels of `sphere_map.forward_model.Design`."""
-    given, points = _arrays(*images), rule[1]
+    given, points = contiguous(*images), rule[1]
     fixed = torch.zeros_like(images[3])
     n, side, _ = fixed.shape
     rays = len(points[0])
     corner, offset = torch.zeros(n, side, side, rays, dtype=torch.int32), fixed.new_zeros(n, side, side, rays, 2)
     factor = fixed.new_zeros(n, side, side, rays)
-    _design(cells, *_rule(rule), *given, corner.numpy(), offset.numpy(), factor.numpy(), fixed.numpy())
+    _design(cells, *rule_arrays(rule), *given, corner.numpy(), offset.numpy(), factor.numpy(), fixed.numpy())
     return corner, offset, factor, fixed
 
 
@@ -110,8 +111,11 @@ def _coverage(x: Any, y: Any, distance: Any, radius: Any, blur: Any) -> tuple[An
         # In double precision: the four terms nearly cancel.
         at, wide = float(inwards + corner), float(blur)
         z = at / wide
-        below = 0.5 * math.erfc(-z * 0.7071067811865476)
-        density = math.exp(-0.5 * z * z) * wide * 0.3989422804014327
+        below, density = (1.0 if z > 0.0 else 0.0), 0.0
+        # Further away both functions have their limits to the last digit.
+        if abs(z) < 9.0:
+            below = 0.5 * math.erfc(-z * 0.7071067811865476)
+            density = math.exp(-0.5 * z * z) * wide * 0.3989422804014327
         share += sign * (0.5 * (at * at + wide * wide) * below + 0.5 * at * density)
         slope += sign * (at * below + density)
         spread += sign * wide * below
@@ -136,54 +140,80 @@ def _linearise(
     levels: Floats,
     jacobian: Floats,
 ) -> None:
-    radius, blur, per_px = ball[0], ball[1], ONE / ball[0]
     n, side, _ = visibility.shape
-    # Step by step over the rays of a row of pixels: the steps without look-ups run on several rays at once.
-    outline, begins = np.empty((side, 4), np.float32), np.empty(side + 1, np.int64)
-    rays, corner = np.empty((18, side * len(points)), np.float32), np.empty(side * len(points), np.int32)
-    axis = np.empty(side * len(points), np.int32)
+    room, line = room_for_rows(side, len(points)), np.empty((COLUMNS, side), np.float32)
     for i in range(n):
-        gain, dark = brightness[i, 0], brightness[i, 1]
+        given = coefficients, cells, limits, points, shares, turns[i], brightness[i], ball
         for row in range(side):
-            x0, y = first[i, 0], first[i, 1] + np.float32(row)
-            count = _row_of_rays(x0, y, radius, blur, limits, points, shares, visibility[i, row], outline, begins, rays)
-            _meet(rays, corner, axis, count, turns[i], per_px, cells)
-            _look_up(coefficients, np.uint64(cells + 3), corner, rays, count)
-            _move(rays, axis, count, turns[i], ball, cells)
+            at = first[i, 0], first[i, 1] + np.float32(row)
+            linearise_row(given, at, visibility[i, row], background[i, row], room, levels[i, row], line)
             for column in range(side):
-                if visibility[i, row, column] == ZERO:
-                    continue
-                behind = background[i, row, column]
-                unit = behind
                 found = jacobian[i, row * side + column]
-                share, edge, spread, gained = outline[column]
-                start, stop = begins[column], begins[column + 1]
-                if stop > start:
-                    lit, dx, dy, wx, wy, wz, wider = ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO
-                    for k in range(start, stop):
-                        lit += rays[0, k]
-                        dx += rays[1, k]
-                        dy += rays[2, k]
-                        wx += rays[3, k]
-                        wy += rays[4, k]
-                        wz += rays[5, k]
-                        wider += rays[6, k]
-                    contrast = lit - behind
-                    unit += share * contrast
-                    part, steep = gain * share, gain * edge * contrast
-                    # The outline gives or takes what lies there: the first ray is the one nearest to it.
-                    steep += part * gained * (rays[7, start] - lit)
-                    x = x0 + np.float32(column)
-                    distance = np.sqrt(x * x + y * y)
-                    outwards = steep / (distance if distance > _TINY else _TINY)
-                    part *= per_px
-                    found[0] = part * dx + outwards * x
-                    found[1] = part * dy + outwards * y
-                    found[2], found[3], found[4] = part * wx, part * wy, part * wz
-                    found[5] = part * wider + steep
-                    found[6] = gain * spread * contrast
-                found[7], found[8] = unit, ONE
-                levels[i, row, column] = gain * unit + dark
+                for k in range(COLUMNS):
+                    found[k] = line[k, column]
+
+
+@compiled
+def room_for_rows(side: int, points: int) -> tuple[Array, ...]:
+    """Memory for the rays of a row of ``side`` pixels: see `_row_of_rays` and `_meet`."""
+    outline, begins = np.empty((side, 4), np.float32), np.empty(side + 1, np.int64)
+    rays, corner = np.empty((18, side * points), np.float32), np.empty(side * points, np.int32)
+    return outline, begins, rays, corner, np.empty(side * points, np.int32)
+
+
+@compiled
+def linearise_row(
+    given: tuple[Any, ...],
+    at: tuple[Any, Any],
+    visibility: Floats,
+    background: Floats,
+    room: tuple[Array, ...],
+    levels: Floats,
+    line: Floats,
+) -> None:
+    """Levels (s,) and derivatives (9, s) of a row of pixels, the first of which is ``at`` x and y from the centre.
+
+    Both are 0 for pixels without weight. ``given`` are the map, its cells, the rule, the turn, the brightness and the
+    ball; ``room`` is that of `room_for_rows`.
+    """
+    coefficients, cells, limits, points, shares, turn, brightness, ball = given
+    outline, begins, rays, corner, axis = room
+    radius, blur, per_px = ball[0], ball[1], ONE / ball[0]
+    (x0, y), gain, dark = at, brightness[0], brightness[1]
+    # Step by step over the rays of the row: the steps without look-ups run on several rays at once.
+    count = _row_of_rays(x0, y, radius, blur, limits, points, shares, visibility, outline, begins, rays)
+    _meet(rays, corner, axis, count, turn, per_px, cells)
+    _look_up(coefficients, np.uint64(cells + 3), corner, rays, count)
+    _move(rays, axis, count, turn, ball, cells)
+    for column in range(len(visibility)):
+        lit, dx, dy, wx, wy, wz, wider = ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO
+        start, stop = begins[column], begins[column + 1]
+        for k in range(start, stop):
+            lit += rays[0, k]
+            dx += rays[1, k]
+            dy += rays[2, k]
+            wx += rays[3, k]
+            wy += rays[4, k]
+            wz += rays[5, k]
+            wider += rays[6, k]
+        behind, part, steep, outwards, blurred, share = background[column], ZERO, ZERO, ZERO, ZERO, ZERO
+        x = x0 + np.float32(column)
+        contrast = lit - behind
+        if stop > start:
+            share, edge, spread, gained = outline[column]
+            part, steep, blurred = gain * share, gain * edge * contrast, gain * spread * contrast
+            # The outline gives or takes what lies there: the first ray is the one nearest to it.
+            steep += part * gained * (rays[7, start] - lit)
+            distance = np.sqrt(x * x + y * y)
+            outwards = steep / (distance if distance > _TINY else _TINY)
+            part *= per_px
+        shown = ZERO if visibility[column] == ZERO else ONE
+        unit = shown * (behind + share * contrast)
+        line[0, column], line[1, column] = part * dx + outwards * x, part * dy + outwards * y
+        line[2, column], line[3, column], line[4, column] = part * wx, part * wy, part * wz
+        line[5, column], line[6, column] = part * wider + steep, blurred
+        line[7, column], line[8, column] = unit, shown
+        levels[column] = gain * unit + shown * dark
 
 
 @compiled

@@ -130,8 +130,8 @@ def _local_mean(values: Floats, weights: Floats, places: Integers, found: Floats
     for n in range(len(values)):
         _spread(values[n], weights[n], at, total.reshape(wide * wide))
         _spread(ones, weights[n], at, count.reshape(wide * wide))
-        _window_sums(total, window, sums)
-        _window_sums(count, window, counts)
+        window_sums(total, window, sums)
+        window_sums(count, window, counts)
         _quotients(sums.reshape(side * side), counts.reshape(side * side), back, found[n])
 
 
@@ -143,7 +143,7 @@ def _quotients(sums: Floats, counts: Floats, at: NDArray[np.uint32], found: Floa
 
 
 @compiled
-def _window_sums(wide: Floats, window: int, found: Floats) -> None:
+def window_sums(wide: Floats, window: int, found: Floats) -> None:
     """Sums over a square window from each of the first places of ``wide`` on, as many as ``found`` has."""
     side = len(found)
     row = np.empty(wide.shape[1], np.float32)

@@ -40,7 +40,7 @@ LIMB_POINTS = np.polynomial.legendre.leggauss(LIMB_RULE_POINTS)
 #: surface is so steep that two rays are not enough (docs/constants.md).
 LIMB_FROM, LEAST_LIMB_PX = 0.92, 1.5
 
-_RULE = (LIMB_FROM, LEAST_LIMB_PX, MAX_RAY_DISTANCE), LIMB_POINTS
+RULE = (LIMB_FROM, LEAST_LIMB_PX, MAX_RAY_DISTANCE), LIMB_POINTS
 
 #: Least blur of the edge by the optics, px (docs/constants.md).
 MIN_BLUR_PX = 0.05
@@ -263,7 +263,7 @@ def _column(values: Tensor, like: Tensor) -> Tensor:
     return values.to(like).reshape(-1, 1, 1)
 
 
-def _given(windows: Windows, poses: Poses, ball: TexturedBall) -> tuple[Tensor, ...]:
+def inputs_of_loops(windows: Windows, poses: Poses, ball: TexturedBall) -> tuple[Tensor, ...]:
     """The images, poses and ball for the loops: see `kernels.forward_model.linearise`."""
     brightness = torch.stack((poses.gain, poses.offset), 1)
     numbers = torch.cat((torch.stack((ball.radius, ball.edge_blur)), ball.light.double()))
@@ -274,7 +274,7 @@ def _given(windows: Windows, poses: Poses, ball: TexturedBall) -> tuple[Tensor, 
 def design(windows: Windows, poses: Poses, ball: TexturedBall) -> Design:
     """The model at ``poses`` as a linear function of the map."""
     if suits(windows.levels):
-        return Design(*loops.design(ball.cells, _RULE, *_given(windows, poses, ball)), ball.cells)
+        return Design(*loops.design(ball.cells, RULE, *inputs_of_loops(windows, poses, ball)), ball.cells)
     seen = _project(windows, poses, ball)
     gain, offset = _column(poses.gain, seen.share), _column(poses.offset, seen.share)
     factor = (gain * seen.share).unsqueeze(-1) * seen.light * seen.rays.weight
@@ -285,8 +285,8 @@ def design(windows: Windows, poses: Poses, ball: TexturedBall) -> Design:
 def linearise(windows: Windows, poses: Poses, ball: TexturedBall) -> Linearisation:
     """Linearise the model at ``poses``."""
     if suits(windows.levels, ball.coefficients):
-        given = _given(windows, poses, ball)
-        return Linearisation(*loops.linearise(ball.coefficients, ball.cells, _RULE, *given))
+        given = inputs_of_loops(windows, poses, ball)
+        return Linearisation(*loops.linearise(ball.coefficients, ball.cells, RULE, *given))
     seen = _project(windows, poses, ball)
     radius = ball.radius.to(seen.x)
     value, by_place = seen.places.value_and_gradient(ball.coefficients.to(seen.x))

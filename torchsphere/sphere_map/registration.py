@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchsphere.kernels import registration as loops
+from torchsphere.kernels.jit import suits
 from torchsphere.sphere_map import forward_model, pixel_weights
 from torchsphere.sphere_map.ball import Poses, TexturedBall
 from torchsphere.sphere_map.forward_model import BRIGHTNESS, MOTION, Linearisation
@@ -86,32 +88,48 @@ class _Step:
 
 def _step(windows: Windows, poses: Poses, ball: TexturedBall, profile: ResidualProfile) -> _Step:
     """One Gauss-Newton step, with the visibility that the residuals suggest."""
-    model = forward_model.linearise(windows, poses, ball)
-    variance = profile.at(windows, poses.centre)
-    residual = windows.levels - model.levels
-    plain = _without_brightness(model.levels, windows.visibility / variance, residual)
-    seen = pixel_weights.estimate_visibility(windows, variance, plain)
-    weights = seen.visibility / variance
-    normal, gradient = normal_equations(model, weights, residual)
+    normal, gradient, squares, seen = _equations(windows, poses, ball, profile)
     inverse = torch.linalg.inv_ex(normal)[0]
     step = (inverse @ gradient.unsqueeze(2))[..., 0]
     length = step[:, :5].abs().amax(1).nan_to_num(torch.inf)
     usable = length < ball.radius
     step = torch.where(usable.unsqueeze(1), step, 0.0)
-    visible = seen.visibility > 0.5
-    squares = (weights * visible * residual.square()).sum((1, 2)) - (step * gradient).sum(1)
-    misfit = squares / visible.sum((1, 2)).clamp_min(1)
+    misfit = (squares - (step * gradient).sum(1)) / seen.clamp_min(1)
     moved = poses.moved(step[:, :5], ball.radius).brightened(step[:, 5:])
     return _Step(moved, inverse[:, :5, :5], torch.where(usable, length, torch.inf), misfit)
+
+
+def _equations(
+    windows: Windows, poses: Poses, ball: TexturedBall, profile: ResidualProfile
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """`normal_equations` of a step, the sum of squares (n,) over the visible pixels, and their number (n,)."""
+    if suits(windows.levels, windows.background, windows.visibility, ball.coefficients):
+        rings = profile.limits.clamp_min(0).float().square(), profile.variance
+        hidden = pixel_weights.NEIGHBOURHOOD_PX, pixel_weights.HIDDEN_FROM
+        images = forward_model.inputs_of_loops(windows, poses, ball)
+        given = ball.coefficients, ball.cells, forward_model.RULE, images, windows.levels
+        normal, gradient, squares, seen = loops.equations(*given, rings, hidden, COLUMNS)
+        return _with_ridge(normal), gradient, squares, seen
+    model = forward_model.linearise(windows, poses, ball)
+    variance = profile.at(windows, poses.centre)
+    residual = windows.levels - model.levels
+    plain = _without_brightness(model.levels, windows.visibility / variance, residual)
+    visibility = pixel_weights.estimate_visibility(windows, variance, plain).visibility
+    weights, visible = visibility / variance, visibility > 0.5
+    squares = (weights * visible * residual.square()).sum((1, 2))
+    return *normal_equations(model, weights, residual), squares, visible.sum((1, 2))
 
 
 def normal_equations(model: Linearisation, weights: Tensor, residual: Tensor) -> tuple[Tensor, Tensor]:
     """Normal matrix (n, 7, 7) and gradient (n, 7) of pose, gain and offset, float64."""
     normal, gradient = model.normal(weights, residual)
-    normal = normal[:, COLUMNS][:, :, COLUMNS]
+    return _with_ridge(normal[:, COLUMNS][:, :, COLUMNS]), gradient[:, COLUMNS]
+
+
+def _with_ridge(normal: Tensor) -> Tensor:
     ridge = RIDGE * normal.diagonal(dim1=1, dim2=2).sum(1)
     identity = torch.eye(len(COLUMNS), dtype=normal.dtype, device=normal.device)
-    return normal + ridge.reshape(-1, 1, 1) * identity, gradient[:, COLUMNS]
+    return normal + ridge.reshape(-1, 1, 1) * identity
 
 
 def _without_brightness(levels: Tensor, weights: Tensor, residual: Tensor) -> Tensor:

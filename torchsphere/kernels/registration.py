@@ -1,0 +1,209 @@
+"""Normal equations of a registration in one compiled loop: `torchsphere.sphere_map.registration` on the CPU.
+
+The derivatives of one image at a time are kept, which fit into the processor's cache.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchsphere.kernels.forward_model import COLUMNS, Rule, contiguous, linearise_row, room_for_rows, rule_arrays
+from torchsphere.kernels.jit import ONE, ZERO, Doubles, Floats, Integers, arrays, compiled
+from torchsphere.kernels.region import window_sums
+
+_HALF, _LEAST = np.float32(0.5), 1e-12
+
+
+def equations(
+    coefficients: Tensor,
+    cells: int,
+    rule: Rule,
+    images: tuple[Tensor, ...],
+    levels: Tensor,
+    rings: tuple[Tensor, Tensor],
+    hidden: tuple[int, float],
+    columns: list[int],
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Normal matrices (n, k, k), gradients (n, k), sums of squares (n,), and numbers of visible pixels (n,), float64.
+
+    ``images`` as for `forward_model.linearise`, ``levels`` (n, s, s) those seen. ``rings`` are the squares (m - 1,) of
+    the rings' limits and the variances (m,) in the rings. ``hidden`` are the side of a neighbourhood and the mean
+    square from which its visibility falls. ``columns`` (k,) are those of the jacobian.
+    """
+    n, k = len(levels), len(columns)
+    normal, gradient = torch.zeros(n, k, k, dtype=torch.float64), torch.zeros(n, k, dtype=torch.float64)
+    squares, seen = torch.zeros(n, dtype=torch.float64), torch.zeros(n, dtype=torch.float64)
+    given = coefficients.contiguous().numpy(), cells, *rule_arrays(rule)
+    window, limit = hidden
+    _equations(
+        *given,
+        *contiguous(*images),
+        *arrays(levels, *(ring.float() for ring in rings)),
+        window,
+        np.float32(limit),
+        np.array(columns),
+        *arrays(normal, gradient, squares, seen),
+    )
+    return normal, gradient, squares, seen
+
+
+@compiled
+def _equations(
+    coefficients: Floats,
+    cells: int,
+    limits: Floats,
+    points: Floats,
+    shares: Floats,
+    first: Floats,
+    turns: Floats,
+    brightness: Floats,
+    visibility: Floats,
+    background: Floats,
+    ball: Floats,
+    levels: Floats,
+    ring_limits: Floats,
+    variances: Floats,
+    window: int,
+    limit: Any,
+    columns: Integers,
+    normal: Doubles,
+    gradient: Doubles,
+    squares: Doubles,
+    seen: Doubles,
+) -> None:
+    n, side, _ = levels.shape
+    room, jacobian = room_for_rows(side, len(points)), np.empty((side, COLUMNS, side), np.float32)
+    model, residual = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
+    weights, part = np.empty((side, side), np.float32), np.empty(side, np.float32)
+    wide = side + window - 1
+    misfits, usable = np.zeros((wide, wide), np.float32), np.zeros((wide, wide), np.float32)
+    sums, counts = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
+    for i in range(n):
+        given = coefficients, cells, limits, points, shares, turns[i], brightness[i], ball
+        for row in range(side):
+            x, y = first[i, 0], first[i, 1] + np.float32(row)
+            linearise_row(given, (x, y), visibility[i, row], background[i, row], room, model[row], jacobian[row])
+            _inverse_variance(x, y, ring_limits, variances, weights[row])
+            for column in range(side):
+                residual[row, column] = levels[i, row, column] - model[row, column]
+        _misfits(model, residual, visibility[i], weights, misfits, usable)
+        window_sums(misfits, window, sums)
+        window_sums(usable, window, counts)
+        for row in range(side):
+            inside, weight = visibility[i, row], weights[row]
+            _hide(inside, sums[row], counts[row], limit, weight, part)
+            squares[i] += _sum_of_squares(weight, part, residual[row])
+            seen[i] += _total(part)
+            _add_row(jacobian[row], weight, residual[row], columns, part, normal[i], gradient[i])
+        for a in range(len(columns)):
+            for b in range(a):
+                normal[i, a, b] = normal[i, b, a]
+
+
+@compiled
+def _inverse_variance(x: Any, y: Any, limits: Floats, variances: Floats, found: Floats) -> None:
+    """One over the variance in the ring of each pixel of a row."""
+    for column in range(len(found)):
+        found[column] = variances[0]
+    for k in range(len(limits)):
+        limit, variance = limits[k], variances[k + 1]
+        for column in range(len(found)):
+            across = x + np.float32(column)
+            found[column] = variance if across * across + y * y > limit else found[column]
+    for column in range(len(found)):
+        found[column] = ONE / found[column]
+
+
+@compiled
+def _misfits(
+    model: Floats, residual: Floats, visibility: Floats, weights: Floats, misfits: Floats, usable: Floats
+) -> None:
+    """Weighted squares of the residual without a change of gain and offset, in the middle of an array with a margin.
+
+    Also the pixels that are ``usable``, likewise: `registration._without_brightness`.
+    """
+    side = len(model)
+    sums = np.zeros(5)
+    for row in range(side):
+        a, b, c = ZERO, ZERO, ZERO
+        for column in range(side):
+            weight = visibility[row, column] * weights[row, column]
+            a += weight
+            b += weight * model[row, column]
+            c += weight * residual[row, column]
+        sums[0], sums[1], sums[2] = sums[0] + a, sums[1] + b, sums[2] + c
+    total = max(sums[0], _LEAST)
+    middle, mean = np.float32(sums[1] / total), np.float32(sums[2] / total)
+    for row in range(side):
+        a, b = ZERO, ZERO
+        for column in range(side):
+            weight, away = visibility[row, column] * weights[row, column], model[row, column] - middle
+            a += weight * away * (residual[row, column] - mean)
+            b += weight * away * away
+        sums[3], sums[4] = sums[3] + a, sums[4] + b
+    slope, margin = np.float32((sums[3] / total) / max(sums[4] / total, _LEAST)), (len(misfits) - side) // 2
+    for row in range(side):
+        of_row, inside = misfits[margin + row], usable[margin + row]
+        for column in range(side):
+            shown = ONE if visibility[row, column] > ZERO else ZERO
+            rest = residual[row, column] - mean - slope * (model[row, column] - middle)
+            of_row[margin + column] = shown * rest * rest * weights[row, column]
+            inside[margin + column] = shown
+
+
+@compiled
+def _hide(visibility: Floats, sums: Floats, counts: Floats, limit: Any, weights: Floats, visible: Floats) -> None:
+    """Lower the ``weights`` of a row by `pixel_weights.estimate_visibility`; ``visible`` where most of it is left."""
+    for column in range(len(weights)):
+        shown = ONE if visibility[column] > ZERO else ZERO
+        count = counts[column]
+        local = sums[column] / (count if count > ONE else ONE)
+        share = limit / (local if local > limit else limit)
+        share = shown * share * share
+        weights[column] *= share
+        visible[column] = ONE if share > _HALF else ZERO
+
+
+@compiled
+def _sum_of_squares(weights: Floats, visible: Floats, residual: Floats) -> Any:
+    total = ZERO
+    for column in range(len(weights)):
+        total += weights[column] * visible[column] * residual[column] * residual[column]
+    return total
+
+
+@compiled
+def _total(values: Floats) -> Any:
+    total = ZERO
+    for column in range(len(values)):
+        total += values[column]
+    return total
+
+
+@compiled
+def _add_row(
+    jacobian: Floats,
+    weights: Floats,
+    residual: Floats,
+    columns: Integers,
+    part: Floats,
+    normal: Doubles,
+    gradient: Doubles,
+) -> None:
+    """Add a row of pixels: sums of the row in single precision, of rows in double precision."""
+    for a in range(len(columns)):
+        line, total = jacobian[columns[a]], ZERO
+        for column in range(len(weights)):
+            part[column] = weights[column] * line[column]
+        for column in range(len(weights)):
+            total += part[column] * residual[column]
+        gradient[a] += total
+        for b in range(a, len(columns)):
+            other, total = jacobian[columns[b]], ZERO
+            for column in range(len(weights)):
+                total += part[column] * other[column]
+            normal[a, b] += total
