@@ -27,6 +27,7 @@ from torchsphere.request import PER_RECORDING
 from torchsphere.results import atomic_output, writer
 from torchsphere.runtime.file_hash import hash_files
 from torchsphere.synthetic import ray_caster
+from torchsphere.tracking.result import status_counts
 from torchsphere.tracking.track import Track, track
 
 RADIUS, FRAMES = 12.0, 5
@@ -89,7 +90,7 @@ def write_archive(folder: Path, names: Iterable[str]) -> None:
 
 def write_result(request: Request, extra: Mapping[str, Path], tracked: Track | None) -> None:
     """A result folder as of `torchsphere.measure.measure`, without a report, and a line in the list of calls."""
-    counts = {"ok": 3} if tracked is None else writer.status_counts(tracked)
+    counts = {"ok": 3} if tracked is None else status_counts(tracked)
     step = None if tracked is None else np.nanmean(tracked.increment, 0)
     with atomic_output.atomic_folder(request.out, request.overwrite) as folder:
         for name, source in extra.items():

@@ -68,13 +68,13 @@ def measure(
             hashed = draw.begin(pool, hash_files, recording.files)
             chosen = restrict(recording, start, stop)
             ignore = read_ignore(request.ignore, recording.shape[1:]) if request.ignore else None
-            tracked = _track(request, chosen, ignore, progress)
+            tracked = _track(request, chosen, ignore, progress, start)
             frame_rate = request.fps or recording.frame_rate
             motion = _kinematics(request, tracked, frame_rate, start)
             found, impact_notes = _impact(request, tracked, motion)
             circle = tracked.circle
             warnings = (
-                *track_warnings(request, recording, tracked, frame_rate, start),
+                *track_warnings(request, recording, tracked, frame_rate),
                 *window_warnings(tracked, motion),
                 *bandwidth_warnings(motion),
                 *impact_notes,
@@ -98,7 +98,9 @@ def _draws_in_parallel(request: Request, count: int) -> bool:
     return request.report and count <= PARALLEL_DRAWING_FRAMES and threads.has_idle_cores()
 
 
-def _track(request: Request, chosen: Recording, ignore: NDArray[np.bool_] | None, progress: Progress | None) -> Track:
+def _track(
+    request: Request, chosen: Recording, ignore: NDArray[np.bool_] | None, progress: Progress | None, start: int
+) -> Track:
     # Without this argument `track` chooses a region of interest for the ball.
     roi: dict[str, Any] = {} if request.roi is None else {"roi": request.roi}
     return track(
@@ -112,6 +114,8 @@ def _track(request: Request, chosen: Recording, ignore: NDArray[np.bool_] | None
         progress=progress,
         model=request.model,
         camera=request.camera(),
+        first_frame=start,
+        log=False,  # the command line prints the warnings
         **roi,
     )
 

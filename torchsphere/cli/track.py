@@ -52,7 +52,7 @@ def run(options: dict[str, Any]) -> int:
 
 def status_text(tracked: Track) -> str:
     """Numbers of all frames and of frames per status."""
-    from torchsphere.results.writer import status_counts
+    from torchsphere.tracking.result import status_counts
 
     counts = ", ".join(f"{count} {name}" for name, count in status_counts(tracked).items())
     return f"{len(tracked.status)} frames: {counts}"

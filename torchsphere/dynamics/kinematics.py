@@ -20,7 +20,7 @@ from torchsphere.estimation.measurements import measured_increments, poses
 from torchsphere.estimation.rates import polynomials, smoothed
 from torchsphere.settings.choices import METHODS, ORDER, WINDOW
 from torchsphere.settings.limits import FRAME_RATES, as_float, as_positive
-from torchsphere.tracking.track import Track
+from torchsphere.tracking.result import Track
 
 __all__ = ["Draws", "Kinematics", "kinematics", "kinematics_of_many", "mean_motion"]
 

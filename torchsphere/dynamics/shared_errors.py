@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.dynamics.scale import Scale
-from torchsphere.tracking.track import Track
+from torchsphere.tracking.result import Track
 
 #: Error of a step, px, per px of error of the radius and rad of rotation (docs/constants.md).
 STEP_PER_RADIUS = 3.0

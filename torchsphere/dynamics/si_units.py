@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torchsphere.dynamics.scale import LAB_AXES, Scale
 from torchsphere.dynamics.shared_errors import SharedErrors
 from torchsphere.estimation.rates import Motion, MotionSamples
-from torchsphere.tracking.track import Track
+from torchsphere.tracking.result import Track
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from torchsphere.estimation.likelihood import Series
 from torchsphere.estimation.measurements import FREEDOMS, Poses, measured_increments, poses
 from torchsphere.estimation.process_model import STATES
 from torchsphere.estimation.rts import Smoothed
-from torchsphere.tracking.track import Track
+from torchsphere.tracking.result import Track
 
 Array = NDArray[np.float64]
 

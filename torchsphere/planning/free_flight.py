@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from torchsphere.planning.expected import Setup
-from torchsphere.tracking.track import Track
+from torchsphere.tracking.result import Track
 
 #: Fewest increments that give a standard deviation, to a fifth (docs/constants.md).
 MIN_STEPS = 12

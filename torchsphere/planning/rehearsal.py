@@ -18,8 +18,8 @@ from torchsphere.dynamics.kinematics import Kinematics, kinematics
 from torchsphere.geometry.circle import Circle
 from torchsphere.geometry.orientation import chain
 from torchsphere.planning.expected import Setup
+from torchsphere.tracking.result import Track
 from torchsphere.tracking.steady_error import sd_steady
-from torchsphere.tracking.track import Track
 
 #: Frames of flight before and after the contact, and the most frames in contact.
 FLIGHT_FRAMES, MAX_CONTACT_FRAMES = 18, 60

@@ -29,7 +29,7 @@ from torchsphere.results.reader import TRANSLATION_KNOWN
 from torchsphere.results.sampled_frames import NO_RESIDUAL, Sampled, encode_webp, rows_to_keep
 from torchsphere.runtime import threads
 from torchsphere.tracking.follow import BATCH
-from torchsphere.tracking.track import Track
+from torchsphere.tracking.result import Track
 
 #: Size of all images together, bytes (docs/constants.md).
 BUDGET_BYTES = 1_150_000

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import platform
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,7 +24,7 @@ from torchsphere.geometry.orientation import quaternions
 from torchsphere.recording import Recording
 from torchsphere.request import Request
 from torchsphere.results.reader import KINEMATICS_COLUMNS, TRACK_COLUMNS
-from torchsphere.tracking.track import Track
+from torchsphere.tracking.result import Track, status_counts
 
 #: Rows of a block of a CSV file.
 CSV_ROWS = 1000
@@ -91,11 +90,6 @@ def write_summary(folder: Path, summary: dict[str, Any]) -> None:
     """Write ``summary.json``; NaN and infinity become null."""
     text = json.dumps(_jsonable(summary), indent=2, ensure_ascii=False, allow_nan=False)
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
-
-
-def status_counts(track: Track) -> dict[str, int]:
-    """Number of frames per status, the most frequent first."""
-    return dict(Counter(track.status.tolist()).most_common())
 
 
 def _write_csv(path: Path, columns: dict[str, NDArray[Any]]) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.geometry.orientation import chain
 from torchsphere.synthetic import ray_caster
-from torchsphere.tracking.track import Track
+from torchsphere.tracking.result import Track
 
 Array = NDArray[np.float64]
 

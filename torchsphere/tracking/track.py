@@ -6,13 +6,13 @@ Its phases are: initial circle -> follow from frame to frame -> absolute poses -
 from __future__ import annotations
 
 import dataclasses
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.correlation.options import Options, options_for
@@ -25,63 +25,18 @@ from torchsphere.tracking.drift import AbsoluteMotion, absolute_motion
 from torchsphere.tracking.edge_leakage import adapt_options, background_contrast, leakage_share
 from torchsphere.tracking.follow import Follower, Progress
 from torchsphere.tracking.initial_circle import find_initial_circle, shows_outline
+from torchsphere.tracking.motion_warnings import motion_warnings
 from torchsphere.tracking.record import Record
+from torchsphere.tracking.result import Track
 from torchsphere.tracking.steady_error import sd_steady, texture_fineness
+
+__all__ = ["Track", "track", "track_many"]
+
+#: Where the warnings of a track go.
+_LOG = logging.getLogger("torchsphere")
 
 #: Change of the radius by the map, as a share of it, from which failed frames are tried again (docs/constants.md).
 WRONG_RADIUS = 0.004
-
-
-@dataclass(frozen=True)
-class Track:
-    """Motion of the ball over n frames, px and rad, image and camera frame.
-
-    Attributes
-    ----------
-    position : ndarray
-        Centre in each image (n, 2) as (x, y), px; NaN where unknown.
-    increment : ndarray
-        Motion (n - 1, 5) from each frame to the next as (dx, dy, wx, wy, wz), px and rad; NaN where not measured, as
-        are all rotations with the model `translation`.
-    covariance : ndarray
-        Of the increments (n - 1, 5, 5). Successive increments share an image, so that their errors have opposite signs:
-        the covariance of increment i with i + 1 is about minus half of this.
-    orientation : ndarray
-        Rotation matrices (n, 3, 3) since the first tracked frame; NaN from where a rotation is missing.
-    zncc : ndarray
-        Correlation coefficient (n,) of each frame with the frame it was compared with; NaN for the first.
-    iterations : ndarray
-        Gauss-Newton steps (n,).
-    status : ndarray
-        Strings (n,), each one of `torchsphere.correlation.result.STATUSES`; row i speaks of frame i and of the
-        increment that leads to it. A frame found again after a gap is "lost" with a position: no increment leads to it.
-        With the model `translation`, which measures no rotation, a frame is "weak_texture" at best.
-    radius : ndarray
-        Radius of the ball in each image (n,), px; constant except with the model `pinhole6`; NaN where unknown.
-    sd_growth : ndarray
-        Standard deviation (n - 1,) of the radius's relative change from each frame to the next; 0 where the model
-        takes it as constant.
-    sd_steady : ndarray
-        Standard deviation (5,) of the error that all increments of a flight have in common, px and rad. It is not part
-        of `covariance`, since it does not average out.
-    circle : Circle
-        The outline in the first tracked frame; with a camera the projected centre and the radius at its depth.
-    settings : dict
-        Every setting used.
-    """
-
-    position: NDArray[np.float64]
-    increment: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    orientation: NDArray[np.float64]
-    zncc: NDArray[np.float64]
-    iterations: NDArray[np.int64]
-    status: NDArray[np.str_]
-    radius: NDArray[np.float64]
-    sd_growth: NDArray[np.float64]
-    sd_steady: NDArray[np.float64]
-    circle: Circle
-    settings: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -119,6 +74,8 @@ def track(
     sphere_map: bool | None = None,
     progress: Progress | None = None,
     dtype: torch.dtype = torch.float32,
+    first_frame: int = 0,
+    log: bool = True,
     **options: Any,
 ) -> Track:
     """Follow the ball through a recording.
@@ -150,6 +107,10 @@ def track(
         Called as ``progress(done, total)`` with numbers of frames; once more from 0 while a map of the ball is made.
     dtype : torch.dtype
         ``torch.float32`` or ``torch.float64``.
+    first_frame : int
+        Number of the first image in the whole recording, by which the warnings name frames.
+    log : bool
+        Hand each of `Track.warnings` to the logger ``torchsphere``, too, at the level WARNING.
     **options
         Fields of `torchsphere.correlation.options.Options`: ``model``, ``roi``, ``pre_blur`` ...
 
@@ -184,7 +145,12 @@ def track(
         start = dataclasses.replace(start, circle=dataclasses.replace(motion.circle, frame=start.circle.frame))
         measured = _follow(task, start)
         motion = _absolute_motion(task, start, measured)
-    return _assemble(task, start, measured, motion)
+    found = _assemble(task, start, measured, motion)
+    found = dataclasses.replace(found, warnings=motion_warnings(source, found, first_frame, "roi" in options))
+    if log:
+        for sentence in found.warnings:
+            _LOG.warning("%s", sentence)
+    return found
 
 
 def _initial_circle(task: _Task, settings: Options, given: dict[str, Any]) -> _Start:

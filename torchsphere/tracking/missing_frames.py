@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from torchsphere.tracking.track import Track
+from torchsphere.tracking.result import Track
 
 #: Largest relative difference of steps that count as equal (docs/constants.md).
 MAX_DIFFERENCE = 0.1

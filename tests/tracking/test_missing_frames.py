@@ -7,7 +7,7 @@ import pytest
 from pulses import NOISES_M, pulse
 
 import torchsphere as ts
-from torchsphere.diagnostics.missing_frames import missing_frames
+from torchsphere.tracking.missing_frames import missing_frames
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,8 @@ import torch
 from numpy.typing import NDArray
 
 from torchsphere.imaging import interpolation
-from torchsphere.recording import Recording
-from torchsphere.tracking.track import Track
+from torchsphere.recording.frame_source import Source
+from torchsphere.tracking.result import Track
 
 #: Side of a subset, px; the most subsets that are compared, and the fewest that show a shake (docs/constants.md).
 SUBSET_PX, MAX_SUBSETS, MIN_SUBSETS = 32, 32, 6
@@ -48,18 +48,15 @@ class CameraShake(NamedTuple):
     frame: int
 
 
-def camera_shake(recording: Recording, track: Track, start: int) -> CameraShake | None:
-    """The largest displacement of the background since the first tracked image; None if it stands still.
-
-    ``start`` is the number of the first tracked frame in the recording.
-    """
+def camera_shake(source: Source, track: Track) -> CameraShake | None:
+    """The largest displacement of the background since the first tracked image; None if it stands still."""
     known = np.flatnonzero(np.isfinite(track.position[:, 0]))
     if len(known) < 2:
         return None
     first, compared = int(known[0]), _thinned(known[1:], IMAGES)
 
     def image(frame: int) -> Array:
-        return torch.as_tensor(recording.images(start + frame, start + frame + 1)[0]).double().numpy()
+        return source.images(frame, frame + 1)[0].double().cpu().numpy()
 
     reference = image(first)
     corners = _corners(reference.shape, track, np.append(first, compared))

@@ -1,0 +1,50 @@
+"""The warnings of a track: on the track itself, in the log, and the same in the summary."""
+
+import json
+import logging
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shots
+import tifffile
+
+import torchsphere as ts
+from torchsphere.cli.main import main
+
+
+@pytest.fixture(scope="module")
+def images() -> np.ndarray:
+    """Six images of a flying ball, of which the third repeats the second."""
+    made = shots.shot(0, n=6, radius=25.0).images.numpy().astype(np.uint8)[:, 70:180, 20:160]
+    made[3] = made[2]
+    return np.ascontiguousarray(made)
+
+
+def test_warnings_reach_python_by_the_track_and_by_the_log(
+    images: np.ndarray, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING, logger="torchsphere"):
+        track = ts.track(images, first_frame=7)
+    assert any("repeat the image before them bit for bit" in said and said.endswith(": 10.") for said in track.warnings)
+    assert [(r.name, r.levelname, r.getMessage()) for r in caplog.records] == [
+        ("torchsphere", "WARNING", said) for said in track.warnings
+    ]
+    caplog.clear()
+    assert ts.track(images, first_frame=7, log=False).warnings == track.warnings
+    assert not caplog.records
+
+
+def test_the_command_line_prints_the_warnings_of_the_track_and_logs_none(
+    images: np.ndarray, tmp_path: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    tifffile.imwrite(tmp_path / "shot.tif", images, photometric="minisblack")
+    assert main(["track", str(tmp_path / "shot.tif"), "--out", str(tmp_path / "out"), "--no-report"]) == 0
+    said = ts.track(images, log=False).warnings
+    assert said
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"]
+    printed = capsys.readouterr()
+    assert [sentence for sentence in summary if sentence in said] == list(said)
+    assert all(printed.out.count(f"note    {sentence}\n") == 1 for sentence in said)
+    assert not any(sentence in printed.err for sentence in said)
+    assert not caplog.records

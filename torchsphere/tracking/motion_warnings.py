@@ -1,0 +1,143 @@
+"""Warnings on a track, in sentences that a reader of its numbers must know."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from torchsphere.detection.detect import given_circle_warning, refined_circle_warning
+from torchsphere.recording.frame_source import Source
+from torchsphere.tracking import edge_leakage
+from torchsphere.tracking.camera_shake import camera_shake
+from torchsphere.tracking.missing_frames import missing_frames
+from torchsphere.tracking.result import Track, status_counts
+from torchsphere.tracking.steady_error import ROTATION_PER_STEP
+
+#: Most gaps that a sentence names.
+MAX_NAMED_GAPS = 5
+
+#: Least median turn of a ball that turns in place, deg per frame (docs/constants.md).
+MIN_TURN_DEG = 1.0
+
+
+def motion_warnings(source: Source, track: Track, start: int, roi_given: bool) -> tuple[str, ...]:
+    """Warnings on the ``track`` of the images of ``source``.
+
+    ``start`` is the number of its first frame in the recording; ``roi_given`` says that the region of interest was
+    given, not chosen.
+    """
+    return (
+        *_frame_warnings(track, start),
+        *_circle_warnings(source, track, start),
+        *_map_warnings(track),
+        *_leakage_warnings(track, roi_given),
+        *_shake_warnings(source, track, start),
+        *_model_warnings(track.settings["model"]),
+    )
+
+
+def _frame_warnings(track: Track, start: int) -> list[str]:
+    """Frames that were not measured, that repeat others, or that are missing."""
+    sentences, n = [], len(track.status)
+    # `_model_warnings` reports that the translation model measures no rotation.
+    good = ("ok", "weak_texture") if track.settings["model"] == "translation" else ("ok",)
+    bad = n - int(np.isin(track.status, good).sum())
+    if bad:
+        counts = ", ".join(f"{count} {name}" for name, count in status_counts(track).items())
+        sentences.append(f"{bad} of {n} frames were not fully measured: {counts}.")
+    repeated = track.settings["repeated_frames"]
+    if repeated:
+        numbers = ", ".join(str(start + i) for i in repeated)
+        sentences.append(
+            f"Frames that repeat the image before them bit for bit while the ball moves, not measured: {numbers}."
+        )
+    gaps = missing_frames(track)
+    if gaps:
+        numbers = ", ".join(f"{count} before frame {start + i}" for i, count in gaps[:MAX_NAMED_GAPS])
+        sentences.append(
+            "Images seem to be missing, as the ball moves and turns a whole number of times as far in one step as in "
+            f"the steps next to it: {numbers}{', ...' if len(gaps) > MAX_NAMED_GAPS else ''}. Times, velocities and "
+            "forces are wrong there; measure the parts between with --frames."
+        )
+    return sentences
+
+
+def _circle_warnings(source: Source, track: Track, start: int) -> list[str]:
+    """Whether the image shows the ball's outline at the circle."""
+    sentences, circle = [], track.circle
+    if math.isnan(circle.sd_radius):
+        sentences.append("The circle was given without an uncertainty: no standard deviation includes its error.")
+        if track.settings["camera"] is None:
+            image = source.images(circle.frame, circle.frame + 1)[0]
+            doubt = given_circle_warning(image.float().cpu(), circle)
+            sentences += [doubt] if doubt else []
+    if track.settings["circle_refined"] and circle.doubt:
+        in_preview = "with 'torchsphere info INPUT --preview FILE.png'"
+        sentences.append(
+            refined_circle_warning(circle) if track.settings["circle_given"] else circle.warning(in_preview)
+        )
+    return sentences
+
+
+def _map_warnings(track: Track) -> list[str]:
+    """Whether poses without a map of the ball may drift."""
+    sphere_map, sentences = track.settings["sphere_map"], []
+    if not sphere_map["used"] and not track.settings["in_place"] and _turns_in_place(track):
+        sentences.append(
+            "The ball turns fast and hardly moves; if it cannot leave its place, give --in-place to avoid drift."
+        )
+    if not sphere_map["used"] and not sphere_map["reason"].startswith("not needed"):
+        sentences.append(f"Poses rest on the frame-to-frame steps, whose errors add up: {sphere_map['reason']}.")
+    return sentences
+
+
+def _turns_in_place(track: Track) -> bool:
+    """Whether the ball turns fast and moves by less than two radii and a third of the way that its surface turns."""
+    turn = np.linalg.norm(track.increment[:, 2:], axis=1)
+    known = track.position[np.isfinite(track.position[:, 0])]
+    reach = float(np.ptp(known, axis=0).max()) if len(known) else np.inf
+    surface = np.nansum(turn) * track.circle.radius
+    is_fast = bool(np.isfinite(turn).any()) and float(np.nanmedian(turn)) > np.radians(MIN_TURN_DEG)
+    return is_fast and reach < 2 * track.circle.radius and surface > 3 * reach
+
+
+def _leakage_warnings(track: Track, roi_given: bool) -> list[str]:
+    """Whether the background leaks into the region of interest."""
+    share, radius = track.settings["leaked"], track.circle.radius
+    turns = bool(np.isfinite(track.increment[:, 2:]).any())
+    if share < edge_leakage.NOTABLE_SHARE or track.settings["sphere_map"]["used"] or not turns:
+        return []
+    advice = "film the ball larger"
+    if roi_given:
+        advice = f"leave --roi out, or give {edge_leakage.roi_without_leakage(radius):g}"
+    return [
+        "The ball is much brighter or darker than the background, which reaches over the outline of so small a ball "
+        f"into the region of interest: rotations about x and y may be {100 * ROTATION_PER_STEP * share:.0f} % too "
+        f"large, which their standard deviations include; {advice}."
+    ]
+
+
+def _shake_warnings(source: Source, track: Track, start: int) -> list[str]:
+    """Whether the camera was shaken."""
+    shake = camera_shake(source, track)
+    if shake is None:
+        return []
+    size = f"{shake.px:.1f} px" if shake.px < 1 else "a px or more"
+    return [
+        f"The background has moved by {size} in frame {start + shake.frame}: the camera was shaken or moved, or a "
+        "target that fills the image. Positions, velocities and forces are those in the image, with that motion in "
+        "them; mount the camera apart from the target, or take the frames before it moves with --frames."
+    ]
+
+
+def _model_warnings(model: str) -> list[str]:
+    """What a model does not measure, or measures with a bias."""
+    if model == "published":
+        return ["The published modes are no rigid rotation: they bias translation and rotation; see the README."]
+    if model == "translation":
+        return [
+            "The translation model takes any rotation of the ball for translation and measures none: rotation and spin "
+            "are left empty, and frames are weak_texture at best. Give --model rigid to have them."
+        ]
+    return []

@@ -1,0 +1,72 @@
+"""The result of `track`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torchsphere.geometry.circle import Circle
+
+
+@dataclass(frozen=True)
+class Track:
+    """Motion of the ball over n frames, px and rad, image and camera frame.
+
+    Attributes
+    ----------
+    position : ndarray
+        Centre in each image (n, 2) as (x, y), px; NaN where unknown.
+    increment : ndarray
+        Motion (n - 1, 5) from each frame to the next as (dx, dy, wx, wy, wz), px and rad; NaN where not measured, as
+        are all rotations with the model `translation`.
+    covariance : ndarray
+        Of the increments (n - 1, 5, 5). Successive increments share an image, so that their errors have opposite signs:
+        the covariance of increment i with i + 1 is about minus half of this.
+    orientation : ndarray
+        Rotation matrices (n, 3, 3) since the first tracked frame; NaN from where a rotation is missing.
+    zncc : ndarray
+        Correlation coefficient (n,) of each frame with the frame it was compared with; NaN for the first.
+    iterations : ndarray
+        Gauss-Newton steps (n,).
+    status : ndarray
+        Strings (n,), each one of `torchsphere.correlation.result.STATUSES`; row i speaks of frame i and of the
+        increment that leads to it. A frame found again after a gap is "lost" with a position: no increment leads to it.
+        With the model `translation`, which measures no rotation, a frame is "weak_texture" at best.
+    radius : ndarray
+        Radius of the ball in each image (n,), px; constant except with the model `pinhole6`; NaN where unknown.
+    sd_growth : ndarray
+        Standard deviation (n - 1,) of the radius's relative change from each frame to the next; 0 where the model
+        takes it as constant.
+    sd_steady : ndarray
+        Standard deviation (5,) of the error that all increments of a flight have in common, px and rad. It is not part
+        of `covariance`, since it does not average out.
+    circle : Circle
+        The outline in the first tracked frame; with a camera the projected centre and the radius at its depth.
+    settings : dict
+        Every setting used.
+    warnings : tuple of str
+        Sentences that a reader of the numbers must know.
+    """
+
+    position: NDArray[np.float64]
+    increment: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    orientation: NDArray[np.float64]
+    zncc: NDArray[np.float64]
+    iterations: NDArray[np.int64]
+    status: NDArray[np.str_]
+    radius: NDArray[np.float64]
+    sd_growth: NDArray[np.float64]
+    sd_steady: NDArray[np.float64]
+    circle: Circle
+    settings: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+
+def status_counts(track: Track) -> dict[str, int]:
+    """Number of frames per status, the most frequent first."""
+    return dict(Counter(track.status.tolist()).most_common())
