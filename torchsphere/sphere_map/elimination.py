@@ -72,17 +72,21 @@ class JointEquations:
 
 def joint_equations(model: Linearisation, equations: MapEquations, poses: Poses) -> JointEquations:
     """Set up the equations and eliminate the map."""
-    design = equations.design
+    design, n = equations.design, len(poses)
+    coupling = model.jacobian.new_empty(len(equations.density), PER_IMAGE * n + COMMON)
+    own = coupling[:, :-COMMON].unflatten(1, (n, PER_IMAGE))
 
     def part(a: int, b: int) -> tuple[Tensor, Tensor]:
         jacobian, weights = model.jacobian[a:b], equations.weights[a:b]
         weighted = weights.flatten(1).unsqueeze(-1) * jacobian
-        return model.rows(a, b).normal(weights, weights)[0], design.rows(a, b).adjoint_columns(weighted)
+        columns = design.rows(a, b).adjoint_columns(weighted).movedim(0, 1)
+        # Straight to their places: these are the largest arrays of an adjustment.
+        own[:, a:b, :5], own[:, a:b, 5:] = columns[..., MOTION], columns[..., BRIGHTNESS]
+        return model.rows(a, b).normal(weights, weights)[0], columns[..., SHARED].sum(1)
 
-    blocks, columns = (torch.cat(parts) for parts in zip(*equations.shared(part, len(poses)), strict=True))
-    normal = spread_normal(blocks)
-    own, common = columns[..., [*range(5), 7, 8]], columns[..., SHARED].sum(0)
-    coupling = torch.cat((own.movedim(0, 1).flatten(1), common), 1)
+    blocks, common = zip(*equations.shared(part, n), strict=True)
+    coupling[:, -COMMON:] = torch.stack(common).sum(0)
+    normal = spread_normal(torch.cat(blocks))
     coupling = map_fit.to_nodes(coupling, design.cells)
     taken_up = coupling.T @ (coupling / equations.density.unsqueeze(1))
     normal = normal + _gauge(poses, normal)
