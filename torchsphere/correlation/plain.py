@@ -24,7 +24,7 @@ from torch import Tensor
 from torchsphere.correlation.occlusion import MIN_COSINE, MISPLACED_PX_PER_DEG, TOLERATED_PX
 from torchsphere.correlation.options import Options, margin
 from torchsphere.correlation.residual_noise import BLOCK, MAX_CHANCE_SCATTER, MIN_BLOCK_PX
-from torchsphere.correlation.result import STATUSES, Correlation
+from torchsphere.correlation.result import CELLS, STATUSES, Correlation
 from torchsphere.correlation.uncertainty import MAX_CONDITION, MIN_TEXTURE_SIGNAL
 from torchsphere.geometry import motion_models
 from torchsphere.geometry.camera import view_of
@@ -310,5 +310,6 @@ def _as_correlation(
         growth=unknowns[:, 5],
         sd_growth=torch.where(good, stated[:, 5, 5].sqrt() if k == 6 else 0.0, torch.nan),
         uneven_light=torch.zeros_like(good),
+        explained=torch.ones(len(good), 2, CELLS, CELLS).to(unknowns),
         status=np.array(STATUSES)[status.cpu().numpy()],
     )

@@ -13,7 +13,10 @@ from torch import Tensor
 STATUSES = ("ok", "weak_texture", "low_correlation", "not_converged", "out_of_frame", "lost")
 
 #: Fields of `Correlation` with a row per pair that are tensors.
-_TENSORS = ("q", "covariance", "zncc", "iterations", "growth", "sd_growth", "uneven_light")
+_TENSORS = ("q", "covariance", "zncc", "iterations", "growth", "sd_growth", "uneven_light", "explained")
+
+#: Cells along a side of the square around the ball in `Correlation.explained` (docs/constants.md).
+CELLS = 12
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,9 @@ class Correlation:
         like `q`.
     uneven_light : Tensor
         (n,), True where the criterion allowed for light that changes unevenly over the ball.
+    explained : Tensor
+        Share (n, 2, c, c) of each cell of the square around the ball that the motion explains, in ``f`` and in ``g``: 1
+        everywhere unless a part of the ball does not fit.
     status : ndarray
         Strings (n,) out of `STATUSES`; from `torchsphere.correlate` "lost" where a value near the ball is not finite.
     """
@@ -46,6 +52,7 @@ class Correlation:
     growth: Tensor
     sd_growth: Tensor
     uneven_light: Tensor
+    explained: Tensor
     status: NDArray[np.str_]
 
     @property

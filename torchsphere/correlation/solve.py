@@ -15,11 +15,13 @@ import torch
 from torch import Tensor
 
 from torchsphere.correlation import illumination, occlusion
+from torchsphere.correlation.explained import explained_cells
 from torchsphere.correlation.gauss_newton import CoarseSolution, SolverSettings, gauss_newton
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.reference import Pairs, Reference, build_reference, point_spacing
 from torchsphere.correlation.result import Correlation
 from torchsphere.correlation.uncertainty import evaluate
+from torchsphere.correlation.warp import warp
 from torchsphere.geometry import motion_models
 from torchsphere.geometry.motion_models import Displacement, as_unknowns
 from torchsphere.imaging import crop
@@ -161,11 +163,32 @@ def _solve(
             # Light may look like an occluder: it is allowed for first.
             light_is_uneven = light_is_uneven | (occluded & illumination.is_light_identifiable(solution, model))
             occluded = occluded & ~light_is_uneven
+        whole, occluded_rows = reference, torch.nonzero(occluded)[:, 0]
         guesses = (first, as_unknowns(start, model))
         reference, solution = occlusion.solve_without_occluders(
             reference, c_g, shift, guesses, solution, occluded, model, settings
         )
+        found = evaluate(reference, solution, visible, model, options)
+        if len(occluded_rows):
+            some = whole.take(occluded_rows)
+            cells = _cells(some, c_g[occluded_rows], shift[occluded_rows], solution.q[occluded_rows], model)
+            found = dataclasses.replace(found, explained=found.explained.index_copy(0, occluded_rows, cells))
+        return found, solution.q, light_is_uneven
     return evaluate(reference, solution, visible, model, options), solution.q, light_is_uneven
+
+
+def _cells(reference: Reference, c_g: Tensor, shift: Tensor, q: Tensor, model: Displacement) -> Tensor:
+    """`explained_cells` of the motion ``q`` (n, k)."""
+    warped, seen = warp(reference, c_g, shift, q, model)
+    return explained_cells(reference, warped, seen, q, model)
+
+
+def explain(pairs: Pairs, q: Tensor, options: Options) -> Tensor:
+    """Share (n, 2, c, c) of each cell of the ball that the motion ``q`` (n, 5) explains, before and after it."""
+    model = motion_models.MODELS[options.model]
+    model = motion_models.finite if model is motion_models.rigid else model
+    reference, unknowns = _reference(pairs, q, model, options)
+    return _cells(reference, pairs.g.c, pairs.shift, unknowns, model)
 
 
 def _reference(

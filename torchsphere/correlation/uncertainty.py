@@ -11,7 +11,7 @@ from torchsphere.correlation.gauss_newton import Solution
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.reference import COVARIANCE_STEP, Reference, scale
 from torchsphere.correlation.residual_noise import ResidualPower
-from torchsphere.correlation.result import STATUSES, Correlation
+from torchsphere.correlation.result import CELLS, STATUSES, Correlation
 from torchsphere.correlation.warp import projected_slopes
 from torchsphere.geometry import motion_models, rotation
 from torchsphere.geometry.motion_models import Displacement
@@ -144,6 +144,7 @@ def _as_correlation(
         iterations=solution.iterations,
         growth=full_q[:, 5],
         uneven_light=torch.full_like(good, uneven_light),
+        explained=torch.ones(len(q), 2, CELLS, CELLS).to(q),
         sd_growth=torch.where(good, spread[:, 5, 5].sqrt() if q.shape[-1] == 6 else 0.0, torch.nan),
         status=np.array(STATUSES)[status.cpu().numpy()],
     )

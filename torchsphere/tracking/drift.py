@@ -112,6 +112,8 @@ def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion
     relative = np.where(whole[:, None, None], turned[1:] @ between, np.eye(3))
     turns = So3.from_matrix(torch.from_numpy(relative)).log().numpy()
     increment = np.where(steps, np.concatenate((np.diff(position, axis=0), turns), 1), np.nan)
+    # After a rotation that is missing the orientation is not known, but the increments are.
+    increment = np.where(steps & ~np.isfinite(increment), measured.increment, increment)
     both = on_map[:-1] & on_map[1:] & whole
     covariance = np.where(both[:, None, None], found.step_covariance, measured.covariance)
     about = {

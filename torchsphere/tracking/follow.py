@@ -13,9 +13,11 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
+from kornia.geometry.liegroup import So3
 from numpy.typing import NDArray
 from torch import Tensor
 
+from torchsphere.correlation.explained import is_same_part
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.result import Correlation
 from torchsphere.detection import outline_fit
@@ -31,6 +33,7 @@ from torchsphere.tracking.successive_pairs import (
     PairSetup,
     correlate_successive,
     count_leading,
+    explain_one,
     prepare,
 )
 
@@ -74,7 +77,7 @@ class Follower:
         self._source, self._progress, self._first, self._searches = source, progress, first.frame, searches
         self._setup = PairSetup(options, ignore, in_place, shared=lambda part, rows: [part(0, rows)])
         image = source.images(first.frame, first.frame + 1)
-        self._state = self._state_in(first.frame, image, np.zeros(5))
+        self._set_state(first.frame, image, np.zeros(5))
         self._is_plain = outline_fit.is_plain(image[0], self._state.circle)
         #: Frames whose search over rotations failed since the ball was seen.
         self._failed_searches: list[int] = []
@@ -114,7 +117,7 @@ class Follower:
         images, predicted = batch.images[: len(actual)], batch.circles[: len(actual)]
         has_strayed = (actual - predicted)[:-1, :2].norm(dim=-1) >= PREDICTION_TOLERANCE * state.radius
         believed = ~(has_strayed.numpy() | repeats_previous(images, state))
-        good = count_leading((found.status == "ok") & believed)
+        good = count_leading((found.status == "ok") & believed & self._follow_one_part(found))
         error = actual[:-1] - regions[:-1]
         error_px = error[:, :2].norm(dim=-1) + RADIUS_WEIGHT * error[:, 2].abs()
         rotation = found.q[:, 2:].norm(dim=-1).double().cpu().clamp_min(0.01)
@@ -122,11 +125,18 @@ class Follower:
             start, images = found.q[:good].double().cpu(), images[: good + 1]
             batch = prepare(images, actual[: good + 1], start, self._setup, is_exact=True)
             found, _ = correlate_successive(batch, state.circle, self._setup)
-            good = count_leading(found.status == "ok")
+            good = count_leading((found.status == "ok") & self._follow_one_part(found))
         if good:
             # A copy, since the memory of the batch is used again.
             self._accept(found, good, images[good : good + 1].to(self._source.dtype, copy=True))
         return good
+
+    def _follow_one_part(self, found: Correlation) -> NDArray[np.bool_]:
+        """True (m,) where a pair follows the part of the ball that the pair before followed: no object in front."""
+        first = self._state.explained
+        first = torch.ones_like(found.explained[0, 1]) if first is None else first.to(found.explained)
+        after = torch.cat((first[None], found.explained[:-1, 1]))
+        return is_same_part(after, found.explained[:, 0]).cpu().numpy()
 
     def _circles_after(self, found: Correlation) -> Tensor:
         """Circles (m + 1, 3) that the increments lead to from the last known frame, px, float64."""
@@ -140,16 +150,28 @@ class Follower:
         last = self._state.frame
         measured = self.record.set_pairs(last, found, self._circles_after(found), count)
         self._failed_searches = []
-        self._state = self._state_in(last + count, image, measured[-1], float(found.growth[count - 1]))
+        growth, explained = float(found.growth[count - 1]), found.explained[count - 1, 1]
+        self._set_state(last + count, image, measured[-1], growth, explained)
         if count >= TREND_FROM:
             increment, trend = linear_trend(measured)
             self._state = dataclasses.replace(self._state, increment=increment, trend=trend)
 
-    def _state_in(self, frame: int, image: Tensor, increment: NDArray[np.float64], growth: float = 0.0) -> BallState:
-        """State of the ball in ``frame`` by the record, with the expected ``increment``."""
+    def _set_state(
+        self,
+        frame: int,
+        image: Tensor,
+        increment: NDArray[np.float64],
+        growth: float = 0.0,
+        explained: Tensor | None = None,
+    ) -> None:
+        """Continue from ``frame``, where the record has the ball, with the expected ``increment``."""
         expected = torch.from_numpy(np.nan_to_num(increment))
         centre, radius = torch.from_numpy(self.record.position[frame]), float(self.record.size[frame])
-        return BallState(frame, image, centre, radius, expected, torch.zeros_like(expected), growth)
+        explained = None if explained is None or bool((explained == 1).all()) else explained
+        state = BallState(frame, image, centre, radius, expected, torch.zeros_like(expected), growth, explained)
+        self._state = state
+        if explained is None:
+            self._whole = state
 
     def _recover(self, at: int) -> None:
         """Measure frame ``at`` by itself against the last frame that shows the ball, and store its status."""
@@ -160,9 +182,18 @@ class Follower:
             record.repeated.append(at)
             return
         expected = state.increment * (at - state.frame)
-        place = recovery.locate(pair, state, self._setup)
-        found = self._correlate_alone(at, pair, place, expected)
+        setup = (
+            self._setup if state.explained is None else recovery.without_occluder(state, state.explained, self._setup)
+        )
+        place = recovery.locate(pair, state, setup)
+        found = self._correlate_alone(at, pair, place, expected, setup)
         status = record.set_status(at, found)
+        if status == "ok" and state.frame == self._first:
+            # Nothing tells yet which part of the disc is the ball.
+            found = recovery.moving_part(pair, state, expected, found, setup)
+        if status == "ok" and state.explained is not None:
+            explained = explain_one(pair, state.circle, found.q[0], self._setup)
+            found = dataclasses.replace(found, explained=explained[None])
         if status == "ok" and at == state.frame + 1:
             self._accept(found, 1, target)
         elif status == "ok":
@@ -182,9 +213,9 @@ class Follower:
             elif record.status[at] == "out_of_frame":
                 record.status[at] = "lost"
 
-    def _correlate_alone(self, at: int, pair: Tensor, place: Tensor, expected: Tensor) -> Correlation:
+    def _correlate_alone(self, at: int, pair: Tensor, place: Tensor, expected: Tensor, setup: PairSetup) -> Correlation:
         """Correlate one pair from the best of a few first guesses; if these fail, from a search over rotations."""
-        state, setup = self._state, self._setup
+        state = self._state
         found = recovery.correlate_from_guesses(pair, state, place, expected, setup)
         if not recovery.is_worth_a_search(found, state, expected, self._is_plain, setup):
             return found
@@ -202,7 +233,8 @@ class Follower:
         self.record.rotation[at] = motion[2:].numpy()
         self.record.status[at] = "lost"
         self._failed_searches = []
-        self._state = self._state_in(at, image, motion.numpy() / (at - state.frame))
+        increment = motion.numpy() / (at - state.frame)
+        self._set_state(at, image, increment, explained=found.explained[0, 1])
 
     def _step_by_outlines(self, at: int, pair: Tensor, place: Tensor) -> None:
         """Continue with a ball without enough texture for the modes: its outlines give the translation alone."""
@@ -222,12 +254,26 @@ class Follower:
             record.status[self._first] = "weak_texture"
         centre = state.centre if self._setup.in_place else state.centre + step
         record.place(at, centre.numpy(), state.radius)
-        self._state = self._state_in(at, pair[1:], increment / (at - state.frame))
+        self._set_state(at, pair[1:], increment / (at - state.frame))
 
     def _restart_by_outline(self, at: int, image: Tensor) -> None:
-        """Continue with a ball that shows another side: its outline gives the position and no rotation."""
-        centre = recovery.find_by_outline(image, self._state, self._setup)
-        if centre is not None:
-            self.record.place(at, centre.numpy(), self._state.radius)
-            self.record.status[at] = "lost"
-            self._state = self._state_in(at, image, np.full(5, np.nan))
+        """Continue with a ball found by its outline: with its rotation where its texture is that of the ball."""
+        state, setup, whole = self._state, self._setup, self._whole
+        centre = recovery.find_by_outline(image, state, setup)
+        if centre is None:
+            return
+        motion = None if whole is state else recovery.motion_to(image, centre, whole, at - whole.frame, setup)
+        if motion is not None:
+            self._place(at, whole.centre + motion[:2])
+            since = So3.exp(torch.from_numpy(self.record.turned(whole.frame, state.frame)))
+            self.record.rotation[at] = (So3.exp(motion[None, 2:]) * since.inverse()).log()[0].numpy()
+            self._set_state(at, image, motion.numpy() / (at - whole.frame))
+        elif not recovery.is_other_object(image, centre, state, setup):
+            self._place(at, centre)
+            self._set_state(at, image, np.full(5, np.nan))
+
+    def _place(self, at: int, centre: Tensor) -> None:
+        """Store the ball's place in a frame in which it is found again."""
+        self.record.place(at, centre.numpy(), self._state.radius)
+        self.record.status[at] = "lost"
+        self._failed_searches = []

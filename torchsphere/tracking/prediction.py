@@ -31,6 +31,7 @@ class BallState:
     increment: Tensor  # motion (5,) expected to the next frame, px and rad, float64
     trend: Tensor  # change (5,) of the increment from each frame to the next
     growth: float  # relative change of the radius from each frame to the next
+    explained: Tensor | None = None  # share (c, c) of each cell that the ball's motion explained; None: the whole ball
 
     @property
     def circle(self) -> Tensor:

@@ -6,10 +6,13 @@ import dataclasses
 from dataclasses import dataclass, field
 
 import numpy as np
+import torch
+from kornia.geometry.liegroup import So3
 from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.correlation.result import STATUSES, Correlation
+from torchsphere.geometry import orientation
 from torchsphere.geometry.circle import Circle
 
 Array = NDArray[np.float64]
@@ -69,6 +72,12 @@ class Record:
         later = np.flatnonzero(np.isfinite(self.position[first + 1 :, 0])) + first + 1
         # A ball found again by its outline alone has no rotation since the frame before.
         return len(later) > 0 and (self.status[first] != "ok" or bool(np.isfinite(self.rotation[later[0], 0])))
+
+    def turned(self, first: int, last: int) -> Array:
+        """Rotation vector (1, 3) from frame ``first`` to ``last``, rad; NaN where a rotation between is missing."""
+        part = slice(first, last + 1)
+        matrices = orientation.chain(self.rotation[part], np.isfinite(self.position[part, 0]))
+        return np.asarray(So3.from_matrix(torch.from_numpy(matrices[-1:])).log().numpy())
 
     def without(self, frame: int) -> Record:
         """The record without position and status of that frame."""

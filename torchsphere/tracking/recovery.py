@@ -15,14 +15,14 @@ from torch import Tensor
 
 from torchsphere.correlation.correlate import correlate_pairs
 from torchsphere.correlation.options import Options
-from torchsphere.correlation.result import Correlation
+from torchsphere.correlation.result import CELLS, Correlation
 from torchsphere.detection import detect, outline_fit
 from torchsphere.detection.detect import MIN_SUPPORT
 from torchsphere.geometry import motion_models
 from torchsphere.imaging import template_matching
 from torchsphere.tracking import rotation_search
 from torchsphere.tracking.prediction import BallState
-from torchsphere.tracking.successive_pairs import PairSetup, correlate_one
+from torchsphere.tracking.successive_pairs import PairSetup, correlate_one, explain_one
 
 #: Radius of the ball in the small images on which first guesses are refined, px (docs/constants.md).
 SMALL_RADIUS_PX = 25.0
@@ -45,8 +45,32 @@ MIN_CONTRAST = 0.4
 #: Relative error of the radius up to which a ball found by its outline alone is the same ball (docs/constants.md).
 RESTART_RADIUS = 0.06
 
+#: Share of a cell of the ball that its motion must have explained for its pixels to be used (docs/constants.md).
+MIN_EXPLAINED = 0.5
+
+#: Motion of the ball's front, px, up to which a part of the image may be something still (docs/constants.md).
+STILL_PX = 0.25
+
+#: Distance from the ball's last place, radii, at which the texture of another object was (docs/constants.md).
+MAX_OFF_PLACE = 0.25
+
 #: Share of the disc in the image below which the ball has left the image (docs/constants.md).
 MIN_IN_FRAME = 0.5
+
+
+def without_occluder(state: BallState, explained: Tensor, setup: PairSetup) -> PairSetup:
+    """The setup without the part of the last image that shows no ball, by its ``explained`` (c, c) cells."""
+    device = state.image.device
+    rows, columns = (torch.arange(size, device=device) for size in state.image.shape[-2:])
+    x, y = ((v - c) / state.radius for v, c in zip((columns, rows), state.centre.tolist(), strict=True))
+    column, row = (((v + 1) * (CELLS / 2)).floor().long().clamp(0, CELLS - 1) for v in (x, y))
+    middles = (torch.arange(CELLS, device=device) + 0.5) * (2 / CELLS) - 1
+    disc = (middles.square() + middles[:, None].square() < 1).to(explained)
+    # With its neighbours, as a cell holds hardly a speckle.
+    known, all_cells = (F.avg_pool2d(v[None], 3, stride=1, padding=1)[0] for v in (disc * explained.to(device), disc))
+    is_ball = (known >= MIN_EXPLAINED * all_cells)[row[:, None], column]
+    hidden = (x.square() + y[:, None].square() < 1) & ~is_ball
+    return dataclasses.replace(setup, ignore=hidden if setup.ignore is None else setup.ignore | hidden)
 
 
 def locate(pair: Tensor, state: BallState, setup: PairSetup) -> Tensor:
@@ -160,6 +184,51 @@ def find_by_outline(image: Tensor, state: BallState, setup: PairSetup) -> Tensor
         camera=setup.options.camera,
     )
     return fit.circle[0, :2] if float(fit.support[0]) >= MIN_SUPPORT else None
+
+
+def moving_part(pair: Tensor, state: BallState, expected: Tensor, found: Correlation, setup: PairSetup) -> Correlation:
+    """The motion of the part of the disc that moves, where the motion ``found`` is that of a still part.
+
+    A disc of which one part rests and the other moves as a ball is a ball behind something still.
+    """
+    front = state.radius * found.q[0, 2:].norm() + found.q[0, :2].norm()
+    if bool((found.explained == 1).all()) or float(front) > STILL_PX:
+        return found
+    rest = without_occluder(state, 1 - found.explained[0, 0], setup)
+    moving = correlate_from_guesses(pair, state, locate(pair, state, rest), expected, rest)
+    if moving.status[0] != "ok":
+        return found
+    explained = explain_one(pair, state.circle, moving.q[0], setup)
+    return dataclasses.replace(moving, explained=explained[None])
+
+
+def motion_to(image: Tensor, centre: Tensor, state: BallState, frames: int, setup: PairSetup) -> Tensor | None:
+    """Motion (5,) to a ball around ``centre`` (2,) in ``image`` (1, h, w), ``frames`` later; None if it is another."""
+    pair = torch.cat((state.image, image))
+    expected = torch.cat((centre - state.centre, frames * state.increment[2:]))
+    found = correlate_from_guesses(pair, state, centre, expected, setup)
+    if found.status[0] != "ok":
+        found = correlate_by_search(pair, state, setup) or found
+    motion = found.q[0].double().cpu()
+    # A motion that was not measured is NaN: the comparison is False.
+    is_there = (state.centre + motion[:2] - centre).norm() < MAX_OFF_PLACE * state.radius
+    return motion if bool(is_there) else None
+
+
+def is_other_object(image: Tensor, centre: Tensor, state: BallState, setup: PairSetup) -> bool:
+    """Whether the last image showed the disc around ``centre`` (2,) in ``image`` (1, h, w) as well, beside the ball.
+
+    Then it is a plate in front of the ball, or another ball.
+    """
+    nothing = torch.zeros(5, dtype=torch.float64)
+    there = dataclasses.replace(state, image=image, centre=centre, increment=nothing, trend=nothing, explained=None)
+    pair = torch.cat((image, state.image))
+    found = correlate_from_guesses(pair, there, locate(pair, there, setup), nothing, setup)
+    if found.status[0] != "ok":
+        found = correlate_by_search(pair, there, setup) or found
+    place = centre + found.q[0, :2].to(centre)
+    # A motion that was not measured is NaN: the comparison is False.
+    return bool((place - state.centre).norm() > MAX_OFF_PLACE * state.radius)
 
 
 def has_left_image(state: BallState, expected: Tensor) -> bool:

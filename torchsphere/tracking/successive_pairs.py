@@ -14,7 +14,7 @@ from torchsphere.correlation.gauss_newton import CoarseSolution
 from torchsphere.correlation.options import Options, margin
 from torchsphere.correlation.reference import SLACK_PX, Filtered, Pairs
 from torchsphere.correlation.result import Correlation
-from torchsphere.correlation.solve import average_both_ways, solve, solve_coarsely
+from torchsphere.correlation.solve import average_both_ways, explain, solve, solve_coarsely
 from torchsphere.imaging import crop, interlacing
 from torchsphere.runtime import threads
 from torchsphere.tracking.prediction import circle_path
@@ -98,6 +98,14 @@ def correlate_one(pair: Tensor, circle: Tensor, start: Tensor, setup: PairSetup)
     circles = torch.stack((circle, circle))
     circles[1, :2] += start[:2]
     return correlate_successive(prepare(pair, circles, start[None], setup), circle, setup)[0]
+
+
+def explain_one(pair: Tensor, circle: Tensor, q: Tensor, setup: PairSetup) -> Tensor:
+    """Share (2, c, c) of each cell of the ball that the motion ``q`` (5,) explains, before and after it."""
+    circles = torch.stack((circle, circle))
+    circles[1, :2] += q[:2].to(circles)
+    batch = prepare(pair, circles, q[None], setup, is_exact=True)
+    return explain(_pairs(batch.filtered, circles), batch.start, setup.options)[0]
 
 
 def count_leading(good: NDArray[np.bool_]) -> int:
