@@ -53,6 +53,7 @@ _ACCELERATED = (
 _DRIVEN_ON = (
     "In the contact that was found the ball is driven on the way it flies, not thrown back: no target at rest does so."
 )
+_IN_PLACE = "The ball stays in its place, so no contact was sought."
 _NO_CHANGE = (
     "The velocity after the contact that was found is that before it: this is no impact, but perhaps a few wrong or "
     "missing frames."
@@ -131,6 +132,8 @@ def impact(
         return None, "No frame has a velocity: too few frames in a row were measured."
     if "contact_found" not in motion.about:
         return None, f"The method {motion.about['method']!r} finds no contact; use the smoother."
+    if motion.about.get("in_place"):
+        return None, _IN_PLACE
     if motion.contact_s is None or motion.sd_contact_s is None or motion.draws is None:
         return None, _ACCELERATED if is_accelerated(motion) else _NO_CONTACT
     draws = motion.draws

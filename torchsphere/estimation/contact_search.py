@@ -82,8 +82,8 @@ class Contact:
     gain: Tensor  # log-likelihood ratio (n,) with and without contact
 
 
-def find(series: Series) -> Contact:
-    """Contact and intensities of each recording."""
+def find(series: Series, sought: Tensor | None = None) -> Contact:
+    """Contact and intensities of each recording; only where ``sought`` (n,) is True, if it is given, a contact."""
     no_window = series.times.new_zeros(len(series.times), 2)
     free = _best_intensities(series, no_window, *_intensity_grid(series, FLIGHT_GRID, (-math.inf,)))
     window, flight, contact, top = _best_interval(series)
@@ -91,6 +91,7 @@ def find(series: Series) -> Contact:
     counts = series.seen.sum((1, 2)).double().clamp_min(2.0)
     # Schwarz's criterion: two edges, and an intensity per degree of freedom that was seen.
     found = gain > 0.5 * (2 + series.seen.any(-1).sum(1)) * counts.log()
+    found = found if sought is None else found & sought
     window = torch.where(found[:, None], window, no_window)
     flight = torch.where(found[:, None], flight, free.flight)
     contact = torch.where(found[:, None], contact, -math.inf)

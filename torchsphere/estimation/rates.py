@@ -61,7 +61,9 @@ def smoothed(tracks: Sequence[Track], times: Sequence[Array]) -> list[Motion]:
     begins = [moments[0] for moments in times]
     all_poses = poses(tracks, [moments - begin for moments, begin in zip(times, begins, strict=True)])
     series = all_poses.series()
-    found = contact_search.find(series)
+    # A ball that stays in its place hits nothing.
+    flies = torch.tensor([not track.settings.get("in_place") for track in tracks])
+    found = contact_search.find(series, flies)
     states = rts.smooth(all_poses, found, SAMPLES, _sample_span(all_poses, found))
     mean = states.mean.numpy()
     sd = states.covariance.diagonal(dim1=-2, dim2=-1).sqrt().numpy().reshape(*mean.shape)
@@ -82,7 +84,7 @@ def smoothed(tracks: Sequence[Track], times: Sequence[Array]) -> list[Motion]:
                 sd_acceleration=sd[row, part, 2] * mask,
                 samples=_samples(states, row, begin, mask) if is_there else None,
                 interval=_interval(states, row, begin) if is_there else None,
-                about=_about(series, found, states, row, len(moments)),
+                about=_about(series, found, states, row, len(moments)) | {"in_place": not bool(flies[row])},
             )
         )
     return motions

@@ -77,6 +77,7 @@ class Follower:
         self._source, self._progress, self._first, self._searches = source, progress, first.frame, searches
         self._setup = PairSetup(options, ignore, in_place, shared=lambda part, rows: [part(0, rows)])
         image = source.images(first.frame, first.frame + 1)
+        self._state: BallState
         self._set_state(first.frame, image, np.zeros(5))
         self._is_plain = outline_fit.is_plain(image[0], self._state.circle)
         #: Frames whose search over rotations failed since the ball was seen.
@@ -264,11 +265,11 @@ class Follower:
             return
         motion = None if whole is state else recovery.motion_to(image, centre, whole, at - whole.frame, setup)
         if motion is not None:
-            self._place(at, whole.centre + motion[:2])
+            self._place(at, centre if setup.in_place else whole.centre + motion[:2])
             since = So3.exp(torch.from_numpy(self.record.turned(whole.frame, state.frame)))
             self.record.rotation[at] = (So3.exp(motion[None, 2:]) * since.inverse()).log()[0].numpy()
             self._set_state(at, image, motion.numpy() / (at - whole.frame))
-        elif not recovery.is_other_object(image, centre, state, setup):
+        elif setup.in_place or not recovery.is_other_object(image, centre, state, setup):
             self._place(at, centre)
             self._set_state(at, image, np.full(5, np.nan))
 

@@ -10,6 +10,7 @@ from torchsphere.detection.detect import given_circle_warning, refined_circle_wa
 from torchsphere.recording.frame_source import Source
 from torchsphere.tracking import edge_leakage
 from torchsphere.tracking.camera_shake import camera_shake
+from torchsphere.tracking.in_place import MIN_DRIFT_PX, SIGNIFICANT_SD
 from torchsphere.tracking.missing_frames import missing_frames
 from torchsphere.tracking.result import Track, status_counts
 from torchsphere.tracking.steady_error import ROTATION_PER_STEP
@@ -30,6 +31,7 @@ def motion_warnings(source: Source, track: Track, start: int, roi_given: bool) -
     return (
         *_frame_warnings(track, start),
         *_circle_warnings(source, track, start),
+        *_place_warnings(track),
         *_map_warnings(track),
         *_leakage_warnings(track, roi_given),
         *_shake_warnings(source, track, start),
@@ -76,6 +78,46 @@ def _circle_warnings(source: Source, track: Track, start: int) -> list[str]:
         in_preview = "with 'torchsphere info INPUT --preview FILE.png'"
         sentences.append(
             refined_circle_warning(circle) if track.settings["circle_given"] else circle.warning(in_preview)
+        )
+    return sentences
+
+
+def _place_warnings(track: Track) -> list[str]:
+    """What was done to a ball in its place, and what speaks against that."""
+    place, sentences = track.settings["place"], []
+    if place is None:
+        return []
+    radius, limbs, shown = place["first_radius_px"], place["limbs"], place["limbs_radius_px"]
+    if place["recognised"]:
+        within = max(place["limbs_sd_px"][:2])
+        sentences.append(
+            f"The ball turns without leaving its place: its outline stays within {within:.2f} px "
+            f"in {limbs} frames, and the steps that lead away from it are errors. All frames have one position; "
+            "--in-place says so beforehand."
+        )
+    elif limbs is not None and not place["limbs_stay"]:
+        sentences.append(
+            "The ball was said to stay in its place, but its outline moves: the positions and rotations are wrong if "
+            "it does; leave --in-place out."
+        )
+    if place["limbs_stay"] and abs(shown - radius) > SIGNIFICANT_SD * place["limbs_sd_px"][2]:
+        sentences.append(
+            f"The outlines of {limbs} frames show a radius of {shown:.2f} px in place of the first {radius:.2f} px, "
+            "and were used."
+        )
+    drift = np.array(place["steps_sum_px"])
+    steps = np.isfinite(track.increment[:, 0])
+    own = (
+        np.nan_to_num(np.nanmean(np.diagonal(track.covariance, axis1=1, axis2=2)[:, :2], axis=0)) if steps.any() else 0
+    )
+    sd = np.hypot(track.sd_steady[:2] * steps.sum(), np.sqrt(own))
+    if (np.abs(drift) > np.maximum(SIGNIFICANT_SD * sd, MIN_DRIFT_PX)).any():
+        by_limbs = f"; the outlines show {shown:.2f} px" if place["limbs_stay"] else ""
+        sentences.append(
+            f"The ball was held in its place against steps that add up to {np.hypot(*drift):.1f} px. Likely causes: a "
+            f"wrong radius (here {track.circle.radius:.2f} px{by_limbs}), a camera so near that its perspective "
+            "matters (give --focal-px or --distance-mm), or a ball that does leave its place. The rotations are wrong "
+            "by as much."
         )
     return sentences
 

@@ -16,7 +16,7 @@ from torch import Tensor
 from torchsphere.correlation.correlate import correlate_pairs
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.result import CELLS, Correlation
-from torchsphere.detection import detect, outline_fit
+from torchsphere.detection import detect, limb_fit, outline_fit
 from torchsphere.detection.detect import MIN_SUPPORT
 from torchsphere.geometry import motion_models
 from torchsphere.imaging import template_matching
@@ -53,6 +53,9 @@ STILL_PX = 0.25
 
 #: Distance from the ball's last place, radii, at which the texture of another object was (docs/constants.md).
 MAX_OFF_PLACE = 0.25
+
+#: Largest standard deviation of the limb of a ball that is in its place, px (docs/constants.md).
+MAX_LIMB_SD_PX = 0.5
 
 #: Share of the disc in the image below which the ball has left the image (docs/constants.md).
 MIN_IN_FRAME = 0.5
@@ -168,7 +171,7 @@ def step_by_outlines(
 def find_by_outline(image: Tensor, state: BallState, setup: PairSetup) -> Tensor | None:
     """Centre (2,), px, of a ball that shows another side in ``image`` (1, h, w); None without a ball."""
     if setup.in_place:
-        return None
+        return state.centre if _shows_limb(image, state, setup) else None
     try:
         found = detect.find(lambda start, stop: image[start:stop], 1, setup.ignore)
     except ValueError:
@@ -229,6 +232,14 @@ def is_other_object(image: Tensor, centre: Tensor, state: BallState, setup: Pair
     place = centre + found.q[0, :2].to(centre)
     # A motion that was not measured is NaN: the comparison is False.
     return bool((place - state.centre).norm() > MAX_OFF_PLACE * state.radius)
+
+
+def _shows_limb(image: Tensor, state: BallState, setup: PairSetup) -> bool:
+    """Whether ``image`` (1, h, w) shows the limb of a speckled ball where the ball was, as of a ball in its place."""
+    circle, covariance = limb_fit.fit(image, state.circle[None], ignore=setup.ignore, camera=setup.options.camera)
+    sd = covariance[0].diagonal().clamp_min(0).sqrt()
+    off = (circle[0] - state.circle).abs()
+    return bool(circle.isfinite().all() and (sd < MAX_LIMB_SD_PX).all() and (off < RESTART_RADIUS * state.radius).all())
 
 
 def has_left_image(state: BallState, expected: Tensor) -> bool:

@@ -21,9 +21,11 @@ from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
 from torchsphere.settings.arrays import as_mask
 from torchsphere.settings.limits import require_switch
+from torchsphere.tracking import in_place as place_of_ball
 from torchsphere.tracking.drift import AbsoluteMotion, absolute_motion
 from torchsphere.tracking.edge_leakage import adapt_options, background_contrast, leakage_share
 from torchsphere.tracking.follow import Follower, Progress
+from torchsphere.tracking.in_place import Limbs
 from torchsphere.tracking.initial_circle import find_initial_circle, shows_outline
 from torchsphere.tracking.motion_warnings import motion_warnings
 from torchsphere.tracking.record import Record
@@ -37,6 +39,9 @@ _LOG = logging.getLogger("torchsphere")
 
 #: Change of the radius by the map, as a share of it, from which failed frames are tried again (docs/constants.md).
 WRONG_RADIUS = 0.004
+
+#: Share of the measured frames that a ball held in its place must keep (docs/constants.md).
+MIN_KEPT_SHARE = 0.8
 
 
 @dataclass(frozen=True)
@@ -96,13 +101,14 @@ def track(
     refine : bool
         Fit a given circle to the image's edges first.
     in_place : bool
-        The ball turns without leaving its place (in a bearing, on an air cushion): region and positions stay on the
-        circle, and the increments are still measured. Without this, errors of fast rotations add up to a drift.
+        The ball turns without leaving its place (in a bearing, on an air cushion): one position holds for the whole
+        recording, and the rotations are the likeliest at that position. A ball whose outline stays while the steps
+        add up to a path is recognised and held so by itself; `Track.warnings` says so.
     sphere_map : bool, optional
         Take every pose from a map of the ball's texture, which is made from the recording itself, the outline
         included: no drift, and about twice the precision of steps from frame to frame. By default a map is made of
-        every textured ball in six frames or more, unless a target near the ball takes light from one side of it, or
-        the ball turns ``in_place``. Where the images do not allow a map, nothing changes and ``settings`` says why.
+        every textured ball in six frames or more, unless a target near the ball takes light from one side of it. Where
+        the images do not allow a map, nothing changes and ``settings`` says why.
     progress : callable, optional
         Called as ``progress(done, total)`` with numbers of frames; once more from 0 while a map of the ball is made.
     dtype : torch.dtype
@@ -132,11 +138,60 @@ def track(
     settings = options_for(track, options)
     source = Source.open(recording, device, dtype)
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
-    # A ball that cannot leave its place has no drift: its map is made only on request.
-    asked = False if in_place and sphere_map is None else sphere_map
-    task = _Task(source, circle, mask, refine, in_place, asked, progress)
+    task = _Task(source, circle, mask, refine, in_place, sphere_map, progress)
 
     start = _initial_circle(task, settings, options)
+    found = _measured_in_place(task, start) if in_place else _measured(task, start)
+    found = dataclasses.replace(found, warnings=motion_warnings(source, found, first_frame, "roi" in options))
+    if log:
+        for sentence in found.warnings:
+            _LOG.warning("%s", sentence)
+    return found
+
+
+def _measured(task: _Task, start: _Start) -> Track:
+    """Phases 2 to 4; a ball that turns in its place is recognised and measured again as such."""
+    start, measured, motion = _motion(task, start)
+    free = _assemble(task, start, measured, motion)
+    # What neither turns nor leaves its place needs no look at its outline.
+    limbs = _limbs(task, start) if place_of_ball.may_turn_in_place(motion) else None
+    if limbs is None or not place_of_ball.turns_in_place(motion, limbs):
+        return free
+    held = _measured_in_place(dataclasses.replace(task, in_place=True), start, limbs)
+    # A frame more or less that fails is chance; a ball that flies fails in most.
+    return held if (held.status == "ok").sum() >= MIN_KEPT_SHARE * (free.status == "ok").sum() else free
+
+
+def _measured_in_place(task: _Task, start: _Start, limbs: Limbs | None = None) -> Track:
+    """Phases 2 to 4 for a ball in its place; with ``limbs`` it was recognised, and nobody said so."""
+    recognised = limbs is not None
+    limbs = limbs or _limbs(task, start)
+    begun = dataclasses.replace(start, circle=place_of_ball.circle_in_place(start.circle, limbs))
+    begun, measured, motion = _motion(task, begun)
+    motion, drift = place_of_ball.held(motion)
+    track = _assemble(task, begun, measured, motion)
+    if limbs is not None and limbs.stay:
+        # A motion too slow for the limbs to show is an error that all steps share.
+        unseen = place_of_ball.sd_unseen_step(limbs)
+        track = dataclasses.replace(track, sd_steady=np.hypot(track.sd_steady, [*unseen, 0, 0, 0]))
+    place = {
+        "recognised": recognised,
+        "steps_sum_px": drift.tolist(),
+        "first_radius_px": start.circle.radius,
+        "limbs": None if limbs is None else len(limbs.frames),
+        "limbs_stay": limbs is not None and limbs.stay,
+        "limbs_radius_px": None if limbs is None else float(limbs.circle[2]),
+        "limbs_sd_px": None if limbs is None else limbs.sd.tolist(),
+    }
+    return dataclasses.replace(track, settings=track.settings | {"place": place})
+
+
+def _limbs(task: _Task, start: _Start) -> Limbs | None:
+    return place_of_ball.fit_limbs(task.source, start.circle, task.ignore, start.options.camera)
+
+
+def _motion(task: _Task, start: _Start) -> tuple[_Start, Record, AbsoluteMotion]:
+    """Phases 2 and 3, and the start that they had at last."""
     measured = _follow(task, start)
     motion = _absolute_motion(task, start, measured)
     change = abs(motion.circle.radius - start.circle.radius)
@@ -145,12 +200,7 @@ def track(
         start = dataclasses.replace(start, circle=dataclasses.replace(motion.circle, frame=start.circle.frame))
         measured = _follow(task, start)
         motion = _absolute_motion(task, start, measured)
-    found = _assemble(task, start, measured, motion)
-    found = dataclasses.replace(found, warnings=motion_warnings(source, found, first_frame, "roi" in options))
-    if log:
-        for sentence in found.warnings:
-            _LOG.warning("%s", sentence)
-    return found
+    return start, measured, motion
 
 
 def _initial_circle(task: _Task, settings: Options, given: dict[str, Any]) -> _Start:
@@ -211,6 +261,7 @@ def _assemble(task: _Task, start: _Start, measured: Record, motion: AbsoluteMoti
             "circle_given": task.circle is not None,
             "circle_refined": task.circle is None or task.refine,
             "in_place": task.in_place,
+            "place": None,
             "sphere_map": motion.about_map,
             "repeated_frames": measured.repeated,
             "leaked": leakage,

@@ -1,0 +1,194 @@
+"""A ball that turns without leaving its place: one position for the recording, from the limbs of many frames.
+
+A wrong radius or a near camera turns a part of the rotation into steps that all have one sign. They add up to a path
+that the limb of the ball does not follow, and by that a ball in its place is told from one that flies.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from kornia.geometry.liegroup import So3
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchsphere.detection import limb_fit
+from torchsphere.geometry.camera import Camera
+from torchsphere.geometry.circle import Circle
+from torchsphere.recording.frame_source import Source
+from torchsphere.tracking.drift import AbsoluteMotion
+
+#: Most frames whose limbs are fitted, and the fewest that show a place (docs/constants.md).
+MAX_FRAMES, MIN_FRAMES = 16, 6
+
+#: Share of these frames that must show the limb (docs/constants.md).
+MIN_SHARE = 0.8
+
+#: Largest standard deviation of a limb's centre that shows a place, px (docs/constants.md).
+MAX_SD_PX = 0.5
+
+#: Largest deviation of a limb, and of the limbs' trend, of a ball that stays, standard deviations (docs/constants.md).
+STAY_SD = 3.0
+
+#: Deviation of a path or of a radius from the limbs that is significant, standard deviations (docs/constants.md).
+SIGNIFICANT_SD = 4.0
+
+#: Least way of the ball's surface over the extent of its path, for a ball that turns in place (docs/constants.md).
+MIN_SURFACE_WAY = 3.0
+
+#: Least sum of the steps of a ball in its place that a warning reports, px (docs/constants.md).
+MIN_DRIFT_PX = 0.5
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Limbs:
+    """Limbs of a ball, fitted around one circle in frames that are spread over the recording."""
+
+    frames: NDArray[np.int64]  # numbers (k,)
+    circle: Array  # mean (3,) of the fits, px
+    sd: Array  # of the fit of one frame (3,), px: its systematic part does not average out
+    centre: Array  # centre (k, 2) in each frame, px
+    stay: bool  # whether the centres lie within their standard deviation of one place
+
+
+def fit_limbs(source: Source, circle: Circle, ignore: Tensor | None, camera: Camera | None) -> Limbs | None:
+    """Limbs of a ball that stays at about ``circle``; None where too few frames show one there."""
+    frames = np.unique(np.linspace(0, source.count - 1, min(MAX_FRAMES, source.count)).round().astype(int))
+    images = torch.cat([source.images(int(i), int(i) + 1) for i in frames])
+    guess = torch.tensor([[circle.x, circle.y, circle.radius]], dtype=torch.float64).expand(len(images), 3)
+    found, _ = limb_fit.fit(images, guess, ignore=ignore, camera=camera)
+    # A guess that is off by more than a px needs a second fit, from what most frames show.
+    common = found.nanmedian(0).values
+    if not bool(common.isfinite().all()):
+        return None
+    found, covariance = limb_fit.fit(images, common.expand(len(images), 3), ignore=ignore, camera=camera)
+    sd = covariance.diagonal(dim1=1, dim2=2).clamp_min(0).sqrt().numpy()
+    circles = found.numpy()
+    seen = np.isfinite(circles).all(1) & np.isfinite(sd).all(1) & (sd[:, :2] < MAX_SD_PX).all(1)
+    if seen.sum() < max(MIN_FRAMES, MIN_SHARE * len(frames)):
+        return None
+    frames, circles, typical = frames[seen], circles[seen], np.median(sd[seen], axis=0)
+    off = np.abs(circles - np.median(circles, axis=0))
+    slope = np.abs(_trend(frames, circles[:, :2]))
+    # Where most limbs stay, a frame in which something hides the ball is no motion.
+    stay = np.mean((off < STAY_SD * typical).all(1)) >= MIN_SHARE and bool(
+        (slope < STAY_SD * _trend_sd(len(frames)) * typical[:2]).all()
+    )
+    return Limbs(frames, np.median(circles, axis=0), typical, circles[:, :2], bool(stay))
+
+
+def may_turn_in_place(motion: AbsoluteMotion) -> bool:
+    """Whether the ball's surface turns so much further than the ball moves that its path may be an error."""
+    known = motion.position[np.isfinite(motion.position[:, 0])]
+    surface = motion.circle.radius * float(np.nansum(np.linalg.norm(motion.increment[:, 2:], axis=1)))
+    return len(known) >= MIN_FRAMES and surface > MIN_SURFACE_WAY * float(np.ptp(known, axis=0).max())
+
+
+def turns_in_place(motion: AbsoluteMotion, limbs: Limbs) -> bool:
+    """Whether the limbs stay while the ``motion`` leaves them."""
+    if not (limbs.stay and may_turn_in_place(motion)):
+        return False
+    path = motion.position[limbs.frames]
+    known = np.isfinite(path[:, 0])
+    if known.sum() < MIN_FRAMES:
+        return False
+    off = _trend(limbs.frames[known], path[known] - limbs.centre[known])
+    return bool((np.abs(off) > SIGNIFICANT_SD * limbs.sd[:2]).any())
+
+
+def circle_in_place(circle: Circle, limbs: Limbs | None) -> Circle:
+    """The ``circle`` at the place of the limbs; with their radius, too, where that differs significantly."""
+    if limbs is None or not limbs.stay:
+        return circle
+    x, y, radius = limbs.circle.tolist()
+    sd_x, sd_y, sd_radius = limbs.sd.tolist()
+    placed = dataclasses.replace(circle, x=x, y=y, sd_x=sd_x, sd_y=sd_y)
+    own = float(np.nan_to_num(circle.sd_radius))
+    if abs(radius - circle.radius) < SIGNIFICANT_SD * float(np.hypot(sd_radius, own)):
+        return placed
+    return dataclasses.replace(placed, radius=radius, sd_radius=sd_radius)
+
+
+def sd_unseen_step(limbs: Limbs) -> Array:
+    """Standard deviation (2,) of a steady step that the limbs do not show, px per frame."""
+    return np.asarray(_trend_sd(len(limbs.frames)) * limbs.sd[:2] / (limbs.frames[-1] - limbs.frames[0]))
+
+
+def held(motion: AbsoluteMotion) -> tuple[AbsoluteMotion, Array]:
+    """The ``motion`` with one position for all frames, and the sum (2,) of the steps that this takes away, px.
+
+    Each pose is the likeliest one at that position: what the step loses, the rotation gains by their covariance. The
+    variances of the steps stay as the bound up to which the images show that the ball stays.
+    """
+    known = np.isfinite(motion.position[:, 0])
+    if not known.any():
+        return motion, np.zeros(2)
+    place = np.median(motion.position[known], axis=0)
+    gain = _rotation_per_step(motion.covariance)
+    steps = motion.increment[:, :2]
+    on_map = motion.about_map["used"]
+    drift = _trend(np.flatnonzero(known), motion.position[known]) if on_map else np.nansum(steps, axis=0)
+    if on_map:
+        # The poses are absolute: a pose off the place is turned by its own error.
+        pose_gain = np.concatenate((gain[:1], gain))
+        off = np.where(known[:, None], motion.position - place, 0.0)
+        turned = _turn(-np.einsum("nij,nj->ni", pose_gain, off)) @ motion.orientation
+        turned = turned @ np.swapaxes(turned[np.flatnonzero(np.isfinite(turned[:, 0, 0]))[:1]], 1, 2)
+        whole = np.isfinite(motion.increment[:, 2])
+        relative = np.where(whole[:, None, None], turned[1:] @ np.swapaxes(turned[:-1], 1, 2), np.eye(3))
+        rotation = np.where(whole[:, None], So3.from_matrix(torch.from_numpy(relative)).log().numpy(), np.nan)
+    else:
+        rotation = motion.increment[:, 2:] - np.einsum("nij,nj->ni", gain, np.nan_to_num(steps))
+        turned = _rechained(motion, rotation)
+    increment = np.concatenate((np.where(np.isfinite(steps), 0.0, np.nan), rotation), 1)
+    covariance = motion.covariance.copy()
+    covariance[:, 2:, 2:] -= gain @ motion.covariance[:, :2, 2:]
+    covariance[:, :2, 2:] = np.where(np.isfinite(covariance[:, :2, 2:]), 0.0, np.nan)
+    covariance[:, 2:, :2] = np.swapaxes(covariance[:, :2, 2:], 1, 2)
+    circle = dataclasses.replace(motion.circle, x=float(place[0]), y=float(place[1]))
+    position = np.where(known[:, None], place, np.nan)
+    return AbsoluteMotion(position, increment, covariance, turned, circle, motion.about_map), drift
+
+
+def _rotation_per_step(covariance: Array) -> Array:
+    """Change (m, 3, 2) of the likeliest rotation per change of the step, rad/px; 0 where it is not known."""
+    finite = np.asarray(np.isfinite(covariance).all((1, 2)))
+    own = np.where(finite[:, None, None], covariance[:, :2, :2], np.eye(2))
+    across = np.where(finite[:, None, None], covariance[:, 2:, :2], 0.0)
+    return np.asarray(across @ np.linalg.inv(own))
+
+
+def _rechained(motion: AbsoluteMotion, rotation: Array) -> Array:
+    """Orientations (n, 3, 3) with the ``rotation`` (n - 1, 3) in place of the steps of the ``motion``."""
+    turned = motion.orientation.copy()
+    for i in range(1, len(turned)):
+        before = motion.orientation[i - 1]
+        if np.isfinite(before).all() and np.isfinite(rotation[i - 1]).all():
+            turned[i] = _turn(rotation[i - 1 : i])[0] @ turned[i - 1]
+        elif i > 1 and np.isfinite(turned[i]).all():
+            # After a gap the frame was measured against the last one that shows the ball.
+            known = np.flatnonzero(np.isfinite(turned[:i, 0, 0]))
+            if len(known):
+                last = known[-1]
+                turned[i] = motion.orientation[i] @ motion.orientation[last].T @ turned[last]
+    return turned
+
+
+def _turn(vectors: Array) -> Array:
+    """Rotation matrices (n, 3, 3) of rotation vectors (n, 3)."""
+    return np.asarray(So3.exp(torch.from_numpy(vectors)).matrix().numpy())
+
+
+def _trend(frames: NDArray[np.int64], values: Array) -> Array:
+    """Change (2,) of the values (k, 2) from the first to the last frame by a straight line."""
+    return np.asarray(np.polyfit(frames, values, 1)[0] * (frames[-1] - frames[0]))
+
+
+def _trend_sd(count: int) -> float:
+    """Standard deviation of the trend of ``count`` values with a standard deviation of 1."""
+    return float(np.sqrt(12 * (count - 1) / (count * (count + 1))))
