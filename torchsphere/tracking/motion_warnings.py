@@ -116,8 +116,8 @@ def _place_warnings(track: Track) -> list[str]:
         sentences.append(
             f"The ball was held in its place against steps that add up to {np.hypot(*drift):.1f} px. Likely causes: a "
             f"wrong radius (here {track.circle.radius:.2f} px{by_limbs}), a camera so near that its perspective "
-            "matters (give --focal-px or --distance-mm), or a ball that does leave its place. The rotations are wrong "
-            "by as much."
+            "matters (give --focal-px or --distance-mm), or a ball that does leave its place. The rotations are wrong, "
+            "too, by more than they state."
         )
     return sentences
 
