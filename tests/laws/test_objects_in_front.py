@@ -83,6 +83,23 @@ def test_a_ball_half_behind_textured_bars_from_the_first_frame_on_is_followed() 
     assert largest_error_sd(measured, made) < MAX_ERROR_SD
 
 
+def test_a_textured_hand_that_moves_slowly_against_the_ball_is_not_taken_for_it() -> None:
+    made = flight(16, seed=2, step=(5.0, 0.2))
+    x, y = pixel_grid(made.images)
+    texture = textured(6, 1.7, 45.0)
+    images = []
+    for i, image in enumerate(made.images):
+        # Whole pixels: 3 px per frame slower than the ball, less than a speckle.
+        across, down = 2 * i, -i
+        hand = texture.roll((down, across), (0, 1))[:ROWS, :COLUMNS]
+        cover = ((x - 85 - across) / 35) ** 2 + ((y - 65 - down) / 30) ** 2 < 1
+        images.append(torch.where(cover, hand, image))
+    made = dataclasses.replace(made, images=noisy(torch.stack(images), 2.0, 7))
+    measured = track(made.images, made.circle, sphere_map=False)
+    assert (measured.status == "ok").sum() >= 5
+    assert largest_error_sd(measured, made) < MAX_ERROR_SD
+
+
 def test_another_ball_that_passes_in_front_is_not_taken_for_the_ball() -> None:
     made, other = flight(20), flight(20, seed=3, step=(-6.0, 0.6), x=200.0)
     x, y = pixel_grid(made.images)

@@ -1,7 +1,7 @@
 """The parts of the ball that a motion explains: a pair may follow only what the pair before followed.
 
 A still plate in front of the ball matches with no motion at all as well as the ball matches with its own. A part of
-the image counts as explained where its texture has the same shape after the motion. Parts without texture count as
+the image counts as explained where its texture is the same after the motion. Parts without texture count as
 unexplained, as they match any motion.
 """
 
@@ -17,6 +17,9 @@ from torchsphere.correlation.result import CELLS
 from torchsphere.geometry import motion_models, rotation
 from torchsphere.geometry.motion_models import Displacement
 
+#: Least correlation coefficient of an explained point, as a share of the median (docs/constants.md).
+TYPICAL_SHARE = 0.9
+
 #: Least share of the explained parts of two pairs that must be the same (docs/constants.md).
 MIN_COMMON_SHARE = 0.5
 
@@ -27,7 +30,11 @@ def explained_cells(reference: Reference, warped: Tensor, seen: Tensor, q: Tenso
     ``warped`` (n, p) is the deformed image at the displaced points, ``seen`` (n, p) their weights in sight.
     """
     counted = (seen > 0).to(warped)
-    alike = counted * (local_zncc(reference, warped, seen) > FIRST_ZNCC)
+    shape = local_zncc(reference, warped, seen)
+    alike = (counted > 0) & (shape > FIRST_ZNCC)
+    # Half a speckle beside its place, the texture has about that coefficient, too.
+    typical = torch.where(alike, shape, torch.nan).nanmedian(-1, keepdim=True).values
+    alike = (alike & (shape > TYPICAL_SHARE * typical)).to(warped)
     if model in motion_models.CLOSED_FORM:
         after = rotation.moved(q, reference.surface, exact=model is motion_models.finite)[:, :2].mT
     else:

@@ -78,6 +78,8 @@ class Follower:
         self._setup = PairSetup(options, ignore, in_place, shared=lambda part, rows: [part(0, rows)])
         image = source.images(first.frame, first.frame + 1)
         self._state: BallState
+        #: The last frame in which nothing hid a part of the ball.
+        self._whole: BallState
         self._set_state(first.frame, image, np.zeros(5))
         self._is_plain = outline_fit.is_plain(image[0], self._state.circle)
         #: Frames whose search over rotations failed since the ball was seen.
