@@ -112,7 +112,8 @@ def _track(
         in_place=request.in_place,
         sphere_map=MAPS[request.map],
         progress=progress,
-        model=request.model,
+        model=request.motion_model(),
+        telecentric=request.telecentric,
         camera=request.camera(),
         first_frame=start,
         log=False,  # the command line prints the warnings

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 RECORDING = Group("recording and ball")
 METHOD = Group("measurement")
-CAMERA = Group("camera of the models pinhole and pinhole6")
+CAMERA = Group("camera near the ball")
 KINEMATICS = Group("velocity and force", "They need a frame rate and a scale: --diameter-mm or --mm-per-px.")
 POLYNOMIALS = Group("local polynomials of --method savitzky-golay")
 IMPACT = Group("impact")
@@ -128,6 +128,9 @@ class Request:
         tuple[float, float, float],
         Setting(numbers("K1,K2,K3"), CAMERA, "K1,K2,K3", "radial, OpenCV's convention (none)", require_finite),
     ] = (0.0, 0.0, 0.0)
+    telecentric: Annotated[
+        bool, Setting(SWITCH, CAMERA, "", "the lens sees the ball from the same side wherever it is")
+    ] = False
     diameter_mm: Annotated[
         float | None, Setting(NUMBER, KINEMATICS, "D", "diameter of the ball, mm, for the scale", require_positive)
     ] = None
@@ -186,9 +189,13 @@ class Request:
         _require_camera(self)
         self.camera()
 
+    def motion_model(self) -> str:
+        """The model of the motion: with a camera, pinhole takes the place of rigid."""
+        return "pinhole" if self.model == "rigid" and self.camera() is not None else self.model
+
     def camera(self) -> Camera | None:
-        """The camera, or None for a model without one."""
-        if not self.model.startswith("pinhole"):
+        """The camera, or None if none is given."""
+        if self.focal_px is None and self.distance_mm is None:
             return None
         # Torch takes 1.2 s to import, and --help and refusals do not need it.
         from torchsphere.geometry.camera import Camera
@@ -244,15 +251,20 @@ def require_shell_within(shell_mm: float, radius_mm: float) -> None:
 
 
 def _require_camera(request: Request) -> None:
-    """Raise SettingError unless a camera is given exactly for the models with a camera."""
+    """Raise SettingError if camera, model and scale do not belong together."""
     if request.distance_mm is not None and request.diameter_mm is None:
         raise SettingError("`distance_mm` was given without `diameter_mm`; the distance in radii needs both")
-    has_camera = request.model.startswith("pinhole")
-    if (request.focal_px is not None or request.distance_mm is not None) != has_camera:
+    has_camera = request.focal_px is not None or request.distance_mm is not None
+    if request.model.startswith("pinhole") and not has_camera:
         raise SettingError(
-            f"`model` = {request.model}: the models pinhole and pinhole6, and no others, need a camera; give "
-            "`focal_px`, or `distance_mm` with `diameter_mm`, together with one of these models"
+            f"`model` = {request.model}: needs a camera; give `focal_px`, or `distance_mm` with `diameter_mm`"
         )
+    if has_camera and not request.model.startswith("pinhole") and request.model != "rigid":
+        raise SettingError(
+            f"`model` = {request.model}: knows no camera, and one was given; leave out the model or the camera"
+        )
+    if has_camera and request.telecentric:
+        raise SettingError("`telecentric` was given with `focal_px` or `distance_mm`; a view has one of both")
     if request.focal_px is not None and request.distance_mm is not None:
         raise SettingError("`focal_px` and `distance_mm` were both given; one follows from the other, leave one out")
     if request.distance_mm is not None and request.diameter_mm is not None:
@@ -264,5 +276,5 @@ def _require_camera(request: Request) -> None:
             )
     if not has_camera and (request.principal_px is not None or any(request.distortion)):
         raise SettingError(
-            f"`principal_px` and `distortion` belong to the models pinhole and pinhole6; {request.model} uses neither"
+            "`principal_px` and `distortion` belong to a camera; give `focal_px`, or `distance_mm` with `diameter_mm`"
         )

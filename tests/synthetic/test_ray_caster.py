@@ -6,6 +6,7 @@ import pytest
 import torch
 from shots import rotation_matrix
 
+from torchsphere.geometry.camera import Camera
 from torchsphere.synthetic import ray_caster
 from torchsphere.synthetic.ray_caster import CUBE_HALF_WIDTH, Pattern
 
@@ -104,3 +105,17 @@ def test_speckle_has_the_given_range_size_and_seed() -> None:
     half = next(k for k, value in enumerate(correlation) if value < 0.5)
     width = 2 * (half - (0.5 - correlation[half]) / (correlation[half - 1] - correlation[half])) / cells_per_px
     assert width == pytest.approx(4.0 * 2**0.5, rel=0.1)
+
+
+def test_a_far_camera_sees_what_parallel_rays_see_and_a_near_one_the_tangent_cone() -> None:
+    centre, turn = torch.tensor([[30.2, 27.6]]), torch.eye(3)[None]
+    pattern = ray_caster.speckle(1, radius_px=20.0)
+    given = (pattern, centre.double(), 20.0, turn.double(), 0.0)
+    parallel = ray_caster.render(*given, shape=(60, 64))
+    far = ray_caster.render(*given, shape=(60, 64), camera=Camera(focal_px=1e7))
+    assert float((far - parallel).abs().mean()) < 0.01
+    # A bright ball five radii away: the cone that touches the ball is wider than the ball at its depth.
+    bright = ray_caster.Pattern(torch.full_like(pattern.volume, 100.0))
+    camera = Camera(focal_px=100.0, principal_px=(30.2, 27.6))
+    near = ray_caster.render(bright, *given[1:], shape=(60, 64), camera=camera)
+    assert float(near.sum() / 100) == pytest.approx(math.pi * 20.0**2 / (1 - 1 / 25), rel=2e-3)

@@ -40,6 +40,7 @@ def run(options: dict[str, Any]) -> int:
             fps=demo_shot.FRAME_RATE,
             diameter_mm=demo_shot.DIAMETER_MM,
             mass_g=demo_shot.MASS_G,
+            telecentric=True,
             overwrite=options["overwrite"],
             overlay=importlib.util.find_spec("av") is not None,
             paraview=True,

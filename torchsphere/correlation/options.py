@@ -88,7 +88,10 @@ class Options:
 
 
 def options_for(function: Callable[..., Any], options: Mapping[str, Any]) -> Options:
-    """`Options` from the keyword arguments of a ``function``; TypeError for an unknown name."""
+    """`Options` from the keyword arguments of a ``function``; TypeError for an unknown name.
+
+    With a camera, `pinhole` is the default model.
+    """
     names = [field.name for field in fields(Options)]
     for name in options:
         if name not in names:
@@ -96,7 +99,8 @@ def options_for(function: Callable[..., Any], options: Mapping[str, Any]) -> Opt
             similar = difflib.get_close_matches(name, own + names, 1)
             advice = f"did you mean {similar[0]}?" if similar else f"the settings are {', '.join(names)}"
             raise TypeError(f"{function.__name__} has no argument {name!r}: {advice}")
-    return Options(**options)
+    model = {"model": "pinhole"} if options.get("camera") is not None else {}
+    return Options(**model | dict(options))
 
 
 def adapt_pre_blur(options: Options, radius: float) -> Options:

@@ -15,10 +15,13 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from torchsphere.settings.limits import as_float, as_positive
+from torchsphere.settings.limits import SettingError, as_float, as_positive
 
 #: Steps that invert the distortion; each gains about two digits at the corners of usual lenses.
 INVERSION_STEPS = 12
+
+#: Least distance of the camera from the ball's centre, radii (docs/constants.md).
+MIN_DISTANCE_RADII = 1.5
 
 #: Rays on which a circle is compared with the outline of a sphere, and rounds of the fit.
 RAYS, ROUNDS = 90, 8
@@ -80,6 +83,18 @@ class Camera:
         assert self.principal_px is not None
         x, y = ((v + 0.5) / factor - 0.5 for v in self.principal_px)
         return dataclasses.replace(self, focal_px=self.focal_px / factor, principal_px=(x, y))
+
+
+def require_distance(camera: Camera, outline_radius: float) -> None:
+    """Raise SettingError if the camera is too near to a ball whose outline has that radius, px."""
+    assert camera.focal_px is not None
+    distance = math.hypot(1.0, camera.focal_px / outline_radius)
+    if distance < MIN_DISTANCE_RADII:
+        raise SettingError(
+            f"`focal_px` = {camera.focal_px:g}: an outline with a radius of {outline_radius:.1f} px is then seen from "
+            f"{distance:.2f} radii, expected {MIN_DISTANCE_RADII:g} or more; give the focal length over the size of a "
+            "pixel"
+        )
 
 
 class View(NamedTuple):

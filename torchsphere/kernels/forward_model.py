@@ -33,10 +33,16 @@ COLUMNS = 9
 
 
 def contiguous(
-    offset: Tensor, orientation: Tensor, brightness: Tensor, visibility: Tensor, background: Tensor, ball: Tensor
+    offset: Tensor,
+    places: Tensor,
+    orientation: Tensor,
+    brightness: Tensor,
+    visibility: Tensor,
+    background: Tensor,
+    ball: Tensor,
 ) -> tuple[Any, ...]:
     """What the loops read, as contiguous arrays in single precision."""
-    tensors = offset, orientation, brightness, visibility, background, ball
+    tensors = offset, places, orientation, brightness, visibility, background, ball
     return tuple(tensor.to(torch.float32).contiguous().numpy() for tensor in tensors)
 
 
@@ -48,12 +54,13 @@ def rule_arrays(rule: Rule) -> tuple[Any, ...]:
 def linearise(coefficients: Tensor, cells: int, rule: Rule, *images: Tensor) -> tuple[Tensor, Tensor]:
     """Levels (n, s, s) and jacobian (n, s * s, 9); ``images`` as for `contiguous`.
 
-    Offsets (n, 2) of the first pixel from the centre, orientations (n, 3, 3), gains and offsets (n, 2), visibility and
-    background (n, s, s); radius, blur and light (6,). The ``rule`` says where the limb begins, in radii and px from the
-    outline, and up to where rays are drawn, radii; then points and weights of the limb's Gauss rule.
+    Offsets (n, 2) of the first pixel from the centre, or those of all pixels (n, s, s, 2), without images in an
+    orthographic view; orientations (n, 3, 3), gains and offsets (n, 2), visibility and background (n, s, s); radius,
+    blur, nearness and light (n, 7), in the axes of the view. The ``rule`` says where the limb begins, in radii and px
+    from the outline, and up to where rays are drawn, radii; then points and weights of the limb's Gauss rule.
     """
     given = contiguous(*images)
-    levels = torch.zeros_like(images[3])
+    levels = torch.zeros_like(images[4])
     jacobian = levels.new_zeros(len(levels), levels[0].numel(), COLUMNS)
     _linearise(coefficients.contiguous().numpy(), cells, *rule_arrays(rule), *given, levels.numpy(), jacobian.numpy())
     return levels, jacobian
@@ -62,7 +69,7 @@ def linearise(coefficients: Tensor, cells: int, rule: Rule, *images: Tensor) -> 
 def design(cells: int, rule: Rule, *images: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Corners, offsets, factors and fixed levels of `sphere_map.forward_model.Design`."""
     given, points = contiguous(*images), rule[1]
-    fixed = torch.zeros_like(images[3])
+    fixed = torch.zeros_like(images[4])
     n, side, _ = fixed.shape
     rays = len(points[0])
     corner, offset = torch.zeros(n, side, side, rays, dtype=torch.int32), fixed.new_zeros(n, side, side, rays, 2)
@@ -132,6 +139,7 @@ def _linearise(
     points: Floats,
     shares: Floats,
     first: Floats,
+    places: Floats,
     turns: Floats,
     brightness: Floats,
     visibility: Floats,
@@ -143,10 +151,10 @@ def _linearise(
     n, side, _ = visibility.shape
     room, line = room_for_rows(side, len(points)), np.empty((COLUMNS, side), np.float32)
     for i in range(n):
-        given = coefficients, cells, limits, points, shares, turns[i], brightness[i], ball
+        given = coefficients, cells, limits, points, shares, turns[i], brightness[i], ball[i]
         for row in range(side):
-            at = first[i, 0], first[i, 1] + np.float32(row)
-            linearise_row(given, at, visibility[i, row], background[i, row], room, levels[i, row], line)
+            find_places(first[i], places, i, row, room)
+            linearise_row(given, visibility[i, row], background[i, row], room, levels[i, row], line)
             for column in range(side):
                 found = jacobian[i, row * side + column]
                 for k in range(COLUMNS):
@@ -157,32 +165,46 @@ def _linearise(
 def room_for_rows(side: int, points: int) -> tuple[Array, ...]:
     """Memory for the rays of a row of ``side`` pixels: see `_row_of_rays` and `_meet`."""
     outline, begins = np.empty((side, 4), np.float32), np.empty(side + 1, np.int64)
-    rays, corner = np.empty((18, side * points), np.float32), np.empty(side * points, np.int32)
-    return outline, begins, rays, corner, np.empty(side * points, np.int32)
+    rays, corner = np.empty((20, side * points), np.float32), np.empty(side * points, np.int32)
+    across, down = np.empty(side, np.float32), np.empty(side, np.float32)
+    return outline, begins, rays, corner, np.empty(side * points, np.int32), across, down
+
+
+@compiled
+def find_places(first: Floats, places: Floats, image: int, row: int, room: tuple[Array, ...]) -> None:
+    """Offsets of a row of pixels from the ball's centre, into the last two parts of the ``room``."""
+    across, down = room[5], room[6]
+    if len(places) == 0:
+        x, y = first[0], first[1] + np.float32(row)
+        for column in range(len(across)):
+            across[column], down[column] = x + np.float32(column), y
+    else:
+        for column in range(len(across)):
+            across[column], down[column] = places[image, row, column, 0], places[image, row, column, 1]
 
 
 @compiled
 def linearise_row(
     given: tuple[Any, ...],
-    at: tuple[Any, Any],
     visibility: Floats,
     background: Floats,
     room: tuple[Array, ...],
     levels: Floats,
     line: Floats,
 ) -> None:
-    """Levels (s,) and derivatives (9, s) of a row of pixels, the first of which is ``at`` x and y from the centre.
+    """Levels (s,) and derivatives (9, s) of a row of pixels.
 
     Both are 0 for pixels without weight. ``given`` are the map, its cells, the rule, the turn, the brightness and the
-    ball; ``room`` is that of `room_for_rows`.
+    ball; ``room`` is that of `room_for_rows` with the places of the pixels.
     """
     coefficients, cells, limits, points, shares, turn, brightness, ball = given
-    outline, begins, rays, corner, axis = room
+    outline, begins, rays, corner, axis, xs, ys = room
     radius, blur, per_px = ball[0], ball[1], ONE / ball[0]
-    (x0, y), gain, dark = at, brightness[0], brightness[1]
+    gain, dark = brightness[0], brightness[1]
     # Step by step over the rays of the row: the steps without look-ups run on several rays at once.
-    count = _row_of_rays(x0, y, radius, blur, limits, points, shares, visibility, outline, begins, rays)
-    _meet(rays, corner, axis, count, turn, per_px, cells)
+    count = _row_of_rays(xs, ys, radius, blur, limits, points, shares, visibility, outline, begins, rays)
+    _touch(rays, count, per_px, ball[2])
+    _meet(rays, corner, axis, count, turn, cells)
     _look_up(coefficients, np.uint64(cells + 3), corner, rays, count)
     _move(rays, axis, count, turn, ball, cells)
     for column in range(len(visibility)):
@@ -197,7 +219,7 @@ def linearise_row(
             wz += rays[5, k]
             wider += rays[6, k]
         behind, part, steep, outwards, blurred, share = background[column], ZERO, ZERO, ZERO, ZERO, ZERO
-        x = x0 + np.float32(column)
+        x, y = xs[column], ys[column]
         contrast = lit - behind
         if stop > start:
             share, edge, spread, gained = outline[column]
@@ -218,8 +240,8 @@ def linearise_row(
 
 @compiled
 def _row_of_rays(
-    x0: Any,
-    y: Any,
+    xs: Floats,
+    ys: Floats,
     radius: Any,
     blur: Any,
     limits: Floats,
@@ -241,7 +263,7 @@ def _row_of_rays(
         begins[column] = count
         if visibility[column] == ZERO:
             continue
-        x = x0 + np.float32(column)
+        x, y = xs[column], ys[column]
         distance = np.sqrt(x * x + y * y)
         distance = distance if distance > _TINY else _TINY
         share, edge, spread = _coverage(x, y, distance, radius, blur)
@@ -279,14 +301,24 @@ def _row_of_rays(
 
 
 @compiled
-def _meet(rays: Floats, corner: Numbers, axis: Numbers, count: int, turn: Floats, per_px: Any, cells: int) -> None:
-    """Where the rays meet the ball, and that point on the map."""
-    half, last, width = np.float32(cells) / TWO, np.float32(cells - 1), np.int32(cells + 3)
+def _touch(rays: Floats, count: int, per_px: Any, near: Any) -> None:
+    """Where the rays meet a ball of that nearness; shrink and steepness of `sphere_map.forward_model` follow there."""
     for i in range(count):
         wide = rays[2, i] * per_px
-        px, py = wide * rays[0, i], wide * rays[1, i]
-        pz = -np.sqrt(ONE - px * px - py * py)
-        rays[6, i], rays[7, i], rays[8, i] = px, py, pz
+        x, y = wide * rays[0, i], wide * rays[1, i]
+        square = x * x + y * y
+        height, upright = np.sqrt(ONE - square), np.sqrt(ONE - near * near * square)
+        shrink = upright - near * height
+        rays[6, i], rays[7, i], rays[8, i] = shrink * x, shrink * y, -(height * upright + near * square)
+        rays[17, i], rays[18, i] = shrink, ONE / height - near / upright
+
+
+@compiled
+def _meet(rays: Floats, corner: Numbers, axis: Numbers, count: int, turn: Floats, cells: int) -> None:
+    """Where the points of the rays lie on the map."""
+    half, last, width = np.float32(cells) / TWO, np.float32(cells - 1), np.int32(cells + 3)
+    for i in range(count):
+        px, py, pz = rays[6, i], rays[7, i], rays[8, i]
         # Axes of the ball.
         x = turn[0, 0] * px + turn[1, 0] * py + turn[2, 0] * pz
         y = turn[0, 1] * px + turn[1, 1] * py + turn[2, 1] * pz
@@ -327,7 +359,7 @@ def _move(rays: Floats, axis: Numbers, count: int, turn: Floats, ball: Floats, c
 
     They replace the first rows; lengths are in radii.
     """
-    per_px, same, lx, ly, lz = ONE / ball[0], ball[2], ball[3], ball[4], ball[5]
+    per_px, near, same, lx, ly, lz = ONE / ball[0], ball[2], ball[3], ball[4], ball[5], ball[6]
     steepest = np.float32(cells) / _EIGHT
     for i in range(count):
         x, y, scale, stretch, of_size, weight = rays[0, i], rays[1, i], rays[2, i], rays[3, i], rays[4, i], rays[5, i]
@@ -340,14 +372,15 @@ def _move(rays: Floats, axis: Numbers, count: int, turn: Floats, ball: Floats, c
         gx = by_height if by_x else by_v if by_y else by_u
         gy = by_u if by_x else by_height if by_y else by_v
         gz = by_v if by_x else by_u if by_y else by_height
-        # Camera axes.
+        # Axes of the view.
         bright = same + lx * px + ly * py + lz * pz
         light, value = weight * bright, weight * rays[14, i]
         sx = light * (turn[0, 0] * gx + turn[0, 1] * gy + turn[0, 2] * gz)
         sy = light * (turn[1, 0] * gx + turn[1, 1] * gy + turn[1, 2] * gz)
         sz = light * (turn[2, 0] * gx + turn[2, 1] * gy + turn[2, 2] * gz)
-        backwards = (sz + value * lz) / pz
-        tx, ty = sx + value * lx - backwards * px, sy + value * ly - backwards * py
+        wx, wy, shrink = sx + value * lx, sy + value * ly, rays[17, i]
+        tilt = rays[18, i] * (sz + value * lz + near * (wx * px + wy * py) / (shrink * shrink))
+        tx, ty = shrink * wx + tilt * px, shrink * wy + tilt * py
         radial = tx * x + ty * y
         stretch *= radial
         rays[0, i], rays[1, i], rays[2, i] = bright * value, -scale * tx - stretch * x, -scale * ty - stretch * y
@@ -362,6 +395,7 @@ def _design(
     points: Floats,
     shares: Floats,
     first: Floats,
+    places: Floats,
     turns: Floats,
     brightness: Floats,
     visibility: Floats,
@@ -372,18 +406,20 @@ def _design(
     factor: Array,
     fixed: Floats,
 ) -> None:
-    radius, blur, same, lx, ly, lz = ball[0], ball[1], ball[2], ball[3], ball[4], ball[5]
-    inner, outermost = min(limits[0] * radius, radius - limits[1]), limits[2] * radius
-    per_px = ONE / radius
-    closer = _HALF * _GAUSS * per_px
     n, side, _ = visibility.shape
+    room = room_for_rows(side, len(points))
     for i in range(n):
+        radius, blur, near, same, lx, ly, lz = ball[i]
+        inner, outermost = min(limits[0] * radius, radius - limits[1]), limits[2] * radius
+        per_px = ONE / radius
+        closer = _HALF * _GAUSS * per_px
         turn, gain, dark = turns[i], brightness[i, 0], brightness[i, 1]
         for row in range(side):
+            find_places(first[i], places, i, row, room)
             for column in range(side):
                 if visibility[i, row, column] == ZERO:
                     continue
-                x, y = first[i, 0] + np.float32(column), first[i, 1] + np.float32(row)
+                x, y = room[5][column], room[6][column]
                 distance = np.sqrt(x * x + y * y)
                 distance = distance if distance > _TINY else _TINY
                 share, _, _ = _coverage(x, y, distance, radius, blur)
@@ -405,7 +441,10 @@ def _design(
                         weight = shares[k] * root * _height(abs(at - distance), half, top)
                         scale = min(at, outermost) / distance
                     px, py = scale * per_px * x, scale * per_px * y
-                    pz = -np.sqrt(ONE - px * px - py * py)
+                    square = px * px + py * py
+                    height, upright = np.sqrt(ONE - square), np.sqrt(ONE - near * near * square)
+                    shrink = upright - near * height
+                    px, py, pz = shrink * px, shrink * py, -(height * upright + near * square)
                     ax = turn[0, 0] * px + turn[1, 0] * py + turn[2, 0] * pz
                     ay = turn[0, 1] * px + turn[1, 1] * py + turn[2, 1] * pz
                     az = turn[0, 2] * px + turn[1, 2] * py + turn[2, 2] * pz

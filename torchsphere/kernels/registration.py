@@ -11,7 +11,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchsphere.kernels.forward_model import COLUMNS, Rule, contiguous, linearise_row, room_for_rows, rule_arrays
+from torchsphere.kernels.forward_model import (
+    COLUMNS,
+    Rule,
+    contiguous,
+    find_places,
+    linearise_row,
+    room_for_rows,
+    rule_arrays,
+)
 from torchsphere.kernels.jit import ONE, ZERO, Doubles, Floats, Integers, arrays, compiled
 from torchsphere.kernels.region import window_sums
 
@@ -59,6 +67,7 @@ def _equations(
     points: Floats,
     shares: Floats,
     first: Floats,
+    places: Floats,
     turns: Floats,
     brightness: Floats,
     visibility: Floats,
@@ -83,11 +92,11 @@ def _equations(
     misfits, usable = np.zeros((wide, wide), np.float32), np.zeros((wide, wide), np.float32)
     sums, counts = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
     for i in range(n):
-        given = coefficients, cells, limits, points, shares, turns[i], brightness[i], ball
+        given = coefficients, cells, limits, points, shares, turns[i], brightness[i], ball[i]
         for row in range(side):
-            x, y = first[i, 0], first[i, 1] + np.float32(row)
-            linearise_row(given, (x, y), visibility[i, row], background[i, row], room, model[row], jacobian[row])
-            _inverse_variance(x, y, ring_limits, variances, weights[row])
+            find_places(first[i], places, i, row, room)
+            linearise_row(given, visibility[i, row], background[i, row], room, model[row], jacobian[row])
+            _inverse_variance(room[5], room[6], ring_limits, variances, weights[row])
             for column in range(side):
                 residual[row, column] = levels[i, row, column] - model[row, column]
         _misfits(model, residual, visibility[i], weights, misfits, usable)
@@ -105,15 +114,15 @@ def _equations(
 
 
 @compiled
-def _inverse_variance(x: Any, y: Any, limits: Floats, variances: Floats, found: Floats) -> None:
+def _inverse_variance(xs: Floats, ys: Floats, limits: Floats, variances: Floats, found: Floats) -> None:
     """One over the variance in the ring of each pixel of a row."""
     for column in range(len(found)):
         found[column] = variances[0]
     for k in range(len(limits)):
         limit, variance = limits[k], variances[k + 1]
         for column in range(len(found)):
-            across = x + np.float32(column)
-            found[column] = variance if across * across + y * y > limit else found[column]
+            x, y = xs[column], ys[column]
+            found[column] = variance if x * x + y * y > limit else found[column]
     for column in range(len(found)):
         found[column] = ONE / found[column]
 

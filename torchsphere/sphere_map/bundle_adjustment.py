@@ -15,12 +15,13 @@ import torch
 from torch import Tensor
 
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import cube_map, elimination, forward_model, map_fit, pixel_weights
+from torchsphere.sphere_map import cube_map, elimination, forward_model, map_fit, nearness, pixel_weights
 from torchsphere.sphere_map.ball import Poses, TexturedBall, uniform_light
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
 from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.light import fit_light
 from torchsphere.sphere_map.map_fit import MapEquations
+from torchsphere.sphere_map.perspective import Optics
 from torchsphere.sphere_map.state import State, drawn, fit_map, linearised, reweighted, with_cells
 from torchsphere.sphere_map.window import Windows, texture_variance
 
@@ -65,6 +66,14 @@ NEW_MAP_STEPS, STEPS = 6, 8
 #: Largest change of the edge's blur in a step, px: its effect on the grey levels is far from linear.
 MAX_BLUR_STEP_PX = 0.2
 
+#: Nearness of the camera in its standard deviations from which the view is taken as perspective, and largest nearness
+#: (docs/constants.md).
+SEEN_NEARNESS_SD, MAX_NEARNESS = 3.0, 0.3
+
+#: Rounds of the search for the nearness, steps of the adjustment in each, change below which the search has settled,
+#: and largest share of a change that is expected of the next (docs/constants.md).
+NEARNESS_ROUNDS, NEARNESS_STEPS, SETTLED_NEARNESS, MAX_NEARNESS_SHARE = 10, 3, 0.0004, 0.6
+
 #: Largest move of a pose in a step, px (docs/constants.md).
 MAX_MOVE_PX = 1.0
 
@@ -78,6 +87,7 @@ class Adjustment:
     # of radius and edge blur, px. The mean orientation defines the frame and has no variance.
     covariance: Tensor
     settled: bool  # False if the poses still moved at the end
+    sd_nearness: float = 0.0  # standard deviation of the ball's radius over its distance, which all images share
 
 
 def adjust(
@@ -122,6 +132,65 @@ def adjust(
     return replace(adjustment, covariance=_with_radius_error(adjustment))
 
 
+def find_nearness(adjustment: Adjustment, optics: Optics, cell_px: float, shared: RowRunner) -> Adjustment:
+    """The adjustment with the camera's distance, if the images tell it from one infinitely far away.
+
+    ``optics`` are those of a camera infinitely far away. A nearness that is not seen, or that no camera can have, is
+    left at 0, and stated as what it may be.
+    """
+    try:
+        return _with_nearness(adjustment, optics, cell_px, shared)
+    except torch.linalg.LinAlgError:  # type: ignore[attr-defined]
+        # A model that fits no image at all leaves no equations to solve.
+        return replace(adjustment, sd_nearness=nearness.UNKNOWN_SD)
+
+
+def _with_nearness(adjustment: Adjustment, optics: Optics, cell_px: float, shared: RowRunner) -> Adjustment:
+    state = replace(adjustment.state, windows=adjustment.state.windows.seen_by(optics))
+    level = _Level(cell_px, 0.004, NEARNESS_STEPS, is_last=True)
+    found = nearness.measure(state, shared)
+    sd = min(math.hypot(float(found.change), found.total_sd), nearness.UNKNOWN_SD)
+    unseen = replace(adjustment, sd_nearness=sd)
+    if float(found.change) > SEEN_NEARNESS_SD * found.total_sd:
+        near = _adjust_level(found.applied(state), level, shared)
+    else:
+        # Where the ball hardly turns, the map hides a near camera in part: it may be seen from near by alone.
+        probe = torch.full_like(state.ball.radius, nearness.UNKNOWN_SD)
+        near = _adjust_level(nearness.with_nearness(state, probe), level, shared)
+        if not _explains_more(near.state, state, shared):
+            return unseen
+    near, sd, settled = _settled_nearness(near, level, shared)
+    value = float(nearness.nearness_of(near.state))
+    if not settled or not SEEN_NEARNESS_SD * sd < value < MAX_NEARNESS:
+        return unseen
+    return replace(near, covariance=_with_radius_error(near), sd_nearness=sd)
+
+
+def _settled_nearness(near: Adjustment, level: _Level, shared: RowRunner) -> tuple[Adjustment, float, bool]:
+    """The adjustment with the nearness that fits best, its standard deviation, and whether the search has settled."""
+    before = math.inf
+    for _ in range(NEARNESS_ROUNDS):
+        found = nearness.measure(near.state, shared)
+        change = float(found.change)
+        # Steps get shorter by a steady share, as the map follows the nearness with delay.
+        share = min(max(change / before, 0.0), MAX_NEARNESS_SHARE)
+        near = _adjust_level(replace(found, change=found.change / (1 - share)).applied(near.state), level, shared)
+        if abs(change) < SETTLED_NEARNESS:
+            return near, found.total_sd, near.settled
+        before = change
+    return near, found.total_sd, False
+
+
+def _explains_more(state: State, other: State, shared: RowRunner) -> bool:
+    """Whether the ``state`` leaves less of the images unexplained than the ``other``, whose weights count."""
+    weights = other.profile.weights(other.windows, other.poses.centre)
+    squares = [
+        (weights * (s.windows.levels - drawn(s, shared).levels(s.ball.coefficients)).square()).sum()
+        for s in (state, other)
+    ]
+    return bool(squares[0] < (1 - nearness.MIN_GAIN) * squares[1])
+
+
 def _report(progress: Callable[[float], None] | None, share: float) -> None:
     if progress is not None:
         progress(share)
@@ -151,6 +220,8 @@ def _with_first_map(state: State, cell_px: float, shared: RowRunner) -> State:
 
 def _adjust_level(state: State, level: _Level, shared: RowRunner) -> Adjustment:
     """Gauss-Newton steps until one moves no pose by more than ``settled_px``."""
+    if not math.isfinite(float(state.ball.radius)):
+        raise torch.linalg.LinAlgError("the equations of the map have no solution")  # type: ignore[attr-defined]
     state = with_cells(state, cube_map.cells_per_face(float(state.ball.radius), level.cell_px))
     state, equations = fit_map(state, shared, NEW_MAP_STEPS)
     limit = MAX_RING_VARIANCE

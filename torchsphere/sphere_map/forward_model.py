@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -235,10 +236,15 @@ def coverage(x: Tensor, y: Tensor, radius: Tensor, blur: Tensor) -> tuple[Tensor
 class _Projection:
     """The ball projected into n images, without the map's values."""
 
-    x: Tensor  # offsets (n, 1, s) and (n, s, 1) of the pixels from the centre, px
+    x: Tensor  # offsets of the pixels from the centre, px, by `Windows.offsets`
     y: Tensor
     rays: _Rays
-    points: Tensor  # points (3, n, s, s, k) of the rays on the unit sphere, camera axes
+    points: Tensor  # points (3, n, s, s, k) of the rays on the unit sphere, in the axes of the view
+    shrink: Tensor  # distance (n, s, s, k) of the points from the axis of the view over that of their rays
+    steepness: Tensor  # change (n, s, s, k) of a point's angle from the axis by the distance of its ray, rad per radius
+    nearness: Tensor  # radius over distance (n, 1, 1, 1) of the ball
+    orientation: Tensor  # rotations (n, 3, 3) from body axes to those of the view
+    source: Tensor  # terms (n, 4) of the light, in the axes of the view
     places: Places
     light: Tensor  # light (n, s, s, k) at the points
     share: Tensor  # share (n, s, s) of each pixel that the disc covers
@@ -246,16 +252,43 @@ class _Projection:
     share_by_blur: Tensor
 
 
+class _Seen(NamedTuple):
+    """Ball and light in the axes of the view."""
+
+    orientation: Tensor  # rotations (n, 3, 3) from body axes
+    light: Tensor  # terms (n, 4)
+    nearness: Tensor  # radius over distance (n,); 0 in an orthographic view
+
+
+def _seen(windows: Windows, poses: Poses, ball: TexturedBall) -> _Seen:
+    light = ball.light.double().expand(len(poses), -1)
+    if windows.optics is None:
+        return _Seen(poses.orientation, light, torch.zeros_like(poses.gain))
+    view = windows.optics.view(poses.centre)
+    turned = (view.turn.mT @ light[:, 1:].unsqueeze(-1))[..., 0]
+    return _Seen(view.along(poses.orientation), torch.cat((light[:, :1], turned), 1), view.nearness(ball.radius))
+
+
 def _project(windows: Windows, poses: Poses, ball: TexturedBall) -> _Projection:
     x, y = windows.offsets(poses.centre)
     radius, blur = ball.radius.to(x), ball.edge_blur.to(x)
     rays = _rays(x, y, radius)
+    seen = _seen(windows, poses, ball)
+    near = seen.nearness.to(x).reshape(-1, 1, 1, 1)
     across, down = rays.scale * x.unsqueeze(-1) / radius, rays.scale * y.unsqueeze(-1) / radius
-    points = torch.stack((across, down, -(1 - across.square() - down.square()).sqrt()))
-    turned = torch.einsum("nij,inabk->jnabk", poses.orientation.to(x), points)
-    light = ball.light.to(x)
-    lit = light[0] + (light[1:].reshape(3, 1, 1, 1, 1) * points).sum(0)
-    return _Projection(x, y, rays, points, cube_map.places(turned, ball.cells), lit, *coverage(x, y, radius, blur))
+    squared = across.square() + down.square()
+    # A ray that is tilted by the angle asin(k b) meets the ball nearer to the axis than a parallel one.
+    height, upright = (1 - squared).sqrt(), (1 - near.square() * squared).sqrt()
+    shrink = upright - near * height
+    points = torch.stack((shrink * across, shrink * down, -(height * upright + near * squared)))
+    steepness = 1 / height - near / upright
+    orientation, source = seen.orientation.to(x), seen.light.to(x)
+    turned = torch.einsum("nij,inabk->jnabk", orientation, points)
+    light = source.T.reshape(4, -1, 1, 1, 1)
+    lit = light[0] + (light[1:] * points).sum(0)
+    places = cube_map.places(turned, ball.cells)
+    outline = coverage(x, y, radius, blur)
+    return _Projection(x, y, rays, points, shrink, steepness, near, orientation, source, places, lit, *outline)
 
 
 def _column(values: Tensor, like: Tensor) -> Tensor:
@@ -265,10 +298,13 @@ def _column(values: Tensor, like: Tensor) -> Tensor:
 
 def inputs_of_loops(windows: Windows, poses: Poses, ball: TexturedBall) -> tuple[Tensor, ...]:
     """The images, poses and ball for the loops: see `kernels.forward_model.linearise`."""
-    brightness = torch.stack((poses.gain, poses.offset), 1)
-    numbers = torch.cat((torch.stack((ball.radius, ball.edge_blur)), ball.light.double()))
-    first = windows.origin - poses.centre
-    return first, poses.orientation, brightness, windows.visibility, windows.background, numbers
+    brightness, seen = torch.stack((poses.gain, poses.offset), 1), _seen(windows, poses, ball)
+    common = torch.stack((ball.radius, ball.edge_blur)).expand(len(poses), 2)
+    numbers = torch.cat((common, seen.nearness.unsqueeze(1), seen.light), 1)
+    first, places = windows.origin - poses.centre, windows.levels.new_zeros(0, 0, 0, 2)
+    if windows.optics is not None:
+        places = torch.stack(windows.offsets(poses.centre), -1)
+    return first, places, seen.orientation, brightness, windows.visibility, windows.background, numbers
 
 
 def design(windows: Windows, poses: Poses, ball: TexturedBall) -> Design:
@@ -286,16 +322,19 @@ def linearise(windows: Windows, poses: Poses, ball: TexturedBall) -> Linearisati
     """Linearise the model at ``poses``."""
     if suits(windows.levels, ball.coefficients):
         given = inputs_of_loops(windows, poses, ball)
-        return Linearisation(*loops.linearise(ball.coefficients, ball.cells, RULE, *given))
+        levels, jacobian = loops.linearise(ball.coefficients, ball.cells, RULE, *given)
+        return Linearisation(levels, _in_image(jacobian, windows, poses, ball))
     seen = _project(windows, poses, ball)
     radius = ball.radius.to(seen.x)
     value, by_place = seen.places.value_and_gradient(ball.coefficients.to(seen.x))
-    # Camera axes: of the lit texture, which turns with the ball, and of the light, which does not.
-    slope = seen.light * torch.einsum("nij,jnabk->inabk", poses.orientation.to(seen.x), by_place)
+    # In the axes of the view: of the lit texture, which turns with the ball, and of the light, which does not.
+    slope = seen.light * torch.einsum("nij,jnabk->inabk", seen.orientation, by_place)
     turn = torch.linalg.cross(slope, seen.points, dim=0) / radius
-    whole = slope + value * ball.light.to(seen.x)[1:].reshape(3, 1, 1, 1, 1)
+    whole = slope + value * seen.source.T[1:].reshape(3, -1, 1, 1, 1)
     # Along the image: the third component of a point of the sphere follows from the first two.
-    tx, ty = (whole[:2] - whole[2] * seen.points[:2] / seen.points[2]) / radius
+    flat = (whole[:2] * seen.points[:2]).sum(0) * seen.nearness / seen.shrink.square()
+    tilt = seen.steepness * (whole[2] + flat)
+    tx, ty = (whole[:2] * seen.shrink + tilt * seen.points[:2]) / radius
     rays, lit = seen.rays, seen.light * value
     x, y = seen.x.unsqueeze(-1), seen.y.unsqueeze(-1)
     radial = tx * x + ty * y
@@ -319,4 +358,14 @@ def linearise(windows: Windows, poses: Poses, ball: TexturedBall) -> Linearisati
         unit,
         torch.ones_like(unit),
     )
-    return Linearisation(gain * unit + offset, torch.stack([c.flatten(1) for c in columns], -1))
+    jacobian = torch.stack([c.flatten(1) for c in columns], -1)
+    return Linearisation(gain * unit + offset, _in_image(jacobian, windows, poses, ball))
+
+
+def _in_image(jacobian: Tensor, windows: Windows, poses: Poses, ball: TexturedBall) -> Tensor:
+    """The ``jacobian`` (n, p, 9) by the motion in the image, from that by the motion in the view."""
+    if windows.optics is None:
+        return jacobian
+    motion = windows.optics.view(poses.centre).motion(ball.radius).to(jacobian)
+    jacobian[..., MOTION] = jacobian[..., MOTION] @ motion
+    return jacobian

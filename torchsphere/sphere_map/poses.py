@@ -15,6 +15,7 @@ from kornia.geometry.liegroup import So3
 from numpy.typing import NDArray
 from torch import Tensor
 
+from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging.background import background
 from torchsphere.recording.frame_source import Source
@@ -25,6 +26,8 @@ from torchsphere.sphere_map.ball import Poses
 from torchsphere.sphere_map.bundle_adjustment import NEW_MAP_STEPS, Adjustment
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
 from torchsphere.sphere_map.keyframes import choose_keyframes, choose_map_frames
+from torchsphere.sphere_map.nearness import nearness_of, seen_alike
+from torchsphere.sphere_map.perspective import Optics, orthographic
 from torchsphere.sphere_map.pixel_weights import ROUNDING_VARIANCE
 from torchsphere.sphere_map.registration import Registration
 from torchsphere.sphere_map.state import State, drawn, fit_map, reweighted
@@ -74,6 +77,8 @@ class MapPoses:
     keyframes: int
     edge_blur: float  # blur of the outline by the optics, px
     misfit: float  # variance of the residual over the variance of the images' noise
+    nearness: float = 0.0  # radius over the camera's distance, and its standard deviation
+    sd_nearness: float = 0.0
 
 
 #: Numbers of frames, and their poses before and after the registration.
@@ -90,6 +95,7 @@ class _Frames:
     orientation: Tensor
     background: Tensor
     usable: Tensor | None
+    optics: Optics | None
 
     def windows(self, numbers: list[int], centres: Tensor, radius: float) -> Windows:
         """Windows of the given frames around ``centres`` (k, 2)."""
@@ -100,7 +106,7 @@ class _Frames:
             images = torch.cat([self.source.unconverted(i, i + 1) for i in numbers])
         # Single precision is nearly twice as fast and moves a pose by 1e-6 px.
         images = images.float() if images.dtype == torch.float64 else images
-        return cut_windows(images, self.background, centres, radius, self.usable)
+        return cut_windows(images, self.background, centres, radius, self.usable, self.optics)
 
 
 def poses_on_map(
@@ -111,6 +117,8 @@ def poses_on_map(
     circle: Circle,
     ignore: Tensor | None,
     fineness: float,
+    camera: Camera | None = None,
+    telecentric: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> MapPoses | str:
     """Register all frames on a map of the ball: their poses, or a sentence with the reason why no map is possible.
@@ -118,18 +126,24 @@ def poses_on_map(
     ``position`` (n, 2), px, and ``orientation`` (n, 3, 3) by the correlation err by at most half a speckle, drift
     within a turn included; NaN where unknown. ``noise_share`` is the variance of the images' noise over that of their
     grey levels, ``fineness`` that of the texture's slopes over it, 1/px^2. ``ignore`` (h, w) is True for pixels to
-    ignore. Singular equations of the map raise LinAlgError.
+    ignore. A ``camera`` has a known focal length; without one its distance is found, unless the view is
+    ``telecentric``. Singular equations of the map raise LinAlgError.
     """
     known = np.flatnonzero(np.isfinite(position[:, 0]) & np.isfinite(orientation[:, 0, 0]))
     if len(known) < MIN_FRAMES:
         return f"a map of the ball needs {MIN_FRAMES} frames with a known pose, and this recording has {len(known)}"
+    optics = None if camera is None else Optics.of(camera, torch.device("cpu"))
+    seen = torch.from_numpy(position)
+    centres = seen if optics is None else optics.straightened(seen)
+    reach = circle.radius * (1.0 if optics is None else optics.enlargement(centres[known], circle.radius))
     frames = _Frames(
         source,
         known,
-        torch.from_numpy(position),
+        centres,
         torch.from_numpy(orientation),
-        background(source, position, circle.radius).to(source.device, torch.float32),
+        background(source, position, reach).to(source.device, torch.float32),
         None if ignore is None else ~ignore,
+        optics,
     )
     keys = choose_keyframes(known, orientation)
     initial = Poses.at(frames.position[keys], frames.orientation[keys])
@@ -152,12 +166,42 @@ def poses_on_map(
             shared,
             lambda share: report(round(share * len(keys))),
         )
+        if camera is None and not telecentric:
+            far = orthographic(tuple(frames.background.shape), frames.background.device)
+            adjustment = bundle_adjustment.find_nearness(adjustment, far, cell_px, shared)
+            frames, initial = _seen_alike(frames, initial, adjustment.state.windows.optics)
         misfit = float(adjustment.state.profile.variance[0]) / noise
         refusal = _refusal(adjustment, circle.radius, misfit)
         if refusal:
             return refusal
         numbers, found = _on_map(frames, keys, initial, adjustment, shared, report)
-    return _assemble(len(position), numbers, found, keys, adjustment, circle, misfit)
+    assembled = _assemble(len(position), numbers, found, keys, adjustment, circle, misfit)
+    return assembled if optics is None else _through_lens(assembled, optics)
+
+
+def _seen_alike(frames: _Frames, initial: Poses, optics: Optics | None) -> tuple[_Frames, Poses]:
+    """Frames and initial poses, so far orthographic, as the camera that was found shows the same sides of the ball."""
+    if optics is None:
+        return frames, initial
+    all_poses = Poses.at(frames.position, frames.orientation)
+    seen = replace(frames, optics=optics, orientation=seen_alike(all_poses, None, optics).orientation)
+    return seen, seen_alike(initial, None, optics)
+
+
+def _through_lens(found: MapPoses, optics: Optics) -> MapPoses:
+    """Positions, and the covariances of their steps, as the lens bends them."""
+    straight = torch.from_numpy(found.position)
+    position = optics.bent(straight).numpy()
+    if not optics.is_distorted:
+        return found
+    unit = torch.eye(2, dtype=straight.dtype)
+    by_place = torch.stack([(optics.bent(straight + step) - optics.bent(straight - step)) / 2 for step in unit], -1)
+    motion = np.zeros((len(position) - 1, 5, 5))
+    motion[:, :2, :2], motion[:, 2:, 2:] = by_place[:-1].numpy(), np.eye(3)
+    covariance = motion @ found.step_covariance @ np.swapaxes(motion, 1, 2)
+    first = np.flatnonzero(np.isfinite(position[:, 0]))[0]
+    circle = replace(found.circle, x=float(position[first, 0]), y=float(position[first, 1]))
+    return replace(found, position=position, step_covariance=covariance, circle=circle)
 
 
 def _refusal(adjustment: Adjustment, radius: float, misfit: float) -> str:
@@ -302,7 +346,8 @@ def _assemble(
         sd_radius=float(np.hypot(np.sqrt(variances[-COMMON]), RADIUS_ERROR_SHARE * radius)),
     )
     steps = step_covariances(n, numbers, found, keys, adjustment)
-    return MapPoses(position, orientation, steps, outline, len(keys), float(ball.edge_blur), misfit)
+    near, sd_near = float(nearness_of(adjustment.state)), adjustment.sd_nearness
+    return MapPoses(position, orientation, steps, outline, len(keys), float(ball.edge_blur), misfit, near, sd_near)
 
 
 def step_covariances(

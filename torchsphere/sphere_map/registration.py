@@ -109,6 +109,10 @@ def _equations(
         images = forward_model.inputs_of_loops(windows, poses, ball)
         given = ball.coefficients, ball.cells, forward_model.RULE, images, windows.levels
         normal, gradient, squares, seen = loops.equations(*given, rings, hidden, COLUMNS)
+        if windows.optics is not None:
+            motion = torch.eye(len(COLUMNS), dtype=normal.dtype).repeat(len(poses), 1, 1)
+            motion[:, :5, :5] = windows.optics.view(poses.centre).motion(ball.radius)
+            normal, gradient = motion.mT @ normal @ motion, (motion.mT @ gradient.unsqueeze(2))[..., 0]
         return _with_ridge(normal), gradient, squares, seen
     model = forward_model.linearise(windows, poses, ball)
     variance = profile.at(windows, poses.centre)

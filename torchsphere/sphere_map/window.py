@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from torchsphere.sphere_map.perspective import Optics
+
 #: Width of the margin around the disc, px, for the blur of the edge and the error of the pose.
 MARGIN_PX = 2.0
 
@@ -22,49 +24,80 @@ class Windows:
     # where an object may hide the ball.
     visibility: Tensor
     origin: Tensor  # image coordinates (n, 2) of the first pixels, px, float64
+    optics: Optics | None = None  # None for an orthographic view
+    bend: Tensor | None = (
+        None  # where the pixels would be without the lens's distortion (n, s, s, 2), px from where they are
+    )
 
     @classmethod
     def joined(cls, parts: list[Windows]) -> Windows:
-        """The images of all parts, of one size, one after the other."""
+        """The images of all parts, of one size and one camera, one after the other."""
         columns = zip(*((p.levels, p.background, p.visibility, p.origin) for p in parts), strict=True)
-        return cls(*(torch.cat(column) for column in columns))
+        levels, background, visibility, origin = (torch.cat(column) for column in columns)
+        bends = [p.bend for p in parts if p.bend is not None]
+        return cls(levels, background, visibility, origin, parts[0].optics, torch.cat(bends) if bends else None)
 
     def __len__(self) -> int:
         return len(self.levels)
 
     def rows(self, start: int, stop: int) -> Windows:
         """Images ``start`` to ``stop - 1``."""
-        return Windows(*(part[start:stop] for part in (self.levels, self.background, self.visibility, self.origin)))
+        return self._part(slice(start, stop))
 
     def take(self, rows: Tensor) -> Windows:
         """Images of the given row numbers (k,)."""
-        return Windows(*(part[rows] for part in (self.levels, self.background, self.visibility, self.origin)))
+        return self._part(rows)
+
+    def _part(self, rows: Tensor | slice) -> Windows:
+        bend = None if self.bend is None else self.bend[rows]
+        return Windows(
+            self.levels[rows], self.background[rows], self.visibility[rows], self.origin[rows], self.optics, bend
+        )
 
     def with_visibility(self, visibility: Tensor) -> Windows:
         """The same pixels with another ``visibility`` (n, s, s)."""
         return replace(self, visibility=visibility)
 
+    def seen_by(self, optics: Optics) -> Windows:
+        """The same pixels seen by another camera without distortion."""
+        return replace(self, optics=optics)
+
     def offsets(self, centre: Tensor) -> tuple[Tensor, Tensor]:
-        """Offsets x (n, 1, s) and y (n, s, 1) of the pixels from ``centre`` (n, 2), px, in the type of the images."""
+        """Offsets x and y of the pixels from ``centre`` (n, 2), px, in the type of the images.
+
+        They broadcast to (n, s, s): x (n, 1, s) and y (n, s, 1) in an orthographic view. In perspective they are the
+        offsets that an orthographic view would have: see `perspective.View.offsets`.
+        """
         steps = torch.arange(self.levels.shape[-1], dtype=centre.dtype, device=centre.device)
         x, y = (self.origin - centre).to(self.levels.device).unbind(1)
         x, y = x.unsqueeze(1) + steps, y.unsqueeze(1) + steps
-        return x.to(self.levels.dtype).unsqueeze(1), y.to(self.levels.dtype).unsqueeze(2)
+        x, y = x.to(self.levels.dtype).unsqueeze(1), y.to(self.levels.dtype).unsqueeze(2)
+        if self.bend is not None:
+            x, y = x + self.bend[..., 0], y + self.bend[..., 1]
+        return (x, y) if self.optics is None else self.optics.view(centre).offsets(x, y)
 
 
 def cut_windows(
-    images: Tensor, background: Tensor, centres: Tensor, radius: float, usable: Tensor | None = None
+    images: Tensor,
+    background: Tensor,
+    centres: Tensor,
+    radius: float,
+    usable: Tensor | None = None,
+    optics: Optics | None = None,
 ) -> Windows:
     """Cut squares around ``centres`` (n, 2) from ``images`` (n, h, w), with the pixels up to `MARGIN_PX` from the disc.
 
-    ``background`` and ``usable``, where given, are (h, w); ``usable`` is False for pixels to ignore.
+    ``background`` and ``usable``, where given, are (h, w); ``usable`` is False for pixels to ignore. With ``optics``
+    the centres are those without the lens's distortion.
     """
-    half = math.ceil(radius + MARGIN_PX) + 1
-    origin = centres.double().round() - half
+    half = half_size(centres, radius, optics)
+    at = centres if optics is None else optics.bent(centres)
+    origin = at.double().round() - half
     levels, behind, inside = _squares(images, background, origin, 2 * half + 1, usable)
     levels = levels if levels.is_floating_point() else levels.float()
     behind = behind.to(levels)
-    windows = Windows(levels, behind, levels, origin)
+    bend = None if optics is None or not optics.is_distorted else _bend(origin, 2 * half + 1, optics).to(levels)
+    windows = Windows(levels, behind, levels, origin, optics, bend)
     across, down = windows.offsets(centres.double())
     seen = across.square() + down.square() < (radius + MARGIN_PX) ** 2
     if inside is not None:
@@ -72,7 +105,24 @@ def cut_windows(
         # Ignored pixels may hold any value, NaN too.
         behind = torch.where(inside, behind, 0.0)
         levels = torch.where(inside, levels, 0.0)
-    return Windows(levels, behind, seen.to(levels), origin)
+    return Windows(levels, behind, seen.expand_as(levels).to(levels), origin, optics, bend)
+
+
+def half_size(centres: Tensor, radius: float, optics: Optics | None) -> int:
+    """Pixels from the middle of a window to its border, for balls seen at ``centres`` (n, 2)."""
+    reach = radius + MARGIN_PX
+    if optics is not None:
+        reach *= optics.enlargement(centres, radius)
+    return math.ceil(reach) + 1
+
+
+def _bend(origin: Tensor, side: int, optics: Optics) -> Tensor:
+    """`Windows.bend` of windows of that ``side`` from ``origin`` (n, 2) on."""
+    steps = torch.arange(side, dtype=origin.dtype, device=origin.device)
+    points = origin.reshape(-1, 1, 1, 2) + torch.stack(
+        (steps.expand(side, side), steps[:, None].expand(side, side)), -1
+    )
+    return optics.straightened(points) - points
 
 
 def _squares(

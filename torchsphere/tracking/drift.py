@@ -26,8 +26,8 @@ Array = NDArray[np.float64]
 #: Share of the steps with uneven light from which no map is made by default (docs/constants.md).
 MAX_UNEVEN_SHARE = 0.5
 
-#: Models of a rigid motion in an orthographic view, which a map replaces.
-MAP_MODELS = ("rigid", "finite")
+#: Models of a rigid motion at a constant distance, which a map replaces.
+MAP_MODELS = ("rigid", "finite", "pinhole")
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,13 @@ def absolute_motion(
     options: Options,
     fineness: float,
     *,
+    telecentric: bool = False,
     progress: Progress | None = None,
 ) -> AbsoluteMotion:
-    """The ``measured`` motion, on a map of the ball unless none is ``asked`` for (None: if there are frames enough)."""
+    """The ``measured`` motion, on a map of the ball unless none is ``asked`` for (None: if there are frames enough).
+
+    In a ``telecentric`` view the ball is seen from the same side wherever it is.
+    """
     known = np.isfinite(measured.position[:, 0])
     chained = orientation.chain(measured.rotation, known)
     reason = _reason_without_map(measured, asked, options.model)
@@ -66,7 +70,18 @@ def absolute_motion(
     # Variance of the images' noise over that of their grey levels.
     noise = lack / noise_gains(options.pre_blur)[0]
     try:
-        found = poses.poses_on_map(source, measured.position, chained, noise, circle, ignore, fineness, progress)
+        found = poses.poses_on_map(
+            source,
+            measured.position,
+            chained,
+            noise,
+            circle,
+            ignore,
+            fineness,
+            options.camera,
+            telecentric,
+            progress,
+        )
     except (np.linalg.LinAlgError, torch.linalg.LinAlgError):  # type: ignore[attr-defined]
         # The increments must not be lost with the map.
         found = "the equations of the map have no solution"
@@ -82,7 +97,7 @@ def _reason_without_map(measured: Record, asked: bool | None, model: str) -> str
         return "not needed: it was not asked for"
     prefix = "" if asked else "not needed: "
     if model not in MAP_MODELS:
-        return f"{prefix}a map of the ball takes a rigid motion in an orthographic view, which {model!r} is not"
+        return f"{prefix}a map of the ball takes a rigid motion at a constant distance, which {model!r} is not"
     if not np.isfinite(measured.rotation).any():
         return f"{prefix}no rotation was measured, so no map of the ball can be made"
     placed = int(np.isfinite(measured.position[:, 0]).sum())
@@ -122,5 +137,7 @@ def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion
         "frames": int(on_map.sum()),
         "edge_blur_px": found.edge_blur,
         "residual_over_noise": found.misfit**0.5,
+        "radius_over_distance": found.nearness,
+        "sd_radius_over_distance": found.sd_nearness,
     }
     return AbsoluteMotion(position, increment, covariance, turned, found.circle, about)

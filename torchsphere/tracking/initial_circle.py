@@ -23,7 +23,7 @@ from torchsphere.correlation.reference import Filtered, Pairs
 from torchsphere.correlation.solve import GRADIENT_FROM_DEG
 from torchsphere.detection import detect, limb_fit, outline_fit
 from torchsphere.detection.detect import at_limb
-from torchsphere.geometry.camera import Camera, sphere_of_outline
+from torchsphere.geometry.camera import Camera, require_distance, sphere_of_outline
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import background, crop
 from torchsphere.recording.frame_source import Source
@@ -94,7 +94,9 @@ def _check_given_circle(source: Source, given: Any, refine: bool, options: Optio
     if not isinstance(given, Circle):
         circle, options = _sphere_from_outline(circle, source, options)
     elif options.camera is not None:
-        options = dataclasses.replace(options, camera=options.camera.settled(image.shape, circle.radius))
+        settled = options.camera.settled(image.shape, circle.radius)
+        require_distance(settled, circle.radius)
+        options = dataclasses.replace(options, camera=settled)
     return detect.refine_circle(image, circle, camera=options.camera) if refine else circle, options
 
 
@@ -126,6 +128,7 @@ def _sphere_from_outline(outline: Circle, source: Source, options: Options) -> t
     if options.camera is None:
         return outline, options
     camera = options.camera.settled(source.images(0, 1).shape, outline.radius)
+    require_distance(camera, outline.radius)
     sphere = sphere_of_outline(torch.tensor([outline.x, outline.y, outline.radius], dtype=torch.float64), camera)
     x, y, radius = sphere.tolist()
     return dataclasses.replace(outline, x=x, y=y, radius=radius), dataclasses.replace(options, camera=camera)

@@ -8,12 +8,13 @@ import numpy as np
 
 from torchsphere.detection.detect import given_circle_warning, refined_circle_warning
 from torchsphere.recording.frame_source import Source
+from torchsphere.sphere_map.nearness import UNKNOWN_SD
 from torchsphere.tracking import edge_leakage
 from torchsphere.tracking.camera_shake import camera_shake
 from torchsphere.tracking.in_place import MIN_DRIFT_PX, SIGNIFICANT_SD
 from torchsphere.tracking.missing_frames import missing_frames
 from torchsphere.tracking.result import Track, status_counts
-from torchsphere.tracking.steady_error import ROTATION_PER_STEP
+from torchsphere.tracking.steady_error import ROTATION_PER_STEP, sd_of_apparent_turn
 
 #: Most gaps that a sentence names.
 MAX_NAMED_GAPS = 5
@@ -33,6 +34,7 @@ def motion_warnings(source: Source, track: Track, start: int, roi_given: bool) -
         *_circle_warnings(source, track, start),
         *_place_warnings(track),
         *_map_warnings(track),
+        *_distance_warnings(track),
         *_leakage_warnings(track, roi_given),
         *_shake_warnings(source, track, start),
         *_model_warnings(track.settings["model"]),
@@ -142,6 +144,22 @@ def _turns_in_place(track: Track) -> bool:
     surface = np.nansum(turn) * track.circle.radius
     is_fast = bool(np.isfinite(turn).any()) and float(np.nanmedian(turn)) > np.radians(MIN_TURN_DEG)
     return is_fast and reach < 2 * track.circle.radius and surface > 3 * reach
+
+
+def _distance_warnings(track: Track) -> list[str]:
+    """Whether turns are uncertain as the camera's distance is not known."""
+    settings, turns = track.settings, track.covariance[:, [2, 3], [2, 3]]
+    if settings["telecentric"] or settings["camera"] is not None or not np.isfinite(turns).any():
+        return []
+    sd = settings["sphere_map"].get("sd_radius_over_distance", UNKNOWN_SD)
+    apparent = float(np.degrees(sd_of_apparent_turn(track.increment, track.circle.radius, sd).max()))
+    if apparent < np.degrees(np.sqrt(np.nanmedian(turns))):
+        return []
+    return [
+        "The camera's distance is not known, and a ball that moves sideways is seen from another side: all turns may "
+        f"be off by the same {apparent:.2g} deg per frame, which their standard deviations include; give --distance-mm "
+        "with --diameter-mm, or --focal-px, or --telecentric for such a lens."
+    ]
 
 
 def _leakage_warnings(track: Track, roi_given: bool) -> list[str]:

@@ -93,12 +93,15 @@ def sd_steady(
     on_map: bool,
     uneven_light: float = 0.0,
     leakage: float = 0.0,
+    sd_nearness: float = 0.0,
 ) -> Array:
     """Standard deviation (5,) of the error that all steps of a flight have in common, px and rad.
 
     ``increment`` (n, 5), px and rad, NaN where not measured; ``radius``, px; ``fineness`` by `texture_fineness`.
     ``uneven_light`` is the share of steps with uneven light, ``leakage`` a share of the front's motion. A map of the
-    ball (``on_map``) holds footprints, outline and background, so that only uneven light counts there.
+    ball (``on_map``) holds footprints, outline and background, so that only uneven light counts there. ``sd_nearness``
+    is the standard deviation of the ball's radius over the camera's distance, by which a step sideways shows the ball
+    from another side.
     """
     light = uneven_light * np.array([UNEVEN_LIGHT_PX, UNEVEN_LIGHT_PX, UNEVEN_LIGHT_Z_PX / radius]) ** 2
     if on_map:
@@ -106,7 +109,19 @@ def sd_steady(
     else:
         squares = light + _pair_squares(increment, radius, fineness, leakage)
     step, about_z = np.sqrt(squares[:2]), np.sqrt(squares[2:])
-    return np.concatenate((step, ROTATION_PER_STEP / radius * step[::-1], about_z))
+    turn = np.hypot(ROTATION_PER_STEP / radius * step[::-1], sd_of_apparent_turn(increment, radius, sd_nearness))
+    return np.concatenate((step, turn, about_z))
+
+
+def sd_of_apparent_turn(increment: Array, radius: float, sd_nearness: float) -> Array:
+    """Error (2,) of the turns about x and y, rad per frame, by a ball's nearness with that standard deviation.
+
+    A ball that moves to the right by d px shows its left side as if it had turned by ``-nearness d / R`` about y.
+    """
+    known = np.isfinite(increment[:, 0])
+    squares = np.where(known[:, None], increment[:, 1::-1], 0.0) ** 2
+    apparent: Array = sd_nearness / radius * np.sqrt(squares.sum(0) / max(known.sum(), 1))
+    return apparent
 
 
 def _pair_squares(increment: Array, radius: float, fineness: float, leakage: float) -> Array:

@@ -21,6 +21,7 @@ from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
 from torchsphere.settings.arrays import as_mask
 from torchsphere.settings.limits import require_switch
+from torchsphere.sphere_map.nearness import UNKNOWN_SD
 from torchsphere.tracking import in_place as place_of_ball
 from torchsphere.tracking.drift import AbsoluteMotion, absolute_motion
 from torchsphere.tracking.edge_leakage import adapt_options, background_contrast, leakage_share
@@ -53,6 +54,7 @@ class _Task:
     ignore: Tensor | None
     refine: bool
     in_place: bool
+    telecentric: bool
     sphere_map: bool | None
     progress: Progress | None
 
@@ -76,6 +78,7 @@ def track(
     device: str | torch.device | None = None,
     refine: bool = False,
     in_place: bool = False,
+    telecentric: bool = False,
     sphere_map: bool | None = None,
     progress: Progress | None = None,
     dtype: torch.dtype = torch.float32,
@@ -104,6 +107,10 @@ def track(
         The ball turns without leaving its place (in a bearing, on an air cushion): one position holds for the whole
         recording, and the rotations are the likeliest at that position. A ball whose outline stays while the steps
         add up to a path is recognised and held so by itself; `Track.warnings` says so.
+    telecentric : bool
+        The lens sees the ball from the same side wherever it is, as if from infinitely far away. Without this and
+        without a ``camera``, a step sideways and a turn look alike as far as the camera's distance is not known: the
+        map finds the distance of a ball that turns, and ``sd_steady`` holds what is not known of it.
     sphere_map : bool, optional
         Take every pose from a map of the ball's texture, which is made from the recording itself, the outline
         included: no drift, and about twice the precision of steps from frame to frame. By default a map is made of
@@ -118,7 +125,8 @@ def track(
     log : bool
         Hand each of `Track.warnings` to the logger ``torchsphere``, too, at the level WARNING.
     **options
-        Fields of `torchsphere.correlation.options.Options`: ``model``, ``roi``, ``pre_blur`` ...
+        Fields of `torchsphere.correlation.options.Options`: ``model``, ``camera``, ``roi``, ``pre_blur`` ... With a
+        camera and no model, the model is `pinhole`.
 
     Returns
     -------
@@ -134,11 +142,14 @@ def track(
     """
     require_switch("refine", refine)
     require_switch("in_place", in_place)
+    require_switch("telecentric", telecentric)
     require_switch("sphere_map", sphere_map, "True, False or None")
     settings = options_for(track, options)
+    if telecentric and settings.camera is not None:
+        raise ValueError("telecentric: a camera with a focal length or a distance is not telecentric; give one of both")
     source = Source.open(recording, device, dtype)
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
-    task = _Task(source, circle, mask, refine, in_place, sphere_map, progress)
+    task = _Task(source, circle, mask, refine, in_place, telecentric, sphere_map, progress)
 
     start = _initial_circle(task, settings, options)
     found = _measured_in_place(task, start) if in_place else _measured(task, start)
@@ -228,7 +239,15 @@ def _absolute_motion(task: _Task, start: _Start, measured: Record) -> AbsoluteMo
     fineness = texture_fineness(start.image, start.circle, task.ignore)
     asked, options = task.sphere_map, start.options
     return absolute_motion(
-        task.source, measured, start.circle, task.ignore, asked, options, fineness, progress=task.progress
+        task.source,
+        measured,
+        start.circle,
+        task.ignore,
+        asked,
+        options,
+        fineness,
+        telecentric=task.telecentric,
+        progress=task.progress,
     )
 
 
@@ -254,6 +273,7 @@ def _assemble(task: _Task, start: _Start, measured: Record, motion: AbsoluteMoti
             on_map=on_map,
             uneven_light=int(measured.uneven_light.sum()) / max(steps, 1),
             leakage=leakage,
+            sd_nearness=_sd_nearness(task, start, motion),
         ),
         circle=motion.circle,
         settings=dataclasses.asdict(start.options)
@@ -262,6 +282,7 @@ def _assemble(task: _Task, start: _Start, measured: Record, motion: AbsoluteMoti
             "circle_refined": task.circle is None or task.refine,
             "in_place": task.in_place,
             "place": None,
+            "telecentric": task.telecentric,
             "sphere_map": motion.about_map,
             "repeated_frames": measured.repeated,
             "leaked": leakage,
@@ -269,6 +290,13 @@ def _assemble(task: _Task, start: _Start, measured: Record, motion: AbsoluteMoti
             "dtype": str(task.source.dtype).removeprefix("torch."),
         },
     )
+
+
+def _sd_nearness(task: _Task, start: _Start, motion: AbsoluteMotion) -> float:
+    """Standard deviation of the ball's radius over the camera's distance."""
+    if task.telecentric or start.options.camera is not None:
+        return 0.0
+    return float(motion.about_map.get("sd_radius_over_distance", UNKNOWN_SD))
 
 
 def track_many(
