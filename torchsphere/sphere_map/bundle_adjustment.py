@@ -72,7 +72,7 @@ SEEN_NEARNESS_SD, MAX_NEARNESS = 3.0, 0.3
 
 #: Rounds of the search for the nearness, steps of the adjustment in each, change below which the search has settled,
 #: and largest share of a change that is expected of the next (docs/constants.md).
-NEARNESS_ROUNDS, NEARNESS_STEPS, SETTLED_NEARNESS, MAX_NEARNESS_SHARE = 10, 3, 0.0004, 0.6
+NEARNESS_ROUNDS, NEARNESS_STEPS, SETTLED_NEARNESS, MAX_NEARNESS_SHARE = 10, 2, 0.0004, 0.6
 
 #: Largest move of a pose in a step, px (docs/constants.md).
 MAX_MOVE_PX = 1.0
@@ -152,14 +152,13 @@ def _with_nearness(adjustment: Adjustment, optics: Optics, cell_px: float, share
     sd = min(math.hypot(float(found.change), found.total_sd), nearness.UNKNOWN_SD)
     unseen = replace(adjustment, sd_nearness=sd)
     if float(found.change) > SEEN_NEARNESS_SD * found.total_sd:
-        near = _adjust_level(found.applied(state), level, shared)
+        start: Adjustment | None = _adjust_level(found.applied(state), level, shared)
     else:
         # Where the ball hardly turns, the map hides a near camera in part: it may be seen from near by alone.
-        probe = torch.full_like(state.ball.radius, nearness.UNKNOWN_SD)
-        near = _adjust_level(nearness.with_nearness(state, probe), level, shared)
-        if not _explains_more(near.state, state, shared):
-            return unseen
-    near, sd, settled = _settled_nearness(near, level, shared)
+        start = _probe(state, level, shared)
+    if start is None:
+        return unseen
+    near, sd, settled = _settled_nearness(start, level, shared)
     value = float(nearness.nearness_of(near.state))
     if not settled or not SEEN_NEARNESS_SD * sd < value < MAX_NEARNESS:
         return unseen
@@ -181,14 +180,22 @@ def _settled_nearness(near: Adjustment, level: _Level, shared: RowRunner) -> tup
     return near, found.total_sd, False
 
 
-def _explains_more(state: State, other: State, shared: RowRunner) -> bool:
-    """Whether the ``state`` leaves less of the images unexplained than the ``other``, whose weights count."""
-    weights = other.profile.weights(other.windows, other.poses.centre)
-    squares = [
-        (weights * (s.windows.levels - drawn(s, shared).levels(s.ball.coefficients)).square()).sum()
-        for s in (state, other)
-    ]
-    return bool(squares[0] < (1 - nearness.MIN_GAIN) * squares[1])
+def _probe(state: State, level: _Level, shared: RowRunner) -> Adjustment | None:
+    """The adjustment at the nearness of a usual camera; None if it explains the images no better than the ``state``."""
+    weights = state.profile.weights(state.windows, state.poses.centre)
+
+    def unexplained(other: State) -> Tensor:
+        levels = drawn(other, shared).levels(other.ball.coefficients)
+        return (weights * (other.windows.levels - levels).square()).sum()
+
+    before = unexplained(state)
+    near = nearness.with_nearness(state, torch.full_like(state.ball.radius, nearness.UNKNOWN_SD))
+    # A new map alone shows where poses that follow will not help: it saves their steps.
+    near, _ = fit_map(near, shared, NEW_MAP_STEPS)
+    if bool(unexplained(near) > nearness.HOPELESS * before):
+        return None
+    adjusted = _adjust_level(near, level, shared)
+    return adjusted if bool(unexplained(adjusted.state) < (1 - nearness.MIN_GAIN) * before) else None
 
 
 def _report(progress: Callable[[float], None] | None, share: float) -> None:

@@ -31,11 +31,15 @@ SYSTEMATIC_SD = 0.002
 #: Share of the squared residuals that a near camera must explain where the images hardly tell (docs/constants.md).
 MIN_GAIN = 0.005
 
+#: Squared residuals with a new map, in those without a near camera, from which no near camera is looked for
+#: (docs/constants.md).
+HOPELESS = 4.0
+
 #: Largest change of the nearness at once (docs/constants.md).
 MAX_CHANGE = 0.1
 
 #: Nearness over which the model's derivative is taken, and conjugate gradients for the response of map and poses.
-STEP, SOLVER_STEPS = 0.01, 16
+STEP, SOLVER_STEPS = 0.01, 8
 
 
 @dataclass(frozen=True)

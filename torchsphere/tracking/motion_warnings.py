@@ -155,8 +155,10 @@ def _distance_warnings(track: Track) -> list[str]:
     apparent = float(np.degrees(sd_of_apparent_turn(track.increment, track.circle.radius, sd).max()))
     if apparent < np.degrees(np.sqrt(np.nanmedian(turns))):
         return []
+    nearness = settings["sphere_map"].get("radius_over_distance", 0.0)
+    known = f"was found from the images alone ({1 / nearness:.0f} radii)" if nearness else "is not known"
     return [
-        "The camera's distance is not known, and a ball that moves sideways is seen from another side: all turns may "
+        f"The camera's distance {known}, and a ball that moves sideways is seen from another side: all turns may "
         f"be off by the same {apparent:.2g} deg per frame, which their standard deviations include; give --distance-mm "
         "with --diameter-mm, or --focal-px, or --telecentric for such a lens."
     ]
