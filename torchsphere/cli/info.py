@@ -64,6 +64,11 @@ def _preview(recording: Recording, path: Path) -> None:
     image, text = recording.images(circle.frame, circle.frame + 1)[0], circle.text()
     preview_figure(path, image, circle, f"frame {circle.frame}: --circle {text}")
     print(f"{'circle':<11} --circle {text}   ({circle.sd_text}; frame {circle.frame})")
+    for number, (x, y, radius) in enumerate(circle.others, 2):
+        print(f"{f'circle {number}':<11} --circle {x:.2f},{y:.2f},{radius:.2f}   (another round object)")
+    choice = circle.choice("in the preview")
+    if choice:
+        print(f"{'note':<11} {choice}")
     if circle.doubt:
         print(f"{'note':<11} {circle.warning('in the preview')}")
     print(f"{'preview':<11} {path}")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -25,6 +26,10 @@ MIN_SUPPORT = 0.4
 
 #: Largest distance of the likeliest limb from the circle through the edges, px and share of the radius.
 MAX_LIMB_SHIFT_PX, MAX_LIMB_SHIFT = 2.0, 0.04
+
+#: Size, in radii of the ball, of other objects that may be the ball, least distance of their centres, in radii, and
+#: least score, as a share of that of the ball (docs/constants.md).
+OTHER_SIZES, OTHER_DISTANCE, OTHER_SCORE = (0.6, 1.67), 1.0, 0.6
 
 #: Largest number of frames in which the ball is searched.
 MAX_TRIES = 40
@@ -97,7 +102,7 @@ def at_limb(views: Tensor, circle: Circle, ignore: Tensor | None = None, camera:
     if not bool(near.any()):
         return dataclasses.replace(circle, sd_x=far, sd_y=far, sd_radius=far, sd_guessed=True)
     best = int(variance.where(near, torch.inf).argmin())
-    return _as_circle(fitted[best], covariance[best], circle.frame)
+    return dataclasses.replace(_as_circle(fitted[best], covariance[best], circle.frame), others=circle.others)
 
 
 def _as_circle(values: Tensor, covariance: Tensor, frame: int) -> Circle:
@@ -122,26 +127,60 @@ def _find_in(images: Images, frame: int, count: int, background: Tensor | None, 
     if bool((image == image[0, 0]).all()):
         # A blank image differs from the background where the ball is in other images.
         return None
-    candidates = []
     seen = list(silhouettes(images, frame, count, background, ignore))
-    if not seen:
+    candidates = _candidates(seen)
+    if not candidates:
         return None
-    guesses = disc_filter.best_discs(torch.stack([silhouette for silhouette, _ in seen]))
+    best = max(candidates, key=lambda c: c.score)
+    circle = _as_circle(best.fit.circle[0], best.fit.covariance[0], frame)
+    if not best.plain:
+        # A slow ball is part of the median background: the image alone may show its limb better.
+        views = image[None] if best.contrast.equal(image) else torch.stack((best.contrast, image))
+        circle = at_limb(views, circle, ignore)
+    return dataclasses.replace(circle, others=_others(candidates, best))
+
+
+class _Candidate(NamedTuple):
+    """An outline in a silhouette, which may be the ball's."""
+
+    score: float
+    fit: outline_fit.OutlineFit
+    plain: bool
+    silhouette: Tensor
+    contrast: Tensor
+
+
+def _candidates(seen: list[tuple[Tensor, Tensor]], radii: tuple[float, float] = (0.0, math.inf)) -> list[_Candidate]:
+    """The best outline in each of the silhouettes, ``seen`` with their contrasts, where one is good enough."""
+    candidates: list[_Candidate] = []
+    if not seen:
+        return candidates
+    guesses = disc_filter.best_discs(torch.stack([silhouette for silhouette, _ in seen]), radii)
     for (silhouette, contrast), guess in zip(seen, guesses, strict=True):
         found = None if guess is None else _outline_of(silhouette, contrast, guess)
         if found is not None:
             fit, plain = found
             explained = disc_filter.explained_by(silhouette, fit.circle[0])
             if explained > disc_filter.MIN_EXPLAINED:
-                candidates.append((explained * float(fit.support[0]), fit, plain, contrast))
-    if not candidates:
-        return None
-    _, fit, plain, contrast = max(candidates, key=lambda c: c[0])
-    circle = _as_circle(fit.circle[0], fit.covariance[0], frame)
-    if plain:
-        return circle
-    # A slow ball is part of the median background: the image alone may show its limb better.
-    return at_limb(image[None] if contrast.equal(image) else torch.stack((contrast, image)), circle, ignore)
+                candidates.append(_Candidate(explained * float(fit.support[0]), fit, plain, silhouette, contrast))
+    return candidates
+
+
+def _others(candidates: list[_Candidate], best: _Candidate) -> tuple[tuple[float, float, float], ...]:
+    """Circles of other objects that may be the ball: those in other silhouettes, and that beside the ``best`` one."""
+    x, y, radius = best.fit.circle[0].tolist()
+    rows, columns = (torch.arange(size, device=best.contrast.device) for size in best.contrast.shape)
+    is_ball = (rows[:, None] - y) ** 2 + (columns - x) ** 2 < (disc_filter.RING * radius) ** 2
+    rest = best.silhouette.masked_fill(is_ball, 0.0)
+    beside = _candidates([(rest, best.contrast)], (OTHER_SIZES[0] * radius, OTHER_SIZES[1] * radius))
+    found: list[tuple[float, float, float]] = []
+    for candidate in sorted(candidates + beside, key=lambda c: -c.score):
+        at_x, at_y, size = candidate.fit.circle[0].tolist()
+        apart = all(math.hypot(at_x - u, at_y - v) > OTHER_DISTANCE * radius for u, v, _ in [(x, y, radius), *found])
+        alike = OTHER_SIZES[0] < size / radius < OTHER_SIZES[1] and candidate.score > OTHER_SCORE * best.score
+        if apart and alike:
+            found.append((at_x, at_y, size))
+    return tuple(found)
 
 
 def _outline_of(silhouette: Tensor, contrast: Tensor, guess: Tensor) -> tuple[outline_fit.OutlineFit, bool] | None:

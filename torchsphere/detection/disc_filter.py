@@ -18,13 +18,16 @@ RADIUS_STEP, RING = 1.1, 1.35
 MIN_EXPLAINED = 0.35
 
 
-def best_discs(silhouettes: Tensor) -> list[Tensor | None]:
-    """The disc (1, 3), float64, that explains most of each silhouette (k, h, w); None without a good one."""
+def best_discs(silhouettes: Tensor, radii: tuple[float, float] = (0.0, math.inf)) -> list[Tensor | None]:
+    """The disc (1, 3), float64, that explains most of each silhouette (k, h, w); None without a good one.
+
+    ``radii``, px, are the least and the largest that are looked for.
+    """
     factor = max(1, math.ceil(max(silhouettes.shape[1:]) / COARSE_PX))
     small = F.avg_pool2d(silhouettes[:, None], factor)[:, 0]
     best = [MIN_EXPLAINED] * len(small)
     guesses: list[Tensor | None] = [None] * len(small)
-    radius, largest = max(8.0 / factor, 2.5), 0.5 * min(small.shape[1:])
+    radius, largest = max(8.0 / factor, 2.5, radii[0] / factor), min(0.5 * min(small.shape[1:]), radii[1] / factor)
     while radius < largest:
         shares, places = (values.tolist() for values in _explained(small, radius).flatten(1).max(-1))
         for i, (share, place) in enumerate(zip(shares, places, strict=True)):

@@ -24,6 +24,9 @@ class Circle:
     sd_guessed : bool
         True where the standard deviations are a bound, because the image shows no limb near the circle; later frames
         may have measured that of the radius.
+    others : tuple
+        Circles (x, y, radius), px, of other round objects of about that size in the image of a circle that was found:
+        one of them may be the ball instead.
     """
 
     x: float
@@ -34,6 +37,7 @@ class Circle:
     sd_radius: float = math.nan
     frame: int = 0
     sd_guessed: bool = False
+    others: tuple[tuple[float, float, float], ...] = ()
 
     def text(self, decimals: int = 2) -> str:
         """Centre and radius in the form of ``--circle``."""
@@ -52,6 +56,17 @@ class Circle:
         if self.sd_guessed:
             return "no limb of a speckled ball was seen along it"
         return "it is so small that it may be anything bright or dark" if self.radius < SMALL_PX else ""
+
+    def choice(self, where: str) -> str:
+        """A sentence with all round objects of about this size, and ``where`` to look at them; empty without others."""
+        if not self.others:
+            return ""
+        rest = " and ".join(",".join(f"{value:.1f}" for value in other) for other in self.others)
+        return (
+            f"Frame {self.frame} shows {1 + len(self.others)} round objects of about one size: the one at "
+            f"{self.text(1)} px is taken for the ball, not that at {rest} px; look at them {where}, and give "
+            "--circle X,Y,R of the ball."
+        )
 
     def warning(self, where: str) -> str:
         """A sentence with the `doubt` about a circle that was found, and ``where`` to look at it."""

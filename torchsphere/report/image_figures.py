@@ -245,6 +245,11 @@ def preview_figure(path: Path, image: NDArray[np.float32], circle: Circle, title
     x, y = circle.x + circle.radius * np.cos(angle), circle.y + circle.radius * np.sin(angle)
     axis.plot(x, y, color=COLOURS[1], lw=1.2)
     axis.plot(circle.x, circle.y, "+", color=COLOURS[1], ms=12)
+    for number, (u, v, radius) in enumerate(circle.others, 2):
+        axis.plot(u + radius * np.cos(angle), v + radius * np.sin(angle), color=COLOURS[2], lw=1.2, ls="--")
+        axis.text(u, v, str(number), color=COLOURS[2], ha="center", va="center", fontsize=14, fontweight="bold")
+    if circle.others:
+        axis.text(circle.x, circle.y, "1", color=COLOURS[1], ha="left", va="bottom", fontsize=14, fontweight="bold")
     axis.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="x (px)", ylabel="y (px)")
     axis.set_title(title, fontsize=9)
     figure.savefig(path)

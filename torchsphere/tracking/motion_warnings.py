@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -76,6 +77,10 @@ def _circle_warnings(source: Source, track: Track, start: int) -> list[str]:
             image = source.images(circle.frame, circle.frame + 1)[0]
             doubt = given_circle_warning(image.float().cpu(), circle)
             sentences += [doubt] if doubt else []
+    choice = dataclasses.replace(circle, frame=start + circle.frame).choice(
+        "with 'torchsphere info INPUT --preview FILE.png'"
+    )
+    sentences += [choice] if choice else []
     if track.settings["circle_refined"] and circle.doubt:
         in_preview = "with 'torchsphere info INPUT --preview FILE.png'"
         sentences.append(
