@@ -234,6 +234,12 @@ def kept_images(result: ResultFolder) -> Sampled:
     return result.sampled
 
 
+def _number(axis: Any, number: int, x: float, y: float, colour: str) -> None:
+    """Write a number at (x, y) on a white disc, to be read on any texture."""
+    disc = {"boxstyle": "circle", "facecolor": "white", "edgecolor": colour, "alpha": 0.85}
+    axis.text(x, y, str(number), color=colour, ha="center", va="center", fontsize=12, fontweight="bold", bbox=disc)
+
+
 def preview_figure(path: Path, image: NDArray[np.float32], circle: Circle, title: str) -> None:
     """Write a PNG of the image with its circle; the title has the numbers of the circle for ``--circle``."""
     height, width = image.shape
@@ -247,9 +253,9 @@ def preview_figure(path: Path, image: NDArray[np.float32], circle: Circle, title
     axis.plot(circle.x, circle.y, "+", color=COLOURS[1], ms=12)
     for number, (u, v, radius) in enumerate(circle.others, 2):
         axis.plot(u + radius * np.cos(angle), v + radius * np.sin(angle), color=COLOURS[2], lw=1.2, ls="--")
-        axis.text(u, v, str(number), color=COLOURS[2], ha="center", va="center", fontsize=14, fontweight="bold")
+        _number(axis, number, u, v, COLOURS[2])
     if circle.others:
-        axis.text(circle.x, circle.y, "1", color=COLOURS[1], ha="left", va="bottom", fontsize=14, fontweight="bold")
+        _number(axis, 1, circle.x, circle.y, COLOURS[1])
     axis.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="x (px)", ylabel="y (px)")
     axis.set_title(title, fontsize=9)
     figure.savefig(path)
