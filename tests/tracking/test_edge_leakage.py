@@ -59,7 +59,7 @@ def test_a_warning_about_leakage_names_a_better_region(
     measured = track(recording, bright.circle, sphere_map=False, **({} if roi is None else {"roi": roi}))
     found = [
         s
-        for s in track_warnings(Request(input=path, out="out", roi=roi), recording, measured, 1e3, 0)
+        for s in track_warnings(Request(input=path, out="out", roi=roi), recording, measured, 1e3)
         if "outline of so" in s
     ]
     assert len(found) == warned
