@@ -26,7 +26,7 @@ Rule = tuple[tuple[float, ...], tuple[Any, Any]]
 _HALF, _TINY, _LEAST, _THIN = (np.float32(v) for v in (0.5, 1e-6, 0.03, 1e-3))
 _TWELFTH, _GAUSS = np.float32(1 / 12), np.float32(1 / math.sqrt(3))
 _ROOT_HALF, _DENSITY = np.float32(math.sqrt(0.5)), np.float32(1 / math.sqrt(2 * math.pi))
-_FIVE, _THREE, _EIGHT, _QUARTER = (np.float32(v) for v in (5, 3, 8, 0.25))
+_FIVE, _SIX, _THREE, _EIGHT, _QUARTER, _TWELVE = (np.float32(v) for v in (5, 6, 3, 8, 0.25, 12))
 
 #: Number of columns of the jacobian.
 COLUMNS = 9
@@ -56,8 +56,9 @@ def linearise(coefficients: Tensor, cells: int, rule: Rule, *images: Tensor) -> 
 
     Offsets (n, 2) of the first pixel from the centre, or those of all pixels (n, s, s, 2), without images in an
     orthographic view; orientations (n, 3, 3), gains and offsets (n, 2), visibility and background (n, s, s); radius,
-    blur, nearness and light (n, 7), in the axes of the view. The ``rule`` says where the limb begins, in radii and px
-    from the outline, and up to where rays are drawn, radii; then points and weights of the limb's Gauss rule.
+    blur, nearness, light and blur of the footprint (n, 8), in the axes of the view. The ``rule`` says where the limb of
+    a sharp image begins, in radii and px from the outline, and up to where rays are drawn, radii; then points and
+    weights of the limb's Gauss rule.
     """
     given = contiguous(*images)
     levels = torch.zeros_like(images[4])
@@ -79,10 +80,25 @@ def design(cells: int, rule: Rule, *images: Tensor) -> tuple[Tensor, Tensor, Ten
 
 
 @compiled
-def _trapezium(x: Any, y: Any, distance: Any) -> tuple[Any, Any]:
-    """Half the widths of a square pixel, seen along the radius, at its foot and at its top."""
+def _trapezium(x: Any, y: Any, distance: Any, radius: Any, blur: Any) -> tuple[Any, Any]:
+    """Half the widths of a blurred square pixel, seen along the radius, at its foot and at its top."""
     a, b = abs(x) / distance, abs(y) / distance
-    return _HALF * (a + b), _HALF * abs(a - b)
+    half, top = _HALF * (a + b), _HALF * abs(a - b)
+    narrow = half - top
+    beyond = _HALF * (np.sqrt(narrow * narrow + _TWELVE * blur * blur) - narrow)
+    tilt = min(distance / radius, ONE)
+    if beyond > top:
+        return tilt * np.sqrt(_HALF + _SIX * blur * blur), ZERO
+    return tilt * (half + beyond), tilt * (top - beyond)
+
+
+@compiled
+def _two_rays(radius: Any, blur: Any, limits: Floats) -> tuple[Any, Any]:
+    """Distance from the centre, px, up to which two rays are enough, and how they are scaled apart."""
+    wider = np.sqrt(ONE + _TWELVE * blur * blur)
+    slope = limits[0] / (np.sqrt(ONE - limits[0] * limits[0]) * wider)
+    inner = slope / np.sqrt(ONE + slope * slope) * radius
+    return min(inner, radius - limits[1] * wider), _HALF * _GAUSS * wider / radius
 
 
 @compiled
@@ -199,10 +215,10 @@ def linearise_row(
     """
     coefficients, cells, limits, points, shares, turn, brightness, ball = given
     outline, begins, rays, corner, axis, xs, ys = room
-    radius, blur, per_px = ball[0], ball[1], ONE / ball[0]
+    per_px = ONE / ball[0]
     gain, dark = brightness[0], brightness[1]
     # Step by step over the rays of the row: the steps without look-ups run on several rays at once.
-    count = _row_of_rays(xs, ys, radius, blur, limits, points, shares, visibility, outline, begins, rays)
+    count = _row_of_rays(xs, ys, ball, limits, points, shares, visibility, outline, begins, rays)
     _touch(rays, count, per_px, ball[2])
     _meet(rays, corner, axis, count, turn, cells)
     _look_up(coefficients, np.uint64(cells + 3), corner, rays, count)
@@ -242,8 +258,7 @@ def linearise_row(
 def _row_of_rays(
     xs: Floats,
     ys: Floats,
-    radius: Any,
-    blur: Any,
+    ball: Floats,
     limits: Floats,
     points: Floats,
     shares: Floats,
@@ -256,8 +271,9 @@ def _row_of_rays(
 
     Also of each pixel share, edge and spread of `_coverage`, and what the outline gives or takes.
     """
-    inner, outermost = min(limits[0] * radius, radius - limits[1]), limits[2] * radius
-    closer = _HALF * _GAUSS / radius
+    radius, blur, wide = ball[0], ball[1], ball[7]
+    inner, closer = _two_rays(radius, wide, limits)
+    outermost = limits[2] * radius
     count = 0
     for column in range(len(visibility)):
         begins[column] = count
@@ -277,7 +293,7 @@ def _row_of_rays(
                 rays[3, count], rays[4, count], rays[5, count] = ZERO, -sign * closer / radius, _HALF
                 count += 1
             continue
-        half, top = _trapezium(x, y, distance)
+        half, top = _trapezium(x, y, distance, radius, wide)
         shallow, deep = _limb_part(distance, radius, half)
         whole = ZERO
         for k in range(len(points)):
@@ -409,10 +425,9 @@ def _design(
     n, side, _ = visibility.shape
     room = room_for_rows(side, len(points))
     for i in range(n):
-        radius, blur, near, same, lx, ly, lz = ball[i]
-        inner, outermost = min(limits[0] * radius, radius - limits[1]), limits[2] * radius
-        per_px = ONE / radius
-        closer = _HALF * _GAUSS * per_px
+        radius, blur, near, same, lx, ly, lz, wide = ball[i]
+        inner, closer = _two_rays(radius, wide, limits)
+        outermost, per_px = limits[2] * radius, ONE / radius
         turn, gain, dark = turns[i], brightness[i, 0], brightness[i, 1]
         for row in range(side):
             find_places(first[i], places, i, row, room)
@@ -430,7 +445,7 @@ def _design(
                 count, whole, half, top, shallow, deep = 2, ZERO, ZERO, ZERO, ZERO, ZERO
                 if not is_inner:
                     count = len(points)
-                    half, top = _trapezium(x, y, distance)
+                    half, top = _trapezium(x, y, distance, radius, wide)
                     shallow, deep = _limb_part(distance, radius, half)
                 for k in range(count):
                     if is_inner:

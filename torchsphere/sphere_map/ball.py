@@ -64,6 +64,8 @@ class TexturedBall:
     # (R. Basri and D. Jacobs, IEEE Trans. Pattern Anal. Mach. Intell. 25 (2003) 218, doi:10.1109/TPAMI.2003.1177153),
     # cannot be separated from the texture where the ball turns by less than a radian.
     light: Tensor
+    # Standard deviation of the optics' blur, px, that a pixel's footprint on the surface has beside the pixel's width.
+    footprint_blur: float = 0.0
 
 
 def uniform_light(like: Tensor) -> Tensor:

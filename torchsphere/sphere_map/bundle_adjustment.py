@@ -18,6 +18,7 @@ from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import cube_map, elimination, forward_model, map_fit, nearness, pixel_weights
 from torchsphere.sphere_map.ball import Poses, TexturedBall, uniform_light
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
+from torchsphere.sphere_map.footprint import fit_footprint
 from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.light import fit_light
 from torchsphere.sphere_map.map_fit import MapEquations
@@ -124,10 +125,10 @@ def adjust(
     state = with_cells(state, cube_map.cells_per_face(radius, cell_px))
     state, _ = fit_map(state, shared, LIGHT_MAP_STEPS)
     # A light that differs from side to side pulls at the outline: it is fitted before the poses are.
-    state = fit_light(state, shared)
+    state = fit_footprint(fit_light(state, shared), shared)
     adjustment = _adjust_level(state, last, shared)
     if not bool((state.ball.light == ball.light).all()):
-        adjustment = _adjust_level(fit_light(adjustment.state, shared), last, shared)
+        adjustment = _adjust_level(fit_footprint(fit_light(adjustment.state, shared), shared), last, shared)
     _report(progress, 1.0)
     return replace(adjustment, covariance=_with_radius_error(adjustment))
 

@@ -1,10 +1,10 @@
 """The forward model: poses, texture map, light, outline and still background -> grey levels and their derivatives.
 
 A pixel shows the ball over the share of its area that the disc covers, and the background over the rest. The map holds
-the texture as a pixel in front of it sees it, blurred by the pixel's own width. Further out the surface is tilted away,
-and the pixel's footprint on it grows along the radius of the disc alone: the ball's part is the mean over two rays,
-displaced along the radius, which have the variance of the footprint beyond that of the map (two points of a Gauss rule
-at the limb, one point in the middle). The footprint on the curved surface is what a correlation of two images lacks.
+the texture as a pixel in front of it sees it, blurred by the optics and by the pixel's own width. Further out the
+surface is tilted away, and this footprint grows on it along the radius of the disc alone: the ball's part is the mean
+over two rays, displaced along the radius, which have the variance of the footprint beyond that of the map, and over
+more rays near the limb. The footprint on the curved surface is what a correlation of two images lacks.
 """
 
 from __future__ import annotations
@@ -31,17 +31,12 @@ MAX_RAY_DISTANCE = 0.9998
 #: Half the width of a pixel, and share of it at which the two points of a Gauss rule lie.
 HALF_PIXEL, GAUSS_POINT = 0.5, 1 / math.sqrt(3)
 
-#: Number of points of the Gauss rule along the radius at the limb (docs/constants.md).
-LIMB_RULE_POINTS = 5
+#: Number of points of the Gauss rule along the radius at the limb, of sharp and of blurred pixels (docs/constants.md).
+LIMB_RULE_POINTS, BLURRED_RULE_POINTS = 5, 8
 
-#: These points, from -1 to 1, and their weights.
-LIMB_POINTS = np.polynomial.legendre.leggauss(LIMB_RULE_POINTS)
-
-#: Distance from the centre, radii, and distance from the outline, px, from which a pixel is at the limb: there the
-#: surface is so steep that two rays are not enough (docs/constants.md).
+#: Distance from the centre, radii, and distance from the outline, px, from which a sharp pixel is at the limb: there
+#: the surface is so steep that two rays are not enough (docs/constants.md).
 LIMB_FROM, LEAST_LIMB_PX = 0.92, 1.5
-
-RULE = (LIMB_FROM, LEAST_LIMB_PX, MAX_RAY_DISTANCE), LIMB_POINTS
 
 #: Least blur of the edge by the optics, px (docs/constants.md).
 MIN_BLUR_PX = 0.05
@@ -133,6 +128,12 @@ class Design:
         return Places(self.corner.long(), self.offset.movedim(-1, 0), self.offset.new_zeros(()), self.cells)
 
 
+def rule(ball: TexturedBall) -> loops.Rule:
+    """Limits of the limb, and points of its Gauss rule, from -1 to 1, with their weights."""
+    points = BLURRED_RULE_POINTS if ball.footprint_blur else LIMB_RULE_POINTS
+    return (LIMB_FROM, LEAST_LIMB_PX, MAX_RAY_DISTANCE), np.polynomial.legendre.leggauss(points)
+
+
 @dataclass(frozen=True)
 class _Rays:
     """Rays of each pixel, and how they move; (n, s, s, k) each."""
@@ -145,12 +146,21 @@ class _Rays:
     weight_by_radius: Tensor
 
 
-def _rays(x: Tensor, y: Tensor, radius: Tensor) -> _Rays:
-    """Rays of the pixels at ``x`` and ``y`` from the centre, px, which broadcast to (n, s, s), on that ``radius``."""
+def _rays(x: Tensor, y: Tensor, radius: Tensor, ball: TexturedBall) -> _Rays:
+    """Rays of the pixels at ``x`` and ``y`` from the centre, px, which broadcast to (n, s, s), on that ``radius``.
+
+    A blurred pixel is at the limb where the slope of the surface is as many times less as the pixel is wider.
+    """
     distance = (x.square() + y.square()).sqrt().clamp_min(1e-6).unsqueeze(-1)
-    points = torch.tensor(np.array(LIMB_POINTS), dtype=distance.dtype, device=distance.device)
-    inner, outer = _inner_rays(distance, radius), _outer_rays(x, y, distance, radius, points)
-    is_inner = distance < torch.minimum(LIMB_FROM * radius, radius - LEAST_LIMB_PX)
+    points = torch.tensor(np.array(rule(ball)[1]), dtype=distance.dtype, device=distance.device)
+    blur = ball.footprint_blur
+    # Width of a pixel with the blur over that of a sharp pixel.
+    wider = math.sqrt(1 + 12 * blur**2)
+    inner = _inner_rays(distance, radius, wider, points)
+    outer = _outer_rays(x, y, distance, radius, blur, points)
+    slope = LIMB_FROM / math.sqrt(1 - LIMB_FROM**2) / wider
+    limb_from = slope / math.sqrt(1 + slope**2)
+    is_inner = distance < torch.minimum(limb_from * radius, radius - LEAST_LIMB_PX * wider)
     at, by_distance, by_radius, *weights = (torch.where(is_inner, i, o) for i, o in zip(inner, outer, strict=True))
     limit = MAX_RAY_DISTANCE * radius
     drawn = at > limit
@@ -161,27 +171,32 @@ def _rays(x: Tensor, y: Tensor, radius: Tensor) -> _Rays:
     return _Rays(scale, (by_distance - scale) / distance, by_radius / distance, *weights)
 
 
-def _inner_rays(distance: Tensor, radius: Tensor) -> tuple[Tensor, ...]:
+def _inner_rays(distance: Tensor, radius: Tensor, wider: float, points: Tensor) -> tuple[Tensor, ...]:
     """Distances (n, s, s, k) of two rays from the centre, their derivatives, and their weights with derivatives.
 
-    Both hold the variance by which the footprint exceeds that in front: that of the pixel times ``(r / R)^2``.
+    Both hold the variance by which the footprint exceeds that in front: that of pixel and blur times ``(r / R)^2``.
     """
-    sign = torch.zeros(len(LIMB_POINTS[0]), dtype=distance.dtype, device=distance.device)
-    sign[0], sign[1] = -HALF_PIXEL * GAUSS_POINT, HALF_PIXEL * GAUSS_POINT
+    sign = torch.zeros_like(points[0])
+    sign[0], sign[1] = -HALF_PIXEL * GAUSS_POINT * wider, HALF_PIXEL * GAUSS_POINT * wider
     by_distance = 1 + sign / radius
     at, none = distance * by_distance, torch.zeros_like(distance * sign)
     return at, by_distance, -distance * sign / radius.square(), (sign != 0).to(at) / 2, none, none
 
 
-def _outer_rays(x: Tensor, y: Tensor, distance: Tensor, radius: Tensor, points: Tensor) -> tuple[Tensor, ...]:
+def _outer_rays(
+    x: Tensor, y: Tensor, distance: Tensor, radius: Tensor, blur: float, points: Tensor
+) -> tuple[Tensor, ...]:
     """As `_inner_rays`, for pixels at the limb: a Gauss rule over the part of the pixel that the disc covers.
 
-    Seen along the radius, a square pixel is a trapezium, whose height weighs the rays. The rule's variable is the root
-    of the distance from the outline, in which the surface is even. The derivatives are those of the mean itself: rays
-    stay in their pixel while the ball moves, and the outline gives or takes what lies there.
+    Seen along the radius, a square pixel is a trapezium, whose height weighs the rays; the blur widens its foot and
+    narrows its top. The rule's variable is the root of the distance from the outline, in which the surface is even. The
+    derivatives are those of the mean itself: rays stay in their pixel while the ball moves, and the outline gives or
+    takes what lies there.
     """
     normal = torch.stack((x.abs().expand(distance.shape[:-1]), y.abs().expand(distance.shape[:-1])), -1) / distance
-    half, plateau = normal.sum(-1, keepdim=True) / 2, (normal[..., :1] - normal[..., 1:]).abs() / 2
+    half, plateau = _trapezium(normal, blur)
+    tilt = (distance / radius).clamp_max(1)
+    half, plateau = tilt * half, tilt * plateau
     near, far = (distance - half).minimum(radius - 1e-3), distance + half
     deep, shallow = (radius - near).sqrt(), (radius - far).clamp_min(1e-12).sqrt()
     root = shallow + (deep - shallow) * (1 + points[0]) / 2
@@ -196,6 +211,19 @@ def _outer_rays(x: Tensor, y: Tensor, distance: Tensor, radius: Tensor, points: 
     first = (torch.arange(len(points[0]), device=at.device) == 0).to(at)
     by_radius = edge * (first - weight)
     return at, torch.ones_like(at), torch.zeros_like(at), weight, -by_radius, by_radius
+
+
+def _trapezium(normal: Tensor, blur: float) -> tuple[Tensor, Tensor]:
+    """Half the widths (n, s, s, 1) at foot and top of a blurred pixel, seen along ``normal`` (n, s, s, 2).
+
+    The variance is a sixth of the sum of their squares: a twelfth, and the square of the blur.
+    """
+    foot, top = normal.sum(-1, keepdim=True) / 2, (normal[..., :1] - normal[..., 1:]).abs() / 2
+    narrow = foot - top
+    beyond = ((narrow.square() + 12 * blur**2).sqrt() - narrow) / 2
+    is_triangle = beyond > top
+    triangle = math.sqrt(0.5 + 6 * blur**2)
+    return torch.where(is_triangle, triangle, foot + beyond), torch.where(is_triangle, 0.0, top - beyond)
 
 
 def _height(away: Tensor, half: Tensor, plateau: Tensor) -> Tensor:
@@ -272,7 +300,7 @@ def _seen(windows: Windows, poses: Poses, ball: TexturedBall) -> _Seen:
 def _project(windows: Windows, poses: Poses, ball: TexturedBall) -> _Projection:
     x, y = windows.offsets(poses.centre)
     radius, blur = ball.radius.to(x), ball.edge_blur.to(x)
-    rays = _rays(x, y, radius)
+    rays = _rays(x, y, radius, ball)
     seen = _seen(windows, poses, ball)
     near = seen.nearness.to(x).reshape(-1, 1, 1, 1)
     across, down = rays.scale * x.unsqueeze(-1) / radius, rays.scale * y.unsqueeze(-1) / radius
@@ -300,7 +328,8 @@ def inputs_of_loops(windows: Windows, poses: Poses, ball: TexturedBall) -> tuple
     """The images, poses and ball for the loops: see `kernels.forward_model.linearise`."""
     brightness, seen = torch.stack((poses.gain, poses.offset), 1), _seen(windows, poses, ball)
     common = torch.stack((ball.radius, ball.edge_blur)).expand(len(poses), 2)
-    numbers = torch.cat((common, seen.nearness.unsqueeze(1), seen.light), 1)
+    footprint = torch.full_like(seen.nearness, ball.footprint_blur).unsqueeze(1)
+    numbers = torch.cat((common, seen.nearness.unsqueeze(1), seen.light, footprint), 1)
     first, places = windows.origin - poses.centre, windows.levels.new_zeros(0, 0, 0, 2)
     if windows.optics is not None:
         places = torch.stack(windows.offsets(poses.centre), -1)
@@ -310,7 +339,7 @@ def inputs_of_loops(windows: Windows, poses: Poses, ball: TexturedBall) -> tuple
 def design(windows: Windows, poses: Poses, ball: TexturedBall) -> Design:
     """The model at ``poses`` as a linear function of the map."""
     if suits(windows.levels):
-        return Design(*loops.design(ball.cells, RULE, *inputs_of_loops(windows, poses, ball)), ball.cells)
+        return Design(*loops.design(ball.cells, rule(ball), *inputs_of_loops(windows, poses, ball)), ball.cells)
     seen = _project(windows, poses, ball)
     gain, offset = _column(poses.gain, seen.share), _column(poses.offset, seen.share)
     factor = (gain * seen.share).unsqueeze(-1) * seen.light * seen.rays.weight
@@ -322,7 +351,7 @@ def linearise(windows: Windows, poses: Poses, ball: TexturedBall) -> Linearisati
     """Linearise the model at ``poses``."""
     if suits(windows.levels, ball.coefficients):
         given = inputs_of_loops(windows, poses, ball)
-        levels, jacobian = loops.linearise(ball.coefficients, ball.cells, RULE, *given)
+        levels, jacobian = loops.linearise(ball.coefficients, ball.cells, rule(ball), *given)
         return Linearisation(levels, _in_image(jacobian, windows, poses, ball))
     seen = _project(windows, poses, ball)
     radius = ball.radius.to(seen.x)

@@ -107,7 +107,7 @@ def _equations(
         rings = profile.limits.clamp_min(0).float().square(), profile.variance
         hidden = pixel_weights.NEIGHBOURHOOD_PX, pixel_weights.HIDDEN_FROM
         images = forward_model.inputs_of_loops(windows, poses, ball)
-        given = ball.coefficients, ball.cells, forward_model.RULE, images, windows.levels
+        given = ball.coefficients, ball.cells, forward_model.rule(ball), images, windows.levels
         normal, gradient, squares, seen = loops.equations(*given, rings, hidden, COLUMNS)
         if windows.optics is not None:
             motion = torch.eye(len(COLUMNS), dtype=normal.dtype).repeat(len(poses), 1, 1)
