@@ -53,3 +53,22 @@ def test_the_error_by_the_radius_may_change_along_a_flight_by_its_own_size(falli
     added = np.sqrt(motion.sd_angular_acceleration_rad_s2[4, 2] ** 2 - exact.sd_angular_acceleration_rad_s2[4, 2] ** 2)
     # 2.1 % of a spin of 10 rad/s, in 8 ms.
     assert added == pytest.approx(0.21 / 8e-3, rel=1e-5)
+
+
+def test_errors_of_the_steps_add_up_in_positions_that_are_their_sum_and_not_on_a_map() -> None:
+    n = 21
+    increment = np.tile([1.0, 0.0, 0.0, 0.02, 0.0], (n - 1, 1))
+    sd = np.array([0.01, 0.01, 1e-4, 1e-4, 1e-4])
+    on_map = made_track(increment, sd, ts.Circle(50.0, 40.0, 20.0, 0.0, 0.0, 0.05))
+    track = dataclasses.replace(on_map, settings=on_map.settings | {"sphere_map": {"used": False}})
+    steady = dataclasses.replace(track, sd_steady=np.array([0.02, 0.01, 0.0, 0.0, 0.0]))
+    none = dataclasses.replace(track, circle=dataclasses.replace(track.circle, sd_radius=0.0))
+    kept = dataclasses.replace(on_map, sd_steady=steady.sd_steady)
+    first, exact, mapped, known = (
+        1e3 * ts.kinematics(t, frame_rate=1000.0, m_per_px=1e-3).sd_position_m for t in (steady, none, kept, on_map)
+    )
+    added = np.sqrt(first**2 - exact**2)
+    # 0.02 px per frame, and 3 x 0.05 px for each rad about y, of which there are 0.02 per frame.
+    np.testing.assert_allclose(added[:, 0], np.arange(n) * np.hypot(0.02, 0.15 * 0.02), rtol=1e-3, atol=1e-9)
+    np.testing.assert_allclose(added[:, 1], np.arange(n) * 0.01, rtol=1e-3, atol=1e-9)
+    np.testing.assert_allclose(mapped, known, rtol=1e-9)

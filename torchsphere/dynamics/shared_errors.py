@@ -39,6 +39,7 @@ class SharedErrors:
     rotation: float  # of all rotations by the radius, relative
     centre: Array  # of the followed point from the ball's centre (2,), px; the point turns with the ball about z
     rotation_z: float  # factor of the centre's error: rotation about z per px and per rad of rotation about x and y
+    adds_up: bool  # whether positions are sums of steps, so that errors of the steps add up in them
 
     @staticmethod
     def of(track: Track, scale: Scale) -> SharedErrors:
@@ -48,7 +49,8 @@ class SharedErrors:
         # A steady error of the steps moves the followed point away from the centre, by half of the total on average.
         # A map, or a ball that stays in its place, prevents that.
         is_kept = track.settings.get("in_place") or track.settings.get("sphere_map", {}).get("used")
-        drift = 0.0 if is_kept else track.sd_steady[:2] * len(track.increment) / 2
+        adds_up = not is_kept
+        drift = track.sd_steady[:2] * len(track.increment) / 2 if adds_up else 0.0
         return SharedErrors(
             steady=track.sd_steady,
             scale=scale.sd_m_per_px / scale.m_per_px,
@@ -56,7 +58,21 @@ class SharedErrors:
             rotation=ROTATION_PER_RADIUS * sd_radius / track.circle.radius,
             centre=np.hypot(sd_centre, drift),
             rotation_z=ROTATION_Z_PER_CENTRE / track.circle.radius,
+            adds_up=adds_up,
         )
+
+    def sd_of_path(self, frames: Array, rate: Array) -> Array:
+        """Standard deviations (n, 2), px, of positions at the times ``frames`` (n,) since the first by errors of steps.
+
+        ``rate`` (n, 5) per frame. The steady error adds up with the frames, that by the radius with the turn.
+        """
+        if not self.adds_up:
+            return np.zeros((len(frames), 2))
+        passed = frames - frames[0]
+        turned = np.concatenate(
+            (np.zeros((1, 2)), (np.nan_to_num(rate[:-1, [3, 2]]) * np.diff(frames)[:, None]).cumsum(0))
+        )
+        return np.hypot(passed[:, None] * self.steady[:2], self.step * turned)
 
     def total_sd(self, values: Array, own_sd: Array, spin_z: Array | None = None) -> Array:
         """Standard deviations (n, 5) of rates or accelerations, from the frames' ``own_sd`` and the shared errors.

@@ -134,7 +134,8 @@ def in_si_units(track: Track, motion: Motion, time_s: Array, units: Units, mass_
     sd_acceleration, sd_angular = units.sd_rates(total_sd, 2)
     position = (_interpolated(track.position) + motion.offset) * m_per_px * units.axes[:2]
     sd_circle = np.nan_to_num([track.circle.sd_x, track.circle.sd_y])
-    sd_position = np.hypot(np.hypot(motion.sd_offset, sd_circle) * m_per_px, position * shared.scale)
+    sd_path = np.hypot(sd_circle, shared.sd_of_path(time_s * units.frame_rate, motion.rate))
+    sd_position = np.hypot(np.hypot(motion.sd_offset, sd_path) * m_per_px, position * shared.scale)
     return Kinematics(
         time_s=time_s,
         position_m=position,
