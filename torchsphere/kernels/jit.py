@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numba
@@ -71,10 +72,21 @@ def compiled(function: Callable[..., Any]) -> Any:
         "pipeline_class": _NoAliasCompiler,
     }
     try:
-        return numba.njit(cache=True, **options)(function)
+        dispatcher = numba.njit(cache=True, **options)(function)
     except RuntimeError:
         # No folder for the cache is writable: each process compiles anew.
         return numba.njit(**options)(function)
+    # A loop holds the functions of other files that it calls, and numba looks at the loop's own file alone: after an
+    # update of another file an old loop would give wrong numbers.
+    dispatcher._cache._cache_file._source_stamp = sources_stamp()
+    return dispatcher
+
+
+@functools.cache
+def sources_stamp() -> tuple[tuple[str, float, int], ...]:
+    """Name, time of the last change and size of each file with loops: a cache with another stamp is not used."""
+    found = ((path.name, path.stat()) for path in sorted(Path(__file__).parent.glob("*.py")))
+    return tuple((name, stat.st_mtime, stat.st_size) for name, stat in found)
 
 
 def arrays(*tensors: Tensor) -> tuple[Any, ...]:
