@@ -162,7 +162,8 @@ def _with_nearness(adjustment: Adjustment, optics: Optics, cell_px: float, share
     near, sd, settled = _settled_nearness(start, level, shared)
     value = float(nearness.nearness_of(near.state))
     if not settled or not SEEN_NEARNESS_SD * sd < value < MAX_NEARNESS:
-        return unseen
+        # What was seen and could not be settled is not known to less than what the search had found.
+        return replace(unseen, sd_nearness=max(nearness.UNKNOWN_SD, abs(value)))
     return replace(near, covariance=_with_radius_error(near), sd_nearness=sd)
 
 
