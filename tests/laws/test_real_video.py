@@ -8,8 +8,8 @@ import pytest
 import torchsphere as ts
 from torchsphere.recording.ignore_mask import read_ignore
 
-#: A fifth of the recording: fast rotations are measured in both directions, which takes 0.2 s per frame.
-FRAMES = 60
+#: One in fifteen frames of the recording: fast rotations are measured in both directions, which takes 0.2 s per frame.
+FRAMES = 20
 
 CIRCLE = (109.1, 179.4, 45.0)
 
