@@ -6,7 +6,6 @@ weight are left out.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from torch import Tensor
 
 from torchsphere.kernels.cube_map import place, slopes, sum_with_slopes, weights
 from torchsphere.kernels.jit import ONE, TWO, ZERO, Floats, compiled
+from torchsphere.kernels.rays import coverage, height_at, limb_part, row_of_rays, trapezium, two_rays
 
 Array = NDArray[Any]
 Numbers = NDArray[np.int32]
@@ -23,10 +23,8 @@ Numbers = NDArray[np.int32]
 #: Limits of the limb, px and radii, and a Gauss rule: see `linearise`.
 Rule = tuple[tuple[float, ...], tuple[Any, Any]]
 
-_HALF, _TINY, _LEAST, _THIN = (np.float32(v) for v in (0.5, 1e-6, 0.03, 1e-3))
-_TWELFTH, _GAUSS = np.float32(1 / 12), np.float32(1 / math.sqrt(3))
-_ROOT_HALF, _DENSITY = np.float32(math.sqrt(0.5)), np.float32(1 / math.sqrt(2 * math.pi))
-_FIVE, _SIX, _THREE, _EIGHT, _QUARTER, _TWELVE = (np.float32(v) for v in (5, 6, 3, 8, 0.25, 12))
+_HALF, _TINY = np.float32(0.5), np.float32(1e-6)
+_FIVE, _THREE, _EIGHT, _QUARTER = (np.float32(v) for v in (5, 3, 8, 0.25))
 
 #: Number of columns of the jacobian.
 COLUMNS = 9
@@ -80,74 +78,6 @@ def design(cells: int, rule: Rule, *images: Tensor) -> tuple[Tensor, Tensor, Ten
 
 
 @compiled
-def _trapezium(x: Any, y: Any, distance: Any, radius: Any, blur: Any) -> tuple[Any, Any]:
-    """Half the widths of a blurred square pixel, seen along the radius, at its foot and at its top."""
-    a, b = abs(x) / distance, abs(y) / distance
-    half, top = _HALF * (a + b), _HALF * abs(a - b)
-    narrow = half - top
-    beyond = _HALF * (np.sqrt(narrow * narrow + _TWELVE * blur * blur) - narrow)
-    tilt = min(distance / radius, ONE)
-    if beyond > top:
-        return tilt * np.sqrt(_HALF + _SIX * blur * blur), ZERO
-    return tilt * (half + beyond), tilt * (top - beyond)
-
-
-@compiled
-def _two_rays(radius: Any, blur: Any, limits: Floats) -> tuple[Any, Any]:
-    """Distance from the centre, px, up to which two rays are enough, and how they are scaled apart."""
-    wider = np.sqrt(ONE + _TWELVE * blur * blur)
-    slope = limits[0] / (np.sqrt(ONE - limits[0] * limits[0]) * wider)
-    inner = slope / np.sqrt(ONE + slope * slope) * radius
-    return min(inner, radius - limits[1] * wider), _HALF * _GAUSS * wider / radius
-
-
-@compiled
-def _height(away: Any, half: Any, top: Any) -> Any:
-    """Height of a pixel's trapezium ``away`` from its middle, as a share of that in the middle."""
-    narrow = half - top
-    height = (half - away) / (narrow if narrow > _THIN else _THIN)
-    return _THIN if height < _THIN else ONE if height > ONE else height
-
-
-@compiled
-def _limb_part(distance: Any, radius: Any, half: Any) -> tuple[Any, Any]:
-    """Roots of the distances from the outline between which the disc covers a pixel: the nearer and the farther end."""
-    near, far = distance - half, distance + half
-    near = min(near, radius - _THIN)
-    # No difference may round to less than nothing.
-    return np.sqrt(max(radius - far, ZERO)), np.sqrt(max(radius - near, _THIN))
-
-
-@compiled
-def _coverage(x: Any, y: Any, distance: Any, radius: Any, blur: Any) -> tuple[Any, Any, Any]:
-    """`sphere_map.forward_model.coverage` of one pixel."""
-    bent = (blur * blur + _TWELFTH) / (TWO * radius)
-    inwards = radius - bent - distance
-    if abs(inwards) >= ONE + _EIGHT * blur:
-        return (ONE if inwards > ZERO else ZERO), ZERO, ZERO
-    a, b = abs(x) / distance, abs(y) / distance
-    a, b = _HALF * (a if a > _LEAST else _LEAST), _HALF * (b if b > _LEAST else _LEAST)
-    share, slope, spread = 0.0, 0.0, 0.0
-    for k in range(4):
-        corner = a + b if k == 0 else a - b if k == 1 else b - a if k == 2 else -a - b
-        sign = 1.0 if k == 0 or k == 3 else -1.0
-        # In double precision: the four terms nearly cancel.
-        at, wide = float(inwards + corner), float(blur)
-        z = at / wide
-        below, density = (1.0 if z > 0.0 else 0.0), 0.0
-        # Further away both functions have their limits to the last digit.
-        if abs(z) < 9.0:
-            below = 0.5 * math.erfc(-z * 0.7071067811865476)
-            density = math.exp(-0.5 * z * z) * wide * 0.3989422804014327
-        share += sign * (0.5 * (at * at + wide * wide) * below + 0.5 * at * density)
-        slope += sign * (at * below + density)
-        spread += sign * wide * below
-    area = 4.0 * float(a) * float(b)
-    by_distance = np.float32(slope / area)
-    return np.float32(share / area), by_distance, np.float32(spread / area) - by_distance * blur / radius
-
-
-@compiled
 def _linearise(
     coefficients: Floats,
     cells: int,
@@ -179,7 +109,7 @@ def _linearise(
 
 @compiled
 def room_for_rows(side: int, points: int) -> tuple[Array, ...]:
-    """Memory for the rays of a row of ``side`` pixels: see `_row_of_rays` and `_meet`."""
+    """Memory for the rays of a row of ``side`` pixels: see `row_of_rays` and `_meet`."""
     outline, begins = np.empty((side, 4), np.float32), np.empty(side + 1, np.int64)
     rays, corner = np.empty((20, side * points), np.float32), np.empty(side * points, np.int32)
     across, down = np.empty(side, np.float32), np.empty(side, np.float32)
@@ -218,7 +148,7 @@ def linearise_row(
     per_px = ONE / ball[0]
     gain, dark = brightness[0], brightness[1]
     # Step by step over the rays of the row: the steps without look-ups run on several rays at once.
-    count = _row_of_rays(xs, ys, ball, limits, points, shares, visibility, outline, begins, rays)
+    count = row_of_rays(xs, ys, ball, limits, points, shares, visibility, outline, begins, rays)
     _touch(rays, count, per_px, ball[2])
     _meet(rays, corner, axis, count, turn, cells)
     _look_up(coefficients, np.uint64(cells + 3), corner, rays, count)
@@ -252,68 +182,6 @@ def linearise_row(
         line[5, column], line[6, column] = part * wider + steep, blurred
         line[7, column], line[8, column] = unit, shown
         levels[column] = gain * unit + shown * dark
-
-
-@compiled
-def _row_of_rays(
-    xs: Floats,
-    ys: Floats,
-    ball: Floats,
-    limits: Floats,
-    points: Floats,
-    shares: Floats,
-    visibility: Floats,
-    outline: Floats,
-    begins: Array,
-    rays: Floats,
-) -> int:
-    """Rays of the pixels in a row: offsets x and y, scale, its changes by distance and size, and weight; their number.
-
-    Also of each pixel share, edge and spread of `_coverage`, and what the outline gives or takes.
-    """
-    radius, blur, wide = ball[0], ball[1], ball[7]
-    inner, closer = _two_rays(radius, wide, limits)
-    outermost = limits[2] * radius
-    count = 0
-    for column in range(len(visibility)):
-        begins[column] = count
-        if visibility[column] == ZERO:
-            continue
-        x, y = xs[column], ys[column]
-        distance = np.sqrt(x * x + y * y)
-        distance = distance if distance > _TINY else _TINY
-        share, edge, spread = _coverage(x, y, distance, radius, blur)
-        outline[column, 0], outline[column, 1], outline[column, 2], outline[column, 3] = share, edge, spread, ZERO
-        if share == ZERO and edge == ZERO:
-            continue
-        if distance < inner:
-            for k in range(2):
-                sign = -ONE if k == 0 else ONE
-                rays[0, count], rays[1, count], rays[2, count] = x, y, ONE + sign * closer
-                rays[3, count], rays[4, count], rays[5, count] = ZERO, -sign * closer / radius, _HALF
-                count += 1
-            continue
-        half, top = _trapezium(x, y, distance, radius, wide)
-        shallow, deep = _limb_part(distance, radius, half)
-        whole = ZERO
-        for k in range(len(points)):
-            root = shallow + (deep - shallow) * _HALF * (ONE + points[k])
-            at, of_distance, of_size = radius - root * root, ONE, ZERO
-            weight = shares[k] * root * _height(abs(at - distance), half, top)
-            if at > outermost:
-                at, of_distance, of_size = outermost, ZERO, limits[2] / distance
-            scale = at / distance
-            rays[0, count + k], rays[1, count + k], rays[2, count + k] = x, y, scale
-            rays[3, count + k], rays[4, count + k] = (of_distance - scale) / (distance * distance), of_size
-            rays[5, count + k] = weight
-            whole += weight
-        for _ in range(len(points)):
-            rays[5, count] /= whole
-            count += 1
-        if distance + half > radius:
-            outline[column, 3] = _height(abs(radius - distance), half, top) / (whole * (deep - shallow))
-    begins[len(visibility)] = count
-    return count
 
 
 @compiled
@@ -426,7 +294,7 @@ def _design(
     room = room_for_rows(side, len(points))
     for i in range(n):
         radius, blur, near, same, lx, ly, lz, wide = ball[i]
-        inner, closer = _two_rays(radius, wide, limits)
+        inner, closer = two_rays(radius, wide, limits)
         outermost, per_px = limits[2] * radius, ONE / radius
         turn, gain, dark = turns[i], brightness[i, 0], brightness[i, 1]
         for row in range(side):
@@ -437,7 +305,7 @@ def _design(
                 x, y = room[5][column], room[6][column]
                 distance = np.sqrt(x * x + y * y)
                 distance = distance if distance > _TINY else _TINY
-                share, _, _ = _coverage(x, y, distance, radius, blur)
+                share, _, _ = coverage(x, y, distance, radius, blur)
                 fixed[i, row, column] = gain * (ONE - share) * background[i, row, column] + dark
                 if share == ZERO:
                     continue
@@ -445,15 +313,15 @@ def _design(
                 count, whole, half, top, shallow, deep = 2, ZERO, ZERO, ZERO, ZERO, ZERO
                 if not is_inner:
                     count = len(points)
-                    half, top = _trapezium(x, y, distance, radius, wide)
-                    shallow, deep = _limb_part(distance, radius, half)
+                    half, top = trapezium(x, y, distance, radius, wide)
+                    shallow, deep = limb_part(distance, radius, half)
                 for k in range(count):
                     if is_inner:
                         weight, scale = _HALF, ONE - closer if k == 0 else ONE + closer
                     else:
                         root = shallow + (deep - shallow) * _HALF * (ONE + points[k])
                         at = radius - root * root
-                        weight = shares[k] * root * _height(abs(at - distance), half, top)
+                        weight = shares[k] * root * height_at(abs(at - distance), half, top)
                         scale = min(at, outermost) / distance
                     px, py = scale * per_px * x, scale * per_px * y
                     square = px * px + py * py
