@@ -173,7 +173,7 @@ def test_a_mask_over_the_ball_is_named_with_a_found_and_with_a_given_circle(
     sentence = refused([*arguments, "--quiet"], capsys)
     assert "no ball was found" in sentence
     assert "or correct --ignore, which leaves out 9" in sentence
-    assert main([*arguments, "--circle", CIRCLE, "--no-report"]) == 0
+    assert main([*arguments, "--circle", CIRCLE, "--no-report"]) == 4
     assert "--ignore covers 100 % of the ball in frame 0" in capsys.readouterr().out
 
 

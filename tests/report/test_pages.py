@@ -67,7 +67,7 @@ def test_the_report_of_a_recording_without_the_ball_has_words_and_no_nan(tmp_pat
     images[1:] = np.random.default_rng(0).integers(55, 66, images[1:].shape)
     tifffile.imwrite(tmp_path / "shot.tif", images, photometric="minisblack")
     arguments = ["track", str(tmp_path / "shot.tif"), "--out", str(tmp_path / "out"), "--circle", "64.3,92.6,40"]
-    assert main([*arguments, "--fps", "36000", "--diameter-mm", "30", "--mass-g", "110", "--quiet"]) == 0
+    assert main([*arguments, "--fps", "36000", "--diameter-mm", "30", "--mass-g", "110", "--quiet"]) == 4
     result = read(tmp_path / "out")
     assert (
         explanations.verdict(result) == "No motion was measured: the ball was found in 1 frame of 8, but not followed."

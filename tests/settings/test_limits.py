@@ -110,7 +110,7 @@ def test_an_unused_option_is_noted(given: list[str], noted: str, tmp_path: Path,
     warnings = json.loads((out / "summary.json").read_text())["warnings"]
     found = [sentence for sentence in warnings if sentence.startswith("Given and not used: ")]
     assert len(found) == (1 if noted else 0)
-    assert all(noted in sentence and f"note    {sentence}" in printed for sentence in found)
+    assert all(noted in sentence and f"note{16 * ' '}{sentence}\n" in printed for sentence in found)
 
 
 @pytest.mark.parametrize("roi", [np.float32(0.9), np.float64(0.9), np.int64(1)])

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchsphere.cli.options import add_command, add_quiet
-from torchsphere.cli.track import measure_with_progress, status_text
+from torchsphere.cli.outcome import status_text
+from torchsphere.cli.track import measure_with_progress
 from torchsphere.request import Request
 
 if TYPE_CHECKING:
@@ -54,10 +55,11 @@ def run(options: dict[str, Any]) -> int:
 
 def _print_comparison(shot: Shot, done: Measurement) -> None:
     from torchsphere.synthetic import demo_shot
+    from torchsphere.tracking.result import status_counts
 
     tracked = done.track
     assert done.motion is not None  # the request has frame rate and scale
-    print(status_text(tracked))
+    print(f"frames {status_text(status_counts(tracked))}")
     print(f"\n{'per frame':<24} {'rms error':>10} {'stated sd':>10}  within 2 sd")
     for name, unit, rms, sd, within in demo_shot.frame_errors(shot, tracked):
         print(f"{f'{name} ({unit})':<24} {rms:>10.4f} {sd:>10.4f}  {100 * within:.0f} %")

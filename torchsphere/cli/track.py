@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +14,9 @@ from torchsphere.runtime.imports import without_collections
 
 if TYPE_CHECKING:
     from torchsphere.measure import Measurement
-    from torchsphere.tracking.track import Track
+
+#: Exit code where the result was written, and too few frames were measured to use it.
+UNUSABLE = 4
 
 
 def add(commands: Any) -> None:
@@ -26,6 +30,7 @@ def add(commands: Any) -> None:
         "--config", type=Path, metavar="FILE.toml", help="settings from a file, by the names of the options; these win"
     )
     add_quiet(parser)
+    parser.add_argument("--json", action="store_true", help="print summary.json and nothing else")
     add_settings(parser, SETTINGS)
 
 
@@ -44,24 +49,22 @@ def run(options: dict[str, Any]) -> int:
     """Measure one recording and print the outcome; raises ValueError or OSError before anything is written."""
     from_file = {} if options["config"] is None else read_config(options["config"])
     settings = merged(from_file, given_settings(options, SETTINGS))
-    done = measure_with_progress(Request(input=options["input"], out=options["out"], **settings), options["quiet"])
-    if not options["quiet"]:
-        _print_outcome(done, options["out"])
-    return 0
+    quiet, out = options["quiet"] or options["json"], options["out"]
+    done = measure_with_progress(Request(input=options["input"], out=out, **settings), quiet)
+    return _print_outcome(done, out, options)
 
 
-def status_text(tracked: Track) -> str:
-    """Numbers of all frames and of frames per status."""
-    from torchsphere.tracking.result import status_counts
+def _print_outcome(done: Measurement, out: Path, options: dict[str, Any]) -> int:
+    """Print what was asked for, and return the exit code."""
+    from torchsphere.cli.outcome import in_red, outcome_lines
+    from torchsphere.tracking.result import why_unusable
 
-    counts = ", ".join(f"{count} {name}" for name, count in status_counts(tracked).items())
-    return f"{len(tracked.status)} frames: {counts}"
-
-
-def _print_outcome(done: Measurement, out: Path) -> None:
-    circle = done.track.circle
-    print(status_text(done.track))
-    print(f"circle  {circle.text()} px in frame {done.first_frame + circle.frame}")
-    for sentence in done.warnings:
-        print(f"note    {sentence}")
-    print(f"result  {out}")
+    reason = why_unusable(done.track.status)
+    if reason:
+        print(in_red(f"torchsphere: {reason}; the report in {out} says why"), file=sys.stderr)
+    text = (out / "summary.json").read_text(encoding="utf-8")
+    if options["json"]:
+        print(text, end="")
+    elif not options["quiet"]:
+        print("\n".join(outcome_lines(json.loads(text), out)))
+    return UNUSABLE if reason else 0

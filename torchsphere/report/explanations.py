@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.results.reader import ALL_KNOWN, ResultFolder
+from torchsphere.tracking.result import why_unusable
 
 #: Meaning and remedy of each status.
 STATUSES: dict[str, tuple[str, str]] = {
@@ -80,6 +81,9 @@ def verdict(result: ResultFolder) -> str:
     # The first frame with the ball is "ok" although no step leads to this frame.
     if good <= 1 and not result.has_steps:
         return f"No motion was measured: the ball was found in {_count(located, 'frame')} of {n}, but not followed."
+    unusable = why_unusable(result.status)
+    if unusable:
+        return f"{unusable[0].upper()}{unusable[1:]}."
     if good == 0:
         return f"The place of the ball was measured in {located} of {n} frames, its rotation in none."
     return f"{good} of {n} frames were measured in full, {n - good} were not."

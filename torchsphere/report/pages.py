@@ -29,6 +29,7 @@ from torchsphere.report.time_series import TimeSeries, abscissa, time_series
 from torchsphere.results.atomic_output import atomic_file
 from torchsphere.results.reader import ResultFolder
 from torchsphere.results.sampled_frames import NO_RESIDUAL, Sampled, encode_webp, rows_to_keep
+from torchsphere.tracking.result import why_unusable
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -78,11 +79,11 @@ def _environment() -> Environment:
 def report_html(result: ResultFolder) -> str:
     """The report of a result as HTML."""
     summary = result.summary
-    all_measured = bool((result.status == "ok").all())
+    all_measured, unusable = bool((result.status == "ok").all()), bool(why_unusable(result.status))
     return page(
         "report.html",
         title=Path(summary["input"]["path"]).name,
-        grade="good" if all_measured else "part" if result.has_steps else "bad",
+        grade="bad" if unusable else "good" if all_measured else "part",
         verdict=explanations.verdict(result),
         problems=explanations.problems(result),
         missing_inputs=explanations.missing_inputs(result),

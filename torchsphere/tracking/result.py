@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from torchsphere.geometry.circle import Circle
 
+#: Least share of frames with a measured motion in a usable result, of those with the ball in view (docs/constants.md).
+LEAST_MEASURED = 0.1
+
 
 @dataclass(frozen=True)
 class Track:
@@ -70,3 +73,15 @@ class Track:
 def status_counts(track: Track) -> dict[str, int]:
     """Number of frames per status, the most frequent first."""
     return dict(Counter(track.status.tolist()).most_common())
+
+
+def why_unusable(status: NDArray[np.str_]) -> str:
+    """Why the frames (n,) of this ``status`` are no usable result; empty where they are one.
+
+    Frames that the ball has left do not count, nor does the first frame, to which no motion leads.
+    """
+    in_view = status[1:][status[1:] != "out_of_frame"]
+    measured = int(np.isin(in_view, ("ok", "weak_texture")).sum())
+    if measured and measured >= LEAST_MEASURED * len(in_view):
+        return ""
+    return f"nothing usable was measured: the motion is known in {measured} of {len(in_view)} frames after the first"
