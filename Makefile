@@ -11,7 +11,7 @@ BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo docs test dist clean
+.PHONY: help setup demo docs checks loops test dist clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "make %-7s %s\n", $$1, $$2}' Makefile
@@ -26,12 +26,19 @@ docs: $(VENV)/installed-test  ## build the pages: docs/_build/index.html
 	# A link that leads nowhere, a command or an object that is gone: every warning is an error.
 	OMP_NUM_THREADS=1 $(BIN)/python -m sphinx -W --keep-going -q -E docs docs/_build
 
-test: $(VENV)/installed-test  ## ruff, mypy, import contracts, the pages and all tests
+checks: $(VENV)/installed-test  ## ruff, mypy, import contracts and the pages
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(MAKE) docs
+
+loops: $(VENV)/installed-test  ## compile the loops over pixels
+	OMP_NUM_THREADS=1 $(BIN)/torchsphere warm-up
+
+test: $(VENV)/installed-test  ## all checks and all tests
+	# The loops compile on one core while the checks run on another.
+	$(MAKE) -j2 --output-sync=target checks loops
 	# One thread each: processes whose threads compete for the cores slow each other down many times over.
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 

@@ -40,3 +40,8 @@ def test_the_refusal_of_an_unknown_option_names_the_help_of_the_command(
         main(arguments)
     assert stop.value.code == 2
     assert capsys.readouterr().err.endswith(f"; see '{command} --help'\n")
+
+
+def test_the_loops_are_compiled_on_request(capsys) -> None:
+    assert main(["warm-up"]) == 0
+    assert "the loops are compiled and kept on disk" in capsys.readouterr().out
