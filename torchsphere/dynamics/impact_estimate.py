@@ -21,6 +21,12 @@ class Estimate:
     sd: Array
     unit: str
 
+    def __str__(self) -> str:
+        values, sds = np.atleast_1d(self.value), np.atleast_1d(self.sd)
+        texts = [f"{value:.5g} ± {sd:.2g}" for value, sd in zip(values.tolist(), sds.tolist(), strict=True)]
+        number = texts[0] if len(texts) == 1 else f"({', '.join(texts)})"
+        return f"{number} {self.unit}" if self.unit != "1" else number
+
 
 @dataclass(frozen=True, kw_only=True)
 class Impact:
@@ -88,6 +94,11 @@ class Impact:
     energy_given: Estimate | None = None
     ball: Ball | None = None
     missing: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        force = "" if self.peak_force is None else f", largest force {self.peak_force}"
+        speeds = f"speed {self.speed_before} before, {self.speed_after} after"
+        return f"<Impact at {self.contact_start} for {self.duration}: {speeds}{force}>"
 
     def summary(self) -> dict[str, Any]:
         """Name -> value, sd, unit, for a table; quantities that are None are left out."""

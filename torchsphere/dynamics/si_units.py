@@ -97,6 +97,22 @@ class Kinematics:
     draws: Draws | None
     about: dict[str, Any]
 
+    def __repr__(self) -> str:
+        times = f"{1e3 * self.time_s[0]:.6g} to {1e3 * self.time_s[-1]:.6g} ms"
+        parts = [f"{largest(self.velocity_m_s):.4g} m/s", f"{largest(self.spin_rad_s):.4g} rad/s"]
+        if self.force_N is not None:
+            parts.append(f"{1e-3 * largest(self.force_N):.4g} kN")
+        contact = ""
+        if self.contact_s is not None:
+            contact = f"; contact from {1e3 * self.contact_s[0]:.4f} to {1e3 * self.contact_s[1]:.4f} ms"
+        return f"<Kinematics of {len(self.time_s)} frames, {times}: up to {', '.join(parts)}{contact}>"
+
+
+def largest(vectors: Array) -> float:
+    """Length of the longest of the vectors (n, k); NaN if none is known."""
+    lengths = np.linalg.norm(vectors, axis=1)
+    return float(np.nanmax(lengths)) if np.isfinite(lengths).any() else np.nan
+
 
 @dataclass(frozen=True)
 class Units:

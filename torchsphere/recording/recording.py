@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -72,8 +72,37 @@ class Recording:
         # Also releases the file of a recording that is dropped without being closed.
         weakref.finalize(self, self._closer)
 
+    def __repr__(self) -> str:
+        n, height, width = self.shape
+        rate = "frame rate not stated" if self.frame_rate is None else f"{self.frame_rate:g} frames/s"
+        return f"<Recording {str(self.path)!r}: {self.kind}, {n} images of {width} x {height} px, {rate}>"
+
     def __len__(self) -> int:
         return self.shape[0]
+
+    def __getitem__(self, key: int | slice) -> NDArray[np.float32]:
+        """Image (h, w) of a number, counted from the end where negative, or images (m, h, w) of a slice.
+
+        Raises
+        ------
+        IndexError
+            If there is no such image.
+        OSError
+            If the file is cut or damaged.
+        """
+        numbers = range(len(self))[key]
+        if isinstance(numbers, int):
+            return self.images(numbers, numbers + 1)[0]
+        if not numbers:
+            return np.empty((0, *self.shape[1:]), np.float32)
+        if numbers.step == 1:
+            return self.images(numbers.start, numbers.stop)
+        return np.concatenate([self.images(number, number + 1) for number in numbers])
+
+    def __iter__(self) -> Iterator[NDArray[np.float32]]:
+        """The images (h, w), one after the other; the memory holds one."""
+        for number in range(len(self)):
+            yield self[number]
 
     def images(self, start: int, stop: int, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
         """Read images ``start`` to ``stop - 1``.

@@ -69,6 +69,15 @@ class Track:
     settings: dict[str, Any]
     warnings: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{count} {name}" for name, count in status_counts(self).items())
+        known = np.isfinite(self.increment)
+        steps = np.where(known, self.increment, 0.0).sum(0) / np.maximum(known.sum(0), 1)
+        turn = np.degrees(np.linalg.norm(steps[2:])) if known[:, 2:].any() else np.nan
+        motion = f"mean step {steps[0]:.3f}, {steps[1]:.3f} px and {turn:.3f} deg" if known[:, 0].any() else "no motion"
+        warned = f"; {len(self.warnings)} warnings" if self.warnings else ""
+        return f"<Track of {len(self.status)} frames: {counts}; circle {self.circle.text()} px; {motion}{warned}>"
+
 
 def status_counts(track: Track) -> dict[str, int]:
     """Number of frames per status, the most frequent first."""
