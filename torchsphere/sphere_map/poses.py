@@ -87,7 +87,10 @@ Anchors = tuple[list[int], Poses, Poses]
 
 @dataclass(frozen=True)
 class _Frames:
-    """The images with their initial poses, their background (h, w), and a mask (h, w) of the usable pixels."""
+    """The images with their initial poses, their background (h, w), and a mask (h, w) of the usable pixels.
+
+    Tensors are on the device of the source.
+    """
 
     source: Source
     known: NDArray[np.int64]  # numbers (k,) of the frames with an initial pose
@@ -132,17 +135,18 @@ def poses_on_map(
     known = np.flatnonzero(np.isfinite(position[:, 0]) & np.isfinite(orientation[:, 0, 0]))
     if len(known) < MIN_FRAMES:
         return f"a map of the ball needs {MIN_FRAMES} frames with a known pose, and this recording has {len(known)}"
-    optics = None if camera is None else Optics.of(camera, torch.device("cpu"))
-    seen = torch.from_numpy(position)
+    # Images, poses and camera are all on one device.
+    optics = None if camera is None else Optics.of(camera, source.device)
+    seen = torch.from_numpy(position).to(source.device)
     centres = seen if optics is None else optics.straightened(seen)
     reach = circle.radius * (1.0 if optics is None else optics.enlargement(centres[known], circle.radius))
     frames = _Frames(
         source,
         known,
         centres,
-        torch.from_numpy(orientation),
+        torch.from_numpy(orientation).to(source.device),
         background(source, position, reach).to(source.device, torch.float32),
-        None if ignore is None else ~ignore,
+        None if ignore is None else ~ignore.to(source.device),
         optics,
     )
     keys = choose_keyframes(known, orientation)
@@ -167,7 +171,7 @@ def poses_on_map(
             lambda share: report(round(share * len(keys))),
         )
         if camera is None and not telecentric:
-            far = orthographic(tuple(frames.background.shape), frames.background.device)
+            far = orthographic(tuple(frames.background.shape), source.device)
             adjustment = bundle_adjustment.find_nearness(adjustment, far, cell_px, shared)
             frames, initial = _seen_alike(frames, initial, adjustment.state.windows.optics)
         misfit = float(adjustment.state.profile.variance[0]) / noise
@@ -190,14 +194,14 @@ def _seen_alike(frames: _Frames, initial: Poses, optics: Optics | None) -> tuple
 
 def _through_lens(found: MapPoses, optics: Optics) -> MapPoses:
     """Positions, and the covariances of their steps, as the lens bends them."""
-    straight = torch.from_numpy(found.position)
-    position = optics.bent(straight).numpy()
     if not optics.is_distorted:
         return found
-    unit = torch.eye(2, dtype=straight.dtype)
+    straight = torch.from_numpy(found.position).to(optics.principal.device)
+    position = optics.bent(straight).cpu().numpy()
+    unit = torch.eye(2, dtype=straight.dtype, device=straight.device)
     by_place = torch.stack([(optics.bent(straight + step) - optics.bent(straight - step)) / 2 for step in unit], -1)
     motion = np.zeros((len(position) - 1, 5, 5))
-    motion[:, :2, :2], motion[:, 2:, 2:] = by_place[:-1].numpy(), np.eye(3)
+    motion[:, :2, :2], motion[:, 2:, 2:] = by_place[:-1].cpu().numpy(), np.eye(3)
     covariance = motion @ found.step_covariance @ np.swapaxes(motion, 1, 2)
     first = np.flatnonzero(np.isfinite(position[:, 0]))[0]
     circle = replace(found.circle, x=float(position[first, 0]), y=float(position[first, 1]))
@@ -312,7 +316,7 @@ def _undrifted(frames: _Frames, batch: NDArray[np.int64], numbers: list[int], be
     brightness = torch.stack((after.gain, after.offset), 1)
     known = torch.cat((shift, turn, brightness), 1).cpu().numpy()
     at = np.stack([np.interp(batch, numbers, column) for column in known.T], 1)
-    change = torch.from_numpy(at)
+    change = torch.from_numpy(at).to(frames.position.device)
     rotation = So3.exp(change[:, 2:5]).matrix()
     centre = frames.position[batch] + change[:, :2]
     return Poses(centre, rotation @ frames.orientation[batch], change[:, 5], change[:, 6])

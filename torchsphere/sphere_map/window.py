@@ -69,7 +69,7 @@ class Windows:
         offsets that an orthographic view would have: see `perspective.View.offsets`.
         """
         steps = torch.arange(self.levels.shape[-1], dtype=centre.dtype, device=centre.device)
-        x, y = (self.origin - centre).to(self.levels.device).unbind(1)
+        x, y = (self.origin - centre).unbind(1)
         x, y = x.unsqueeze(1) + steps, y.unsqueeze(1) + steps
         x, y = x.to(self.levels.dtype).unsqueeze(1), y.to(self.levels.dtype).unsqueeze(2)
         if self.bend is not None:
@@ -141,7 +141,7 @@ def _squares(
             levels = torch.stack([image[s] for image, s in zip(images, slices, strict=True)])
             return levels, torch.stack([background[s] for s in slices]), None
     steps = torch.arange(side, device=images.device)
-    x, y = (start.unsqueeze(1) + steps for start in origin.long().to(images.device).unbind(1))
+    x, y = (start.unsqueeze(1) + steps for start in origin.long().unbind(1))
     column, row = x.clamp(0, width - 1).unsqueeze(1), y.clamp(0, height - 1).unsqueeze(2)
     number = torch.arange(len(images), device=images.device).reshape(-1, 1, 1)
     inside = ((x >= 0) & (x < width)).unsqueeze(1) & ((y >= 0) & (y < height)).unsqueeze(2)
