@@ -186,7 +186,10 @@ def linearise_row(
 
 @compiled
 def _touch(rays: Floats, count: int, per_px: Any, near: Any) -> None:
-    """Where the rays meet a ball of that nearness; shrink and steepness of `sphere_map.forward_model` follow there."""
+    """Where the rays meet a ball of that nearness.
+
+    Shrink and steepness of `sphere_map.forward_model` follow there, and by how much points move with the radius.
+    """
     for i in range(count):
         wide = rays[2, i] * per_px
         x, y = wide * rays[0, i], wide * rays[1, i]
@@ -194,7 +197,8 @@ def _touch(rays: Floats, count: int, per_px: Any, near: Any) -> None:
         height, upright = np.sqrt(ONE - square), np.sqrt(ONE - near * near * square)
         shrink = upright - near * height
         rays[6, i], rays[7, i], rays[8, i] = shrink * x, shrink * y, -(height * upright + near * square)
-        rays[17, i], rays[18, i] = shrink, ONE / height - near / upright
+        steepness = ONE / height - near / upright
+        rays[17, i], rays[18, i], rays[19, i] = shrink, steepness, ONE / (height * steepness)
 
 
 @compiled
@@ -269,7 +273,8 @@ def _move(rays: Floats, axis: Numbers, count: int, turn: Floats, ball: Floats, c
         stretch *= radial
         rays[0, i], rays[1, i], rays[2, i] = bright * value, -scale * tx - stretch * x, -scale * ty - stretch * y
         rays[3, i], rays[4, i], rays[5, i] = sy * pz - sz * py, sz * px - sx * pz, sx * py - sy * px
-        rays[6, i], rays[7, i] = radial * (of_size - scale * per_px), bright * rays[14, i]
+        # With its radius the ball's nearness grows: points move inwards by more than their share of the radius.
+        rays[6, i], rays[7, i] = radial * (of_size - scale * per_px * rays[19, i]), bright * rays[14, i]
 
 
 @compiled

@@ -113,12 +113,12 @@ def adjust(
         windows, _with_initial_gains(windows, poses), ball, pixel_weights.uniform_profile(size, noise_variance)
     )
     state = _with_first_map(state, max(COARSE_PX, cell_px), shared)
-    adjustment = _adjust_level(state, _Level(max(COARSE_PX, cell_px), 0.1, 6, is_last=False), shared)
+    adjustment = _adjust_level(state, _Level(max(COARSE_PX, cell_px), 0.1, 20, is_last=False), shared)
     _report(progress, 0.4)
     if not adjustment.settled:
         # Poses that jump about on a coarse map do so on a fine one.
         return adjustment
-    last = _Level(cell_px, 0.004, 12, is_last=True)
+    last = _Level(cell_px, 0.004, 30, is_last=True)
     # The noise as the steps between images saw it may hold more than noise, and so may a residual on coarse cells.
     noise = min(noise_variance, float(adjustment.state.profile.variance[0]))
     state = replace(adjustment.state, smoothness=map_fit.smoothness_for(noise, texture_variance(windows)))

@@ -269,6 +269,7 @@ class _Projection:
     rays: _Rays
     points: Tensor  # points (3, n, s, s, k) of the rays on the unit sphere, in the axes of the view
     shrink: Tensor  # distance (n, s, s, k) of the points from the axis of the view over that of their rays
+    height: Tensor  # height (n, s, s, k) of a point that a parallel ray at this distance would meet, radii
     steepness: Tensor  # change (n, s, s, k) of a point's angle from the axis by the distance of its ray, rad per radius
     nearness: Tensor  # radius over distance (n, 1, 1, 1) of the ball
     orientation: Tensor  # rotations (n, 3, 3) from body axes to those of the view
@@ -316,7 +317,7 @@ def _project(windows: Windows, poses: Poses, ball: TexturedBall) -> _Projection:
     lit = light[0] + (light[1:] * points).sum(0)
     places = cube_map.places(turned, ball.cells)
     outline = coverage(x, y, radius, blur)
-    return _Projection(x, y, rays, points, shrink, steepness, near, orientation, source, places, lit, *outline)
+    return _Projection(x, y, rays, points, shrink, height, steepness, near, orientation, source, places, lit, *outline)
 
 
 def _column(values: Tensor, like: Tensor) -> Tensor:
@@ -370,7 +371,9 @@ def linearise(windows: Windows, poses: Poses, ball: TexturedBall) -> Linearisati
     distance = (seen.x.square() + seen.y.square()).sqrt().clamp_min(1e-6)
     outwards = (rays.weight * rays.by_distance * radial + rays.weight_by_distance * lit) / distance.unsqueeze(-1)
     along = rays.weight * rays.scale
-    by_radius = rays.weight * radial * (rays.by_radius - rays.scale / radius) + rays.weight_by_radius * lit
+    # With its radius the ball's nearness grows: points move inwards by more than their share of the radius.
+    inwards = rays.scale / (radius * seen.height * seen.steepness)
+    by_radius = rays.weight * radial * (rays.by_radius - inwards) + rays.weight_by_radius * lit
     parts = (-along * tx - outwards * x, -along * ty - outwards * y, *(rays.weight * turn), by_radius)
     means = torch.stack(parts).sum(-1) * seen.share
     ball_levels = (rays.weight * lit).sum(-1)
@@ -395,6 +398,7 @@ def _in_image(jacobian: Tensor, windows: Windows, poses: Poses, ball: TexturedBa
     """The ``jacobian`` (n, p, 9) by the motion in the image, from that by the motion in the view."""
     if windows.optics is None:
         return jacobian
-    motion = windows.optics.view(poses.centre).motion(ball.radius).to(jacobian)
-    jacobian[..., MOTION] = jacobian[..., MOTION] @ motion
+    view = windows.optics.view(poses.centre)
+    jacobian[..., MOTION] = jacobian[..., MOTION] @ view.motion(ball.radius).to(jacobian)
+    jacobian[..., :2] += jacobian[..., SHARED][..., :1] * view.shrinking(ball.radius).to(jacobian).unsqueeze(1)
     return jacobian

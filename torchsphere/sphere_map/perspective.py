@@ -127,6 +127,10 @@ class View:
             found[:, 2:, k] = -(self.turn.mT @ torch.linalg.cross(axis, step).unsqueeze(-1))[..., 0]
         return found
 
+    def shrinking(self, radius: Tensor) -> Tensor:
+        """Change (n, 2) of the outline's ``radius`` with the centre, both px: a ball off the axis is farther away."""
+        return -radius * self.per_focal / self.secant.square().unsqueeze(-1) * self.towards
+
 
 def orthographic(shape: tuple[int, ...], device: torch.device) -> Optics:
     """A camera infinitely far away, for images (h, w), whose axis meets their middle."""

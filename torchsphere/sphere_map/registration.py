@@ -11,7 +11,7 @@ from torchsphere.kernels import registration as loops
 from torchsphere.kernels.jit import suits
 from torchsphere.sphere_map import forward_model, pixel_weights
 from torchsphere.sphere_map.ball import Poses, TexturedBall
-from torchsphere.sphere_map.forward_model import BRIGHTNESS, MOTION, Linearisation
+from torchsphere.sphere_map.forward_model import BRIGHTNESS, MOTION, SHARED, Linearisation
 from torchsphere.sphere_map.pixel_weights import ResidualProfile
 from torchsphere.sphere_map.window import Windows
 
@@ -22,8 +22,8 @@ MAX_STEPS, LAST_STEP_PX = 8, 0.03
 #: Ridge of the normal equations, as a share of their trace.
 RIDGE = 1e-12
 
-#: Columns of the jacobian that a registration solves for.
-COLUMNS = [*range(9)[MOTION], *range(9)[BRIGHTNESS]]
+#: Columns of the jacobian that a registration solves for, and that of the radius.
+COLUMNS, RADIUS = [*range(9)[MOTION], *range(9)[BRIGHTNESS]], SHARED.start
 
 
 @dataclass(frozen=True)
@@ -108,11 +108,14 @@ def _equations(
         hidden = pixel_weights.NEIGHBOURHOOD_PX, pixel_weights.HIDDEN_FROM
         images = forward_model.inputs_of_loops(windows, poses, ball)
         given = ball.coefficients, ball.cells, forward_model.rule(ball), images, windows.levels
-        normal, gradient, squares, seen = loops.equations(*given, rings, hidden, COLUMNS)
+        columns = COLUMNS if windows.optics is None else [*COLUMNS, RADIUS]
+        normal, gradient, squares, seen = loops.equations(*given, rings, hidden, columns)
         if windows.optics is not None:
-            motion = torch.eye(len(COLUMNS), dtype=normal.dtype).repeat(len(poses), 1, 1)
-            motion[:, :5, :5] = windows.optics.view(poses.centre).motion(ball.radius)
-            normal, gradient = motion.mT @ normal @ motion, (motion.mT @ gradient.unsqueeze(2))[..., 0]
+            # In the view, with a change of the radius, by the motion in the image.
+            view, by_pose = windows.optics.view(poses.centre), normal.new_zeros(len(poses), len(columns), len(COLUMNS))
+            by_pose[:, : len(COLUMNS)] = torch.eye(len(COLUMNS), dtype=normal.dtype)
+            by_pose[:, :5, :5], by_pose[:, -1, :2] = view.motion(ball.radius), view.shrinking(ball.radius)
+            normal, gradient = by_pose.mT @ normal @ by_pose, (by_pose.mT @ gradient.unsqueeze(2))[..., 0]
         return _with_ridge(normal), gradient, squares, seen
     model = forward_model.linearise(windows, poses, ball)
     variance = profile.at(windows, poses.centre)

@@ -185,6 +185,9 @@ def calibrate_circle(source: Source, found: Circle, ignore: Tensor | None, optio
         return found
     found = _fit_limb(flight, found)
     by_outline = radius = _radius_over_frames(flight, found)
+    if options.camera is not None:
+        # In perspective there is no linearised model, and the residual of the exact one leads the radius astray.
+        return dataclasses.replace(found, radius=radius)
     sd = found.sd_radius
     for number in range(ROUNDS):
         correction, sd_correction = _radius_correction(flight, dataclasses.replace(found, radius=radius))
