@@ -99,5 +99,5 @@ def test_neighbours_are_averaged_around_the_whole_outline() -> None:
     values = torch.rand(2, 37, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
     # A fifth of 37 rays: a ray and four neighbours on either side.
     expected = torch.stack([values.roll(shift, 1) for shift in range(-4, 5)]).mean(0)
-    assert torch.allclose(limb_fit._averaged(values, 0.2), expected, rtol=0, atol=1e-12)
-    assert torch.allclose(limb_fit._averaged(values[..., None], 0.2)[..., 0], expected, rtol=0, atol=1e-12)
+    assert torch.allclose(limb_fit.averaged(values, 0.2), expected, rtol=0, atol=1e-12)
+    assert torch.allclose(limb_fit.averaged(values[..., None], 0.2)[..., 0], expected, rtol=0, atol=1e-12)

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from torchsphere.detection import disc_filter, limb_fit, outline_fit
+from torchsphere.detection import blurred_limb, disc_filter, limb_fit, outline_fit
+from torchsphere.detection.blurred_limb import LimbBlur
 from torchsphere.detection.silhouette import Images, saturated, silhouettes, still_background
 from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.circle import Circle
@@ -85,7 +86,9 @@ def refine_circle(image: Tensor, circle: Circle, window: float | None = None, ca
             f"right to {reach:.1f} px, or track with the circle as given"
         )
     rough = _as_circle(fit.circle[0], fit.covariance[0], circle.frame)
-    return rough if plain else at_limb(image[None], rough, camera=camera)
+    if plain:
+        return rough
+    return unblurred(image, at_limb(image[None], rough, camera=camera), camera=camera)[0]
 
 
 def at_limb(views: Tensor, circle: Circle, ignore: Tensor | None = None, camera: Camera | None = None) -> Circle:
@@ -103,6 +106,31 @@ def at_limb(views: Tensor, circle: Circle, ignore: Tensor | None = None, camera:
         return dataclasses.replace(circle, sd_x=far, sd_y=far, sd_radius=far, sd_guessed=True)
     best = int(variance.where(near, torch.inf).argmin())
     return dataclasses.replace(_as_circle(fitted[best], covariance[best], circle.frame), others=circle.others)
+
+
+def unblurred(
+    image: Tensor,
+    circle: Circle,
+    *,
+    motion: Tensor | None = None,
+    ignore: Tensor | None = None,
+    camera: Camera | None = None,
+) -> tuple[Circle, LimbBlur | None]:
+    """The ``circle`` of `at_limb` where the limb in ``image`` (h, w) is blurred, with the blur; as it is where not.
+
+    ``motion`` (2,) of the ball from frame to frame, px.
+    """
+    if circle.sd_guessed:
+        return circle, None
+    guess = torch.tensor([circle.x, circle.y, circle.radius], dtype=torch.float64)
+    found = blurred_limb.fit_if_blurred(image, guess, motion=motion, ignore=ignore, camera=camera)
+    if found is None:
+        return circle, None
+    fitted, covariance, blur = found
+    far = max(MAX_LIMB_SHIFT_PX, MAX_LIMB_SHIFT * circle.radius, 1.5 * math.sqrt(blur.variance))
+    if bool(((fitted - guess).abs() > far).any()):
+        return circle, None
+    return dataclasses.replace(_as_circle(fitted, covariance, circle.frame), others=circle.others), blur
 
 
 def _as_circle(values: Tensor, covariance: Tensor, frame: int) -> Circle:

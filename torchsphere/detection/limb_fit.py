@@ -68,7 +68,7 @@ def fit(
     by_arc = (SYSTEMATIC_PX**2 + (TEXTURE_ARC_PX * texture).square()).sqrt()
     systematic = (by_arc * information)[..., None] * design
     inverse = torch.linalg.inv(normal)
-    covariance = inverse @ (_summed(scores, ARC) + _summed(systematic, SYSTEMATIC_ARC)) @ inverse
+    covariance = inverse @ (summed(scores, ARC) + summed(systematic, SYSTEMATIC_ARC)) @ inverse
     common_error = TEXTURE_PX * (texture.square() * information).sum(-1) / information.sum(-1).clamp_min(1e-9)
     covariance[:, 2, 2] += COMMON_PX**2 + common_error.square()
     fitted[known.double().mean(-1) < 0.3] = math.nan
@@ -81,15 +81,15 @@ def _scores(levels: Tensor, steps: Tensor, blur: float) -> tuple[Tensor, Tensor,
     ``levels`` (n, a, m) at the distances ``steps`` (m,) from the expected edge, px outwards. The texture (n, a) is the
     background's standard deviation beside the ball in units of the pattern's, at most 1.
     """
-    near, far = _between(steps, CLEAR_PX, MIDDLE_PX), _between(steps, MIDDLE_PX, OUTWARDS_PX + SPACING_PX)
+    near, far = between(steps, CLEAR_PX, MIDDLE_PX), between(steps, MIDDLE_PX, OUTWARDS_PX + SPACING_PX)
     background = levels[..., near].quantile(0.5, -1, keepdim=True)
     squared = (levels - background).square()
     # An arc before another object has its own, larger variance outside.
     common = 1.4826**2 * squared[..., far].flatten(1).median(-1).values
-    outside = _averaged(squared[..., far].mean(-1), ARC)
+    outside = averaged(squared[..., far].mean(-1), ARC)
     outside = torch.maximum(outside, common.clamp_min(0.25)[:, None])
-    within = _between(steps, 1 - INWARDS_PX, -CLEAR_PX / 2)
-    inside = (_averaged(squared[..., within].mean(-1), ARC) - outside).clamp_min(1e-3)[..., None]
+    within = between(steps, 1 - INWARDS_PX, -CLEAR_PX / 2)
+    inside = (averaged(squared[..., within].mean(-1), ARC) - outside).clamp_min(1e-3)[..., None]
     t = steps / blur
     passage = 0.5 * torch.erfc(t / math.sqrt(2))
     slope = torch.exp(-0.5 * t**2) / (math.sqrt(2 * math.pi) * blur)
@@ -101,12 +101,12 @@ def _scores(levels: Tensor, steps: Tensor, blur: float) -> tuple[Tensor, Tensor,
     return score, 0.5 * relative.square().sum(-1) * SPACING_PX, texture
 
 
-def _between(steps: Tensor, low: float, high: float) -> slice:
+def between(steps: Tensor, low: float, high: float) -> slice:
     """The ascending ``steps`` (m,) between two limits, which are excluded."""
     return slice(int((steps <= low).sum()), int((steps < high).sum()))
 
 
-def _averaged(values: Tensor, share: float) -> Tensor:
+def averaged(values: Tensor, share: float) -> Tensor:
     """Moving mean (n, a) or (n, a, k) over neighbouring rays that are this share of the outline."""
     half = max(1, round(share * values.shape[1] / 2))
     length = 2 * half + 1
@@ -115,10 +115,10 @@ def _averaged(values: Tensor, share: float) -> Tensor:
     return (sums[:, length:] - sums[:, :-length]) / length
 
 
-def _summed(terms: Tensor, share: float) -> Tensor:
+def summed(terms: Tensor, share: float) -> Tensor:
     """Covariance (n, k, k) of the sum of terms (n, a, k) that are correlated within this share of the outline.
 
     Bartlett's weights, as the square of a moving mean.
     """
-    mean = _averaged(terms, share)
+    mean = averaged(terms, share)
     return share * terms.shape[1] * mean.transpose(1, 2) @ mean

@@ -45,9 +45,6 @@ INITIAL_BLUR_PX = 0.3
 #: Systematic error of the radius by the model of the edge, px (docs/constants.md).
 RADIUS_ERROR_PX = 0.012
 
-#: Blur that optics alone make, px, and systematic error of the radius per px of further blur (docs/constants.md).
-OPTICS_BLUR_PX, RADIUS_ERROR_PER_BLUR = 0.3, 0.8
-
 #: Largest variance of a ring over that within the disc while the outline is not yet found (docs/constants.md).
 MAX_RING_VARIANCE = 4.0
 
@@ -275,8 +272,12 @@ def _moved(state: State, joint: JointEquations, of_map: Tensor, step: Tensor) ->
 
 
 def _with_radius_error(adjustment: Adjustment) -> Tensor:
-    """The covariance with the systematic error of the radius, and the effect of this error on the poses."""
-    covariance, blur = adjustment.covariance, float(adjustment.state.ball.edge_blur)
+    """The covariance with the systematic error of the radius."""
+    return with_radius_error(adjustment, RADIUS_ERROR_PX)
+
+
+def with_radius_error(adjustment: Adjustment, error_px: float) -> Tensor:
+    """The covariance with a further error of the radius, px, and the effect of this error on the poses."""
+    covariance = adjustment.covariance
     by_radius = covariance[:, -COMMON] / covariance[-COMMON, -COMMON]
-    error = RADIUS_ERROR_PX**2 + (RADIUS_ERROR_PER_BLUR * max(blur - OPTICS_BLUR_PX, 0.0)) ** 2
-    return covariance + error * torch.outer(by_radius, by_radius)
+    return covariance + error_px**2 * torch.outer(by_radius, by_radius)

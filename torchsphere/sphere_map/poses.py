@@ -6,6 +6,7 @@ over the still background.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -58,6 +59,10 @@ MAX_FRAME_MISFIT, MAX_MOVE = 2.0, 0.1
 
 #: Blur of the outline, px, from which the map is refused: a blur by an object in front (docs/constants.md).
 MAX_EDGE_BLUR_PX = 2.0
+
+#: Blur that optics alone make, px, and error per px of further blur of a radius whose start has no known error
+#: (docs/constants.md).
+OPTICS_BLUR_PX, RADIUS_ERROR_PER_BLUR = 0.3, 0.8
 
 #: Systematic error of the radius as a share of the radius, beyond the noise of the images (docs/constants.md).
 RADIUS_ERROR_SHARE = 0.002
@@ -174,6 +179,8 @@ def poses_on_map(
             far = orthographic(tuple(frames.background.shape), source.device)
             adjustment = bundle_adjustment.find_nearness(adjustment, far, cell_px, shared)
             frames, initial = _seen_alike(frames, initial, adjustment.state.windows.optics)
+        blurred = bundle_adjustment.with_radius_error(adjustment, _error_by_blur(adjustment, circle))
+        adjustment = replace(adjustment, covariance=blurred)
         misfit = float(adjustment.state.profile.variance[0]) / noise
         refusal = _refusal(adjustment, circle.radius, misfit)
         if refusal:
@@ -206,6 +213,13 @@ def _through_lens(found: MapPoses, optics: Optics) -> MapPoses:
     first = np.flatnonzero(np.isfinite(position[:, 0]))[0]
     circle = replace(found.circle, x=float(position[first, 0]), y=float(position[first, 1]))
     return replace(found, position=position, step_covariance=covariance, circle=circle)
+
+
+def _error_by_blur(adjustment: Adjustment, start: Circle) -> float:
+    """Systematic error of the radius by a blurred outline, px: the radius hardly leaves that of the ``start``."""
+    beyond = max(float(adjustment.state.ball.edge_blur) - OPTICS_BLUR_PX, 0.0)
+    known = start.sd_radius if math.isfinite(start.sd_radius) and not start.sd_guessed else math.inf
+    return min(RADIUS_ERROR_PER_BLUR * beyond, known)
 
 
 def _refusal(adjustment: Adjustment, radius: float, misfit: float) -> str:

@@ -21,8 +21,9 @@ from torchsphere.correlation.options import Options, margin
 from torchsphere.correlation.radius_mode import radius_score
 from torchsphere.correlation.reference import Filtered, Pairs
 from torchsphere.correlation.solve import GRADIENT_FROM_DEG
-from torchsphere.detection import detect, limb_fit, outline_fit
-from torchsphere.detection.detect import at_limb
+from torchsphere.detection import blurred_limb, detect, limb_fit, outline_fit
+from torchsphere.detection.blurred_limb import LimbBlur
+from torchsphere.detection.detect import at_limb, unblurred
 from torchsphere.geometry.camera import Camera, require_distance, sphere_of_outline
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import background, crop
@@ -162,6 +163,14 @@ class _Flight:
         radii = circle.radius * self.relative_size(circle, frames)
         return torch.cat((torch.from_numpy(self.followed.position[frames]), radii[:, None]), -1)
 
+    def motion(self, frames: NDArray[np.int64]) -> Tensor:
+        """Motion (m, 2) around the given frames, px per frame; 0 where no neighbour was followed."""
+        position = self.followed.position
+        steps = np.diff(position, axis=0, prepend=np.nan, append=np.nan)
+        around = np.stack((steps[frames], steps[frames + 1]))
+        known = np.isfinite(around)
+        return torch.from_numpy(np.where(known, around, 0.0).sum(0) / known.sum(0).clip(1))
+
 
 def calibrate_circle(source: Source, found: Circle, ignore: Tensor | None, options: Options) -> Circle:
     """The ``found`` circle with radius and centre from the frames that follow it.
@@ -183,10 +192,11 @@ def calibrate_circle(source: Source, found: Circle, ignore: Tensor | None, optio
     flight = follow(found)
     if len(flight.frames) < 3:
         return found
-    found = _fit_limb(flight, found)
-    by_outline = radius = _radius_over_frames(flight, found)
-    if options.camera is not None:
-        # In perspective there is no linearised model, and the residual of the exact one leads the radius astray.
+    found, blur = _fit_limb(flight, found)
+    by_outline = radius = _radius_over_frames(flight, found, blur)
+    if blur is not None or options.camera is not None:
+        # In a blurred image the residual of the correlation is that of a larger ball: by 0.5 px at a blur of 1 px. In
+        # perspective there is no linearised model, and the residual of the exact one leads the radius astray.
         return dataclasses.replace(found, radius=radius)
     sd = found.sd_radius
     for number in range(ROUNDS):
@@ -205,19 +215,26 @@ def calibrate_circle(source: Source, found: Circle, ignore: Tensor | None, optio
     return dataclasses.replace(found, radius=radius, sd_radius=1 / math.hypot(1 / sd, 1 / sd_correction))
 
 
-def _fit_limb(flight: _Flight, found: Circle) -> Circle:
-    """The circle at the ball's limb, with and without the still background taken out, whichever is more certain."""
+def _fit_limb(flight: _Flight, found: Circle) -> tuple[Circle, LimbBlur | None]:
+    """The circle at the ball's limb, with and without the still background taken out, whichever is more certain.
+
+    Also the blur across the limb; None where it is sharp.
+    """
     image = flight.source.images(found.frame, found.frame + 1)[0].cpu()
     if outline_fit.is_plain(image, torch.tensor([found.x, found.y, found.radius], dtype=torch.float64)):
-        return found
+        return found, None
     difference = (image - _still_background(flight, found, image)).to(image)
     hidden, ignore, camera = _hidden_background(flight, found, image.shape), flight.ignore, flight.options.camera
     if ignore is not None:
         # Image and background are on the CPU, wherever the pairs are measured.
         ignore = ignore.cpu()
         hidden = hidden | ignore
-    fits = at_limb(image[None], found, ignore, camera), at_limb(difference[None], found, hidden, camera)
-    return min(fits, key=lambda circle: math.hypot(circle.sd_x, circle.sd_y, circle.sd_radius))
+    views = (image, ignore), (difference, hidden)
+    fits = [at_limb(view[None], found, mask, camera) for view, mask in views]
+    best = min(range(len(fits)), key=lambda k: math.hypot(fits[k].sd_x, fits[k].sd_y, fits[k].sd_radius))
+    view, mask = views[best]
+    motion = flight.motion(np.array([found.frame]))[0]
+    return unblurred(view, fits[best], motion=motion, ignore=mask, camera=camera)
 
 
 def _still_background(flight: _Flight, found: Circle, image: Tensor) -> Tensor:
@@ -235,14 +252,19 @@ def _still_background(flight: _Flight, found: Circle, image: Tensor) -> Tensor:
     return still
 
 
-def _radius_over_frames(flight: _Flight, found: Circle) -> float:
+def _radius_over_frames(flight: _Flight, found: Circle, blur: LimbBlur | None) -> float:
     """Median radius over several frames; that of ``found`` where later frames are less certain than its own."""
     if len(flight.evenly_lit_frames) < MIN_PAIRS:
         return found.radius
     chosen = _spread(flight.evenly_lit_frames)
     circles = flight.circles(found, chosen)
     images = torch.cat([flight.source.images(int(i), int(i) + 1) for i in chosen])
-    fitted, covariance = limb_fit.fit(images, circles, ignore=flight.ignore, camera=flight.options.camera)
+    ignore, camera = flight.ignore, flight.options.camera
+    if blur is None:
+        fitted, covariance = limb_fit.fit(images, circles, ignore=ignore, camera=camera)
+    else:
+        motion = flight.motion(chosen) if blur.exposure else None
+        fitted, covariance, _ = blurred_limb.fit(images, circles, motion=motion, ignore=ignore, camera=camera)
     good = ((fitted - circles).abs() < 0.5 * MAX_RADIUS_CHANGE * found.radius).all(-1)
     good &= covariance[:, 2, 2] < (MAX_SD_RATIO * found.sd_radius) ** 2
     if int(good.sum()) < MIN_PAIRS:
