@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import torch
-from shots import noisy, pair, shot
+from shots import noisy, pair
 
-from torchsphere import correlate, track
+from torchsphere import correlate
 from torchsphere.correlation import illumination, znssd
 
 MOTION = (0.3, 0.2, 0.1, 0.25, 0.1)
@@ -79,22 +79,3 @@ def test_the_changes_of_the_harmonics_are_their_derivative() -> None:
     ahead, back = (znssd.harmonics(normals + s * step * change) for s in (1, -1))
     expected = znssd.harmonic_changes(normals, change)
     torch.testing.assert_close((ahead - back) / (2 * step), expected, atol=1e-7, rtol=1e-7)
-
-
-def test_near_a_target_no_map_is_made_unless_requested(monkeypatch: pytest.MonkeyPatch) -> None:
-    # The reason shows the call.
-    monkeypatch.setattr("torchsphere.tracking.drift.poses.poses_on_map", lambda *_: "called for")
-    film = shot(n=9, noise=1.0)
-    columns = torch.arange(film.images.shape[-1], dtype=torch.float64)
-    across = ((columns - film.centres[:, :1]) / film.radius).clamp(0, 1)
-    deepening = 1 - 0.08 * torch.arange(9)[:, None] * across**3
-    near = film.images * deepening[:, None].to(film.images)
-
-    def reason(images: torch.Tensor, sphere_map: bool | None) -> str:
-        about = track(images, film.circle, sphere_map=sphere_map).settings["sphere_map"]
-        assert not about["used"]
-        return str(about["reason"])
-
-    assert reason(film.images, None) == "called for"
-    assert reason(near, None).startswith("no map of the ball was made, as something near it takes light from one side")
-    assert reason(near, True) == "called for"

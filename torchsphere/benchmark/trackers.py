@@ -71,7 +71,7 @@ OWN: dict[str, tuple[str, Callable[[Task], tuple[Columns, float]]]] = {
         _torchsphere(None),
     ),
     "torchsphere-pairs": ("the same without a map: successive images alone (sphere_map=False)", _torchsphere(False)),
-    "torchsphere-map": ("the same, and a map also in uneven light (sphere_map=True)", _torchsphere(True)),
+    "torchsphere-map": ("the same with a map that is asked for (sphere_map=True)", _torchsphere(True)),
     "torchsphere-no-camera": ("the defaults, and never told of a camera", _torchsphere(None, use_camera=False)),
 }
 

@@ -82,6 +82,7 @@ class MapPoses:
     keyframes: int
     edge_blur: float  # blur of the outline by the optics, px
     misfit: float  # variance of the residual over the variance of the images' noise
+    frame_misfit: Array  # (n,): mean square of each frame's weighted residual; NaN for a frame that is not on the map
     nearness: float = 0.0  # radius over the camera's distance, and its standard deviation
     sd_nearness: float = 0.0
 
@@ -365,7 +366,10 @@ def _assemble(
     )
     steps = step_covariances(n, numbers, found, keys, adjustment)
     near, sd_near = float(nearness_of(adjustment.state)), adjustment.sd_nearness
-    return MapPoses(position, orientation, steps, outline, len(keys), float(ball.edge_blur), misfit, near, sd_near)
+    misfits = np.full(n, np.nan)
+    misfits[numbers] = found.misfit.cpu().numpy()
+    blur = float(ball.edge_blur)
+    return MapPoses(position, orientation, steps, outline, len(keys), blur, misfit, misfits, near, sd_near)
 
 
 def step_covariances(

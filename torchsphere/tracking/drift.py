@@ -23,8 +23,12 @@ from torchsphere.tracking.record import Record
 
 Array = NDArray[np.float64]
 
-#: Share of the steps with uneven light from which no map is made by default (docs/constants.md).
-MAX_UNEVEN_SHARE = 0.5
+#: Squared difference of a step on the map and by a pair of images in uneven light, in their variances, from which one
+#: of both is wrong (docs/constants.md).
+MAX_DISAGREEMENT = 30.0
+
+#: Misfit of a frame on the map, in the median of all frames, from which the map is wrong there (docs/constants.md).
+SHADED_MISFIT = 1.5
 
 #: Models of a rigid motion at a constant distance, which a map replaces.
 MAP_MODELS = ("rigid", "finite", "pinhole")
@@ -103,30 +107,16 @@ def _reason_without_map(measured: Record, asked: bool | None, model: str) -> str
     placed = int(np.isfinite(measured.position[:, 0]).sum())
     if placed < poses.MIN_FRAMES:
         return f"{prefix}a map of the ball needs {poses.MIN_FRAMES} frames with a known pose; there are {placed}"
-    steps, uneven = int(np.isfinite(measured.increment[:, 0]).sum()), int(measured.uneven_light.sum())
-    if asked is None and uneven > MAX_UNEVEN_SHARE * steps:
-        return (
-            f"no map of the ball was made, as something near it takes light from one side of it in {uneven} of {steps} "
-            "steps, which steps allow for and a map does not; ask for a map to have one all the same"
-        )
     return ""
 
 
 def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion:
-    """Poses of the map; a frame that is not on the map follows from its neighbour by the step between them."""
-    position, turned = found.position.copy(), found.orientation.copy()
-    on_map = np.isfinite(position[:, 0])
-    mapped = np.flatnonzero(on_map)
-    for i in np.flatnonzero(np.isfinite(measured.position[:, 0]) & ~on_map):
-        nearest = mapped[np.abs(mapped - i).argmin()]
-        position[i] = position[nearest] + measured.position[i] - measured.position[nearest]
-        turned[i] = chained[i] @ chained[nearest].T @ turned[nearest]
+    """Poses of the map; frames that are not on the map, or shaded, follow from their neighbours by the steps."""
+    on_map = np.isfinite(found.position[:, 0]) & ~shaded_frames(measured, found)
+    position, turned = _bridged(measured.position, chained, found, on_map)
     steps: NDArray[np.bool_] = np.isfinite(measured.increment)
-    between = np.swapaxes(turned[:-1], 1, 2)
     whole = np.asarray(steps.all(axis=1))
-    relative = np.where(whole[:, None, None], turned[1:] @ between, np.eye(3))
-    turns = So3.from_matrix(torch.from_numpy(relative)).log().numpy()
-    increment = np.where(steps, np.concatenate((np.diff(position, axis=0), turns), 1), np.nan)
+    increment = np.where(steps, np.concatenate((np.diff(position, axis=0), _turns(turned, whole)), 1), np.nan)
     # After a rotation that is missing the orientation is not known, but the increments are.
     increment = np.where(steps & ~np.isfinite(increment), measured.increment, increment)
     both = on_map[:-1] & on_map[1:] & whole
@@ -141,3 +131,52 @@ def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion
         "sd_radius_over_distance": found.sd_nearness,
     }
     return AbsoluteMotion(position, increment, covariance, turned, found.circle, about)
+
+
+def _turns(orientation: Array, known: NDArray[np.bool_]) -> Array:
+    """Rotation vectors (n - 1, 3) between successive ``orientation`` (n, 3, 3), rad; 0 where not ``known`` (n - 1,)."""
+    relative = orientation[1:] @ np.swapaxes(orientation[:-1], 1, 2)
+    return _vectors(np.where(known[:, None, None], relative, np.eye(3)))
+
+
+def _vectors(rotation: Array) -> Array:
+    """Rotation vectors (n, 3), rad, of the matrices (n, 3, 3)."""
+    return So3.from_matrix(torch.from_numpy(rotation)).log().numpy()
+
+
+def shaded_frames(measured: Record, found: MapPoses) -> NDArray[np.bool_]:
+    """Frames (n,) in which an object near the ball changes the light so that the map errs: steps allow for such light.
+
+    A step on the map contradicts the step between the images there, and the map explains the frames around it less well
+    than the others.
+    """
+    on_map = np.isfinite(found.position[:, 0])
+    known = on_map[:-1] & on_map[1:] & np.isfinite(measured.increment).all(1) & measured.uneven_light[1:]
+    by_map = np.concatenate((np.diff(found.position, axis=0), _turns(found.orientation, known)), 1)
+    difference = np.where(known[:, None], by_map - measured.increment, 0.0)
+    variance = np.where(known[:, None, None], found.step_covariance + measured.covariance, np.eye(5))
+    squares = (difference * np.linalg.solve(variance, difference[..., None])[..., 0]).sum(1)
+    unexplained = on_map & (found.frame_misfit > SHADED_MISFIT * np.median(found.frame_misfit[on_map]))
+    # Numbers of the runs of such frames.
+    run = np.cumsum(np.diff(unexplained, prepend=False))
+    contradicted = np.flatnonzero(squares > MAX_DISAGREEMENT)
+    ends = np.concatenate((contradicted, contradicted + 1))
+    return unexplained & np.isin(run, run[ends[unexplained[ends]]])
+
+
+def _bridged(position: Array, chained: Array, found: MapPoses, on_map: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Positions (n, 2) and orientations (n, 3, 3): those ``on_map``, and the ``position`` and ``chained`` ones between.
+
+    The pairs' poses are moved to the map's at both ends of a gap: what both differ by is shared out among its frames.
+    """
+    mapped, rest = np.flatnonzero(on_map), np.flatnonzero(np.isfinite(position[:, 0]) & ~on_map)
+    placed, turned = np.where(on_map[:, None], found.position, np.nan), found.orientation.copy()
+    after = np.searchsorted(mapped, rest)
+    a, b = mapped[(after - 1).clip(0)], mapped[after.clip(max=len(mapped) - 1)]
+    share = ((rest - a) / (b - a).clip(1)).clip(0, 1)[:, None]
+    shift = found.position - position
+    placed[rest] = position[rest] + (1 - share) * shift[a] + share * shift[b]
+    turn = found.orientation @ np.swapaxes(chained, 1, 2)
+    between = So3.exp(torch.from_numpy(share * _vectors(turn[b] @ np.swapaxes(turn[a], 1, 2)))).matrix().numpy()
+    turned[rest] = between @ turn[a] @ chained[rest]
+    return placed, turned

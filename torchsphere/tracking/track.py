@@ -114,8 +114,8 @@ def track(
     sphere_map : bool, optional
         Take every pose from a map of the ball's texture, which is made from the recording itself, the outline
         included: no drift, and about twice the precision of steps from frame to frame. By default a map is made of
-        every textured ball in six frames or more, unless a target near the ball takes light from one side of it. Where
-        the images do not allow a map, nothing changes and ``settings`` says why.
+        every textured ball in six frames or more. Where the images do not allow a map, nothing changes and ``settings``
+        says why.
     progress : callable, optional
         Called as ``progress(done, total)`` with numbers of frames; once more from 0 while a map of the ball is made.
     dtype : torch.dtype
