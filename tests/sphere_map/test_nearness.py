@@ -15,6 +15,9 @@ from torchsphere.tracking.result import Track
 
 RADIUS, SHAPE = 24.0, (76, 170)
 
+#: Apparent turn about y per nearness, rad per frame: by the step of 3.7 px along x, and by the turn of 1.35 deg.
+SEEN_FROM_ASIDE = 3.7 / RADIUS - 0.7 * math.radians(1.35)
+
 
 @functools.lru_cache(maxsize=4)
 def crossing(distance: float, turn_deg: float, n: int = 24) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -69,19 +72,36 @@ def test_a_telecentric_view_is_taken_as_such_and_has_no_error_by_a_distance() ->
     assert np.degrees(found.sd_steady[3]) < 0.002
     unknown, _ = tracked(math.inf, 1.5)
     assert unknown.settings["sphere_map"]["radius_over_distance"] == 0
-    # What a distance that is not seen may add: 0.002 of the step of 3.7 px over the radius at least.
-    assert unknown.sd_steady[3] > 0.002 * 3.7 / RADIUS
+    # What a distance that is not seen may add: 0.002 of the step over the radius, less the larger front, at least.
+    assert unknown.sd_steady[3] > 0.002 * SEEN_FROM_ASIDE
     np.testing.assert_allclose(unknown.position, found.position, atol=1e-6)
 
 
 def test_without_a_map_the_unknown_distance_is_stated_and_said() -> None:
     found, _ = tracked(math.inf, 1.5, sphere_map=False)
-    # The prior: a sd of 0.03 of the step over the radius, about y for a step along x.
-    assert found.sd_steady[3] == pytest.approx(0.03 * 3.7 / RADIUS, rel=0.01)
+    # The prior: a sd of 0.03 of that of a ball at its radius' distance.
+    assert found.sd_steady[3] == pytest.approx(0.03 * SEEN_FROM_ASIDE, rel=0.01)
     assert found.sd_steady[2] < 0.1 * found.sd_steady[3]
     assert any("camera's distance is not known" in sentence for sentence in found.warnings)
     still, _ = tracked(math.inf, 1.5, sphere_map=False, telecentric=True)
     assert not any("distance" in sentence for sentence in still.warnings)
+
+
+@pytest.mark.parametrize("distance", [10.0, 20.0])
+def test_a_near_ball_that_turns_in_place_without_a_map_turns_as_fast_as_stated(distance: float) -> None:
+    n, turn = 6, math.radians(1.5) * torch.tensor([0.1, 0.95, 0.3], dtype=torch.float64)
+    centres = torch.tensor([[38.2, 38.0]]).expand(n, 2)
+    orientations = torch.stack([rotation_matrix(turn * i) for i in range(n)]).float()
+    camera = Camera(focal_px=RADIUS * distance)
+    images = ray_caster.render(
+        speckle(3, RADIUS), centres, RADIUS, orientations, 90.0, shape=(76, 76), subsamples=4, camera=camera
+    )
+    found = track(noisy(images, 2.0, 9), (38.2, 38.0, RADIUS / math.sqrt(1 - distance**-2)), sphere_map=False)
+    error = found.increment[:, 2:].mean(0) - turn.numpy()
+    scatter = np.sqrt(found.covariance.diagonal(axis1=1, axis2=2)[:, 2:].mean(0) / (n - 1))
+    # A front that is larger seems to turn faster, by 7 % at 10 radii; a distance of 10 radii is 3.3 sd of the prior.
+    assert error[1] > 0.5 * float(turn[1]) / distance
+    assert (np.abs(error) < 5 * np.hypot(scatter, found.sd_steady[2:])).all()
 
 
 def test_a_camera_is_not_telecentric() -> None:

@@ -28,7 +28,7 @@ MAX_FRAMES, MIN_FRAMES = 16, 6
 MIN_SHARE = 0.8
 
 #: Largest standard deviation of a limb's centre that shows a place, px (docs/constants.md).
-MAX_SD_PX = 0.5
+MAX_SD_PX = 1.0
 
 #: Largest deviation of a limb, and of the limbs' trend, of a ball that stays, standard deviations (docs/constants.md).
 STAY_SD = 3.0

@@ -163,9 +163,9 @@ def _distance_warnings(track: Track) -> list[str]:
     nearness = settings["sphere_map"].get("radius_over_distance", 0.0)
     known = f"was found from the images alone ({1 / nearness:.0f} radii)" if nearness else "is not known"
     return [
-        f"The camera's distance {known}, and a ball that moves sideways is seen from another side: all turns may "
-        f"be off by the same {apparent:.2g} deg per frame, which their standard deviations include; give --distance-mm "
-        "with --diameter-mm, or --focal-px, or --telecentric for such a lens."
+        f"The camera's distance {known}, and a near ball is seen from another side as it moves sideways, and shows "
+        f"its front larger: all turns may be off by the same {apparent:.2g} deg per frame, which their standard "
+        "deviations include; give --distance-mm with --diameter-mm, or --focal-px, or --telecentric for such a lens."
     ]
 
 

@@ -53,6 +53,9 @@ ROTATION_PER_STEP = 1.2
 #: Error of steps with uneven light, px, and px over the radius for a turn about z (docs/constants.md).
 UNEVEN_LIGHT_PX, UNEVEN_LIGHT_Z_PX = 0.0021, 0.0003
 
+#: Error of a turn about x, y and z per turn and nearness: radius over distance (docs/constants.md).
+NEARER_FRONT = (0.7, 0.7, 0.1)
+
 #: Error of a step on a map of the ball, px (docs/constants.md).
 ON_MAP_PX = 0.0002
 
@@ -100,8 +103,7 @@ def sd_steady(
     ``increment`` (n, 5), px and rad, NaN where not measured; ``radius``, px; ``fineness`` by `texture_fineness`.
     ``uneven_light`` is the share of steps with uneven light, ``leakage`` a share of the front's motion. A map of the
     ball (``on_map``) holds footprints, outline and background, so that only uneven light counts there. ``sd_nearness``
-    is the standard deviation of the ball's radius over the camera's distance, by which a step sideways shows the ball
-    from another side.
+    is the standard deviation of the ball's radius over the camera's distance: see `sd_of_apparent_turn`.
     """
     light = uneven_light * np.array([UNEVEN_LIGHT_PX, UNEVEN_LIGHT_PX, UNEVEN_LIGHT_Z_PX / radius]) ** 2
     if on_map:
@@ -109,18 +111,21 @@ def sd_steady(
     else:
         squares = light + _pair_squares(increment, radius, fineness, leakage)
     step, about_z = np.sqrt(squares[:2]), np.sqrt(squares[2:])
-    turn = np.hypot(ROTATION_PER_STEP / radius * step[::-1], sd_of_apparent_turn(increment, radius, sd_nearness))
-    return np.concatenate((step, turn, about_z))
+    turn = np.concatenate((ROTATION_PER_STEP / radius * step[::-1], about_z))
+    return np.concatenate((step, np.hypot(turn, sd_of_apparent_turn(increment, radius, sd_nearness))))
 
 
 def sd_of_apparent_turn(increment: Array, radius: float, sd_nearness: float) -> Array:
-    """Error (2,) of the turns about x and y, rad per frame, by a ball's nearness with that standard deviation.
+    """Error (3,) of the turns, rad per frame, by a ball's nearness with that standard deviation.
 
-    A ball that moves to the right by d px shows its left side as if it had turned by ``-nearness d / R`` about y.
+    A ball that moves to the right by d px shows its left side as if it had turned by ``-nearness d / R`` about y. The
+    front of a near ball is larger than its outline tells, and so seems to turn faster.
     """
-    known = np.isfinite(increment[:, 0])
-    squares = np.where(known[:, None], increment[:, 1::-1], 0.0) ** 2
-    apparent: Array = sd_nearness / radius * np.sqrt(squares.sum(0) / max(known.sum(), 1))
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(increment).all(1))
+    steps = np.where(known[:, None], increment, 0.0)
+    across = np.stack((steps[:, 1], -steps[:, 0], np.zeros(len(steps))), 1) / radius
+    squares = (across + np.array(NEARER_FRONT) * steps[:, 2:]) ** 2
+    apparent: Array = sd_nearness * np.sqrt(squares.sum(0) / max(known.sum(), 1))
     return apparent
 
 
