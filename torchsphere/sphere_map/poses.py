@@ -22,7 +22,7 @@ from torchsphere.imaging.background import background
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import bundle_adjustment, registration
+from torchsphere.sphere_map import bundle_adjustment, registration, residual_scatter
 from torchsphere.sphere_map.ball import Poses
 from torchsphere.sphere_map.bundle_adjustment import NEW_MAP_STEPS, Adjustment
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
@@ -85,6 +85,7 @@ class MapPoses:
     frame_misfit: Array  # (n,): mean square of each frame's weighted residual; NaN for a frame that is not on the map
     nearness: float = 0.0  # radius over the camera's distance, and its standard deviation
     sd_nearness: float = 0.0
+    widened: float = 1.0  # largest factor on the standard deviations by an error that neighbouring pixels share
 
 
 #: Numbers of frames, and their poses before and after the registration.
@@ -186,8 +187,10 @@ def poses_on_map(
         refusal = _refusal(adjustment, circle.radius, misfit)
         if refusal:
             return refusal
-        numbers, found = _on_map(frames, keys, initial, adjustment, shared, report)
+        numbers, found, widened = _on_map(frames, keys, initial, adjustment, shared, report)
     assembled = _assemble(len(position), numbers, found, keys, adjustment, circle, misfit)
+    covariance = assembled.step_covariance * np.outer(widened, widened)
+    assembled = replace(assembled, step_covariance=covariance, widened=float(widened.max()))
     return assembled if optics is None else _through_lens(assembled, optics)
 
 
@@ -247,8 +250,8 @@ def _on_map(
     adjustment: Adjustment,
     shared: RowRunner,
     report: Callable[[int], None],
-) -> tuple[NDArray[np.int64], Registration]:
-    """Numbers (k,) and registrations of all frames on the map.
+) -> tuple[NDArray[np.int64], Registration, Array]:
+    """Numbers (k,) and registrations of all frames on the map, and the `residual_scatter.widening` (5,) of their poses.
 
     The keyframes have settled what all images share. A map of more frames has less noise, and then all frames are
     registered on it.
@@ -261,7 +264,11 @@ def _on_map(
         order = torch.from_numpy(np.argsort(np.concatenate((keys, others))))
         numbers, poses = np.union1d(keys, others), Poses.joined([poses, found.poses]).take(order)
     state = _of_more_frames(state, frames, numbers, poses, shared)
-    return _register(frames, frames.known, anchors, state, shared, report)
+    numbers, found = _register(frames, frames.known, anchors, state, shared, report)
+    some = residual_scatter.spread_out(len(numbers))
+    poses = found.poses.take(torch.from_numpy(some).to(found.misfit.device))
+    windows = frames.windows(numbers[some].tolist(), poses.centre, float(state.ball.radius))
+    return numbers, found, residual_scatter.widening(windows, poses, state.ball, state.profile).cpu().numpy()
 
 
 def _of_more_frames(

@@ -127,6 +127,7 @@ def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion
         "frames": int(on_map.sum()),
         "edge_blur_px": found.edge_blur,
         "residual_over_noise": found.misfit**0.5,
+        "widened": found.widened,
         "radius_over_distance": found.nearness,
         "sd_radius_over_distance": found.sd_nearness,
     }
