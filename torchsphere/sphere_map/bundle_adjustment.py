@@ -68,6 +68,10 @@ MAX_BLUR_STEP_PX = 0.2
 #: (docs/constants.md).
 SEEN_NEARNESS_SD, MAX_NEARNESS = 3.0, 0.3
 
+#: Nearness by the first step, in its standard deviations, from which the search goes on: a step reaches a tenth to a
+#: third of the nearness, as the map follows with delay (docs/constants.md).
+SUSPECTED_NEARNESS_SD = 1.3
+
 #: Rounds of the search for the nearness, steps of the adjustment in each, change below which the search has settled,
 #: and largest share of a change that is expected of the next (docs/constants.md).
 NEARNESS_ROUNDS, NEARNESS_STEPS, SETTLED_NEARNESS, MAX_NEARNESS_SHARE = 10, 2, 0.0004, 0.6
@@ -149,7 +153,7 @@ def _with_nearness(adjustment: Adjustment, optics: Optics, cell_px: float, share
     found = nearness.measure(state, shared)
     sd = min(math.hypot(float(found.change), found.total_sd), nearness.UNKNOWN_SD)
     unseen = replace(adjustment, sd_nearness=sd)
-    if float(found.change) > SEEN_NEARNESS_SD * found.total_sd:
+    if float(found.change) > SUSPECTED_NEARNESS_SD * found.total_sd:
         start: Adjustment | None = _adjust_level(found.applied(state), level, shared)
     else:
         # Where the ball hardly turns, the map hides a near camera in part: it may be seen from near by alone.
@@ -158,7 +162,9 @@ def _with_nearness(adjustment: Adjustment, optics: Optics, cell_px: float, share
         return unseen
     near, sd, settled = _settled_nearness(start, level, shared)
     value = float(nearness.nearness_of(near.state))
-    if not settled or not SEEN_NEARNESS_SD * sd < value < MAX_NEARNESS:
+    if settled and value <= SEEN_NEARNESS_SD * sd:
+        return replace(unseen, sd_nearness=min(math.hypot(value, sd), nearness.UNKNOWN_SD))
+    if not settled or value >= MAX_NEARNESS:
         # What was seen and could not be settled is not known to less than what the search had found.
         return replace(unseen, sd_nearness=max(nearness.UNKNOWN_SD, abs(value)))
     return replace(near, covariance=_with_radius_error(near), sd_nearness=sd)
