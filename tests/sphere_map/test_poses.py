@@ -9,7 +9,7 @@ from shots import angles_between, noisy, rotation_matrix, speckle
 
 from torchsphere import Circle, track
 from torchsphere.recording.frame_source import Source
-from torchsphere.sphere_map import bundle_adjustment, poses, registration
+from torchsphere.sphere_map import bundle_adjustment, pose_errors, poses, registration
 from torchsphere.sphere_map.ball import Poses, TexturedBall, uniform_light
 from torchsphere.sphere_map.bundle_adjustment import Adjustment
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
@@ -187,7 +187,8 @@ KEYS = [0, 4, 5, 8]
 def step_variances(misfits: dict[int, float], keyframe_variance: float = 4.0) -> np.ndarray:
     """Variance (8, 5) of the steps, px, rotations times the radius; the noise of each image has unit variance.
 
-    ``misfits`` are those of the frames beside the keyframes; the adjustment gives each keyframe ``keyframe_variance``.
+    ``misfits`` are those of the frames, 1 for keyframes without; the adjustment gives each keyframe
+    ``keyframe_variance``.
     """
     numbers = np.array(sorted({*misfits, *KEYS}))
     unit = torch.eye(5, dtype=torch.float64).expand(len(numbers), 5, 5)
@@ -200,21 +201,26 @@ def step_variances(misfits: dict[int, float], keyframe_variance: float = 4.0) ->
     state = State(windows, at.take(slice(0, len(KEYS))), ball, uniform_profile(size, 4.0))
     covariance = keyframe_variance * torch.eye(PER_IMAGE * len(KEYS) + COMMON, dtype=torch.float64)
     adjustment = Adjustment(state, covariance, settled=True)
-    variance = np.einsum("nii->ni", poses.step_covariances(9, numbers, found, KEYS, adjustment))
+    variance = np.einsum("nii->ni", pose_errors.step_covariances(9, numbers, found, KEYS, adjustment))
     return variance * np.array([1, 1, *3 * [RADIUS**2]])
 
 
-def test_a_step_beside_the_keyframes_has_the_noise_of_its_two_images_scaled_by_their_misfits() -> None:
+def test_a_step_has_the_noise_of_its_two_images_scaled_by_their_misfits() -> None:
     found = step_variances({1: 1.1, 2: 1.3, 3: 1.1, 6: 1.2, 7: 1.2})
     np.testing.assert_allclose(found[1], 1.1 + 1.3, rtol=1e-9)
     np.testing.assert_allclose(found[6], 1.2 + 1.2, rtol=1e-9)
 
 
-def test_a_keyframe_has_the_median_misfit_of_the_other_frames() -> None:
-    """The map was fitted to the keyframe, so that its own residual is smaller than its noise."""
-    found = step_variances({1: 1.1, 2: 1.3, 3: 1.1, 6: 1.2, 7: 1.2})
-    np.testing.assert_allclose(found[0], 1.2 + 1.1, rtol=1e-9)
-    np.testing.assert_allclose(found[5], 1.2 + 1.2, rtol=1e-9)
+def test_a_frame_that_made_the_map_gets_back_the_noise_that_the_map_has_taken_up() -> None:
+    """The mean of n images as their map: a residual has the variance 1 - 1 / n, for another image 1 + 1 / n.
+
+    An image that made the map is moved by its own noise and by that of the n - 1 others in the map, 1 / n of each.
+    """
+    n, made = 4, np.arange(4)
+    misfit = torch.tensor([1 - 1 / n] * n + [1 + 1 / n], dtype=torch.float64)
+    found = pose_errors.without_leverage(misfit, np.arange(n + 1), made, torch.full((n,), 1 / n))
+    of_others = (n - 1) / n**2
+    np.testing.assert_allclose(found, [1 + of_others] * n + [1 + 1 / n], rtol=1e-9)
 
 
 def test_a_step_between_keyframes_has_the_covariance_of_the_adjustment() -> None:

@@ -26,7 +26,7 @@ NEIGHBOURHOOD_PX = 5
 HIDDEN_FROM = 3.0
 
 #: Number of neighbouring pixels over which an error of the model near the outline is alike (docs/constants.md).
-ALIKE_PIXELS = 3.0
+ALIKE_PIXELS = 2.0
 
 #: Variance that rounding to whole grey levels leaves, grey levels squared.
 ROUNDING_VARIANCE = 1 / 12

@@ -30,6 +30,7 @@ from torchsphere.sphere_map.keyframes import choose_keyframes, choose_map_frames
 from torchsphere.sphere_map.nearness import nearness_of, seen_alike
 from torchsphere.sphere_map.perspective import Optics, orthographic
 from torchsphere.sphere_map.pixel_weights import ROUNDING_VARIANCE
+from torchsphere.sphere_map.pose_errors import step_covariances, without_leverage
 from torchsphere.sphere_map.registration import Registration
 from torchsphere.sphere_map.state import State, drawn, fit_map, reweighted
 from torchsphere.sphere_map.window import Windows, cut_windows, texture_variance
@@ -263,18 +264,20 @@ def _on_map(
         others, found = _register(frames, np.setdiff1d(chosen, keys), anchors, state, shared, lambda done: None)
         order = torch.from_numpy(np.argsort(np.concatenate((keys, others))))
         numbers, poses = np.union1d(keys, others), Poses.joined([poses, found.poses]).take(order)
-    state = _of_more_frames(state, frames, numbers, poses, shared)
-    numbers, found = _register(frames, frames.known, anchors, state, shared, report)
-    some = residual_scatter.spread_out(len(numbers))
+    state, leverage = _of_more_frames(state, frames, numbers, poses, shared)
+    registered, found = _register(frames, frames.known, anchors, state, shared, report)
+    some = residual_scatter.spread_out(len(registered))
     poses = found.poses.take(torch.from_numpy(some).to(found.misfit.device))
-    windows = frames.windows(numbers[some].tolist(), poses.centre, float(state.ball.radius))
-    return numbers, found, residual_scatter.widening(windows, poses, state.ball, state.profile).cpu().numpy()
+    windows = frames.windows(registered[some].tolist(), poses.centre, float(state.ball.radius))
+    widened = residual_scatter.widening(windows, poses, state.ball, state.profile).cpu().numpy()
+    found = replace(found, misfit=without_leverage(found.misfit, registered, numbers, leverage))
+    return registered, found, widened
 
 
 def _of_more_frames(
     state: State, frames: _Frames, numbers: NDArray[np.int64], poses: Poses, shared: RowRunner
-) -> State:
-    """The state with a map of the frames with these ``numbers`` and ``poses``, and their profile."""
+) -> tuple[State, Tensor]:
+    """The state with a map of the frames with these ``numbers`` (m,) and ``poses``, and the frames' leverage (m,)."""
     windows = frames.windows(numbers.tolist(), poses.centre, float(state.ball.radius))
     state = replace(state, windows=windows, poses=poses)
     design = drawn(state, shared)
@@ -282,7 +285,9 @@ def _of_more_frames(
     state = reweighted(state, residual, torch.zeros_like(residual))
     state, equations = fit_map(state, shared, NEW_MAP_STEPS, design)
     residual = windows.levels - design.levels(state.ball.coefficients)
-    return reweighted(state, residual, equations.leverage())
+    leverage, visible = equations.leverage(), windows.visibility > 0
+    mean = (visible * leverage).sum((1, 2)) / visible.sum((1, 2)).clamp_min(1)
+    return reweighted(state, residual, leverage), mean
 
 
 def _register(
@@ -377,33 +382,3 @@ def _assemble(
     misfits[numbers] = found.misfit.cpu().numpy()
     blur = float(ball.edge_blur)
     return MapPoses(position, orientation, steps, outline, len(keys), blur, misfit, misfits, near, sd_near)
-
-
-def step_covariances(
-    n: int, numbers: NDArray[np.int64], found: Registration, keys: list[int], adjustment: Adjustment
-) -> Array:
-    """Covariance (n - 1, 5, 5) of the steps between frames that are both on the map; px and rad, NaN elsewhere.
-
-    Between keyframes, the covariance is that of the adjustment. Elsewhere it is the noise of both images, scaled by
-    `Registration.misfit`: the residual of such a frame also holds the map's error at its pixels, which cancels little
-    in a step. A keyframe has no such residual and gets the median misfit of the other frames.
-    """
-    radius = float(adjustment.state.ball.radius)
-    units = np.array([1.0, 1.0, *3 * [1 / radius]])
-    misfit, is_key = found.misfit.cpu().numpy().copy(), np.isin(numbers, keys)
-    misfit[is_key] = np.median(misfit[~is_key]) if bool((~is_key).any()) else 1.0
-    own = np.full((n, 5, 5), np.nan)
-    own[numbers] = misfit[:, None, None] * found.covariance.cpu().numpy()
-    covariance = own[:-1] + own[1:]
-    whole = adjustment.covariance.cpu().numpy()
-    for k in range(len(keys) - 1):
-        if keys[k + 1] == keys[k] + 1:
-            covariance[keys[k]] = _difference_covariance(whole, k, k + 1)
-    return covariance * np.outer(units, units)
-
-
-def _difference_covariance(covariance: Array, a: int, b: int) -> Array:
-    """Covariance (5, 5) of the step from pose number ``a`` to number ``b``, from that of all poses."""
-    first, second = (slice(PER_IMAGE * k, PER_IMAGE * k + 5) for k in (a, b))
-    shared = covariance[first, second]
-    return covariance[first, first] + covariance[second, second] - shared - shared.T

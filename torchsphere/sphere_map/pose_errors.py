@@ -1,0 +1,59 @@
+"""Covariances of the steps between frames on a map: the noise that the map has taken up is given back."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchsphere.sphere_map.bundle_adjustment import Adjustment
+from torchsphere.sphere_map.elimination import PER_IMAGE
+from torchsphere.sphere_map.registration import Registration
+
+Array = NDArray[np.float64]
+
+
+def without_leverage(misfit: Tensor, numbers: NDArray[np.int64], of_map: NDArray[np.int64], leverage: Tensor) -> Tensor:
+    """The ``misfit`` (k,) of the frames ``numbers`` (k,) as if none of them had made the map.
+
+    A map takes up a share h of the noise of the frames that make it, the ``leverage`` (m,) of the frames ``of_map``
+    (m,): it leaves 1 - h of their noise in the residual. For any other frame the map adds h. For a frame that made the
+    map it adds h - h^2, as its own share in the map does not move its pose. The misfit has a mean of 1 in the frames
+    that made the map, with their share given back.
+    """
+    of_frame = dict(zip(of_map.tolist(), leverage.tolist(), strict=True))
+    share = torch.tensor([of_frame.get(number, 0.0) for number in numbers.tolist()]).to(misfit)
+    has_made = torch.from_numpy(np.isin(numbers, of_map)).to(misfit.device)
+    noise = misfit / (1 - share)
+    if not bool(has_made.any()):
+        return misfit
+    return noise / noise[has_made].mean() * (1 + share - share.square())
+
+
+def step_covariances(
+    n: int, numbers: NDArray[np.int64], found: Registration, keys: list[int], adjustment: Adjustment
+) -> Array:
+    """Covariance (n - 1, 5, 5) of the steps between frames that are both on the map; px and rad, NaN elsewhere.
+
+    Between keyframes, the covariance is that of the adjustment. Elsewhere it is the noise of both images, scaled by
+    `Registration.misfit`: the residual also holds the map's error at the frame's pixels, which cancels little in a
+    step.
+    """
+    radius = float(adjustment.state.ball.radius)
+    units = np.array([1.0, 1.0, *3 * [1 / radius]])
+    own = np.full((n, 5, 5), np.nan)
+    own[numbers] = (found.misfit[:, None, None] * found.covariance).cpu().numpy()
+    covariance = own[:-1] + own[1:]
+    whole = adjustment.covariance.cpu().numpy()
+    for k in range(len(keys) - 1):
+        if keys[k + 1] == keys[k] + 1:
+            covariance[keys[k]] = _difference_covariance(whole, k, k + 1)
+    return covariance * np.outer(units, units)
+
+
+def _difference_covariance(covariance: Array, a: int, b: int) -> Array:
+    """Covariance (5, 5) of the step from pose number ``a`` to number ``b``, from that of all poses."""
+    first, second = (slice(PER_IMAGE * k, PER_IMAGE * k + 5) for k in (a, b))
+    shared = covariance[first, second]
+    return covariance[first, first] + covariance[second, second] - shared - shared.T
