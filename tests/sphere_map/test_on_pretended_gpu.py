@@ -22,7 +22,7 @@ from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map import map_fit, perspective, poses
 from torchsphere.sphere_map.poses import MapPoses
 
-RADIUS, WIDTH, N = 10.0, 256, 6
+RADIUS, WIDTH, N = 15.0, 256, 6
 
 #: A camera forty radii away, with a lens that bends.
 CAMERA = Camera(focal_px=600.0, principal_px=(120.0, 120.0), distortion=(-0.1, 0.0, 0.0))

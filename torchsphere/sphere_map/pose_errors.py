@@ -19,16 +19,11 @@ def without_leverage(misfit: Tensor, numbers: NDArray[np.int64], of_map: NDArray
 
     A map takes up a share h of the noise of the frames that make it, the ``leverage`` (m,) of the frames ``of_map``
     (m,): it leaves 1 - h of their noise in the residual. For any other frame the map adds h. For a frame that made the
-    map it adds h - h^2, as its own share in the map does not move its pose. The misfit has a mean of 1 in the frames
-    that made the map, with their share given back.
+    map it adds h - h^2, as its own share in the map does not move its pose.
     """
     of_frame = dict(zip(of_map.tolist(), leverage.tolist(), strict=True))
     share = torch.tensor([of_frame.get(number, 0.0) for number in numbers.tolist()]).to(misfit)
-    has_made = torch.from_numpy(np.isin(numbers, of_map)).to(misfit.device)
-    noise = misfit / (1 - share)
-    if not bool(has_made.any()):
-        return misfit
-    return noise / noise[has_made].mean() * (1 + share - share.square())
+    return misfit / (1 - share) * (1 + share - share.square())
 
 
 def step_covariances(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -86,7 +86,8 @@ class MapPoses:
     frame_misfit: Array  # (n,): mean square of each frame's weighted residual; NaN for a frame that is not on the map
     nearness: float = 0.0  # radius over the camera's distance, and its standard deviation
     sd_nearness: float = 0.0
-    widened: float = 1.0  # largest factor on the standard deviations by an error that neighbouring pixels share
+    # (5,): factors in the steps' standard deviations by an error that neighbouring pixels share
+    widening: Array = field(default_factory=lambda: np.ones(5))
 
 
 #: Numbers of frames, and their poses before and after the registration.
@@ -191,7 +192,7 @@ def poses_on_map(
         numbers, found, widened = _on_map(frames, keys, initial, adjustment, shared, report)
     assembled = _assemble(len(position), numbers, found, keys, adjustment, circle, misfit)
     covariance = assembled.step_covariance * np.outer(widened, widened)
-    assembled = replace(assembled, step_covariance=covariance, widened=float(widened.max()))
+    assembled = replace(assembled, step_covariance=covariance, widening=widened)
     return assembled if optics is None else _through_lens(assembled, optics)
 
 

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 #: Squared difference of a step on the map and by a pair of images in uneven light, in their variances, from which one
 #: of both is wrong (docs/constants.md).
-MAX_DISAGREEMENT = 30.0
+MAX_DISAGREEMENT = 22.0
 
 #: Misfit of a frame on the map, in the median of all frames, from which the map is wrong there (docs/constants.md).
 SHADED_MISFIT = 1.5
@@ -127,7 +127,7 @@ def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion
         "frames": int(on_map.sum()),
         "edge_blur_px": found.edge_blur,
         "residual_over_noise": found.misfit**0.5,
-        "widened": found.widened,
+        "widened": float(found.widening.max()),
         "radius_over_distance": found.nearness,
         "sd_radius_over_distance": found.sd_nearness,
     }
@@ -149,13 +149,14 @@ def shaded_frames(measured: Record, found: MapPoses) -> NDArray[np.bool_]:
     """Frames (n,) in which an object near the ball changes the light so that the map errs: steps allow for such light.
 
     A step on the map contradicts the step between the images there, and the map explains the frames around it less well
-    than the others.
+    than the others. The steps are compared by the noise of single pixels: light that errs widens the covariance itself.
     """
     on_map = np.isfinite(found.position[:, 0])
     known = on_map[:-1] & on_map[1:] & np.isfinite(measured.increment).all(1) & measured.uneven_light[1:]
     by_map = np.concatenate((np.diff(found.position, axis=0), _turns(found.orientation, known)), 1)
+    by_noise = found.step_covariance / np.outer(found.widening, found.widening)
     difference = np.where(known[:, None], by_map - measured.increment, 0.0)
-    variance = np.where(known[:, None, None], found.step_covariance + measured.covariance, np.eye(5))
+    variance = np.where(known[:, None, None], by_noise + measured.covariance, np.eye(5))
     squares = (difference * np.linalg.solve(variance, difference[..., None])[..., 0]).sum(1)
     unexplained = on_map & (found.frame_misfit > SHADED_MISFIT * np.median(found.frame_misfit[on_map]))
     # Numbers of the runs of such frames.
