@@ -35,6 +35,7 @@ def motion_warnings(source: Source, track: Track, start: int, roi_given: bool) -
         *_circle_warnings(source, track, start),
         *_place_warnings(track),
         *_map_warnings(track),
+        *_growth_warnings(track),
         *_distance_warnings(track),
         *_leakage_warnings(track, roi_given),
         *_shake_warnings(source, track, start),
@@ -66,6 +67,20 @@ def _frame_warnings(track: Track, start: int) -> list[str]:
             "forces are wrong there; measure the parts between with --frames."
         )
     return sentences
+
+
+def _growth_warnings(track: Track) -> list[str]:
+    """A ball that comes nearer or goes away although no model was given for it."""
+    known = np.flatnonzero(np.isfinite(track.position[:, 0]))
+    if not track.settings["grows"] or len(known) < 2:
+        return []
+    first, last = known[0], known[-1]
+    percent = 100 * ((track.radius[last] / track.radius[first]) ** (1 / (last - first)) - 1)
+    grows, comes = ("grows", "comes nearer") if percent > 0 else ("shrinks", "goes away")
+    return [
+        f"The image of the ball {grows} by {abs(percent):.2g} % per frame, as of a ball that {comes}: it was measured "
+        "with the model 'pinhole6', from frame to frame, without a map."
+    ]
 
 
 def _circle_warnings(source: Source, track: Track, start: int) -> list[str]:

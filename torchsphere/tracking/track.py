@@ -22,6 +22,7 @@ from torchsphere.runtime import threads
 from torchsphere.settings.arrays import as_mask
 from torchsphere.settings.limits import require_switch
 from torchsphere.sphere_map.nearness import UNKNOWN_SD
+from torchsphere.tracking import growth
 from torchsphere.tracking import in_place as place_of_ball
 from torchsphere.tracking.drift import AbsoluteMotion, absolute_motion
 from torchsphere.tracking.edge_leakage import adapt_options, background_contrast, leakage_share
@@ -67,6 +68,7 @@ class _Start:
     image: Tensor  # grey levels (h, w) of the circle's frame
     contrast: float  # of the background against the ball, see `background_contrast`
     options: Options  # adapted to the ball
+    grows: bool = False  # whether the ball comes nearer or goes away, which nobody said
 
 
 @threads.single_threaded_torch()
@@ -203,7 +205,7 @@ def _limbs(task: _Task, start: _Start) -> Limbs | None:
 
 def _motion(task: _Task, start: _Start) -> tuple[_Start, Record, AbsoluteMotion]:
     """Phases 2 and 3, and the start that they had at last."""
-    measured = _follow(task, start)
+    start, measured = _follow_as_it_grows(task, start)
     motion = _absolute_motion(task, start, measured)
     change = abs(motion.circle.radius - start.circle.radius)
     if change > WRONG_RADIUS * start.circle.radius and bool((measured.status != "ok").any()):
@@ -220,6 +222,18 @@ def _initial_circle(task: _Task, settings: Options, given: dict[str, Any]) -> _S
     image = task.source.images(circle.frame, circle.frame + 1)[0]
     contrast = background_contrast(image, circle, task.ignore)
     return _Start(circle, image, contrast, adapt_options(settings, given, circle.radius, contrast))
+
+
+def _follow_as_it_grows(task: _Task, start: _Start) -> tuple[_Start, Record]:
+    """Phase 2, and the start with the model that it had at last: a ball whose image grows is followed again."""
+    measured = _follow(task, start)
+    if task.in_place or start.grows or start.options.model not in growth.RIGID_MODELS:
+        return start, measured
+    options = growth.growing(start.options, start.circle.radius, start.image)
+    if not growth.is_growing(task.source, measured, task.ignore, options):
+        return start, measured
+    start = dataclasses.replace(start, options=options, grows=True)
+    return start, _follow(task, start)
 
 
 def _follow(task: _Task, start: _Start) -> Record:
@@ -283,6 +297,7 @@ def _assemble(task: _Task, start: _Start, measured: Record, motion: AbsoluteMoti
             "in_place": task.in_place,
             "place": None,
             "telecentric": task.telecentric,
+            "grows": start.grows,
             "sphere_map": motion.about_map,
             "repeated_frames": measured.repeated,
             "leaked": leakage,
@@ -294,7 +309,7 @@ def _assemble(task: _Task, start: _Start, measured: Record, motion: AbsoluteMoti
 
 def _sd_nearness(task: _Task, start: _Start, motion: AbsoluteMotion) -> float:
     """Standard deviation of the ball's radius over the camera's distance."""
-    if task.telecentric or start.options.camera is not None:
+    if task.telecentric or (start.options.camera is not None and not start.grows):
         return 0.0
     return float(motion.about_map.get("sd_radius_over_distance", UNKNOWN_SD))
 

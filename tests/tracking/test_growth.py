@@ -1,0 +1,51 @@
+"""A ball that comes nearer or goes away is recognised, and measured with the model of such a motion."""
+
+import numpy as np
+import pytest
+import torch
+from shots import noisy, rotation_matrix
+
+import torchsphere as ts
+from torchsphere.synthetic import ray_caster
+
+FRAMES, RADIUS, STEP = 14, 28.0, (3.0, 0.4)
+TURN = np.radians([0.6, 1.0, 0.3])
+
+
+def images_of(growth: float) -> torch.Tensor:
+    """Images of a ball whose radius grows by that share per frame."""
+    pattern = ray_caster.speckle(4, radius_px=RADIUS)
+    centres = torch.tensor([[45.0, 50.0]]) + torch.arange(FRAMES)[:, None] * torch.tensor(STEP)
+    clean = [
+        ray_caster.render(
+            pattern,
+            centres[i : i + 1],
+            RADIUS * (1 + growth) ** i,
+            rotation_matrix(torch.from_numpy(i * TURN))[None].float(),
+            100.0,
+            shape=(104, 136),
+        )[0]
+        for i in range(FRAMES)
+    ]
+    return noisy(torch.stack(clean), 2.0, 3)
+
+
+@pytest.mark.parametrize("growth", [0.012, -0.005])
+def test_a_ball_that_grows_or_shrinks_is_measured_with_the_growth(growth: float) -> None:
+    track = ts.track(images_of(growth), (45.0, 50.0, RADIUS), log=False)
+    assert track.settings["model"] == "pinhole6"
+    assert (track.status == "ok").all()
+    assert track.radius[-1] / track.radius[0] == pytest.approx((1 + growth) ** (FRAMES - 1), abs=0.005)
+    sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2) + track.sd_steady**2)
+    off = np.abs(track.increment - np.array([*STEP, *TURN]))
+    assert (off / sd).max() < 6
+    assert off[:, :2].max() < 0.06
+    word = "grows by 1.2 %" if growth > 0 else "shrinks by 0.5 %"
+    assert any(word in sentence for sentence in track.warnings)
+
+
+def test_a_ball_of_one_size_keeps_its_model_and_its_map() -> None:
+    track = ts.track(images_of(0.0), (45.0, 50.0, RADIUS), log=False)
+    assert track.settings["model"] == "rigid"
+    assert not track.settings["grows"]
+    assert track.settings["sphere_map"]["used"]
