@@ -52,7 +52,6 @@ class Limbs:
     frames: NDArray[np.int64]  # numbers (k,)
     circle: Array  # mean (3,) of the fits, px
     sd: Array  # of the fit of one frame (3,), px: its systematic part does not average out
-    centre: Array  # centre (k, 2) in each frame, px
     stay: bool  # whether the centres lie within their standard deviation of one place
 
 
@@ -79,7 +78,7 @@ def fit_limbs(source: Source, circle: Circle, ignore: Tensor | None, camera: Cam
     stay = np.mean((off < STAY_SD * typical).all(1)) >= MIN_SHARE and bool(
         (slope < STAY_SD * _trend_sd(len(frames)) * typical[:2]).all()
     )
-    return Limbs(frames, np.median(circles, axis=0), typical, circles[:, :2], bool(stay))
+    return Limbs(frames, np.median(circles, axis=0), typical, bool(stay))
 
 
 def may_turn_in_place(motion: AbsoluteMotion) -> bool:
@@ -93,11 +92,9 @@ def turns_in_place(motion: AbsoluteMotion, limbs: Limbs) -> bool:
     """Whether the limbs stay while the ``motion`` leaves them."""
     if not (limbs.stay and may_turn_in_place(motion)):
         return False
-    path = motion.position[limbs.frames]
-    known = np.isfinite(path[:, 0])
-    if known.sum() < MIN_FRAMES:
-        return False
-    off = _trend(limbs.frames[known], path[known] - limbs.centre[known])
+    # A path that left its ball early is known in few of the limbs' frames; their place is that of all frames.
+    known = np.flatnonzero(np.isfinite(motion.position[:, 0]))
+    off = _trend(known, motion.position[known] - limbs.circle[:2])
     return bool((np.abs(off) > SIGNIFICANT_SD * limbs.sd[:2]).any())
 
 
