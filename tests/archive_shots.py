@@ -26,6 +26,7 @@ from torchsphere.recording import open_recording
 from torchsphere.request import PER_RECORDING
 from torchsphere.results import atomic_output, writer
 from torchsphere.runtime.file_hash import hash_files
+from torchsphere.runtime.shown_text import shown
 from torchsphere.synthetic import ray_caster
 from torchsphere.tracking.result import status_counts
 from torchsphere.tracking.track import Track, track
@@ -101,7 +102,7 @@ def write_result(request: Request, extra: Mapping[str, Path], tracked: Track | N
         table |= {"mean_motion": {"increment_px_rad": step}, "frame_rate": request.fps}
         writer.write_summary(folder, table)
     with (request.input.parent / CALLS).open("a") as file:
-        file.write(f"{request.input.stem}\n")
+        file.write(f"{shown(request.input.stem)}\n")
 
 
 def measured(request: Request, progress: None, extra: Mapping[str, Path]) -> None:

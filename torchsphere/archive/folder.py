@@ -10,6 +10,7 @@ from pathlib import Path, PurePosixPath
 
 from torchsphere.archive.claims import Claims, claims_of
 from torchsphere.archive.scan import STATE
+from torchsphere.results.atomic_output import short_name
 
 SUMMARIES = ("summary.csv", "summary.parquet")
 #: Name of an unfinished result folder, as `atomic_output.atomic_folder` gives it: ".shot.k3_x9a1b".
@@ -43,16 +44,16 @@ def sweep(out: Path, results: Iterable[str]) -> int:
     claims = claims_of(out)
     if not claims.are_supported():
         return 0
-    names: dict[PurePosixPath, set[str]] = {}
+    names: dict[PurePosixPath, dict[str, str]] = {}
     for result in results:
         path = PurePosixPath(result)
-        names.setdefault(path.parent, set()).add(path.name)
+        names.setdefault(path.parent, {})[short_name(path.name)] = path.name
     removed = 0
     for parent, known in names.items():
         for folder, name in _unfinished(out / parent):
             if name not in known:
                 continue
-            with claims.claim((parent / name).as_posix()) as is_mine:
+            with claims.claim((parent / known[name]).as_posix()) as is_mine:
                 if is_mine:
                     shutil.rmtree(folder, ignore_errors=True)
                     removed += 1
@@ -65,5 +66,6 @@ def _unfinished(parent: Path) -> list[tuple[Path, str]]:
         with os.scandir(parent) as entries:
             found = [(entry, _UNFINISHED.fullmatch(entry.name)) for entry in entries]
             return [(Path(entry), match["name"]) for entry, match in found if match is not None and entry.is_dir()]
-    except (FileNotFoundError, NotADirectoryError):
+    except OSError:
+        # Missing, or a path that the file system cannot have: nothing was left there.
         return []

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import csv
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from torchsphere.archive import scan
+from torchsphere.archive.folder import SUMMARIES
+from torchsphere.recording.ignore_mask import located
 from torchsphere.request import PER_RECORDING, check_settings, merged
+from torchsphere.runtime.shown_text import shown
 from torchsphere.settings.setting import find, from_table, read_toml
 
 #: Names of the column of the recordings, and name of the column of the result folders.
 RECORDING, RESULT = ("recording", "input"), "result"
+#: Files that the run writes beside the result folders; none of these may be a result.
+RESERVED = (*SUMMARIES, "index.html")
 EXAMPLE = "expected a folder of recordings, or a manifest .csv or .toml with a row per recording"
 
 
@@ -25,6 +31,7 @@ class Item:
     input: Path  # path to open
     result: str  # result folder, relative to the output folder, with slashes
     settings: Mapping[str, Any]  # fields of `torchsphere.request.Request`
+    refusal: str = ""  # why this recording of a folder cannot be measured
 
 
 @dataclass(frozen=True)
@@ -68,7 +75,19 @@ def _found(root: Path, path: Path, common: Mapping[str, Any]) -> Item:
     result = inside.as_posix() if path.is_dir() else inside.with_suffix("").as_posix()
     if path == root:
         result = root.resolve().name
-    return Item(inside.as_posix(), path, result, common)
+    name = shown(inside.as_posix())
+    # Tables and records are UTF-8: other bytes of a name are written as \\xe9.
+    result = os.fsencode(result).decode("utf-8", "backslashreplace")
+    reason = _reserved(result)
+    return Item(name, path, result, common, f"{name}: {reason}" if reason else "")
+
+
+def _reserved(result: str) -> str:
+    """Why a result folder cannot have this name; empty where it can."""
+    first = PurePosixPath(result.lower()).parts[0]
+    if first in RESERVED:
+        return f"a result folder {result!r} would lie where the run writes its own {first}; give another name"
+    return ""
 
 
 def _csv_rows(source: Path) -> Iterator[tuple[str, dict[str, str]]]:
@@ -159,21 +178,25 @@ def _item(
     name = next((names[key] for key in RECORDING if names.get(key)), None)
     if name is None:
         raise ValueError(f"{where}, column 'recording': is empty; expected the path of a recording")
+    if "\0" in "".join(names.values()):
+        raise ValueError(f"{where}: a name has a NUL, which no file has; correct the manifest")
     together = merged(common, _rebased(source, own))
     try:
         check_settings(together)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from error
-    path = source.parent / name
-    return Item(name, path, _result(where, name, names.get(RESULT)), together)
+    result = _result(where, name, names.get(RESULT))
+    reason = _reserved(result)
+    if reason:
+        raise ValueError(f"{where}: {reason}")
+    return Item(name, source.parent / name, result, together)
 
 
 def _rebased(source: Path, own: Mapping[str, Any]) -> dict[str, Any]:
     """The settings with mask images relative to the manifest, as the recordings are."""
     if "ignore" not in own:
         return dict(own)
-    masks = [str(source.parent / t) if (source.parent / t).is_file() else t for t in own["ignore"]]
-    return {**own, "ignore": masks}
+    return {**own, "ignore": located(own["ignore"], source.parent)}
 
 
 def _result(where: str, name: str, result: str | None) -> str:

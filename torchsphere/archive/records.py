@@ -6,6 +6,8 @@ import dataclasses
 import functools
 import hashlib
 import json
+import os
+import stat as file_types
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,10 +15,13 @@ from typing import Any
 from torchsphere.archive.scan import STATE, files_of
 from torchsphere.recording import open_recording
 from torchsphere.request import PER_RECORDING
-from torchsphere.results.atomic_output import atomic_path
+from torchsphere.results.atomic_output import atomic_path, short_name
 from torchsphere.runtime.file_hash import hash_files
 
 DONE, FAILED, PENDING = "done", "failed", "pending"
+
+#: Longest path of a result folder that its record mirrors, bytes; the system's limit of a whole path is 4096.
+_LONGEST_PATH = 1000
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -74,6 +79,9 @@ def _mask_hash(text: str) -> str | None:
         stat = path.stat()
     except (OSError, ValueError):
         return None
+    if not file_types.S_ISREG(stat.st_mode):
+        # Reading a pipe would never end.
+        return None
     return _file_hash(path, stat.st_size, stat.st_mtime_ns)
 
 
@@ -89,7 +97,12 @@ def is_current(record: Record, key: Key) -> bool:
 
 def file_of(out: Path, result: str, suffix: str = ".json") -> Path:
     """Path of a state file of a recording with the result folder ``result``, relative to ``out``."""
-    return out / STATE / "records" / f"{result}{suffix}"
+    parts = result.split("/")
+    if len(os.fsencode(result)) > _LONGEST_PATH:
+        parts = [short_name(result)]
+    # Folders end in "~": the record of "x" and the records in "x.json" would else take one name.
+    folders = [f"{short_name(part)}~" for part in parts[:-1]]
+    return out.joinpath(STATE, "records", *folders, short_name(parts[-1]) + suffix)
 
 
 def read(out: Path, result: str) -> Record | None:
@@ -120,4 +133,4 @@ def write_table(path: Path, table: Mapping[str, Any]) -> None:
     """Write a JSON object to a file, whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(path) as new:
-        new.write_text(json.dumps(table, ensure_ascii=False), encoding="utf-8")
+        new.write_text(json.dumps(table), encoding="ascii")

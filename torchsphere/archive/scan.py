@@ -51,6 +51,10 @@ def scan(root: Path, leave_out: Path | None = None) -> Found:
 def _in_folder(folder: Path, names: Sequence[str], notes: list[str]) -> Iterator[Path]:
     suffixes = {name: Path(name).suffix.lower() for name in names}
     files = [name for name in names if suffixes[name] in SUFFIXES]
+    # A pipe or a broken link fails by itself; opening a pipe would never end.
+    odd = [name for name in files if not (folder / name).is_file()]
+    yield from (folder / name for name in odd)
+    files = [name for name in files if name not in set(odd)]
     tiffs = [name for name in files if suffixes[name] in TIFF]
     # Three files decide, as opening every TIFF file of a large folder takes too long.
     if tiffs and _single_pages([folder / tiffs[i] for i in sorted({0, len(tiffs) // 2, len(tiffs) - 1})]):

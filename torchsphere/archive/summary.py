@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from torchsphere.results.atomic_output import atomic_path
+from torchsphere.results.spreadsheet import neutral_cell
 
 #: Radians per revolution: ``summary.json`` has the spin of an impact in rev/s, the table all spin in rad/s.
 _PER_REV = 2 * math.pi
@@ -95,4 +96,6 @@ def write(out: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _cell(value: Any) -> Any:
+    if isinstance(value, str):
+        return neutral_cell(value)
     return format(value, ".10g") if isinstance(value, float) else value

@@ -19,6 +19,7 @@ from torchsphere.archive.claims import claims_of
 from torchsphere.archive.manifest import Item
 from torchsphere.archive.records import DONE, FAILED, Key, Record
 from torchsphere.request import Request
+from torchsphere.runtime.shown_text import shown
 
 #: Measures a recording, as `torchsphere.measure.measure`.
 Measure = Callable[[Request, None, Mapping[str, Path]], Any]
@@ -131,6 +132,8 @@ def _started_file(job: Job) -> Path:
 
 
 def _measured(job: Job, measure: Measure, worker: int) -> Outcome:
+    if job.item.refusal:
+        return _failed(job, job.item.refusal, 0.0)
     mark = _started_file(job)
     started = records.read_table(mark) or {}
     deaths = int(started.get("count", 0)) if started.get("run") == job.run else 0
@@ -170,7 +173,7 @@ def _done(job: Job, table: Mapping[str, Any], run: str) -> Record:
 
 def _failed(job: Job, reason: str, seconds: float, trace: str = "") -> Outcome:
     """Write the record of a failure."""
-    if (job.folder / "summary.json").is_file():
+    if _has_summary(job.folder):
         reason += " (its folder still holds the result of an earlier input or of other settings)"
     content = records.content(job.item.input)
     row = {"seconds": round(seconds, 3), "finished": _now()}
@@ -187,9 +190,9 @@ def _write_record(job: Job, **fields: Any) -> Record:
 
 def _sentence(error: Exception) -> str:
     """An error in one line; an unforeseen error with its type and place."""
-    text = " ".join(str(error).split())
+    text = shown(" ".join(str(error).split()))
     if isinstance(error, OSError) and error.strerror is not None:
-        return f"{error.filename or 'file'}: {error.strerror.lower()}"
+        return f"{shown(str(error.filename or 'file'))}: {error.strerror.lower()}"
     if isinstance(error, (ValueError, OSError)) and text:
         return text
     with contextlib.suppress(IndexError):

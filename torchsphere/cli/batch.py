@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from torchsphere.cli.console import progress_bar, say
 from torchsphere.cli.options import add_command, add_out, add_quiet, add_settings, given_settings
 from torchsphere.request import PER_RECORDING, merged, read_config
+from torchsphere.runtime.shown_text import shown
 
 if TYPE_CHECKING:
     from torchsphere.archive.manifest import Archive
@@ -86,7 +87,7 @@ def run(options: dict[str, Any], measure: Measure | None = None) -> int:
         if not claims.are_supported():
             notes.append(f"{out}: its file system has no locks, so two runs at once would measure recordings twice.")
         for note in notes:
-            print(f"torchsphere: {note}", file=sys.stderr)
+            print(f"torchsphere: {shown(note)}", file=sys.stderr)
     return _run(archive, out, engine, options)
 
 
@@ -128,10 +129,11 @@ def _failures(counts: Counts, table: Path) -> list[str]:
 
 def _absolute(common: Mapping[str, Any]) -> dict[str, Any]:
     """The settings with absolute paths of mask images."""
+    from torchsphere.recording.ignore_mask import located
+
     if "ignore" not in common:
         return dict(common)
-    masks = [str(Path(text).absolute()) if Path(text).is_file() else text for text in common["ignore"]]
-    return {**common, "ignore": masks}
+    return {**common, "ignore": located(common["ignore"], Path.cwd())}
 
 
 def _engine(options: Mapping[str, Any], on_gpu: bool, measure: Measure | None) -> Engine:

@@ -7,6 +7,8 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, NoReturn
 
+from torchsphere.runtime.shown_text import shown
+
 if TYPE_CHECKING:
     from tqdm import tqdm
 
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
 def say(quiet: bool, sentence: str) -> None:
     """Print a sentence unless ``quiet``."""
     if not quiet:
-        print(sentence)
+        print(shown(sentence))
 
 
 @contextlib.contextmanager

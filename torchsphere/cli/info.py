@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchsphere.cli.options import add_command
+from torchsphere.runtime.shown_text import shown
 
 if TYPE_CHECKING:
     from torchsphere.recording import Recording
@@ -25,7 +26,7 @@ def run(options: dict[str, Any]) -> int:
 
     with open_recording(options["input"]) as recording:
         for name, text in _facts(recording):
-            print(f"{name:<11} {text}")
+            print(f"{name:<11} {shown(text)}")
         if options["preview"] is not None:
             _preview(recording, options["preview"])
     return 0

@@ -13,6 +13,7 @@ from typing import NoReturn
 from torchsphere import __version__
 from torchsphere.cli import batch, benchmark, demo, info, plan, report, track, warm_up
 from torchsphere.runtime import signals
+from torchsphere.runtime.shown_text import shown
 from torchsphere.settings.limits import SettingError
 
 
@@ -23,7 +24,7 @@ class _Parser(argparse.ArgumentParser):
         if message.endswith("expected one argument"):
             # "--frames -5:" looks like two options.
             message += ", joined by '=' where it begins with '-' (--option=-5)"
-        self.exit(2, f"torchsphere: {message}; see '{self.prog} --help'\n")
+        self.exit(2, f"torchsphere: {shown(message)}; see '{self.prog} --help'\n")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with signals.sigterm_as_exception():
             return int(run(options))
     except (ValueError, OSError) as error:
-        print(f"torchsphere: {_sentence(error)}", file=sys.stderr)
+        print(f"torchsphere: {shown(_sentence(error))}", file=sys.stderr)
     except ModuleNotFoundError as error:
         print(f"torchsphere: the package {error.name!r} is missing; install torchsphere again", file=sys.stderr)
     except KeyboardInterrupt:

@@ -34,6 +34,19 @@ def read_ignore(texts: Sequence[str], shape: tuple[int, ...]) -> NDArray[np.bool
     return mask
 
 
+def located(texts: Sequence[str], folder: Path) -> list[str]:
+    """The texts with mask images as paths from ``folder``; polygons, of any length, and missing images stay."""
+    found = []
+    for text in texts:
+        path = folder / text
+        try:
+            found.append(str(path) if path.is_file() else text)
+        except (OSError, ValueError):
+            # A polygon may be longer than the name of a file may be.
+            found.append(text)
+    return found
+
+
 def without_effect(texts: Sequence[str], shape: tuple[int, ...]) -> tuple[str, ...]:
     """Sentences on the texts that ignore no pixel of the images (h, w)."""
     black = "; pixels that are not black in a mask are ignored, its transparency is not read: paint the region white"

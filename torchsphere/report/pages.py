@@ -29,6 +29,7 @@ from torchsphere.report.time_series import TimeSeries, abscissa, time_series
 from torchsphere.results.atomic_output import atomic_file
 from torchsphere.results.reader import ResultFolder
 from torchsphere.results.sampled_frames import NO_RESIDUAL, Sampled, encode_webp, rows_to_keep
+from torchsphere.results.spreadsheet import plain_text
 from torchsphere.tracking.result import why_unusable
 
 if TYPE_CHECKING:
@@ -224,13 +225,21 @@ def write_index(out_dir: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
 def read_rows(out_dir: Path) -> list[dict[str, str]]:
     """Rows of the ``summary.csv`` of a batch."""
     with (out_dir / "summary.csv").open(newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))
+        return [{name: plain_text(cell or "") for name, cell in row.items()} for row in csv.DictReader(stream)]
 
 
 def result_folder(out_dir: Path, row: Mapping[str, Any]) -> Path | None:
     """The result folder of a row; None if there is none."""
     folders = (out_dir / str(row[name]) for name in (*RESULT_COLUMNS, "recording") if row.get(name))
-    return next((folder for folder in folders if (folder / "summary.json").is_file()), None)
+    return next((folder for folder in folders if _has_summary(folder)), None)
+
+
+def _has_summary(folder: Path) -> bool:
+    try:
+        return (folder / "summary.json").is_file()
+    except (OSError, ValueError):
+        # A recording that failed may have a name that no file can have.
+        return False
 
 
 def _cells(out_dir: Path, row: Mapping[str, Any], columns: Sequence[str]) -> dict[str, Any]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import shutil
-import tempfile
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +13,26 @@ from typing import TextIO
 
 #: Files that mark a folder as an earlier result: of a measurement, of a plan.
 RESULT_FILES = ("summary.json", "plan.json")
+
+#: Longest name of a file or folder, bytes, that leaves room for what is added to it; file systems allow 255.
+LONGEST_NAME = 200
+
+
+def short_name(name: str) -> str:
+    """The name itself, or its beginning and a hash where the name and an addition exceed what file systems allow."""
+    if len(os.fsencode(name)) <= LONGEST_NAME:
+        return name
+    # A character takes up to four bytes.
+    return f"{name[: LONGEST_NAME // 8]}~{hashlib.sha256(os.fsencode(name)).hexdigest()[:32]}"
+
+
+def unfinished_folder(folder: Path) -> Path:
+    """A new, empty folder beside ``folder``: ".shot.k3f9a1b2". Its permissions follow the umask."""
+    while True:
+        new = folder.with_name(f".{short_name(folder.name)}.{uuid.uuid4().hex[:8]}")
+        with contextlib.suppress(FileExistsError):
+            new.mkdir()
+            return new
 
 
 def check_folder(folder: Path, overwrite: bool, kind: str = "result", files: tuple[str, ...] = RESULT_FILES) -> None:
@@ -49,13 +69,12 @@ def atomic_folder(
     check_folder(folder, overwrite, kind, files)
     folder = folder.absolute()
     folder.parent.mkdir(parents=True, exist_ok=True)
-    new = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    new = unfinished_folder(folder)
     try:
         yield new
-        new.chmod(0o755)
         check_folder(folder, overwrite, kind, files)
         if folder.exists():
-            old = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+            old = unfinished_folder(folder)
             # The old folder is removed last: an error must not lose both.
             folder.replace(old)
             try:
@@ -88,7 +107,7 @@ def atomic_file(path: Path) -> Iterator[TextIO]:
 def atomic_path(path: Path) -> Iterator[Path]:
     """The path of a file to write, which replaces ``path`` if the block ends without an error."""
     # A unique name, because several processes may write the same file.
-    part = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    part = path.with_name(f".{short_name(path.name)}.{uuid.uuid4().hex}")
     try:
         yield part
         part.replace(path)

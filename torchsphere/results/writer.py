@@ -24,6 +24,7 @@ from torchsphere.geometry.orientation import quaternions
 from torchsphere.recording import Recording
 from torchsphere.request import Request
 from torchsphere.results.reader import KINEMATICS_COLUMNS, TRACK_COLUMNS
+from torchsphere.runtime.shown_text import shown
 from torchsphere.tracking.result import Track, status_counts
 
 #: Rows of a block of a CSV file.
@@ -127,7 +128,7 @@ def summary(request: Request, done: Measurement, frame_rate: float | None) -> di
     in_lab = done.motion is not None and done.motion.lab_frame
     return {
         "input": {
-            "path": done.name or str(request.input),
+            "path": done.name or shown(str(request.input)),
             "sha256": done.sha256,
             "kind": recording.kind,
             "frames": len(recording),
