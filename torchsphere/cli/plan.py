@@ -47,6 +47,7 @@ def run(options: dict[str, Any]) -> int:
     from torchsphere.results import atomic_output, writer
 
     out, overwrite, quiet = options["out"], options["overwrite"], options["quiet"]
+    atomic_output.recover(out)
     atomic_output.check_folder(out, overwrite)
     request = PlanRequest(**given_settings(options, PLAN_SETTINGS))
     made = _from_images(request, quiet) if request.flight is None else _from_flight(request, request.flight, quiet)

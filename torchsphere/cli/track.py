@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from torchsphere.cli.console import progress_bar
 from torchsphere.cli.options import add_command, add_out, add_quiet, add_settings, given_settings
 from torchsphere.request import SETTINGS, Request, merged, read_config
+from torchsphere.results import atomic_output
 from torchsphere.runtime.imports import without_collections
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ def run(options: dict[str, Any]) -> int:
     from_file = {} if options["config"] is None else read_config(options["config"])
     settings = merged(from_file, given_settings(options, SETTINGS))
     quiet, out = options["quiet"] or options["json"], options["out"]
+    atomic_output.recover(out)
     done = measure_with_progress(Request(input=options["input"], out=out, **settings), quiet)
     return _print_outcome(done, out, options)
 

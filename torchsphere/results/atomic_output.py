@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import os
 import shutil
@@ -11,8 +12,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TextIO
 
+from torchsphere.results import replacement
+
 #: Files that mark a folder as an earlier result: of a measurement, of a plan.
 RESULT_FILES = ("summary.json", "plan.json")
+
+#: Errors of a disk, or a share of a disk, that is full.
+FULL = (errno.ENOSPC, errno.EDQUOT)
 
 #: Longest name of a file or folder, bytes, that leaves room for what is added to it; file systems allow 255.
 LONGEST_NAME = 200
@@ -71,23 +77,43 @@ def atomic_folder(
     folder.parent.mkdir(parents=True, exist_ok=True)
     new = unfinished_folder(folder)
     try:
-        yield new
-        check_folder(folder, overwrite, kind, files)
-        if folder.exists():
-            old = unfinished_folder(folder)
-            # The old folder is removed last: an error must not lose both.
-            folder.replace(old)
-            try:
+        with replacement.being_filled(new):
+            with _full_disk_named(new, folder, kind):
+                yield new
+            check_folder(folder, overwrite, kind, files)
+            if folder.exists():
+                replacement.replace_folder(new, folder, lambda: unfinished_folder(folder))
+            else:
                 new.replace(folder)
-            except OSError:
-                old.replace(folder)
-                raise
-            shutil.rmtree(old)
-        else:
-            new.replace(folder)
+                (folder / replacement.MARK).unlink(missing_ok=True)
     finally:
         if new.exists():
             shutil.rmtree(new)
+
+
+def recover(folder: Path, files: tuple[str, ...] = RESULT_FILES) -> None:
+    """Restore or remove what a killed process left of `atomic_folder` beside ``folder``."""
+    replacement.recover(folder, short_name(folder.absolute().name), files)
+
+
+@contextlib.contextmanager
+def _full_disk_named(new: Path, folder: Path, kind: str) -> Iterator[None]:
+    """Raise the error of a full disk in the block with the file, and the room that the output has and needs."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        written = [path for path in new.rglob("*") if path.is_file()]
+        last = max(written, key=lambda path: path.stat().st_mtime_ns, default=new)
+        megabytes = 1e-6 * sum(path.stat().st_size for path in written)
+        named = OSError(
+            f"{folder / last.relative_to(new)}: no space left on device; the {kind} needs more than "
+            f"{megabytes:.1f} MB, and {1e-6 * shutil.disk_usage(new).free:.1f} MB were free beside it; make room, "
+            "nothing was replaced"
+        )
+        named.errno = error.errno
+        raise named from error
 
 
 @contextlib.contextmanager
