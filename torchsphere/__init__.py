@@ -7,7 +7,7 @@ if TYPE_CHECKING:
     from torchsphere.correlation.correlate import correlate
     from torchsphere.correlation.result import Correlation
     from torchsphere.dynamics.ball import Ball, ball
-    from torchsphere.dynamics.impact import impact
+    from torchsphere.dynamics.impact import impact, impacts
     from torchsphere.dynamics.impact_estimate import Impact
     from torchsphere.dynamics.kinematics import Kinematics, kinematics, kinematics_of_many
     from torchsphere.geometry.camera import Camera
@@ -29,6 +29,7 @@ __all__ = [
     "ball",
     "correlate",
     "impact",
+    "impacts",
     "kinematics",
     "kinematics_of_many",
     "open_recording",
@@ -50,6 +51,7 @@ _HOMES = {
     "ball": "dynamics.ball",
     "correlate": "correlation.correlate",
     "impact": "dynamics.impact",
+    "impacts": "dynamics.impact",
     "kinematics": "dynamics.kinematics",
     "kinematics_of_many": "dynamics.kinematics",
     "open_recording": "recording",

@@ -17,7 +17,7 @@ from torchsphere.diagnostics.impact_warnings import impact_warnings
 from torchsphere.diagnostics.track_warnings import bandwidth_warnings, track_warnings, window_warnings
 from torchsphere.diagnostics.unused_settings import unused_settings
 from torchsphere.dynamics.ball import ball
-from torchsphere.dynamics.impact import impact
+from torchsphere.dynamics.impact import impact, impacts
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics, kinematics
 from torchsphere.recording import Recording, open_recording
@@ -71,7 +71,7 @@ def measure(
             tracked = _track(request, chosen, ignore, progress, start)
             frame_rate = request.fps or recording.frame_rate
             motion = _kinematics(request, tracked, frame_rate, start)
-            found, impact_notes = _impact(request, tracked, motion)
+            found, every, impact_notes = _impacts(request, tracked, motion)
             circle = tracked.circle
             warnings = (
                 *track_warnings(request, recording, tracked, frame_rate),
@@ -84,7 +84,9 @@ def measure(
             )
             seconds = time.perf_counter() - began
             sha256 = hashed.result() if hashed is not None and not draw.failed(hashed) else hash_files(recording.files)
-            done = Measurement(recording, tracked, motion, found, start, warnings, seconds, sha256, extra or {}, name)
+            done = Measurement(
+                recording, tracked, motion, found, start, warnings, seconds, sha256, extra or {}, name, every
+            )
             _write(request, done, frame_rate, chosen, ignore, pool)
     return done
 
@@ -144,13 +146,15 @@ def _milli(value: float | None) -> float | None:
     return None if value is None else 1e-3 * value
 
 
-def _impact(request: Request, tracked: Track, motion: Kinematics | None) -> tuple[Impact | None, tuple[str, ...]]:
-    """The impact or None, and warnings about it."""
+def _impacts(
+    request: Request, tracked: Track, motion: Kinematics | None
+) -> tuple[Impact | None, tuple[Impact, ...], tuple[str, ...]]:
+    """The strongest impact or None, all impacts, and warnings about the strongest."""
     if motion is None:
-        return None, ()
+        return None, (), ()
     if not np.isfinite(tracked.increment[:, 0]).any():
         # `impact` would say that one steady motion explains all frames.
-        return None, (f"{NO_IMPACT}no motion was measured.",)
+        return None, (), (f"{NO_IMPACT}no motion was measured.",)
     solid = None
     if request.mass_g is not None:
         radius_m = tracked.circle.radius * motion.scale.m_per_px
@@ -160,8 +164,9 @@ def _impact(request: Request, tracked: Track, motion: Kinematics | None) -> tupl
         solid = ball(1e-3 * request.mass_g, 2 * radius_m, shell_m=shell_m, inertia_kg_m2=inertia)
     found, reason = impact(motion, solid, normal_deg=request.normal_deg)
     if found is None:
-        return None, (f"{NO_IMPACT}{reason[0].lower()}{reason[1:]}",)
-    return found, (*impact_warnings(motion, found), *found.missing)
+        return None, (), (f"{NO_IMPACT}{reason[0].lower()}{reason[1:]}",)
+    every = impacts(motion, solid, normal_deg=request.normal_deg)
+    return found, tuple(every), (*impact_warnings(motion, found), *found.missing)
 
 
 def _write(

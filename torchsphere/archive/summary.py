@@ -36,7 +36,7 @@ COLUMNS: dict[str, pa.DataType] = {
     **dict.fromkeys(("frames", "ok"), pa.int64()),
     "frame_rate": pa.float64(),
     **{name: pa.float64() for column in (*MEANS, *IMPACT) for name in (column, f"sd_{column}")},
-    "warnings": pa.int64(),
+    **dict.fromkeys(("impacts", "warnings"), pa.int64()),
     "seconds": pa.float64(),
     **dict.fromkeys(("finished", "result"), pa.string()),
 }
@@ -58,6 +58,7 @@ def measured(table: Mapping[str, Any]) -> dict[str, Any]:
         "sd_mean_speed_m_s": speed[1],
         "mean_spin_rad_s": spin[0],
         "sd_mean_spin_rad_s": spin[1],
+        "impacts": len(table.get("impacts") or ()),
         "warnings": len(table.get("warnings") or ()),
         "seconds": table.get("seconds"),
     }

@@ -39,11 +39,10 @@ def window_warnings(track: Track, motion: Kinematics | None) -> tuple[str, ...]:
             continue
         fits = longest - 1 + longest % 2
         advice = [f"--window {fits} or less"] if method == "savitzky-golay" and fits > motion.about["order"] else []
-        if "instead_of_smoother" not in motion.about:
-            advice.append("--method smoother")
+        advice.append("--method smoother")
         return (
             f"The method {method} takes {window} frames measured in a row, and there are {longest} at most, so that "
-            f"{quantities} empty{'; give ' if advice else ''}{', or '.join(advice)}.",
+            f"{quantities} empty; give {', or '.join(advice)}.",
         )
     return ()
 

@@ -42,6 +42,9 @@ ONE_SD = 0.6827
 #: Least duration of a contact whose force is resolved, frames (docs/constants.md).
 MIN_RESOLVED_FRAMES = 2.5
 
+#: Fewest measured frames in the contact for its force and its edges, if frames are missing (docs/constants.md).
+MIN_SEEN_FRAMES = 3
+
 #: Standard deviation of an edge of a shorter contact, frames (docs/constants.md).
 SHORT_CONTACT_SD = 0.5
 
@@ -104,7 +107,7 @@ _DIRECTIONS: dict[str, Quantity] = {
 def impact(
     motion: Kinematics | None, ball: Ball | None = None, *, normal_deg: float | None = None
 ) -> tuple[Impact | None, str]:
-    """The impact of a recording, or None and the reason in one sentence.
+    """The strongest impact of a recording, or None and the reason in one sentence; `impacts` gives all.
 
     Parameters
     ----------
@@ -121,6 +124,31 @@ def impact(
     ValueError
         If the normal is not finite, or the motion is no `Kinematics`.
     """
+    found, reason = _of_strongest_contact(motion, ball, normal_deg)
+    if motion is None or len(motion.contacts) < 2:
+        return found, reason
+    # Another contact may be an impact where the one with the largest acceleration is none.
+    every = impacts(motion, ball, normal_deg=normal_deg)
+    if not every:
+        return None, reason
+    found = found or max(every, key=lambda one: float(norm(one.velocity_after.value - one.velocity_before.value)))
+    return replace(found, count=len(every)), ""
+
+
+def impacts(motion: Kinematics | None, ball: Ball | None = None, *, normal_deg: float | None = None) -> list[Impact]:
+    """All impacts of a recording in the order of their times; arguments and errors as `impact`."""
+    if motion is None or not getattr(motion, "contacts", ()):
+        found, _ = _of_strongest_contact(motion, ball, normal_deg)
+        return [found] if found is not None else []
+    each = [_of_strongest_contact(replace(motion, **vars(contact)), ball, normal_deg)[0] for contact in motion.contacts]
+    found_all = [found for found in each if found is not None]
+    return [replace(found, count=len(found_all)) for found in found_all]
+
+
+def _of_strongest_contact(
+    motion: Kinematics | None, ball: Ball | None, normal_deg: float | None
+) -> tuple[Impact | None, str]:
+    """Impact at the strongest contact, or None and the reason."""
     if normal_deg is not None and not math.isfinite(as_float(normal_deg)):
         raise ValueError(f"normal_deg = {normal_deg!r}: expected a finite angle in degrees")
     if motion is None:
@@ -151,7 +179,7 @@ def impact(
     if ball is not None:
         estimates["peak_force"], estimates["peak_time"] = _peak_force(motion, draws, ball.mass_kg)
     missing = _missing(smoothed, ball, has_normal=normal_deg is not None)
-    return _without_unresolved_force(Impact(**estimates, ball=ball, missing=missing), motion.time_s), ""
+    return _without_unresolved_force(Impact(**estimates, ball=ball, missing=missing), motion), ""
 
 
 def _estimates(smoothed: Rebound, drawn: Rebound, ball: Ball | None, *, has_normal: bool) -> dict[str, Any]:
@@ -263,14 +291,35 @@ def contact_frames(impact: Impact, time_s: Array) -> float:
     return float(impact.duration.value) / float(np.diff(time_s).min())
 
 
-def _without_unresolved_force(impact: Impact, time_s: Array) -> Impact:
-    """The impact without its force if the contact is too short to resolve it; ``time_s`` (n,) are the frames' times.
+def is_seen(impact: Impact, motion: Kinematics) -> bool:
+    """Whether enough frames were measured in the contact for its force and its edges."""
+    if motion.is_measured is None:
+        return True
+    inside = (motion.time_s >= impact.contact_start.value) & (motion.time_s <= impact.contact_end.value)
+    return int((inside & motion.is_measured).sum()) >= MIN_SEEN_FRAMES or not (inside & ~motion.is_measured).any()
+
+
+def _unseen_s(impact: Impact, motion: Kinematics) -> float:
+    """Time between the measured frames around the contact, s."""
+    times = motion.time_s if motion.is_measured is None else motion.time_s[motion.is_measured]
+    before, after = times[times < impact.contact_start.value], times[times > impact.contact_end.value]
+    first = before[-1] if len(before) else motion.time_s[0]
+    last = after[0] if len(after) else motion.time_s[-1]
+    return float(last - first)
+
+
+def _without_unresolved_force(impact: Impact, motion: Kinematics) -> Impact:
+    """The impact without its force if the contact is too short to resolve it, or too few of its frames were measured.
 
     Impulse, speeds and spin remain, because they follow from the flights before and after.
     """
-    if contact_frames(impact, time_s) >= MIN_RESOLVED_FRAMES:
+    if contact_frames(impact, motion.time_s) >= MIN_RESOLVED_FRAMES and is_seen(impact, motion):
         return impact
+    time_s = motion.time_s
     sd_edge = SHORT_CONTACT_SD * float(np.diff(time_s).min())
+    if not is_seen(impact, motion):
+        # An edge may lie anywhere between the measured frames around the contact: a uniform distribution.
+        sd_edge = max(sd_edge, _unseen_s(impact, motion) / math.sqrt(12))
     return replace(
         impact,
         contact_start=_widened(impact.contact_start, sd_edge),

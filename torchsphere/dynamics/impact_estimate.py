@@ -30,7 +30,7 @@ class Estimate:
 
 @dataclass(frozen=True, kw_only=True)
 class Impact:
-    """The impact of a recording; a quantity that the data do not give is None, and ``missing`` says why.
+    """An impact of a recording; a quantity that the data do not give is None, and ``missing`` says why.
 
     Attributes
     ----------
@@ -61,6 +61,8 @@ class Impact:
         Energy given to the target and lost: the difference of translation and spin together.
     ball : Ball or None
     missing : tuple of str
+    count : int
+        Impacts of the recording.
     """
 
     contact_start: Estimate
@@ -94,11 +96,13 @@ class Impact:
     energy_given: Estimate | None = None
     ball: Ball | None = None
     missing: tuple[str, ...] = ()
+    count: int = 1
 
     def __repr__(self) -> str:
         force = "" if self.peak_force is None else f", largest force {self.peak_force}"
         speeds = f"speed {self.speed_before} before, {self.speed_after} after"
-        return f"<Impact at {self.contact_start} for {self.duration}: {speeds}{force}>"
+        among = "" if self.count == 1 else f" (of {self.count})"
+        return f"<Impact{among} at {self.contact_start} for {self.duration}: {speeds}{force}>"
 
     def summary(self) -> dict[str, Any]:
         """Name -> value, sd, unit, for a table; quantities that are None are left out."""

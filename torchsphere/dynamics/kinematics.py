@@ -15,17 +15,15 @@ from numpy.typing import NDArray
 from torchsphere.dynamics.depth_plane import in_depth_plane
 from torchsphere.dynamics.scale import Scale, scale
 from torchsphere.dynamics.shared_errors import SharedErrors
-from torchsphere.dynamics.si_units import Draws, Kinematics, Units, in_si_units
+from torchsphere.dynamics.si_units import Draws, FoundContact, Kinematics, Units, in_si_units
 from torchsphere.estimation.measurements import measured_increments, poses
-from torchsphere.estimation.rates import polynomials, smoothed
+from torchsphere.estimation.rates import polynomials
+from torchsphere.estimation.sections import smoothed
 from torchsphere.settings.choices import METHODS, ORDER, WINDOW
 from torchsphere.settings.limits import FRAME_RATES, as_float, as_positive
 from torchsphere.tracking.result import Track
 
-__all__ = ["Draws", "Kinematics", "kinematics", "kinematics_of_many", "mean_motion"]
-
-#: Longest recording that is smoothed, frames; a longer one gets local polynomials (docs/constants.md).
-MAX_SMOOTHED_FRAMES = 1500
+__all__ = ["Draws", "FoundContact", "Kinematics", "kinematics", "kinematics_of_many", "mean_motion"]
 
 Array = NDArray[np.float64]
 
@@ -66,7 +64,7 @@ def kinematics(
     times_s : ndarray, optional
         Times of the track's frames (n,), s, if their intervals differ.
     method : str
-        "smoother" (up to `MAX_SMOOTHED_FRAMES` frames, then as the next), "savitzky-golay" or "differences".
+        "smoother", "savitzky-golay" or "differences".
     window, order : int
         Frames (odd) and order of the polynomials of Savitzky and Golay.
 
@@ -91,16 +89,10 @@ def kinematics(
     times = _times(track, rate, first_frame, times_s)
     if method not in METHODS:
         raise ValueError(f"method = {method!r}: expected one of {', '.join(METHODS)}")
-    is_too_long = method == "smoother" and len(times) > MAX_SMOOTHED_FRAMES
-    if method == "smoother" and not is_too_long:
+    if method == "smoother":
         motion = smoothed([track], [times])[0]
     else:
-        motion = polynomials(track, times, "savitzky-golay" if is_too_long else method, window, order)
-    if is_too_long:
-        motion.about["instead_of_smoother"] = (
-            f"the smoother is for recordings of up to {MAX_SMOOTHED_FRAMES} frames, this one has {len(times)}; "
-            "take the frames around the impact alone"
-        )
+        motion = polynomials(track, times, method, window, order)
     return in_si_units(track, motion, times / rate, Units(pixel, rate, lab_frame), mass_kg)
 
 

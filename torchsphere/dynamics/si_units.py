@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from torchsphere.dynamics.scale import LAB_AXES, Scale
 from torchsphere.dynamics.shared_errors import SharedErrors
-from torchsphere.estimation.rates import Motion, MotionSamples
+from torchsphere.estimation.rates import Motion, MotionContact, MotionSamples
 from torchsphere.tracking.result import Track
 
 Array = NDArray[np.float64]
@@ -44,6 +44,15 @@ class Draws:
 
 
 @dataclass(frozen=True)
+class FoundContact:
+    """A contact: start and end (2,), s, their standard deviations, and motions drawn around it."""
+
+    contact_s: Array
+    sd_contact_s: Array
+    draws: Draws
+
+
+@dataclass(frozen=True)
 class Kinematics:
     """Motion of the ball in SI units, at the times of the frames; NaN in frames that were not measured.
 
@@ -67,12 +76,16 @@ class Kinematics:
         False: camera frame (y down, z away from the camera). True: lab frame (y up, z towards the camera).
     mass_kg : float or None
     contact_s : ndarray or None
-        Start and end (2,) of the contact; None if no contact was found or sought.
+        Start and end (2,) of the contact, of several the strongest; None if no contact was found or sought.
     sd_contact_s : ndarray or None
     draws : Draws or None
         None if no contact was found or sought.
     about : dict
         Method, parameters and effective bandwidth, for the summary.
+    contacts : tuple of FoundContact
+        All contacts, in the order of their times.
+    is_measured : ndarray or None
+        (n,), bool, False in frames whose position was not measured.
     """
 
     time_s: Array
@@ -96,6 +109,8 @@ class Kinematics:
     sd_contact_s: Array | None
     draws: Draws | None
     about: dict[str, Any]
+    contacts: tuple[FoundContact, ...] = ()
+    is_measured: NDArray[np.bool_] | None = None
 
     def __repr__(self) -> str:
         times = f"{1e3 * self.time_s[0]:.6g} to {1e3 * self.time_s[-1]:.6g} ms"
@@ -144,12 +159,15 @@ def in_si_units(track: Track, motion: Motion, time_s: Array, units: Units, mass_
     velocity, spin = units.rates(motion.rate)
     acceleration, angular = units.rates(motion.acceleration, 2)
     sd_velocity, sd_spin = units.sd_rates(shared.total_sd(motion.rate, np.hypot(motion.sd_rate, shared.steady)))
-    contact, sd_contact = (None, None) if motion.interval is None else motion.interval
-    change = shared.steady_change(time_s * units.frame_rate, contact, motion.rate)
+    intervals = [contact.interval for contact in motion.contacts] or [None]
+    frames = time_s * units.frame_rate
+    change = np.max([shared.steady_change(frames, interval, motion.rate) for interval in intervals], axis=0)
     total_sd = shared.total_sd(motion.acceleration, np.hypot(motion.sd_acceleration, change), motion.rate[:, 4])
     sd_acceleration, sd_angular = units.sd_rates(total_sd, 2)
     position = (_interpolated(track.position) + motion.offset) * m_per_px * units.axes[:2]
     sd_circle = np.nan_to_num([track.circle.sd_x, track.circle.sd_y])
+    contacts = tuple(_found(contact, time_s, shared, units) for contact in motion.contacts)
+    strongest = next((own for own, c in zip(contacts, motion.contacts, strict=True) if c is motion.strongest), None)
     sd_path = np.hypot(sd_circle, shared.sd_of_path(time_s * units.frame_rate, motion.rate))
     sd_position = np.hypot(np.hypot(motion.sd_offset, sd_path) * m_per_px, position * shared.scale)
     return Kinematics(
@@ -170,11 +188,19 @@ def in_si_units(track: Track, motion: Motion, time_s: Array, units: Units, mass_
         frame_rate=units.frame_rate,
         lab_frame=units.lab_frame,
         mass_kg=mass_kg,
-        contact_s=None if contact is None else contact / units.frame_rate,
-        sd_contact_s=None if sd_contact is None else sd_contact / units.frame_rate,
-        draws=None if motion.samples is None else _draws(motion.samples, time_s, shared, units),
+        contact_s=strongest and strongest.contact_s,
+        sd_contact_s=strongest and strongest.sd_contact_s,
+        draws=strongest and strongest.draws,
         about=_per_second(motion.about, units.frame_rate),
+        contacts=contacts,
+        is_measured=np.isfinite(track.position[:, 0]),
     )
+
+
+def _found(contact: MotionContact, time_s: Array, shared: SharedErrors, units: Units) -> FoundContact:
+    """A contact in SI units."""
+    edges, sd = contact.interval / units.frame_rate, contact.sd_interval / units.frame_rate
+    return FoundContact(edges, sd, _draws(contact.samples, time_s, shared, units))
 
 
 def _draws(drawn: MotionSamples, time_s: Array, shared: SharedErrors, units: Units) -> Draws:

@@ -86,7 +86,9 @@ def find(series: Series, sought: Tensor | None = None) -> Contact:
     """Contact and intensities of each recording; only where ``sought`` (n,) is True, if it is given, a contact."""
     no_window = series.times.new_zeros(len(series.times), 2)
     free = _best_intensities(series, no_window, *_intensity_grid(series, FLIGHT_GRID, (-math.inf,)))
-    window, flight, contact, top = _best_interval(series)
+    is_sought = sought is None or bool(sought.any())
+    best = _best_interval(series) if is_sought else free._replace(window=no_window)
+    window, flight, contact, top = best
     gain = top - free.top
     counts = series.seen.sum((1, 2)).double().clamp_min(2.0)
     # Schwarz's criterion: two edges, and an intensity per degree of freedom that was seen.

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from torchsphere.estimation import bandwidth, contact_search, rts, savitzky_golay
 from torchsphere.estimation.contact_search import Contact
@@ -42,6 +43,15 @@ class MotionSamples:
 
 
 @dataclass(frozen=True)
+class MotionContact:
+    """A contact: motions drawn around it, its start and end (2,) in frames, and their standard deviations."""
+
+    samples: MotionSamples
+    interval: Array  # (2,)
+    sd_interval: Array  # (2,)
+
+
+@dataclass(frozen=True)
 class Motion:
     """Rates of n frames in px, rad and frames, with their standard deviations; NaN where not known."""
 
@@ -51,43 +61,54 @@ class Motion:
     sd_offset: Array  # (n, 2)
     sd_rate: Array  # (n, 5)
     sd_acceleration: Array  # (n, 5)
-    samples: MotionSamples | None  # None where no contact was found or searched
-    interval: tuple[Array, Array] | None  # start and end (2,) of the contact, and their standard deviations
+    contacts: tuple[MotionContact, ...]  # of all impacts, in their order
     about: dict[str, Any]  # method, parameters, bandwidth per frame
 
+    @property
+    def strongest(self) -> MotionContact | None:
+        """The contact with the largest acceleration in the image plane."""
+        return max(self.contacts, key=self._largest_acceleration, default=None)
 
-def smoothed(tracks: Sequence[Track], times: Sequence[Array]) -> list[Motion]:
-    """Smoothed motion of each track."""
-    begins = [moments[0] for moments in times]
-    all_poses = poses(tracks, [moments - begin for moments, begin in zip(times, begins, strict=True)])
+    def _largest_acceleration(self, contact: MotionContact) -> float:
+        drawn = np.linalg.norm(contact.samples.acceleration[..., :2].mean(0), axis=-1)
+        return float(np.nan_to_num(drawn).max(initial=0.0))
+
+
+def smoothed_whole(all_poses: Poses, flies: Tensor, begins: Sequence[float], counts: Sequence[int]) -> list[Motion]:
+    """Smoothed motion of recordings with at most one contact each.
+
+    ``flies`` (n,) is False where no contact is sought, ``begins`` are the times of the first frames and ``counts`` the
+    numbers of frames.
+    """
     series = all_poses.series()
-    # A ball that stays in its place hits nothing.
-    flies = torch.tensor([not track.settings.get("in_place") for track in tracks])
     found = contact_search.find(series, flies)
     states = rts.smooth(all_poses, found, SAMPLES, _sample_span(all_poses, found))
-    mean = states.mean.numpy()
-    sd = states.covariance.diagonal(dim1=-2, dim2=-1).sqrt().numpy().reshape(*mean.shape)
-    motions = []
-    for row, (moments, begin) in enumerate(zip(times, begins, strict=True)):
-        part = slice(0, len(moments))
-        mask = np.where(_is_unknown(all_poses, states, sd, row)[part], np.nan, 1.0)
-        drift = np.sqrt(all_poses.drift[row, : len(moments) - 1].numpy().cumsum(0))
-        drift = np.concatenate((np.zeros((1, FREEDOMS)), drift))[:, :2]
-        is_there = bool(found.found[row])
-        motions.append(
-            Motion(
-                offset=mean[row, part, 0, :2] * mask[:, :2],
-                rate=mean[row, part, 1] * mask,
-                acceleration=mean[row, part, 2] * mask,
-                sd_offset=np.hypot(sd[row, part, 0, :2], drift) * mask[:, :2],
-                sd_rate=sd[row, part, 1] * mask,
-                sd_acceleration=sd[row, part, 2] * mask,
-                samples=_samples(states, row, begin, mask) if is_there else None,
-                interval=_interval(states, row, begin) if is_there else None,
-                about=_about(series, found, states, row, len(moments)) | {"in_place": not bool(flies[row])},
-            )
-        )
-    return motions
+    return [
+        motion_of_states(all_poses, series, found, states, row, begin, count)
+        for row, (count, begin) in enumerate(zip(counts, begins, strict=True))
+    ]
+
+
+def motion_of_states(
+    all_poses: Poses, series: Series, found: Contact, states: Smoothed, row: int, begin: float, count: int
+) -> Motion:
+    """Motion of one recording from its states."""
+    mean = states.mean[row].numpy()
+    sd = states.covariance[row].diagonal(dim1=-2, dim2=-1).sqrt().numpy().reshape(*mean.shape)
+    part = slice(0, count)
+    mask = np.where(_is_unknown(all_poses, states, sd, row)[part], np.nan, 1.0)
+    drift = np.sqrt(all_poses.drift[row, : count - 1].numpy().cumsum(0))
+    drift = np.concatenate((np.zeros((1, FREEDOMS)), drift))[:, :2]
+    return Motion(
+        offset=mean[part, 0, :2] * mask[:, :2],
+        rate=mean[part, 1] * mask,
+        acceleration=mean[part, 2] * mask,
+        sd_offset=np.hypot(sd[part, 0, :2], drift) * mask[:, :2],
+        sd_rate=sd[part, 1] * mask,
+        sd_acceleration=sd[part, 2] * mask,
+        contacts=(_contact(states, row, begin, mask),) if bool(found.found[row]) else (),
+        about=_about(series, found, states, row, count),
+    )
 
 
 def _sample_span(all_poses: Poses, found: Contact) -> slice:
@@ -103,6 +124,10 @@ def _sample_span(all_poses: Poses, found: Contact) -> slice:
     return slice(int(frames[:, 0].min()), int(frames[:, 1].max()))
 
 
+def _contact(states: Smoothed, row: int, begin: float, mask: Array) -> MotionContact:
+    return MotionContact(_samples(states, row, begin, mask), *_interval(states, row, begin))
+
+
 def _samples(states: Smoothed, row: int, begin: float, mask: Array) -> MotionSamples:
     """Samples of one recording; ``mask`` (n, 5) is NaN where nothing is known, and 1 elsewhere."""
     first, stop, _ = states.span.indices(len(mask))
@@ -114,7 +139,7 @@ def _is_unknown(all_poses: Poses, states: Smoothed, sd: Array, row: int) -> NDAr
     """(t, 5), True before the first and after the last frame that was seen, and where nothing is known."""
     seen = all_poses.seen[row].numpy()
     outside = ~(np.maximum.accumulate(seen) & np.maximum.accumulate(seen[::-1])[::-1])
-    return outside | (sd[row, :, :3] > MAX_SD * states.unit[row].numpy()).any(1)
+    return outside | (sd[:, :3] > MAX_SD * states.unit[row].numpy()).any(1)
 
 
 def _interval(states: Smoothed, row: int, begin: float) -> tuple[Array, Array]:
@@ -193,8 +218,7 @@ def polynomials(track: Track, times: Array, method: str, window: int, order: int
         sd_offset=np.where(seen, np.sqrt(variance[:, :2] + drift), np.nan),
         sd_rate=np.sqrt(found.variance_first),
         sd_acceleration=np.sqrt(found.variance_second),
-        samples=None,
-        interval=None,
+        contacts=(),
         about={
             "method": method,
             "window_frames": window,

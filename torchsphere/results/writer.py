@@ -36,7 +36,7 @@ class Measurement:
     """The measurement of one recording.
 
     ``sha256`` is the hash of its files. ``extra_files`` (name -> source) are copied into the result folder. ``name``
-    stands in the summary in place of a temporary path.
+    stands in the summary in place of a temporary path. ``impact`` is the strongest of all ``impacts``.
     """
 
     recording: Recording
@@ -49,6 +49,7 @@ class Measurement:
     sha256: str
     extra_files: Mapping[str, Path] = field(default_factory=dict)
     name: str | None = None
+    impacts: tuple[Impact, ...] = ()
 
 
 def write_track(folder: Path, track: Track, frame_rate: float | None, first_frame: int) -> None:
@@ -152,6 +153,7 @@ def summary(request: Request, done: Measurement, frame_rate: float | None) -> di
         "settings": {k: v for k, v in vars(request).items() if k not in ("input", "out")} | tracked.settings,
         "differentiation": None if done.motion is None else done.motion.about,
         "impact": None if done.impact is None else done.impact.summary(),
+        "impacts": [found.summary() for found in done.impacts],
         "contact_s": None if done.motion is None else done.motion.contact_s,
         "warnings": list(done.warnings),
         "seconds": round(done.seconds, 3),
