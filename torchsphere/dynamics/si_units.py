@@ -159,9 +159,9 @@ def in_si_units(track: Track, motion: Motion, time_s: Array, units: Units, mass_
     velocity, spin = units.rates(motion.rate)
     acceleration, angular = units.rates(motion.acceleration, 2)
     sd_velocity, sd_spin = units.sd_rates(shared.total_sd(motion.rate, np.hypot(motion.sd_rate, shared.steady)))
-    intervals = [contact.interval for contact in motion.contacts] or [None]
+    intervals: list[Array | None] = [contact.interval for contact in motion.contacts]
     frames = time_s * units.frame_rate
-    change = np.max([shared.steady_change(frames, interval, motion.rate) for interval in intervals], axis=0)
+    change = np.max([shared.steady_change(frames, interval, motion.rate) for interval in intervals or [None]], axis=0)
     total_sd = shared.total_sd(motion.acceleration, np.hypot(motion.sd_acceleration, change), motion.rate[:, 4])
     sd_acceleration, sd_angular = units.sd_rates(total_sd, 2)
     position = (_interpolated(track.position) + motion.offset) * m_per_px * units.axes[:2]
@@ -188,9 +188,9 @@ def in_si_units(track: Track, motion: Motion, time_s: Array, units: Units, mass_
         frame_rate=units.frame_rate,
         lab_frame=units.lab_frame,
         mass_kg=mass_kg,
-        contact_s=strongest and strongest.contact_s,
-        sd_contact_s=strongest and strongest.sd_contact_s,
-        draws=strongest and strongest.draws,
+        contact_s=None if strongest is None else strongest.contact_s,
+        sd_contact_s=None if strongest is None else strongest.sd_contact_s,
+        draws=None if strongest is None else strongest.draws,
         about=_per_second(motion.about, units.frame_rate),
         contacts=contacts,
         is_measured=np.isfinite(track.position[:, 0]),

@@ -87,8 +87,7 @@ def find(series: Series, sought: Tensor | None = None) -> Contact:
     no_window = series.times.new_zeros(len(series.times), 2)
     free = _best_intensities(series, no_window, *_intensity_grid(series, FLIGHT_GRID, (-math.inf,)))
     is_sought = sought is None or bool(sought.any())
-    best = _best_interval(series) if is_sought else free._replace(window=no_window)
-    window, flight, contact, top = best
+    window, flight, contact, top = _best_interval(series) if is_sought else free
     gain = top - free.top
     counts = series.seen.sum((1, 2)).double().clamp_min(2.0)
     # Schwarz's criterion: two edges, and an intensity per degree of freedom that was seen.
