@@ -103,7 +103,8 @@ def _force_warnings(motion: Kinematics, impact: Impact) -> list[str]:
             f"one, with the impulse and the energy of both. Measure each impact alone, with --frames up to {middle} "
             f"and from {middle}."
         )
-    if other.any():
+    # Impacts that were found apart have numbers of their own.
+    if other.any() and impact.count == 1:
         frame = int(other.argmax())
         sentences.append(
             f"In frame {numbers[frame]}, outside the contact, the ball is pushed by {100 * other[frame] / largest:.0f} "
