@@ -5,11 +5,12 @@ suite of the benchmark; LEADERBOARD.md lists the exceptions. All trackers of the
 that were found for them (`torchsphere.benchmark.baselines`). muDIC (`field_method`) is scored if its predictions exist:
 it needs an environment of its own.
 
-    python -m experiments.validation.leaderboard [--benchmark DIR] [--field DIR]
+    python -m experiments.validation.leaderboard [--benchmark DIR] [--field DIR] [--own]
 
 writes LEADERBOARD.md, a CSV, and a figure. A missing benchmark of the standard size is made in ``experiments/cache``
 (five minutes on two cores). The trackers take about half an hour on one core. Predictions are kept in the cache by the
-images' checksum; delete them after a change to the package.
+images' checksum; delete them after a change to the package. ``--own`` runs torchsphere alone: the scores of the others
+on the same images stay as they are in the CSV.
 """
 
 from __future__ import annotations
@@ -53,11 +54,15 @@ def benchmark(folder: Path) -> Benchmark:
     return read_benchmark(folder)
 
 
-def compute(made: Benchmark, field: Path) -> list[score_rows.ScoreRow]:
-    """Scores of every tracker on every suite; predictions are kept in the cache."""
+def compute(made: Benchmark, field: Path, own: bool) -> list[score_rows.ScoreRow]:
+    """Scores of every tracker on every suite; predictions are kept in the cache.
+
+    Of all but our ``own`` trackers, if these alone are to run, the scores of the CSV on the same images.
+    """
     # Predictions hold the checksum of their images, so that those of other images do not count.
     out = CACHE / f"predictions-{torchsphere.__version__}-{made.size}"
-    entries = [trackers.resolve(name) for name in trackers.names()]
+    names = [name for name in trackers.names() if not own or name.startswith(leaderboard.OWN)]
+    entries = [trackers.resolve(name) for name in names]
 
     def started(tracker: str, suite: str) -> None:
         print(f"{suite}: {tracker}", file=sys.stderr, flush=True)
@@ -67,7 +72,8 @@ def compute(made: Benchmark, field: Path) -> list[score_rows.ScoreRow]:
             print(f"{outcome.tracker} failed on {outcome.suite}: {outcome.failed}", file=sys.stderr, flush=True)
     truth = {suite.name: read_footage(suite).truth for suite in made}
     rows = [row for entry in entries for row in score_rows.score_folder(made, out / entry.name, entry.name, truth)]
-    return rows + (score_rows.score_folder(made, field, FIELD, truth) if field.is_dir() else [])
+    rows += score_rows.score_folder(made, field, FIELD, truth) if field.is_dir() else []
+    return score_rows.read_earlier(SCORES, made, rows) + rows if own else rows
 
 
 def page(made: Benchmark, scores: Board) -> str:
@@ -158,9 +164,10 @@ def main() -> None:
     parser.add_argument(
         "--field", type=Path, default=CACHE / FIELD, help="predictions of experiments/validation/field_method.py"
     )
+    parser.add_argument("--own", action="store_true", help="torchsphere alone, the others as they are in the CSV")
     options = parser.parse_args()
     made = benchmark(options.benchmark)
-    rows = compute(made, options.field)
+    rows = compute(made, options.field, options.own)
     scores = leaderboard.board(rows)
     score_rows.write(SCORES, rows)
     plot(scores)

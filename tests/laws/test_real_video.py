@@ -1,6 +1,7 @@
 """A real patterned ball that rotates in place on an air cushion, recorded as compressed video."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,8 +9,8 @@ import pytest
 import torchsphere as ts
 from torchsphere.recording.ignore_mask import read_ignore
 
-#: One in fifteen frames of the recording: fast rotations are measured in both directions, which takes 0.2 s per frame.
-FRAMES = 20
+#: A twentieth of the recording: fast rotations are measured in both directions, which takes 0.2 s per frame.
+FRAMES = 14
 
 CIRCLE = (109.1, 179.4, 45.0)
 
@@ -28,7 +29,7 @@ def film(shared_data: Path) -> tuple[np.ndarray, np.ndarray]:
     return images, read_ignore(IGNORE, images.shape[1:])
 
 
-def reversal_differences(film: tuple[np.ndarray, np.ndarray], **options: float) -> np.ndarray:
+def reversal_differences(film: tuple[np.ndarray, np.ndarray], **options: Any) -> np.ndarray:
     """Angle (n - 1,) between the rotations of the film and those of the reversed film, deg."""
     images, ignore = film
     forth = ts.track(images, CIRCLE, ignore=ignore, in_place=True, **options)
@@ -47,5 +48,6 @@ def test_a_ball_turning_in_place_is_followed_alike_forward_and_backward(film: tu
 
 
 def test_the_linearised_model_without_rejected_pixels_agrees_in_all_frames(film: tuple[np.ndarray, np.ndarray]) -> None:
-    difference = reversal_differences(film, finite_from_deg=180.0, robust=False)
+    # Steps by pairs: a map takes neither option.
+    difference = reversal_differences(film, sphere_map=False, finite_from_deg=180.0, robust=False)
     assert np.sqrt(np.nanmean(difference**2)) < 0.06

