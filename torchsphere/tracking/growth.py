@@ -53,9 +53,14 @@ class Growth:
         return abs(self.per_frame) > limit_sd * self.sd
 
 
-def is_growing(source: Source, measured: Record, ignore: Tensor | None, options: Options) -> bool:
-    """Whether the limb shows a growth that the texture does not contradict; ``options`` are those of `growing`."""
-    limb = growth_of_limb(source, measured, ignore, options)
+def is_growing(
+    source: Source, measured: Record, ignore: Tensor | None, camera: Camera | None, options: Options
+) -> bool:
+    """Whether the limb, seen by the ``camera``, shows a growth that the texture does not contradict.
+
+    ``options`` are those of `growing`.
+    """
+    limb = growth_of_limb(source, measured, ignore, camera)
     if limb is None or not limb.is_beyond(SIGNIFICANT_SD):
         return False
     texture = growth_of_texture(source, measured, ignore, options)
@@ -93,14 +98,14 @@ def growth_of_texture(source: Source, measured: Record, ignore: Tensor | None, o
     return Growth(middle, float(np.hypot(1.2533 * scatter / np.sqrt(len(growth)), SYSTEMATIC_GROWTH)))
 
 
-def growth_of_limb(source: Source, measured: Record, ignore: Tensor | None, options: Options) -> Growth | None:
+def growth_of_limb(source: Source, measured: Record, ignore: Tensor | None, camera: Camera | None) -> Growth | None:
     """The growth by the trend of the limb's radius; None where too few frames show a limb."""
     frames = _spread(np.flatnonzero(measured.status == "ok"))
     if len(frames) < MIN_LOOKS:
         return None
     circles = _circles(measured, frames)
     images = torch.cat([source.images(int(i), int(i) + 1) for i in frames])
-    found = _trend(frames, *limb_fit.fit(images, circles, ignore=ignore, camera=options.camera))
+    found = _trend(frames, *limb_fit.fit(images, circles, ignore=ignore, camera=camera))
     if found is not None and not found.is_beyond(SUSPECT_SD) and found.scatter < SUSPECT_SD:
         return found
     # Guesses must be right to about a px, which the circle of the first frame is not in the last one.
@@ -108,7 +113,7 @@ def growth_of_limb(source: Source, measured: Record, ignore: Tensor | None, opti
     last, ratio = circles[0], 1.0
     for i in range(len(frames)):
         guess = torch.cat((last[:2] + (circles[i] - circles[max(i - 1, 0)])[:2], last[2:] * ratio))
-        fits.append(limb_fit.fit(images[i : i + 1], guess[None], ignore=ignore, camera=options.camera))
+        fits.append(limb_fit.fit(images[i : i + 1], guess[None], ignore=ignore, camera=camera))
         fitted = fits[-1][0][0]
         if bool(fitted.isfinite().all()):
             ratio = float(fitted[2] / last[2]) if i else 1.0

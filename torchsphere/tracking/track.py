@@ -230,7 +230,7 @@ def _follow_as_it_grows(task: _Task, start: _Start) -> tuple[_Start, Record]:
     if task.in_place or start.grows or start.options.model not in growth.RIGID_MODELS:
         return start, measured
     options = growth.growing(start.options, start.circle.radius, start.image)
-    if not growth.is_growing(task.source, measured, task.ignore, options):
+    if not growth.is_growing(task.source, measured, task.ignore, start.options.camera, options):
         return start, measured
     start = dataclasses.replace(start, options=options, grows=True)
     return start, _follow(task, start)
