@@ -142,3 +142,82 @@ def test_a_real_stack_opens(shared_data: Path) -> None:
     path = shared_data / "tiff" / "pims_tiff_stack.tif"
     recording = open_recording(path)
     np.testing.assert_array_equal(recording.images(0, len(recording)), tifffile.imread(path))
+
+
+def end_chain(path: Path, pages: int) -> None:
+    """Make the chain of pages of a little-endian TIFF end after some pages; the other pages stay in the file."""
+    data = bytearray(path.read_bytes())
+    at = int.from_bytes(data[4:8], "little")
+    for _ in range(pages):
+        last = at + 2 + 12 * int.from_bytes(data[at : at + 2], "little")
+        at = int.from_bytes(data[last : last + 4], "little")
+    data[last : last + 4] = bytes(4)
+    path.write_bytes(data)
+
+
+def write_pages(path: Path, **options: Any) -> None:
+    """Write one page after the other, each behind its image, without a description."""
+    with tifffile.TiffWriter(path) as writer:
+        for image in np.tile(IMAGES, (1, 3, 3)):
+            writer.write(image, photometric="minisblack", metadata=None, contiguous=False, **options)
+
+
+def test_a_chain_of_pages_that_ends_before_the_stated_number_is_damaged(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, IMAGES, photometric="minisblack")
+    end_chain(path, 2)
+    with pytest.raises(OSError, match="2 of the 6 images that the header states are present"):
+        open_recording(path)
+
+
+@pytest.mark.parametrize("options", [{}, {"compression": "zlib"}], ids=["plain", "compressed"])
+def test_a_chain_of_pages_that_ends_early_is_noted_where_no_number_is_stated(
+    tmp_path: Path, options: dict[str, Any]
+) -> None:
+    path = tmp_path / "a.tif"
+    write_pages(path, **options)
+    assert "chain of pages" not in " ".join(open_recording(path).notes)
+    end_chain(path, 2)
+    with open_recording(path) as recording:
+        assert len(recording) == 2
+        assert "more would take: if images are missing, its chain of pages is damaged" in " ".join(recording.notes)
+
+
+@pytest.mark.parametrize(
+    ("axes", "shape", "sentence"),
+    [
+        ("TCYX", (3, 2, 16, 24), "holds 2 channels of 3 images"),
+        ("TZYX", (2, 3, 16, 24), r"holds 3 slices in depth \(z\) of 2 images"),
+        ("CZYX", (2, 3, 16, 24), "holds 2 channels of 3 images"),
+    ],
+)
+def test_an_ome_tiff_with_several_axes_is_refused(
+    tmp_path: Path, axes: str, shape: tuple[int, ...], sentence: str
+) -> None:
+    images = IMAGES.reshape(shape)
+    tifffile.imwrite(tmp_path / "a.ome.tif", images, ome=True, photometric="minisblack", metadata={"axes": axes})
+    with pytest.raises(ValueError, match=sentence):
+        open_recording(tmp_path / "a.ome.tif")
+
+
+@pytest.mark.parametrize(("axes", "note"), [("TYX", ""), ("CYX", "6 images channels"), ("ZYX", "6 images slices")])
+def test_an_ome_tiff_of_one_axis_is_a_recording_whatever_the_axis_is_called(
+    tmp_path: Path, axes: str, note: str
+) -> None:
+    tifffile.imwrite(tmp_path / "a.ome.tif", IMAGES, ome=True, photometric="minisblack", metadata={"axes": axes})
+    with open_recording(tmp_path / "a.ome.tif") as recording:
+        np.testing.assert_array_equal(recording.images(0, 6), IMAGES)
+        assert note in " ".join(recording.notes)
+        assert bool(note) == ("here they are images in order" in " ".join(recording.notes))
+
+
+@pytest.mark.parametrize("interval", [10**400, 5e-324, 1e308])
+def test_a_frame_interval_that_no_camera_has_is_noted(
+    tmp_path: Path, interval: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", IMAGES, imagej=True, metadata={"axes": "TYX"})
+    stated = {"images": 6, "finterval": interval, "tunit": "s"}
+    monkeypatch.setattr(tifffile.TiffFile, "imagej_metadata", stated)
+    with open_recording(tmp_path / "a.tif") as recording:
+        assert recording.frame_rate is None
+        assert "which no camera has" in " ".join(recording.notes)

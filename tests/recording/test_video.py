@@ -175,3 +175,51 @@ def test_real_videos_give_the_facts_of_their_headers(shared_data: Path, name: st
         assert recording.frame_rate is None
         last = recording.images(shape[0] - 1, shape[0])
         assert last.std() > 1
+
+
+CONTAINERS = [("mkv", "ffv1", "gray"), ("mkv", "mpeg4", "yuv420p"), ("webm", "libvpx", "yuv420p")]
+
+
+@pytest.mark.parametrize(("suffix", "codec", "pixels"), CONTAINERS)
+def test_a_cut_matroska_video_is_damaged_or_has_all_its_images(
+    tmp_path: Path, suffix: str, codec: str, pixels: str
+) -> None:
+    data = write_video(tmp_path / f"whole.{suffix}", drift(60), pixels, codec).read_bytes()
+    cut = tmp_path / f"cut.{suffix}"
+    refused = []
+    for part in range(1, 25):
+        cut.write_bytes(data[: len(data) * part // 25])
+        try:
+            with open_recording(cut) as recording:
+                assert len(recording) == 60
+                assert "bytes of the file are missing" in " ".join(recording.notes)
+        except OSError as error:
+            refused.append(str(error))
+    assert len(refused) >= 23
+    assert all("cut" in sentence for sentence in refused)
+
+
+@pytest.mark.parametrize(("suffix", "codec", "pixels"), CONTAINERS)
+def test_a_cut_matroska_video_that_states_no_duration_is_damaged(
+    tmp_path: Path, suffix: str, codec: str, pixels: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_video(tmp_path / f"a.{suffix}", drift(60), pixels, codec)
+    monkeypatch.setattr(video, "_stated_duration", lambda container, stream: None)
+    assert len(open_recording(path)) == 60
+    path.write_bytes(path.read_bytes()[:-5])
+    with pytest.raises(OSError, match="5 bytes at the end are missing"):
+        open_recording(path)
+
+
+def test_images_missing_in_the_middle_are_noted(tmp_path: Path) -> None:
+    path = tmp_path / "a.mkv"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("ffv1", rate=Fraction(25))
+        stream.height, stream.width, stream.pix_fmt = 32, 48, "gray"
+        for k, image in enumerate(drift(20)):
+            for packet in stream.encode(av.VideoFrame.from_ndarray(image, format="gray")):
+                if k not in (7, 8):
+                    container.mux(packet)
+    with open_recording(path) as recording:
+        assert len(recording) == 18
+        assert "leave room for 2 more, the first after image 6" in " ".join(recording.notes)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import struct
+import sys
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import isfinite, prod
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,8 @@ from numpy.typing import NDArray
 from torchsphere.recording.levels import ALPHA_NOTE, GREY_NOTE, to_grey
 from torchsphere.recording.recording import MAX_PIXELS, Reader, Recording
 from torchsphere.recording.refusal import TIFF_SIGNATURES, library_failures, looks_like
+from torchsphere.recording.tiff_axes import stated_axes
+from torchsphere.settings.limits import FRAME_RATES
 
 _TIME_UNITS_S = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6, "ns": 1e-9}
 _GREY, _RGB, _YCBCR = (0, 1), 2, 6  # PhotometricInterpretation
@@ -26,6 +30,9 @@ _MAX_RATIO = 5000
 #: Tags without effect on the storage of an image: description, maker, model, resolution, software, date, artist, host.
 _FREE_TAGS = frozenset((270, 271, 272, 282, 283, 296, 305, 306, 315, 316))
 _STRIP_OFFSETS = 273
+
+#: Bytes of a page beside its image, its tags and their values, that count as used (docs/constants.md).
+PAGE_BYTES = 1024
 
 #: Codes of the types of a place in the file: 16, 32 and 64 bit.
 _PLACE_FORMATS = {3: "H", 4: "I", 16: "Q"}
@@ -61,20 +68,14 @@ def open_tiff(path: Path) -> Recording:
         page = describe(path, tif, 0)
         with library_failures(path, "a TIFF"):
             imagej = dict(tif.imagej_metadata or {})
-        n, read = _stack(path, tif, page, count, size)
-        stated = imagej.get("channels")
-        channels = stated if isinstance(stated, int) else 1
-        if channels > 1 and n > channels:
-            raise ValueError(
-                f"{path}: holds {channels} channels of {n // channels} images, expected one channel; "
-                "split the channels and save one of them"
-            )
+            axes = stated_axes(tif, page.samples, page.height * page.width * page.samples)
+        n, read, used = _stack(path, tif, page, count, size)
+        axes.require_plain(path, n)
     except BaseException:
         tif.close()
         raise
     rate, notes = _frame_rate(imagej)
-    if channels > 1:
-        notes += (f"ImageJ's header calls the {channels} images channels; here they are images in order.",)
+    notes += axes.notes() + _unused_bytes(n, size, used)
     depth = page.bits if page.dtype[0] == "u" else None
     origins = {"bit_depth": "TIFF BitsPerSample"} if depth else {}
     if rate:
@@ -143,7 +144,20 @@ def page_image(page: Page, data: NDArray[Any]) -> NDArray[Any]:
     return to_grey(data) if page.samples >= 3 else data[..., 0]
 
 
-def _stack(path: Path, tif: tifffile.TiffFile, first: Page, count: int, size: int) -> tuple[int, Reader]:
+def _unused_bytes(count: int, size: int, used: int) -> tuple[str, ...]:
+    """A note where the file has room for images that its chain of pages does not name."""
+    unused = size - used - PAGE_BYTES * count
+    more = unused * count // max(used, 1)
+    if more < 1:
+        return ()
+    return (
+        f"The file has {unused} bytes beside its {count} images, as many as {more} more would take: if images are "
+        "missing, its chain of pages is damaged; copy or export it again.",
+    )
+
+
+def _stack(path: Path, tif: tifffile.TiffFile, first: Page, count: int, size: int) -> tuple[int, Reader, int]:
+    """Number of images, their reader, and the bytes that the images take in the file."""
     image_bytes = first.height * first.width * first.samples * np.dtype(first.dtype).itemsize
     dtype = np.dtype(tif.byteorder + first.dtype)
     with library_failures(path, "a TIFF"):
@@ -155,13 +169,13 @@ def _stack(path: Path, tif: tifffile.TiffFile, first: Page, count: int, size: in
             there = max(0, size - (at or size)) // image_bytes
             raise OSError(f"{path}: is cut: {there} of {whole // image_bytes} images are present; copy it again")
         offsets = at + image_bytes * np.arange(whole // image_bytes, dtype=np.int64)
-        return len(offsets), _plain_reader(path, first, dtype, offsets)
+        return len(offsets), _plain_reader(path, first, dtype, offsets), whole
     with library_failures(path, "a TIFF"):
         plain = tif.pages[0].aspage().is_memmappable
     alike = _image_places(path) if plain else None
     if alike is not None and len(alike) == count and int(alike.max()) + image_bytes <= size:
-        return count, _plain_reader(path, first, dtype, alike)
-    places = []
+        return count, _plain_reader(path, first, dtype, alike), count * image_bytes
+    places, used = [], 0
     for number in range(count):
         page = first if number == 0 else describe(path, tif, number)
         if page != first:
@@ -172,9 +186,10 @@ def _stack(path: Path, tif: tifffile.TiffFile, first: Page, count: int, size: in
         with library_failures(path, "a TIFF"):
             full = tif.pages[number].aspage()
             places.append(full.dataoffsets[0] if full.is_memmappable else -1)
+            used += sum(full.databytecounts)
     if min(places) > 0:
-        return count, _plain_reader(path, first, dtype, np.array(places, np.int64))
-    return count, _decoding_reader(path, tif, first)
+        return count, _plain_reader(path, first, dtype, np.array(places, np.int64)), used
+    return count, _decoding_reader(path, tif, first), used
 
 
 def _plain_reader(path: Path, page: Page, dtype: np.dtype[Any], offsets: NDArray[np.int64]) -> Reader:
@@ -219,9 +234,14 @@ def _empty(count: int, page: Page, dtype: np.dtype[Any]) -> NDArray[Any]:
 
 def _frame_rate(imagej: dict[str, Any]) -> tuple[float | None, tuple[str, ...]]:
     interval, unit = imagej.get("finterval"), _TIME_UNITS_S.get(str(imagej.get("tunit", "")).strip().lower())
-    if isinstance(interval, int | float) and isfinite(interval) and interval > 0:
+    if isinstance(interval, int | float) and 0 < interval < math.inf:
+        # A header may state hundreds of digits, which no float holds.
+        interval = float(min(interval, sys.float_info.max))
+        rate = 1.0 / (interval * unit) if unit is not None and interval * unit > 0 else math.inf
+        if unit is not None and not FRAME_RATES[0] <= rate <= FRAME_RATES[1]:
+            return None, (f"ImageJ states a frame interval of {interval:g} {imagej['tunit']}, which no camera has.",)
         if unit is not None:
-            return 1.0 / (interval * unit), ()
+            return rate, ()
         return None, (f"ImageJ states a frame interval of {interval:g} without a unit of time, so it was not used.",)
     return None, ("A TIFF carries no frame rate.",)
 

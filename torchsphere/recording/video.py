@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import re
 import threading
 from bisect import bisect_right
 from collections import deque
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.recording.levels import GREY_NOTE, to_grey
+from torchsphere.recording.matroska import segment_end
 from torchsphere.recording.recording import Recording
 from torchsphere.recording.refusal import LibraryMissingError, library_failures, looks_like
 
@@ -46,12 +48,14 @@ def open_video(path: Path) -> Recording:
     cursor = Cursor(path, reader)
     with library_failures(path, "a video"):
         n, playback = cursor.survey()
+        present = cursor.completeness(n) if n else ()
     if n < 1:
         raise OSError(f"{path}: holds no images; the video is cut or incomplete, copy or export it again")
     with library_failures(path, "a video"):
         frame = cursor.first()
     height, width = frame.height, frame.width
     decode, depth, notes = _decoder(path, frame)
+    notes += present
     cursor.expect(n, (height, width), decode)
     if playback:
         notes += (f"The container plays at {playback:g} frames/s; the rate of recording is not known.",)
@@ -66,6 +70,15 @@ def open_video(path: Path) -> Recording:
         _reader=cursor.read,
         _closer=cursor.close,
     )
+
+
+def _stated_duration(container: InputContainer, stream: av.VideoStream) -> float | None:
+    """Length of the video as a Matroska file states it, s; None where it states that of other streams as well."""
+    match = re.fullmatch(r"(\d{2}):(\d{2}):(\d{2}\.\d{1,9})", stream.metadata.get("DURATION", ""))
+    if match is not None:
+        return 3600.0 * int(match[1]) + 60.0 * int(match[2]) + float(match[3])
+    is_alone = len(container.streams) == 1 and container.format.name.startswith("matroska")
+    return 1e-6 * container.duration if is_alone and container.duration else None
 
 
 def _colour_levels(form: str, frame: av.VideoFrame) -> NDArray[Any]:
@@ -121,6 +134,9 @@ class Cursor:
         self._times: list[int] = []
         self._keys: list[int] = []
         self._jumped = False
+        # What the container says of the whole video, s, and the unit of the times, s.
+        self._stated_s: float | None = None
+        self._tick_s = 0.0
         self._lock = threading.Lock()  # threads share the position
 
     def survey(self) -> tuple[int, float | None]:
@@ -143,11 +159,39 @@ class Cursor:
             # AVI and MP4 state the number of their images; for other containers it is 0.
             if stream.frames > whole:
                 raise EOFError(f"{whole} of {stream.frames} images are present")
+            self._stated_s = _stated_duration(container, stream)
+            self._tick_s = float(stream.time_base or 0)
             known = [time for time in times if time is not None]
             if len(set(known)) == len(times):
                 self._times = sorted(known)
                 self._keys = [number for number, time in enumerate(self._times) if time in keys]
             return len(times), float(rate) if rate else None
+
+    def completeness(self, count: int) -> tuple[str, ...]:
+        """Compare ``count`` images with what the container states; notes on gaps, EOFError if the end is missing.
+
+        AVI and MP4 state the number of their images. Matroska and WebM state their length in time and in bytes: without
+        this comparison, a file that is cut opens with fewer images.
+        """
+        times = self._tick_s * np.array(self._times)
+        step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        end = segment_end(self._path) if self._reader == "matroska" else None
+        lacking = 0 if end is None else max(0, end - self._path.stat().st_size)
+        late = 0.0 if self._stated_s is None or not step else (self._stated_s - times[-1]) / step - 1
+        if late > 0.5 or (lacking and (self._stated_s is None or not step)):
+            missing = f"about {round(late)} images" if late > 0.5 else f"{lacking} bytes"
+            raise EOFError(f"{count} images are present, and {missing} at the end are missing")
+        notes = []
+        if lacking:
+            notes.append(f"The last {lacking} bytes of the file are missing; all images that it states are there.")
+        gaps = int((np.rint(np.diff(times) / step) - 1).clip(0).sum()) if step else 0
+        if gaps:
+            first = int(np.argmax(np.diff(times) > 1.5 * step))
+            notes.append(
+                f"The times of the images leave room for {gaps} more, the first after image {first}: images are "
+                "missing, or were taken unevenly; they count as successive, so motion across a gap comes out too fast."
+            )
+        return tuple(notes)
 
     def first(self) -> av.VideoFrame:
         """Decode the first image."""
