@@ -255,3 +255,22 @@ def test_the_table_keeps_the_sign_of_a_restitution() -> None:
     row = summary.measured({"impact": {"restitution_normal": {"value": -0.28, "sd": 0.002, "unit": "1"}}})
     assert row["restitution"] == -0.28
     assert row["sd_restitution"] == pytest.approx(0.002)
+
+
+@pytest.mark.parametrize("row", [{"frames": "many"}, {"seconds": [1]}, {"result": 3}, {"frames": 10**30}, []], ids=str)
+def test_a_damaged_record_is_measured_again_and_stops_nothing(shots: Path, tmp_path: Path, row: Any) -> None:
+    out = tmp_path / "out"
+    again(shots, out)
+    record = records.read_table(records.file_of(out, "d"))
+    assert record is not None
+    records.write_table(records.file_of(out, "d"), record | {"row": row})
+    assert again(shots, out) == Counts(done=3, failed=1, pending=0, measured=1)
+
+
+@pytest.mark.parametrize("damage", ['{"frames_per_status": 3}', '{"circle": [1]}', '{"seconds": "x"}', "[" * 100_000])
+def test_a_damaged_result_without_record_is_measured_again(shots: Path, tmp_path: Path, damage: str) -> None:
+    out = tmp_path / "out"
+    again(shots, out)
+    records.file_of(out, "a").unlink()
+    (out / "a" / "summary.json").write_text(damage)
+    assert again(shots, out) == Counts(done=3, failed=1, pending=0, measured=1)

@@ -1,5 +1,7 @@
 """NPY and NPZ."""
 
+import io
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -85,3 +87,32 @@ def test_the_refusal_of_an_infinite_value_names_its_image(tmp_path: Path) -> Non
     recording = open_recording(tmp_path / "a.npy")
     with pytest.raises(ValueError, match=r"image 2 .* replace them in the file"):
         recording.images(0, 4)
+
+
+@pytest.mark.parametrize(
+    ("shape", "dtype"), [((1, 5800, 5800, 4), "u2"), ((1, 8192, 4100), "f8"), ((1, 1 << 14, 1 << 13), "u1")]
+)
+def test_an_archive_of_images_larger_than_any_camera_s_is_refused_before_it_is_unpacked(
+    tmp_path: Path, shape: tuple[int, ...], dtype: str
+) -> None:
+    path = tmp_path / "a.npz"
+    head = io.BytesIO()
+    np.lib.format.write_array_header_1_0(head, {"descr": f"<{dtype}", "fortran_order": False, "shape": shape})
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a.npy", "w") as member:
+        member.write(head.getvalue())
+        left = int(np.prod(shape)) * np.dtype(dtype).itemsize
+        while left:
+            left -= member.write(bytes(min(left, 1 << 24)))
+    with pytest.raises(ValueError, match=r"which no camera gives|which no recording has"):
+        open_recording(path)
+
+
+def test_the_directory_of_an_archive_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    np.savez(
+        tmp_path / "a.npz", images=np.zeros((2, 3, 4), np.uint8), frame_rate=10.0, **{f"x{i}": 0 for i in range(99)}
+    )
+    opened = []
+    original = zipfile.ZipFile._RealGetContents
+    monkeypatch.setattr(zipfile.ZipFile, "_RealGetContents", lambda self: opened.append(1) or original(self))
+    assert open_recording(tmp_path / "a.npz").frame_rate == 10
+    assert len(opened) == 1

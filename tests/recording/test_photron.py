@@ -93,3 +93,23 @@ def test_a_real_16_bit_recording_gives_the_facts_of_its_header(shared_data: Path
     assert "2500th" in " ".join(recording.notes)
     with pytest.raises(OSError, match="not beside it"):
         open_recording(shared_data / "photron" / "sample_60k_16bit.cih")
+
+
+@pytest.mark.parametrize("side", ["Lower", "Higher"])
+def test_eight_bits_of_a_camera_of_twelve_are_the_levels_as_stored(tmp_path: Path, side: str) -> None:
+    images = RNG.integers(0, 256, (3, 6, 8))
+    header = write_mraw(tmp_path / "a", images, bits=8, depth=8, text=True, EffectiveBit_Depth="12")
+    text = header.read_text("latin-1").replace("EffectiveBit Side : Lower", f"EffectiveBit Side : {side}")
+    header.write_text(text, "latin-1")
+    with open_recording(header) as recording:
+        assert recording.bit_depth == 8
+        # The bytes of the file, as pyMRAW returns them for 8 bits per pixel.
+        np.testing.assert_array_equal(recording.images(0, 3), images)
+        assert "has 12 bits, of which 8 were saved" in recording.notes[0]
+
+
+def test_a_header_of_nested_tags_is_refused_before_it_becomes_a_tree(tmp_path: Path) -> None:
+    header = write_mraw(tmp_path / "a", np.zeros((1, 2, 2), int), bits=8, depth=8)
+    header.write_bytes(b"<cih>" + b"<a>" * 100_000 + b"</a>" * 100_000 + b"</cih>")
+    with pytest.raises(ValueError, match="has more than 20000 tags"):
+        open_recording(header)

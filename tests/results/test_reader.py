@@ -3,14 +3,17 @@
 import dataclasses
 import json
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from torchsphere.cli.main import main
 from torchsphere.measure import Measurement
-from torchsphere.results.reader import ResultFolder
+from torchsphere.report.pages import report_html
+from torchsphere.results.reader import ResultFolder, read
 
 
 def test_a_result_folder_reads_back_as_the_measurement(
@@ -92,3 +95,52 @@ def test_a_result_that_lacks_frames_or_a_section_is_refused_as_damaged(
         (copy / name).write_bytes(kept)
     assert main(["report", str(copy / "elsewhere")]) == 1
     assert "does not exist" in capsys.readouterr().err
+
+
+WRONG = ("text", -1, 1e308, 10**400, [], {}, [[None]], True, None)
+
+
+def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """The path of each value within a JSON object."""
+    yield path
+    inner = value.items() if isinstance(value, dict) else enumerate(value[:2]) if isinstance(value, list) else ()
+    for key, each in inner:
+        yield from places(each, (*path, key))
+
+
+def replaced(value: Any, path: tuple[Any, ...], other: Any) -> Any:
+    """The object with another value at a path."""
+    if not path:
+        return other
+    copy = value.copy()
+    copy[path[0]] = replaced(value[path[0]], path[1:], other)
+    return copy
+
+
+def test_any_value_in_any_field_of_a_summary_is_drawn_or_refused_in_a_sentence(
+    measured: tuple[Path, Measurement], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(measured[0], copy)
+    # The figures take most of the time, and the page shows all fields.
+    monkeypatch.setattr("torchsphere.report.draw.draw", lambda folder: report_html(read(folder)))
+    summary = json.loads((copy / "summary.json").read_text())
+    everywhere = list(places(summary))
+    assert len(everywhere) > 100
+    codes = set()
+    # All values in all places take minutes; here each second place gets one of them.
+    for number, path in list(enumerate(everywhere))[::2]:
+        damaged = replaced(summary, path, WRONG[number // 2 % len(WRONG)])
+        (copy / "summary.json").write_text(json.dumps(damaged))
+        codes.add(main(["report", str(copy), "--quiet"]))
+        printed = capsys.readouterr().err
+        assert printed == "" or (printed.startswith("torchsphere: ") and printed.count("\n") == 1)
+    assert codes == {0, 1}
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"input": ' * 50_000], ids=["lists", "tables"])
+def test_a_summary_nested_without_end_is_refused(measured: tuple[Path, Measurement], tmp_path: Path, text: str) -> None:
+    shutil.copytree(measured[0], tmp_path / "copy")
+    (tmp_path / "copy" / "summary.json").write_text(text)
+    with pytest.raises(ValueError, match="the result is damaged"):
+        read(tmp_path / "copy")

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from torchsphere.archive import summary
 from torchsphere.archive.scan import STATE, files_of
 from torchsphere.recording import open_recording
 from torchsphere.request import PER_RECORDING
@@ -109,10 +110,20 @@ def read(out: Path, result: str) -> Record | None:
     """The record of a recording, or None if there is no readable one."""
     table = read_table(file_of(out, result))
     try:
-        return None if table is None else Record(**table)
+        record = None if table is None else Record(**table)
     except TypeError:
         # A record of another version: the result is found again, or the recording measured again.
         return None
+    # So is a damaged record, one field of which would stop the table of all recordings.
+    return record if record is not None and _is_sound(record) else None
+
+
+def _is_sound(record: Record) -> bool:
+    values: dict[str, Any] = dataclasses.asdict(record)
+    row, content = values.pop("row"), values.pop("content")
+    is_text = all(isinstance(value, str) for value in values.values())
+    is_row = isinstance(row, dict) and summary.is_row(row)
+    return is_text and is_row and isinstance(content, str | None) and record.state in (DONE, FAILED)
 
 
 def write(out: Path, result: str, record: Record) -> None:
@@ -124,7 +135,7 @@ def read_table(path: Path) -> dict[str, Any] | None:
     """The JSON object in a file, or None if the file is missing or was cut by a power failure."""
     try:
         table = json.loads(path.read_bytes())
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return None
     return table if isinstance(table, dict) else None
 

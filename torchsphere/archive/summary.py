@@ -70,6 +70,24 @@ def measured(table: Mapping[str, Any]) -> dict[str, Any]:
     return row
 
 
+def is_row(row: Mapping[str, Any]) -> bool:
+    """Whether the values of a row have the types of their columns."""
+    return all(_suits(row.get(name), kind) for name, kind in COLUMNS.items())
+
+
+def _suits(value: Any, kind: pa.DataType) -> bool:
+    if value is None:
+        return True
+    if pa.types.is_string(kind):
+        return isinstance(value, str)
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return (
+        is_number
+        and (isinstance(value, float) or abs(value) < 2**53)
+        and (pa.types.is_floating(kind) or isinstance(value, int))
+    )
+
+
 def _length(value: Any, sd: Any = None) -> tuple[float | None, float | None]:
     """Length of a vector, or a number with its sign, and its standard deviation; None if a component is unknown."""
     parts, sds = _list(value), _list(sd)

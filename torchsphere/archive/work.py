@@ -115,7 +115,9 @@ def _valid_record(job: Job) -> Record | None:
     if origin is not None and (origin.get("stat"), origin.get("settings")) == (job.key.stat, job.key.settings):
         table = records.read_table(job.folder / "summary.json")
         if table is not None and (record is None or record.state == DONE or not records.is_current(record, job.key)):
-            return _done(job, table, str(origin.get("run")))
+            # A damaged result is measured again.
+            with contextlib.suppress(TypeError, ValueError, AttributeError, OverflowError):
+                return _done(job, table, str(origin.get("run")))
     if record is None or record.content is None or record.settings != job.key.settings:
         return None
     # A copied file has another time of change; its contents decide.
@@ -168,6 +170,8 @@ def _request(job: Job, worker: int) -> Request:
 def _done(job: Job, table: Mapping[str, Any], run: str) -> Record:
     """Write the record of a result with this ``summary.json``."""
     row = {**summary.measured(table), "result": job.item.result, "finished": _now()}
+    if not summary.is_row(row):
+        raise ValueError(f"{job.folder / 'summary.json'}: holds values of other types than its columns")
     return _write_record(job, state=DONE, content=table.get("input", {}).get("sha256"), run=run, row=row)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import traceback
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,21 @@ def run(options: dict[str, Any]) -> int:
 
 
 def _draw(folder: Path, options: dict[str, Any]) -> None:
+    import numpy as np
+
+    try:
+        # A damaged number may overflow, which NumPy would say in two lines of its own.
+        with np.errstate(over="ignore", invalid="ignore"):
+            _draw_all(folder, options)
+    except (TypeError, AttributeError, LookupError, ArithmeticError, RecursionError) as error:
+        # A file of the result holds a value of another type than this program writes; the place helps if it did not.
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"{Path(frame.filename).name}, line {frame.lineno}"
+        why = f"{type(error).__name__}: {' '.join(str(error).split())[:160]}; {place}"
+        raise ValueError(f"{folder}: the result is damaged ({why}); track the recording again") from error
+
+
+def _draw_all(folder: Path, options: dict[str, Any]) -> None:
     from torchsphere.report.draw import draw
     from torchsphere.results.reader import read
 

@@ -13,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.recording.levels import ALPHA_NOTE, GREY_NOTE, to_grey
-from torchsphere.recording.recording import Reader, Recording
+from torchsphere.recording.recording import MAX_IMAGE_BYTES, Reader, Recording
 from torchsphere.recording.refusal import library_failures
 
 _SCALARS = ("frame_rate", "exposure_s")
+#: Largest number of arrays that an archive is searched for the images (docs/constants.md).
+_MAX_MEMBERS = 1000
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,11 @@ def _require_images(path: Path, layout: _Layout) -> None:
             f"{path}: the array has shape {layout.shape}, expected images (n, h, w), or (n, h, w, 3) in colour; "
             "reshape it (one image is n = 1)"
         )
+    if layout.nbytes // layout.shape[0] > MAX_IMAGE_BYTES:
+        raise ValueError(
+            f"{path}: an image of {layout} takes {1e-6 * layout.nbytes / layout.shape[0]:.0f} MB, which no camera "
+            "gives; the axes are (n, h, w)"
+        )
 
 
 def _grey(images: NDArray[Any], layout: _Layout) -> NDArray[Any]:
@@ -147,13 +154,16 @@ def _recording(
 def _members(path: Path) -> tuple[dict[str, _Layout], dict[str, float]]:
     layouts: dict[str, _Layout] = {}
     scalars: dict[str, float] = {}
-    with library_failures(path, "a NumPy archive"), zipfile.ZipFile(path) as archive:
+    # The directory is read once: for each of many members, it would take minutes.
+    with library_failures(path, "a NumPy archive"):
+        archive = zipfile.ZipFile(path)
+    with archive:
         infos = [info for info in archive.infolist() if info.filename.endswith(".npy")]
-    for info in infos:
-        with library_failures(path, "a NumPy archive"), zipfile.ZipFile(path) as archive, archive.open(info) as file:
-            layout = _read_layout(path, file)
-            name = info.filename.removesuffix(".npy")
-            value = file.read(layout.dtype.itemsize) if name in _SCALARS and prod(layout.shape) == 1 else b""
+        if len(infos) > _MAX_MEMBERS:
+            raise ValueError(f"{path}: holds {len(infos)} arrays, expected one of images; save the images alone")
+        read = [_member(path, archive, info) for info in infos]
+    for info, (layout, value) in zip(infos, read, strict=True):
+        name = info.filename.removesuffix(".npy")
         # The header states no size for Python objects, which are never loaded.
         if not layout.dtype.hasobject and layout.data_at + layout.nbytes != info.file_size:
             raise OSError(
@@ -166,6 +176,14 @@ def _members(path: Path) -> tuple[dict[str, _Layout], dict[str, float]]:
         else:
             layouts[info.filename] = layout
     return layouts, scalars
+
+
+def _member(path: Path, archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> tuple[_Layout, bytes]:
+    """The layout of a member, and the bytes of its value if it is one of the scalars."""
+    with library_failures(path, "a NumPy archive"), archive.open(info) as file:
+        layout = _read_layout(path, file)
+        is_scalar = info.filename.removesuffix(".npy") in _SCALARS and prod(layout.shape) == 1
+        return layout, file.read(layout.dtype.itemsize) if is_scalar and layout.dtype.itemsize <= 16 else b""
 
 
 class _Stream:

@@ -13,7 +13,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from torchsphere.recording.recording import MAX_PIXELS, Reader, Recording
+from torchsphere.recording.recording import MAX_IMAGE_BYTES, MAX_PIXELS, Reader, Recording
 from torchsphere.recording.refusal import PNG_SIGNATURE, library_failures, looks_like
 from torchsphere.recording.tiff import Page, count_pages, describe, page_image, page_notes
 
@@ -134,7 +134,8 @@ def _png_page(file: Path) -> Page:
         )
     samples = _PNG_SAMPLES[colour]
     stated = width * height * samples * bits // 8
-    if min(width, height) < 1 or width * height > MAX_PIXELS or stated > _PNG_MAX_RATIO * file.stat().st_size:
+    most = min(MAX_IMAGE_BYTES, _PNG_MAX_RATIO * file.stat().st_size)
+    if min(width, height) < 1 or width * height > MAX_PIXELS or stated > most:
         raise OSError(
             f"{file}: states {width} x {height} px, but has {file.stat().st_size} bytes; it is damaged, copy it again"
         )

@@ -20,6 +20,8 @@ from torchsphere.recording.refusal import library_failures, looks_like
 HEADER_SUFFIXES = (".cihx", ".cih")
 # Headers have 10 to 20 kB, more with thumbnails.
 _MAX_HEADER_BYTES = 16 * 2**20
+# Headers have some hundred tags; the tree of a tag takes a hundred times the bytes of the tag.
+_MAX_TAGS = 20_000
 #: Bytes that are unpacked at once (docs/constants.md).
 _CHUNK_BYTES = 3 * 2**17
 
@@ -75,7 +77,7 @@ def open_photron(path: Path) -> Recording:
     _require_grey_mraw(header)
     raw_path = path if header_path != path else _partner(path, (".mraw",))
     shape = (header.whole("frames"), header.whole("height"), header.whole("width"))
-    bits, depth = header.whole("bits"), header.whole("depth")
+    bits, depth, depth_notes = _depth(header)
     if bits not in (8, 12, 16) or not 1 <= depth <= bits:
         raise ValueError(
             f"{header.path}: {depth} bits in {bits} are stated; expected 8, 12 (packed) or 16 bits per pixel, "
@@ -100,10 +102,19 @@ def open_photron(path: Path) -> Recording:
         exposure_s=exposure,
         trigger_offset_frames=offset,
         origins={key: origin for key, (value, origin) in facts.items() if value is not None},
-        notes=trigger_notes + _step_notes(header),
+        notes=depth_notes + trigger_notes + _step_notes(header),
         files=(header_path, raw_path),
         _reader=_reader(raw_path, shape, bits, shift),
     )
+
+
+def _depth(header: _Header) -> tuple[int, int, tuple[str, ...]]:
+    """Bits of a stored pixel, bits of its levels, and a note where the camera saved fewer bits than it has."""
+    bits, depth = header.whole("bits"), header.whole("depth")
+    if not (bits == 8 and bits < depth <= 16):
+        return bits, depth, ()
+    # The header states the depth of the camera; the file holds its upper bits, whatever side is stated.
+    return bits, bits, (f"The camera has {depth} bits, of which {bits} were saved; the levels are as stored.",)
 
 
 def _partner(path: Path, suffixes: tuple[str, ...]) -> Path:
@@ -146,6 +157,10 @@ def _read_xml(path: Path, data: bytes) -> _Header:
         raise ValueError(
             f"{path}: looks like {looks_like(data[:64])} without a whole <cih> section, expected a Photron header; "
             "it is cut or of another kind, copy or export it again"
+        )
+    if data.count(b"<", start, stop) > _MAX_TAGS:
+        raise ValueError(
+            f"{path}: has more than {_MAX_TAGS} tags, expected a Photron header of some hundred; copy it again"
         )
     with library_failures(path, "a Photron header"):
         root = ElementTree.fromstring(data[start:stop].decode("utf-8", "replace") + "</cih>")

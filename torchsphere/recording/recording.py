@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 Reader = Callable[[int, int], NDArray[Any]]
 
-# Larger images (1 GiB as float32) come from damaged headers, not from cameras.
-MAX_PIXELS = 2**28
+#: Largest image, px, and its size as stored with all channels, bytes; larger images come from damaged headers, not from
+#: cameras (docs/constants.md).
+MAX_PIXELS, MAX_IMAGE_BYTES = 2**26, 2**28
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, weakref_slot=True)

@@ -17,7 +17,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from torchsphere.recording.levels import ALPHA_NOTE, GREY_NOTE, to_grey
-from torchsphere.recording.recording import MAX_PIXELS, Reader, Recording
+from torchsphere.recording.recording import MAX_IMAGE_BYTES, MAX_PIXELS, Reader, Recording
 from torchsphere.recording.refusal import TIFF_SIGNATURES, library_failures, looks_like
 from torchsphere.recording.tiff_axes import stated_axes
 from torchsphere.settings.limits import FRAME_RATES
@@ -113,7 +113,8 @@ def describe(path: Path, tif: tifffile.TiffFile, number: int) -> Page:
             "expected grey or RGB levels, save it as one of these"
         )
     needed = height * width * samples * result.bits // 8
-    if min(height, width) < 1 or height * width > MAX_PIXELS or needed > stored * (_MAX_RATIO if packed else 1):
+    most = min(MAX_IMAGE_BYTES, stored * (_MAX_RATIO if packed else 1))
+    if min(height, width) < 1 or height * width > MAX_PIXELS or needed > most:
         raise OSError(
             f"{path}: page {number} states {result}, but has {stored} bytes of data; it is damaged, copy it again"
         )

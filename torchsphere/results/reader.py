@@ -168,7 +168,7 @@ def read(path: Path) -> ResultFolder:
             motion=motion,
             sampled=load(path / "frames.npz") if (path / "frames.npz").is_file() else None,
         )
-    except (_DamageError, json.JSONDecodeError, UnicodeDecodeError, pa.ArrowInvalid) as error:
+    except (_DamageError, json.JSONDecodeError, UnicodeDecodeError, RecursionError, pa.ArrowInvalid) as error:
         raise ValueError(f"{path}: the result is damaged ({error}); track the recording again") from error
     except KeyError as error:
         raise ValueError(f"{path}: the result is damaged (there is no {error}); track the recording again") from error

@@ -12,6 +12,9 @@ from typing import Any
 #: Smallest and largest radius of the region of interest, shares of the ball's radius (docs/constants.md).
 ROI = (0.1, 1.0)
 
+#: Digits of the largest whole number that a refusal repeats.
+_MOST_DIGITS = 20
+
 #: Lowest and highest frame rate, 1/s (docs/constants.md).
 FRAME_RATES = (1e-6, 1e13)
 
@@ -38,23 +41,23 @@ def option_name(name: str) -> str:
 
 def require_positive(name: str, value: float) -> None:
     """Raise SettingError unless the value is finite and positive."""
-    if not (math.isfinite(value) and value > 0):
-        raise SettingError(f"`{name}` = {value:g}: expected a finite, positive number")
+    if not 0 < as_float(value) < math.inf:
+        raise SettingError(f"`{name}` = {as_float(value):g}: expected a finite, positive number")
 
 
 def require_finite(name: str, values: float | Sequence[float]) -> None:
     """Raise SettingError unless all values are finite."""
     each = values if isinstance(values, Sequence) else (values,)
-    if not all(map(math.isfinite, each)):
-        shown = ",".join(f"{value:g}" for value in each)
+    if not all(math.isfinite(as_float(value)) for value in each):
+        shown = ",".join(f"{as_float(value):g}" for value in each)
         raise SettingError(f"`{name}` = {shown}: expected {'finite numbers' if len(each) > 1 else 'a finite number'}")
 
 
 def require_within(name: str, value: Any, limits: tuple[float, float]) -> None:
     """Raise SettingError unless the value is a number within the limits."""
     low, high = limits
-    if not (isinstance(value, Real) and low <= float(value) <= high):
-        raise SettingError(f"`{name}` = {value!r}: expected a number from {low:g} to {high:g}")
+    if not (isinstance(value, Real) and low <= as_float(value) <= high):
+        raise SettingError(f"`{name}` = {shown_number(value)}: expected a number from {low:g} to {high:g}")
 
 
 def within(limits: tuple[float, float]) -> Callable[[str, Any], None]:
@@ -86,6 +89,15 @@ def as_float(value: Any) -> float:
         return float(value)
     except (TypeError, ValueError, RuntimeError):
         return math.nan
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
+def shown_number(value: Any) -> str:
+    """A number as in a refusal; a whole number of hundreds of digits by its length."""
+    if isinstance(value, Integral) and abs(value) >= 10**_MOST_DIGITS:
+        return f"a number of more than {_MOST_DIGITS} digits"
+    return repr(value)
 
 
 def as_positive(name: str, value: Any, expected: str = "a finite, positive number") -> float:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from torchsphere.settings.limits import SettingError
+from torchsphere.settings.limits import SettingError, shown_number
 
 _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -137,7 +137,8 @@ class Setting:
                 return self._read_toml(value)
             return [self._read_toml(each) for each in (value if isinstance(value, list) else [value])]
         raise SettingError(
-            f"`{self.name}` = {value!r}: expected {self.kind.expected}; write {self.name} = {self.kind.in_toml}"
+            f"`{self.name}` = {shown_number(value)}: expected {self.kind.expected}; "
+            f"write {self.name} = {self.kind.in_toml}"
         )
 
     def _read_toml(self, value: Any) -> Any:
@@ -179,7 +180,9 @@ def read_toml(path: Path) -> dict[str, Any]:
     """The tables of a TOML file; ValueError for other files."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except RecursionError:
+        raise ValueError(f"{path}: has tables within tables without end; see docs/archives.md for an example") from None
+    except (ValueError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: is no TOML file ({error}); see docs/archives.md for an example") from error
 
 
