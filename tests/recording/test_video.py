@@ -222,4 +222,4 @@ def test_images_missing_in_the_middle_are_noted(tmp_path: Path) -> None:
                     container.mux(packet)
     with open_recording(path) as recording:
         assert len(recording) == 18
-        assert "leave room for 2 more, the first after image 6" in " ".join(recording.notes)
+        assert "leave room for 2 more, the first before image 7" in " ".join(recording.notes)

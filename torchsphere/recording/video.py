@@ -134,9 +134,9 @@ class Cursor:
         self._times: list[int] = []
         self._keys: list[int] = []
         self._jumped = False
-        # What the container says of the whole video, s, and the unit of the times, s.
+        # What the container says, s: the length of the whole video, the unit of the times, the step of playback.
         self._stated_s: float | None = None
-        self._tick_s = 0.0
+        self._tick_s = self._playback_s = 0.0
         self._lock = threading.Lock()  # threads share the position
 
     def survey(self) -> tuple[int, float | None]:
@@ -161,6 +161,7 @@ class Cursor:
                 raise EOFError(f"{whole} of {stream.frames} images are present")
             self._stated_s = _stated_duration(container, stream)
             self._tick_s = float(stream.time_base or 0)
+            self._playback_s = float(1 / rate) if rate else 0.0
             known = [time for time in times if time is not None]
             if len(set(known)) == len(times):
                 self._times = sorted(known)
@@ -174,21 +175,25 @@ class Cursor:
         this comparison, a file that is cut opens with fewer images.
         """
         times = self._tick_s * np.array(self._times)
-        step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        # A single image has no step but that of the rate of playback.
+        step = float(np.median(np.diff(times))) if len(times) > 1 else self._playback_s
         end = segment_end(self._path) if self._reader == "matroska" else None
         lacking = 0 if end is None else max(0, end - self._path.stat().st_size)
-        late = 0.0 if self._stated_s is None or not step else (self._stated_s - times[-1]) / step - 1
-        if late > 0.5 or (lacking and (self._stated_s is None or not step)):
+        late = 0.0 if self._stated_s is None or not step or not len(times) else (self._stated_s - times[-1]) / step - 1
+        if late > 0.5 or (lacking and (self._stated_s is None or not step or not len(times))):
             missing = f"about {round(late)} images" if late > 0.5 else f"{lacking} bytes"
             raise EOFError(f"{count} images are present, and {missing} at the end are missing")
         notes = []
         if lacking:
             notes.append(f"The last {lacking} bytes of the file are missing; all images that it states are there.")
-        gaps = int((np.rint(np.diff(times) / step) - 1).clip(0).sum()) if step else 0
+        # Matroska counts from the first image; other containers may begin at any time.
+        before = [-step] if self._reader == "matroska" else []
+        steps = np.diff([*before, *times])
+        gaps = int((np.rint(steps / step) - 1).clip(0).sum()) if step else 0
         if gaps:
-            first = int(np.argmax(np.diff(times) > 1.5 * step))
+            first = int(np.argmax(steps > 1.5 * step)) + 1 - len(before)
             notes.append(
-                f"The times of the images leave room for {gaps} more, the first after image {first}: images are "
+                f"The times of the images leave room for {gaps} more, the first before image {first}: images are "
                 "missing, or were taken unevenly; they count as successive, so motion across a gap comes out too fast."
             )
         return tuple(notes)
