@@ -105,6 +105,7 @@ def _track(
 ) -> Track:
     # Without this argument `track` chooses a region of interest for the ball.
     roi: dict[str, Any] = {} if request.roi is None else {"roi": request.roi}
+    exposure = _exposure(request, request.fps or chosen.frame_rate)
     return track(
         chosen,
         request.circle,
@@ -113,6 +114,7 @@ def _track(
         refine=request.refine,
         in_place=request.in_place,
         sphere_map=MAPS[request.map],
+        exposure=exposure,
         progress=progress,
         model=request.motion_model(),
         telecentric=request.telecentric,
@@ -121,6 +123,21 @@ def _track(
         log=False,  # the command line prints the warnings
         **roi,
     )
+
+
+def _exposure(request: Request, frame_rate: float | None) -> float | None:
+    """The exposure that was given over the time between frames; None where none was."""
+    if request.shutter_us is None:
+        return None
+    if frame_rate is None:
+        raise ValueError("--shutter-us was given, but no frame rate is known to compare it with; give --fps, too")
+    share = 1e-6 * request.shutter_us * frame_rate
+    if share > 1 + 1e-6:
+        raise ValueError(
+            f"--shutter-us {request.shutter_us:g}: longer than the {1e6 / frame_rate:.4g} us from frame to frame; "
+            "give the exposure time, or correct --fps"
+        )
+    return min(share, 1.0)
 
 
 def _kinematics(request: Request, tracked: Track, frame_rate: float | None, start: int) -> Kinematics | None:

@@ -80,6 +80,10 @@ class Request:
     fps: Annotated[
         float | None, Setting(NUMBER, RECORDING, "F", "frame rate, 1/s (the file's)", within(FRAME_RATES))
     ] = None
+    shutter_us: Annotated[
+        float | None,
+        Setting(NUMBER, RECORDING, "T", "exposure, us (the file's, or by the smear)", require_positive),
+    ] = None
     ignore: Annotated[
         Sequence[str],
         Setting(

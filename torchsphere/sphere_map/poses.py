@@ -22,7 +22,7 @@ from torchsphere.imaging.background import background
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import bundle_adjustment, registration, residual_scatter
+from torchsphere.sphere_map import bundle_adjustment, exposure, registration, residual_scatter
 from torchsphere.sphere_map.ball import Poses
 from torchsphere.sphere_map.bundle_adjustment import NEW_MAP_STEPS, Adjustment
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
@@ -108,6 +108,7 @@ class _Frames:
     background: Tensor
     usable: Tensor | None
     optics: Optics | None
+    moments: Tensor | None = None  # `Windows.moments` of all frames
 
     def windows(self, numbers: list[int], centres: Tensor, radius: float) -> Windows:
         """Windows of the given frames around ``centres`` (k, 2)."""
@@ -118,7 +119,8 @@ class _Frames:
             images = torch.cat([self.source.unconverted(i, i + 1) for i in numbers])
         # Single precision is nearly twice as fast and moves a pose by 1e-6 px.
         images = images.float() if images.dtype == torch.float64 else images
-        return cut_windows(images, self.background, centres, radius, self.usable, self.optics)
+        moments = None if self.moments is None else self.moments[numbers]
+        return cut_windows(images, self.background, centres, radius, self.usable, self.optics, moments)
 
 
 def poses_on_map(
@@ -132,6 +134,7 @@ def poses_on_map(
     camera: Camera | None = None,
     telecentric: bool = False,
     progress: Callable[[int, int], None] | None = None,
+    open_share: float = 0.0,
 ) -> MapPoses | str:
     """Register all frames on a map of the ball: their poses, or a sentence with the reason why no map is possible.
 
@@ -157,6 +160,7 @@ def poses_on_map(
         background(source, position, reach).to(source.device, torch.float32),
         None if ignore is None else ~ignore.to(source.device),
         optics,
+        exposure.moments(_motion(position, orientation, circle.radius), open_share, circle.radius),
     )
     keys = choose_keyframes(known, orientation)
     initial = Poses.at(frames.position[keys], frames.orientation[keys])
@@ -194,6 +198,21 @@ def poses_on_map(
     covariance = assembled.step_covariance * np.outer(widened, widened)
     assembled = replace(assembled, step_covariance=covariance, widening=widened)
     return assembled if optics is None else _through_lens(assembled, optics)
+
+
+def _motion(position: Array, orientation: Array, radius: float) -> Tensor:
+    """Motion (n, 5) of all frames by the steps to their neighbours, px per frame, rotations times the ``radius``.
+
+    0 where no neighbour is known.
+    """
+    turns = orientation[1:] @ np.swapaxes(orientation[:-1], 1, 2)
+    known = np.asarray(np.isfinite(turns).all((1, 2)))
+    turned = So3.from_matrix(torch.from_numpy(np.where(known[:, None, None], turns, np.eye(3)))).log().numpy()
+    steps = np.concatenate((np.diff(position, axis=0), radius * np.where(known[:, None], turned, np.nan)), 1)
+    steps = np.pad(steps, ((1, 1), (0, 0)), constant_values=np.nan)
+    around = np.stack((steps[:-1], steps[1:]))
+    measured = np.isfinite(around)
+    return torch.from_numpy(np.where(measured, around, 0.0).sum(0) / measured.sum(0).clip(1))
 
 
 def _seen_alike(frames: _Frames, initial: Poses, optics: Optics | None) -> tuple[_Frames, Poses]:

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from torchsphere.kernels import registration as loops
 from torchsphere.kernels.jit import suits
-from torchsphere.sphere_map import forward_model, pixel_weights
+from torchsphere.sphere_map import exposure, forward_model, pixel_weights
 from torchsphere.sphere_map.ball import Poses, TexturedBall
 from torchsphere.sphere_map.forward_model import BRIGHTNESS, MOTION, SHARED, Linearisation
 from torchsphere.sphere_map.pixel_weights import ResidualProfile
@@ -103,7 +103,8 @@ def _equations(
     windows: Windows, poses: Poses, ball: TexturedBall, profile: ResidualProfile
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """`normal_equations` of a step, the sum of squares (n,) over the visible pixels, and their number (n,)."""
-    if suits(windows.levels, windows.background, windows.visibility, ball.coefficients):
+    pixels = windows.levels, windows.background, windows.visibility
+    if windows.moments is None and suits(*pixels, ball.coefficients):
         rings = profile.limits.clamp_min(0).float().square(), profile.variance
         hidden = pixel_weights.NEIGHBOURHOOD_PX, pixel_weights.HIDDEN_FROM
         images = forward_model.inputs_of_loops(windows, poses, ball)
@@ -117,7 +118,7 @@ def _equations(
             by_pose[:, :5, :5], by_pose[:, -1, :2] = view.motion(ball.radius), view.shrinking(ball.radius)
             normal, gradient = by_pose.mT @ normal @ by_pose, (by_pose.mT @ gradient.unsqueeze(2))[..., 0]
         return _with_ridge(normal), gradient, squares, seen
-    model = forward_model.linearise(windows, poses, ball)
+    model = exposure.linearise(windows, poses, ball)
     variance = profile.at(windows, poses.centre)
     residual = windows.levels - model.levels
     plain = _without_brightness(model.levels, windows.visibility / variance, residual)
@@ -153,6 +154,6 @@ def _without_brightness(levels: Tensor, weights: Tensor, residual: Tensor) -> Te
 
 def pose_covariance(windows: Windows, poses: Poses, ball: TexturedBall, profile: ResidualProfile) -> Tensor:
     """`Registration.covariance` (n, 5, 5) of images whose pose is known."""
-    model = forward_model.linearise(windows, poses, ball)
+    model = exposure.linearise(windows, poses, ball)
     weights = profile.weights(windows, poses.centre)
     return torch.linalg.inv_ex(normal_equations(model, weights, weights)[0])[0][:, :5, :5]

@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.sphere_map import forward_model, pixel_weights
+from torchsphere.sphere_map import exposure, pixel_weights
 from torchsphere.sphere_map.ball import Poses, TexturedBall
 from torchsphere.sphere_map.pixel_weights import ResidualProfile
 from torchsphere.sphere_map.registration import COLUMNS, normal_equations
@@ -40,7 +40,7 @@ def widening(windows: Windows, poses: Poses, ball: TexturedBall, profile: Residu
 
     The images have one factor together: a single one has too few blocks for its own.
     """
-    model = forward_model.linearise(windows, poses, ball)
+    model = exposure.linearise(windows, poses, ball)
     residual = windows.levels - model.levels
     seen = pixel_weights.estimate_visibility(windows, profile.at(windows, poses.centre), residual)
     weights = profile.weights(seen, poses.centre)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from torch import Tensor
 
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import forward_model, map_fit, pixel_weights
+from torchsphere.sphere_map import exposure, map_fit, pixel_weights
 from torchsphere.sphere_map.ball import Poses, TexturedBall
 from torchsphere.sphere_map.forward_model import Design, Linearisation
 from torchsphere.sphere_map.map_fit import SMOOTHNESS, MapEquations
@@ -36,7 +36,7 @@ def drawn(state: State, shared: RowRunner) -> Design:
     windows, poses = state.windows, state.poses
 
     def part(a: int, b: int) -> Design:
-        return forward_model.design(windows.rows(a, b), poses.take(slice(a, b)), state.ball)
+        return exposure.design(windows.rows(a, b), poses.take(slice(a, b)), state.ball)
 
     return Design.joined(shared(part, len(poses)))
 
@@ -46,7 +46,7 @@ def linearised(state: State, shared: RowRunner) -> Linearisation:
     windows, poses = state.windows, state.poses
 
     def part(a: int, b: int) -> Linearisation:
-        return forward_model.linearise(windows.rows(a, b), poses.take(slice(a, b)), state.ball)
+        return exposure.linearise(windows.rows(a, b), poses.take(slice(a, b)), state.ball)
 
     return Linearisation.joined(shared(part, len(poses)))
 

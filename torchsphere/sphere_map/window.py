@@ -28,6 +28,9 @@ class Windows:
     bend: Tensor | None = (
         None  # where the pixels would be without the lens's distortion (n, s, s, 2), px from where they are
     )
+    # Moves (n, m, 5) of the ball from the middle of each exposure to its moments, px, rotations times the radius: see
+    # `exposure`. None for sharp images.
+    moments: Tensor | None = None
 
     @classmethod
     def joined(cls, parts: list[Windows]) -> Windows:
@@ -35,7 +38,9 @@ class Windows:
         columns = zip(*((p.levels, p.background, p.visibility, p.origin) for p in parts), strict=True)
         levels, background, visibility, origin = (torch.cat(column) for column in columns)
         bends = [p.bend for p in parts if p.bend is not None]
-        return cls(levels, background, visibility, origin, parts[0].optics, torch.cat(bends) if bends else None)
+        moments = [p.moments for p in parts if p.moments is not None]
+        bend, moved = (torch.cat(column) if column else None for column in (bends, moments))
+        return cls(levels, background, visibility, origin, parts[0].optics, bend, moved)
 
     def __len__(self) -> int:
         return len(self.levels)
@@ -49,10 +54,9 @@ class Windows:
         return self._part(rows)
 
     def _part(self, rows: Tensor | slice) -> Windows:
-        bend = None if self.bend is None else self.bend[rows]
-        return Windows(
-            self.levels[rows], self.background[rows], self.visibility[rows], self.origin[rows], self.optics, bend
-        )
+        bend, moments = (None if part is None else part[rows] for part in (self.bend, self.moments))
+        levels, background, visibility = self.levels[rows], self.background[rows], self.visibility[rows]
+        return Windows(levels, background, visibility, self.origin[rows], self.optics, bend, moments)
 
     def with_visibility(self, visibility: Tensor) -> Windows:
         """The same pixels with another ``visibility`` (n, s, s)."""
@@ -84,12 +88,15 @@ def cut_windows(
     radius: float,
     usable: Tensor | None = None,
     optics: Optics | None = None,
+    moments: Tensor | None = None,
 ) -> Windows:
     """Cut squares around ``centres`` (n, 2) from ``images`` (n, h, w), with the pixels up to `MARGIN_PX` from the disc.
 
     ``background`` and ``usable``, where given, are (h, w); ``usable`` is False for pixels to ignore. With ``optics``
     the centres are those without the lens's distortion.
     """
+    if moments is not None:
+        radius += float(moments[..., :2].norm(dim=-1).max())
     half = half_size(centres, radius, optics)
     at = centres if optics is None else optics.bent(centres)
     origin = at.double().round() - half
@@ -105,7 +112,7 @@ def cut_windows(
         # Ignored pixels may hold any value, NaN too.
         behind = torch.where(inside, behind, 0.0)
         levels = torch.where(inside, levels, 0.0)
-    return Windows(levels, behind, seen.expand_as(levels).to(levels), origin, optics, bend)
+    return Windows(levels, behind, seen.expand_as(levels).to(levels), origin, optics, bend, moments)
 
 
 def half_size(centres: Tensor, radius: float, optics: Optics | None) -> int:

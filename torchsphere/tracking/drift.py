@@ -18,6 +18,7 @@ from torchsphere.imaging.interpolation import noise_gains
 from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map import poses
 from torchsphere.sphere_map.poses import MapPoses
+from torchsphere.tracking import shutter
 from torchsphere.tracking.follow import Progress
 from torchsphere.tracking.record import Record
 
@@ -56,11 +57,14 @@ def absolute_motion(
     fineness: float,
     *,
     telecentric: bool = False,
+    exposure: float | None = None,
+    stated: float | None = None,
     progress: Progress | None = None,
 ) -> AbsoluteMotion:
     """The ``measured`` motion, on a map of the ball unless none is ``asked`` for (None: if there are frames enough).
 
-    In a ``telecentric`` view the ball is seen from the same side wherever it is.
+    In a ``telecentric`` view the ball is seen from the same side wherever it is. ``exposure`` is that over the
+    time between frames; where it is None, the one ``stated`` in the file counts, or the smear of the outline.
     """
     known = np.isfinite(measured.position[:, 0])
     chained = orientation.chain(measured.rotation, known)
@@ -73,6 +77,9 @@ def absolute_motion(
     lack = float(np.median(1 - known)) if len(known) else 0.0
     # Variance of the images' noise over that of their grey levels.
     noise = lack / noise_gains(options.pre_blur)[0]
+    share = exposure
+    if share is None:
+        share = shutter.open_share(source, measured.position, circle, ignore, options.camera, stated)
     try:
         found = poses.poses_on_map(
             source,
@@ -85,6 +92,7 @@ def absolute_motion(
             options.camera,
             telecentric,
             progress,
+            share,
         )
     except (np.linalg.LinAlgError, torch.linalg.LinAlgError):  # type: ignore[attr-defined]
         # The increments must not be lost with the map.
@@ -92,7 +100,7 @@ def absolute_motion(
     if isinstance(found, str):
         plain.about_map["reason"] = found
         return plain
-    return _merged(measured, chained, found)
+    return _merged(measured, chained, found, share)
 
 
 def _reason_without_map(measured: Record, asked: bool | None, model: str) -> str:
@@ -110,7 +118,7 @@ def _reason_without_map(measured: Record, asked: bool | None, model: str) -> str
     return ""
 
 
-def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion:
+def _merged(measured: Record, chained: Array, found: MapPoses, open_share: float) -> AbsoluteMotion:
     """Poses of the map; frames that are not on the map, or shaded, follow from their neighbours by the steps."""
     on_map = np.isfinite(found.position[:, 0]) & ~shaded_frames(measured, found)
     position, turned = _bridged(measured.position, chained, found, on_map)
@@ -126,6 +134,7 @@ def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion
         "keyframes": found.keyframes,
         "frames": int(on_map.sum()),
         "edge_blur_px": found.edge_blur,
+        "open_share": open_share,
         "residual_over_noise": found.misfit**0.5,
         "widened": float(found.widening.max()),
         "radius_over_distance": found.nearness,

@@ -20,7 +20,7 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
 from torchsphere.settings.arrays import as_mask
-from torchsphere.settings.limits import require_switch
+from torchsphere.settings.limits import require_switch, require_within
 from torchsphere.sphere_map.nearness import UNKNOWN_SD
 from torchsphere.tracking import growth
 from torchsphere.tracking import in_place as place_of_ball
@@ -48,7 +48,7 @@ MIN_KEPT_SHARE = 0.8
 
 @dataclass(frozen=True)
 class _Task:
-    """The arguments of `track`, checked; the fields are those of `track`."""
+    """The arguments of `track`, checked, and the exposure that the recording states."""
 
     source: Source
     circle: Any
@@ -57,6 +57,8 @@ class _Task:
     in_place: bool
     telecentric: bool
     sphere_map: bool | None
+    exposure: float | None
+    stated_exposure: float | None
     progress: Progress | None
 
 
@@ -82,6 +84,7 @@ def track(
     in_place: bool = False,
     telecentric: bool = False,
     sphere_map: bool | None = None,
+    exposure: float | None = None,
     progress: Progress | None = None,
     dtype: torch.dtype = torch.float32,
     first_frame: int = 0,
@@ -118,6 +121,11 @@ def track(
         included: no drift, and about twice the precision of steps from frame to frame. By default a map is made of
         every textured ball in six frames or more. Where the images do not allow a map, nothing changes and ``settings``
         says why.
+    exposure : float, optional
+        Exposure over the time between frames, 0 to 1, by which a moving ball is smeared in each image: the map is
+        smeared alike. By default it follows from the recording's ``exposure_s`` and ``frame_rate``, and where these are
+        not known or the outlines contradict them (flashes), from the smear of the outline of a ball that moves by 2 px
+        per frame or more.
     progress : callable, optional
         Called as ``progress(done, total)`` with numbers of frames; once more from 0 while a map of the ball is made.
     dtype : torch.dtype
@@ -146,12 +154,15 @@ def track(
     require_switch("in_place", in_place)
     require_switch("telecentric", telecentric)
     require_switch("sphere_map", sphere_map, "True, False or None")
+    if exposure is not None:
+        require_within("exposure", exposure, (0.0, 1.0))
     settings = options_for(track, options)
     if telecentric and settings.camera is not None:
         raise ValueError("telecentric: a camera with a focal length or a distance is not telecentric; give one of both")
     source = Source.open(recording, device, dtype)
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
-    task = _Task(source, circle, mask, refine, in_place, telecentric, sphere_map, progress)
+    stated = _stated_exposure(recording)
+    task = _Task(source, circle, mask, refine, in_place, telecentric, sphere_map, exposure, stated, progress)
 
     start = _initial_circle(task, settings, options)
     found = _measured_in_place(task, start) if in_place else _measured(task, start)
@@ -160,6 +171,12 @@ def track(
         for sentence in found.warnings:
             _LOG.warning("%s", sentence)
     return found
+
+
+def _stated_exposure(recording: Any) -> float | None:
+    """Exposure over the time between frames as the recording states it; None where it does not."""
+    exposure, rate = (getattr(recording, name, None) for name in ("exposure_s", "frame_rate"))
+    return None if exposure is None or rate is None else min(max(exposure * rate, 0.0), 1.0)
 
 
 def _measured(task: _Task, start: _Start) -> Track:
@@ -261,6 +278,8 @@ def _absolute_motion(task: _Task, start: _Start, measured: Record) -> AbsoluteMo
         options,
         fineness,
         telecentric=task.telecentric,
+        exposure=task.exposure,
+        stated=task.stated_exposure,
         progress=task.progress,
     )
 

@@ -1,0 +1,114 @@
+"""A ball that moves by several px while the shutter is open: the share of that time, and the motion."""
+
+import functools
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from shots import noisy, rotation_matrix, speckle
+
+import torchsphere as ts
+from torchsphere import measure
+from torchsphere.geometry.circle import Circle
+from torchsphere.recording.frame_source import Source
+from torchsphere.request import Request
+from torchsphere.synthetic import ray_caster
+from torchsphere.tracking import shutter
+
+RADIUS, FRAMES, SHARE, INSTANTS = 30.0, 14, 0.6, 15
+
+#: Motion per frame, px and rad.
+STEP = torch.tensor([7.0, 1.5], dtype=torch.float64)
+TURN = torch.tensor([0.02, -0.05, 0.06], dtype=torch.float64)
+
+
+@functools.lru_cache(maxsize=2)
+def footage(share: float) -> tuple[torch.Tensor, torch.Tensor]:
+    """Images (n, h, w) with the shutter open for that share of the time, and the true centres (n, 2)."""
+    # The middles of equal parts of the exposure.
+    within = share * ((torch.arange(INSTANTS, dtype=torch.float64) + 0.5) / INSTANTS - 0.5)
+    times = (torch.arange(FRAMES, dtype=torch.float64)[:, None] + within).flatten()
+    centres = torch.tensor([50.0, 46.0], dtype=torch.float64) + times[:, None] * STEP
+    turned = torch.stack([rotation_matrix(float(t) * TURN) for t in times])
+    pattern = speckle(3, RADIUS)
+    seen = [
+        ray_caster.render(pattern, centres[k::INSTANTS], RADIUS, turned[k::INSTANTS], 30.0, shape=(112, 210))
+        for k in range(INSTANTS)
+    ]
+    middle = torch.arange(FRAMES, dtype=torch.float64)[:, None] * STEP + torch.tensor([50.0, 46.0])
+    return noisy(torch.stack(seen).mean(0), 2.0, 4), middle
+
+
+def found_share(share: float, stated: float | None = None) -> float:
+    images, centres = footage(share)
+    circle = Circle(*centres[0].tolist(), RADIUS, 0.0, 0.0, 0.0, 0)
+    return shutter.open_share(Source.open(images, None, torch.float32), centres.numpy(), circle, stated=stated)
+
+
+def errors(track: ts.Track) -> np.ndarray:
+    """Root mean square error of the steps: px, and degrees."""
+    truth = torch.cat((STEP, TURN)).numpy()
+    off = track.increment - truth
+    return np.array([np.sqrt((off[:, :2] ** 2).mean()), np.degrees(np.sqrt((off[:, 2:] ** 2).mean()))])
+
+
+def test_the_share_follows_from_the_smear_of_the_outline() -> None:
+    assert found_share(SHARE) == pytest.approx(SHARE, abs=0.12)
+
+
+def test_a_sharp_ball_that_moves_fast_has_no_exposure() -> None:
+    assert found_share(0.0) == 0
+
+
+def test_the_share_that_a_file_states_counts_unless_the_outlines_contradict_it() -> None:
+    assert found_share(SHARE, 0.65) == 0.65
+    # Sharp images, as under flashes.
+    assert found_share(0.0, 0.9) == 0
+    # A smear too short to be seen.
+    assert found_share(0.0, 0.2) == 0.2
+
+
+def test_a_slow_ball_tells_nothing_of_the_exposure() -> None:
+    images, centres = footage(SHARE)
+    circle = Circle(*centres[0].tolist(), RADIUS, 0.0, 0.0, 0.0, 0)
+    source = Source.open(images, None, torch.float32)
+    assert shutter.open_share(source, 0.1 * centres.numpy() + 40, circle) == 0
+
+
+def test_the_map_of_smeared_images_is_better_than_pairs_and_states_its_errors() -> None:
+    images, centres = footage(SHARE)
+    circle = (*centres[0].tolist(), RADIUS)
+    by_map = ts.track(images, circle, telecentric=True)
+    pairs = ts.track(images, circle, sphere_map=False)
+    assert by_map.settings["sphere_map"]["open_share"] == pytest.approx(SHARE, abs=0.12)
+    assert (errors(by_map) < errors(pairs)).all()
+    stated = np.sqrt(np.einsum("nii->ni", by_map.covariance).mean(0))
+    true = np.sqrt(((by_map.increment - torch.cat((STEP, TURN)).numpy()) ** 2).mean(0))
+    assert (true < 2 * stated).all()
+
+
+def test_an_exposure_that_is_given_counts_and_one_out_of_range_is_refused() -> None:
+    images, centres = footage(SHARE)
+    circle = (*centres[0].tolist(), RADIUS)
+    given = ts.track(images, circle, telecentric=True, exposure=0.5)
+    assert given.settings["sphere_map"]["open_share"] == 0.5
+    with pytest.raises(ValueError, match=r"exposure = 1.5: expected a number from 0 to 1"):
+        ts.track(images, circle, exposure=1.5)
+
+
+def request(**settings: float) -> Request:
+    return Request(input=Path("a.tif"), out=Path("out"), **settings)
+
+
+def test_the_time_that_is_given_becomes_a_share() -> None:
+    assert measure._exposure(request(shutter_us=20), 1e4) == pytest.approx(0.2)
+    assert measure._exposure(request(), 1e4) is None
+    assert measure._exposure(request(), None) is None
+
+
+def test_an_exposure_without_a_frame_rate_or_longer_than_a_frame_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"--shutter-us was given, but no frame rate is known .*; give --fps, too"):
+        measure._exposure(request(shutter_us=20), None)
+    with pytest.raises(ValueError, match=r"--shutter-us 200: longer than the 100 us from frame to frame"):
+        measure._exposure(request(shutter_us=200), 1e4)

@@ -1,0 +1,74 @@
+"""The exposure: a pixel shows the mean of what the moving ball shows while the shutter is open.
+
+Outline and pattern are smeared along the motion of each image: the outline along the ball's path, each point of the
+surface along its own. The model of an image is the mean of the models at moments of its exposure.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import reduce
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torchsphere.sphere_map import forward_model
+from torchsphere.sphere_map.ball import Poses, TexturedBall
+from torchsphere.sphere_map.forward_model import Design, Linearisation
+from torchsphere.sphere_map.window import Windows
+
+#: Least smear of any point that is drawn, px: one of a px has the variance of a pixel (docs/constants.md).
+LEAST_SMEAR_PX = 1.0
+
+#: Smear per moment, px, and largest number of moments (docs/constants.md).
+SMEAR_PER_MOMENT_PX, MAX_MOMENTS = 1.5, 16
+
+
+def moments(motion: Tensor, share: float, radius: float) -> Tensor | None:
+    """`Windows.moments` (n, m, 5) of images in ``motion`` (n, 5) per frame, with the shutter open for that ``share``.
+
+    ``motion`` is in px, rotations times the ``radius``. None where no point moves by `LEAST_SMEAR_PX`.
+    """
+    if not share or not len(motion):
+        return None
+    longest = share * float((motion[:, :2].norm(dim=1) + motion[:, 2:].norm(dim=1)).quantile(0.9))
+    if longest < LEAST_SMEAR_PX:
+        return None
+    count = min(1 + math.ceil(longest / SMEAR_PER_MOMENT_PX), MAX_MOMENTS)
+    at = torch.from_numpy(np.polynomial.legendre.leggauss(count)[0]).to(motion)
+    return 0.5 * share * at.reshape(-1, 1) * motion.unsqueeze(1)
+
+
+def linearise(windows: Windows, poses: Poses, ball: TexturedBall) -> Linearisation:
+    """`forward_model.linearise`, with the exposure: the derivatives are those by the pose in its middle."""
+    if windows.moments is None:
+        return forward_model.linearise(windows, poses, ball)
+    parts = _parts(windows, poses, ball)
+    models = ((share, forward_model.linearise(windows, at, ball)) for share, at in parts)
+    scaled = (Linearisation(share * model.levels, share * model.jacobian) for share, model in models)
+    return reduce(lambda a, b: Linearisation(a.levels + b.levels, a.jacobian + b.jacobian), scaled)
+
+
+def design(windows: Windows, poses: Poses, ball: TexturedBall) -> Design:
+    """`forward_model.design`, with the exposure."""
+    if windows.moments is None:
+        return forward_model.design(windows, poses, ball)
+    drawn = [(share, forward_model.design(windows, at, ball)) for share, at in _parts(windows, poses, ball)]
+    factor = torch.cat([share * part.factor for share, part in drawn], -1)
+    corner, offset = (torch.cat([getattr(part, n) for _, part in drawn], 3) for n in ("corner", "offset"))
+    fixed = sum((share * part.fixed for share, part in drawn), torch.zeros_like(drawn[0][1].fixed))
+    # Rays that are not used come last.
+    order = (factor == 0).to(torch.int8).argsort(dim=-1, stable=True)
+    most = int((factor != 0).sum(-1).max())
+    order = order[..., :most]
+    offset = offset.gather(3, order.unsqueeze(-1).expand(*order.shape, 2))
+    return Design(corner.gather(-1, order), offset, factor.gather(-1, order), fixed, ball.cells)
+
+
+def _parts(windows: Windows, poses: Poses, ball: TexturedBall) -> list[tuple[float, Poses]]:
+    """Share of the exposure, and poses, of each moment."""
+    assert windows.moments is not None
+    shares = 0.5 * np.polynomial.legendre.leggauss(windows.moments.shape[1])[1]
+    moves = windows.moments.unbind(1)
+    return [(float(share), poses.moved(move, ball.radius)) for share, move in zip(shares, moves, strict=True)]
