@@ -100,6 +100,10 @@ def test_the_refusal_of_a_value_like_an_option_says_how_to_give_the_value(tmp_pa
         (["--fps", "1000", "--mm-per-px", "1", "--normal-deg", "9"], "--normal-deg, as no impact is reported"),
         (["--fps", "1000", "--mm-per-px", "1", "--method", "savitzky-golay", "--window", "5"], ""),
         (["--fps", "1000", "--mm-per-px", "1", "--lab-frame"], ""),
+        (
+            ["--fps", "1000", "--mm-per-px", "1", "--shutter-us", "100", "--map", "off"],
+            "--shutter-us, as pairs do not model the exposure",
+        ),
     ],
 )
 def test_an_unused_option_is_noted(given: list[str], noted: str, tmp_path: Path, short: Path, capsys) -> None:

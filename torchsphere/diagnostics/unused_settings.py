@@ -16,6 +16,16 @@ def unused_settings(
 
     ``motion`` is None without a frame rate or a scale, ``impact`` is None if no impact was found.
     """
+    of_map: tuple[str, ...] = ()
+    if request.map == "off" and request.shutter_us is not None:
+        of_map = _sentences(["shutter_us"], "pairs do not model the exposure: only the map of the ball does")
+    return of_map + _of_motion(request, motion, impact, has_rate=has_rate)
+
+
+def _of_motion(
+    request: Request, motion: Kinematics | None, impact: Impact | None, *, has_rate: bool
+) -> tuple[str, ...]:
+    """`unused_settings` of what is computed from the motion."""
     if motion is None:
         has_scale = request.diameter_mm is not None or request.mm_per_px is not None
         needed = [(has_rate, "a frame rate (--fps)"), (has_scale, "a scale (--diameter-mm or --mm-per-px)")]
