@@ -59,7 +59,7 @@ from torchsphere.detection.outline_fit import OutlineFit
 from torchsphere.imaging import background as still
 from torchsphere.imaging.interpolation import blur
 from torchsphere.recording.frame_source import Source
-from torchsphere.sphere_map import forward_model
+from torchsphere.sphere_map import forward_model, rays
 
 FRAMES, BEYOND = 60, 1.08
 BOUND_PX, TARGET_PX = 0.0017, 0.0026
@@ -94,7 +94,7 @@ def without_background(shot: Shot, position: Array) -> Tensor:
     for image, centre in zip(images, centres, strict=True):
         y, x = torch.meshgrid(*(torch.arange(n) for n in image.shape), indexing="ij")
         size = torch.tensor([shot.radius, forward_model.MIN_BLUR_PX], dtype=torch.float64)
-        share, _, _ = forward_model.coverage(x - centre[0], y - centre[1], *size)
+        share, _, _ = rays.coverage(x - centre[0], y - centre[1], *size)
         image -= ((1 - share) * (behind - level)).float()
     return images
 

@@ -21,7 +21,7 @@ from ball_models import (
 )
 from torch import Tensor
 
-from torchsphere.sphere_map import cube_map, forward_model
+from torchsphere.sphere_map import cube_map, forward_model, rays
 from torchsphere.sphere_map.ball import Poses, TexturedBall, uniform_light
 from torchsphere.sphere_map.forward_model import Design, Linearisation
 from torchsphere.sphere_map.window import Windows, cut_windows
@@ -55,7 +55,7 @@ def levels_of(unknowns: Tensor, seen: Windows, at: Poses, ball: TexturedBall) ->
 
 def at_limb(seen: Windows, at: Poses) -> Tensor:
     """Pixels (n, s, s) for which the model draws more than two rays."""
-    limit = min(forward_model.LIMB_FROM * RADIUS, RADIUS - forward_model.LEAST_LIMB_PX)
+    limit = min(rays.LIMB_FROM * RADIUS, RADIUS - rays.LEAST_LIMB_PX)
     return distances(seen, at) >= limit
 
 
@@ -67,7 +67,7 @@ def test_the_disc_covers_its_area_and_the_share_falls_from_one_to_zero() -> None
     at = poses()
     seen = windows(at)
     blur = torch.tensor(0.3, dtype=torch.float64)
-    share, by_radius, _ = forward_model.coverage(*seen.offsets(at.centre), rough_ball().radius, blur)
+    share, by_radius, _ = rays.coverage(*seen.offsets(at.centre), rough_ball().radius, blur)
     for i in range(2):
         # Blur conserves area. A straight edge in place of the circle would add ten times the tolerance.
         assert float(share[i].sum()) == pytest.approx(math.pi * RADIUS**2, rel=2e-5)
@@ -83,7 +83,7 @@ def test_the_share_of_a_pixel_is_the_share_of_many_rays() -> None:
     seen = windows(at)
     blur = torch.tensor(forward_model.MIN_BLUR_PX, dtype=torch.float64)
     x, y = seen.offsets(at.centre)
-    share, _, _ = forward_model.coverage(x, y, rough_ball().radius, blur)
+    share, _, _ = rays.coverage(x, y, rough_ball().radius, blur)
     steps = (torch.arange(40, dtype=torch.float64) + 0.5) / 40 - 0.5
     counted = torch.stack(
         [((x + a).square() + (y + b).square() < RADIUS**2).double() for a in steps for b in steps]
@@ -95,10 +95,10 @@ def test_the_share_of_a_pixel_is_the_share_of_many_rays() -> None:
 def test_the_share_is_that_of_a_blurred_straight_edge() -> None:
     at, ball = poses(1), rough_ball()
     x, y = (part[0] for part in windows(at).offsets(at.centre))
-    share, by_radius, by_blur = forward_model.coverage(x, y, ball.radius, ball.edge_blur)
+    share, by_radius, by_blur = rays.coverage(x, y, ball.radius, ball.edge_blur)
     distance, blur = (x.square() + y.square()).sqrt(), ball.edge_blur
     inwards = RADIUS - (blur**2 + 1 / 12) / (2 * RADIUS) - distance
-    a, b = ((part.abs() / distance).clamp_min(forward_model.LEAST_NORMAL)[..., None] for part in (x, y))
+    a, b = ((part.abs() / distance).clamp_min(rays.LEAST_NORMAL)[..., None] for part in (x, y))
     # The edge's profile across a pixel is a trapezoid: two boxes, one after the other.
     steps = (torch.arange(60, dtype=torch.float64) + 0.5) / 60 - 0.5
     places = inwards[..., None] + a * steps.repeat_interleave(60) + b * steps.repeat(60)
@@ -113,7 +113,7 @@ def test_the_share_is_that_of_a_blurred_straight_edge() -> None:
 def test_the_weights_of_a_pixels_rays_sum_to_its_share() -> None:
     at, ball = poses(), rough_ball()
     seen = windows(at)
-    share, _, _ = forward_model.coverage(*seen.offsets(at.centre), ball.radius, ball.edge_blur)
+    share, _, _ = rays.coverage(*seen.offsets(at.centre), ball.radius, ball.edge_blur)
     total = forward_model.design(seen, at, ball).factor.sum(-1)
     torch.testing.assert_close(total, at.gain.reshape(-1, 1, 1) * share, atol=1e-12, rtol=0)
     fast = forward_model.design(single(seen), at, ball).factor.sum(-1)

@@ -118,7 +118,7 @@ class _Limb:
         alike = torch.exp(-0.5 * ((arc[:, None] - arc) / PATTERN_PX).square())
         nodes, shares = _gauss_rule()
         blur = math.sqrt(variance)
-        # A straight edge in place of the circle enlarges the disc: see `sphere_map.forward_model.coverage`.
+        # A straight edge in place of the circle enlarges the disc: see `sphere_map.rays.coverage`.
         steps = self.steps - shift + variance / (2 * self.radius)
         at = (steps[:, None] + 0.5 * smears[:, None, None] * nodes) / blur  # (k, m, nodes)
         mean = (0.5 * torch.erfc(at / math.sqrt(2)) * shares).sum(-1)

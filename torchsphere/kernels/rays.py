@@ -61,7 +61,7 @@ def limb_part(distance: Any, radius: Any, half: Any) -> tuple[Any, Any]:
 
 @compiled
 def coverage(x: Any, y: Any, distance: Any, radius: Any, blur: Any) -> tuple[Any, Any, Any]:
-    """`sphere_map.forward_model.coverage` of one pixel."""
+    """`sphere_map.rays.coverage` of one pixel."""
     bent = (blur * blur + _TWELFTH) / (TWO * radius)
     inwards = radius - bent - distance
     if abs(inwards) >= ONE + _EIGHT * blur:

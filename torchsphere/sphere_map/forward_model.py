@@ -9,11 +9,9 @@ more rays near the limb. The footprint on the curved surface is what a correlati
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -23,26 +21,11 @@ from torchsphere.kernels.jit import suits
 from torchsphere.sphere_map import cube_map
 from torchsphere.sphere_map.ball import Poses, TexturedBall
 from torchsphere.sphere_map.cube_map import Places
+from torchsphere.sphere_map.rays import Rays, coverage, rays_of, rule
 from torchsphere.sphere_map.window import Windows
-
-#: Distance from the centre, radii, to which all rays further out are drawn (docs/constants.md).
-MAX_RAY_DISTANCE = 0.9998
-
-#: Half the width of a pixel, and share of it at which the two points of a Gauss rule lie.
-HALF_PIXEL, GAUSS_POINT = 0.5, 1 / math.sqrt(3)
-
-#: Number of points of the Gauss rule along the radius at the limb, of sharp and of blurred pixels (docs/constants.md).
-LIMB_RULE_POINTS, BLURRED_RULE_POINTS = 5, 8
-
-#: Distance from the centre, radii, and distance from the outline, px, from which a sharp pixel is at the limb: there
-#: the surface is so steep that two rays are not enough (docs/constants.md).
-LIMB_FROM, LEAST_LIMB_PX = 0.92, 1.5
 
 #: Least blur of the edge by the optics, px (docs/constants.md).
 MIN_BLUR_PX = 0.05
-
-#: Smallest component of an outline's normal, as the limit of an edge along the rows or columns of pixels.
-LEAST_NORMAL = 0.03
 
 #: Columns of `Linearisation.jacobian`: the motion, what all images share, and the brightness of each image.
 MOTION, SHARED, BRIGHTNESS = slice(0, 5), slice(5, 7), slice(7, 9)
@@ -128,145 +111,13 @@ class Design:
         return Places(self.corner.long(), self.offset.movedim(-1, 0), self.offset.new_zeros(()), self.cells)
 
 
-def rule(ball: TexturedBall) -> loops.Rule:
-    """Limits of the limb, and points of its Gauss rule, from -1 to 1, with their weights."""
-    points = BLURRED_RULE_POINTS if ball.footprint_blur else LIMB_RULE_POINTS
-    return (LIMB_FROM, LEAST_LIMB_PX, MAX_RAY_DISTANCE), np.polynomial.legendre.leggauss(points)
-
-
-@dataclass(frozen=True)
-class _Rays:
-    """Rays of each pixel, and how they move; (n, s, s, k) each."""
-
-    scale: Tensor  # distance of the ray from the centre over that of the pixel
-    by_distance: Tensor  # derivative of ``scale`` by the pixel's distance from the centre, 1/px
-    by_radius: Tensor  # derivative of ``scale`` by the radius, 1/px
-    weight: Tensor  # weight of the ray in its pixel
-    weight_by_distance: Tensor  # its derivatives, 1/px
-    weight_by_radius: Tensor
-
-
-def _rays(x: Tensor, y: Tensor, radius: Tensor, ball: TexturedBall) -> _Rays:
-    """Rays of the pixels at ``x`` and ``y`` from the centre, px, which broadcast to (n, s, s), on that ``radius``.
-
-    A blurred pixel is at the limb where the slope of the surface is as many times less as the pixel is wider.
-    """
-    distance = (x.square() + y.square()).sqrt().clamp_min(1e-6).unsqueeze(-1)
-    points = torch.tensor(np.array(rule(ball)[1]), dtype=distance.dtype, device=distance.device)
-    blur = ball.footprint_blur
-    # Width of a pixel with the blur over that of a sharp pixel.
-    wider = math.sqrt(1 + 12 * blur**2)
-    inner = _inner_rays(distance, radius, wider, points)
-    outer = _outer_rays(x, y, distance, radius, blur, points)
-    slope = LIMB_FROM / math.sqrt(1 - LIMB_FROM**2) / wider
-    limb_from = slope / math.sqrt(1 + slope**2)
-    is_inner = distance < torch.minimum(limb_from * radius, radius - LEAST_LIMB_PX * wider)
-    at, by_distance, by_radius, *weights = (torch.where(is_inner, i, o) for i, o in zip(inner, outer, strict=True))
-    limit = MAX_RAY_DISTANCE * radius
-    drawn = at > limit
-    at = torch.where(drawn, limit, at)
-    by_distance = torch.where(drawn, 0.0, by_distance)
-    by_radius = torch.where(drawn, MAX_RAY_DISTANCE, by_radius)
-    scale = at / distance
-    return _Rays(scale, (by_distance - scale) / distance, by_radius / distance, *weights)
-
-
-def _inner_rays(distance: Tensor, radius: Tensor, wider: float, points: Tensor) -> tuple[Tensor, ...]:
-    """Distances (n, s, s, k) of two rays from the centre, their derivatives, and their weights with derivatives.
-
-    Both hold the variance by which the footprint exceeds that in front: that of pixel and blur times ``(r / R)^2``.
-    """
-    sign = torch.zeros_like(points[0])
-    sign[0], sign[1] = -HALF_PIXEL * GAUSS_POINT * wider, HALF_PIXEL * GAUSS_POINT * wider
-    by_distance = 1 + sign / radius
-    at, none = distance * by_distance, torch.zeros_like(distance * sign)
-    return at, by_distance, -distance * sign / radius.square(), (sign != 0).to(at) / 2, none, none
-
-
-def _outer_rays(
-    x: Tensor, y: Tensor, distance: Tensor, radius: Tensor, blur: float, points: Tensor
-) -> tuple[Tensor, ...]:
-    """As `_inner_rays`, for pixels at the limb: a Gauss rule over the part of the pixel that the disc covers.
-
-    Seen along the radius, a square pixel is a trapezium, whose height weighs the rays; the blur widens its foot and
-    narrows its top. The rule's variable is the root of the distance from the outline, in which the surface is even. The
-    derivatives are those of the mean itself: rays stay in their pixel while the ball moves, and the outline gives or
-    takes what lies there.
-    """
-    normal = torch.stack((x.abs().expand(distance.shape[:-1]), y.abs().expand(distance.shape[:-1])), -1) / distance
-    half, plateau = _trapezium(normal, blur)
-    tilt = (distance / radius).clamp_max(1)
-    half, plateau = tilt * half, tilt * plateau
-    near, far = (distance - half).minimum(radius - 1e-3), distance + half
-    deep, shallow = (radius - near).sqrt(), (radius - far).clamp_min(1e-12).sqrt()
-    root = shallow + (deep - shallow) * (1 + points[0]) / 2
-    at = radius - root.square()
-    height = _height((at - distance).abs(), half, plateau)
-    weight = points[1] * root * height
-    # Part of the pixel per px at the outline: what a move of the outline adds to the part that the disc covers.
-    edge = torch.where(far > radius, _height((radius - distance).abs(), half, plateau), 0.0)
-    edge = edge / (weight * (deep - shallow)).sum(-1, keepdim=True).clamp_min(1e-6)
-    weight = weight / weight.sum(-1, keepdim=True)
-    # The first ray is the one nearest to the outline.
-    first = (torch.arange(len(points[0]), device=at.device) == 0).to(at)
-    by_radius = edge * (first - weight)
-    return at, torch.ones_like(at), torch.zeros_like(at), weight, -by_radius, by_radius
-
-
-def _trapezium(normal: Tensor, blur: float) -> tuple[Tensor, Tensor]:
-    """Half the widths (n, s, s, 1) at foot and top of a blurred pixel, seen along ``normal`` (n, s, s, 2).
-
-    The variance is a sixth of the sum of their squares: a twelfth, and the square of the blur.
-    """
-    foot, top = normal.sum(-1, keepdim=True) / 2, (normal[..., :1] - normal[..., 1:]).abs() / 2
-    narrow = foot - top
-    beyond = ((narrow.square() + 12 * blur**2).sqrt() - narrow) / 2
-    is_triangle = beyond > top
-    triangle = math.sqrt(0.5 + 6 * blur**2)
-    return torch.where(is_triangle, triangle, foot + beyond), torch.where(is_triangle, 0.0, top - beyond)
-
-
-def _height(away: Tensor, half: Tensor, plateau: Tensor) -> Tensor:
-    """Height of a pixel's trapezium ``away`` from its middle, as a share of that in the middle."""
-    return ((half - away) / (half - plateau).clamp_min(1e-3)).clamp(1e-3, 1)
-
-
-def coverage(x: Tensor, y: Tensor, radius: Tensor, blur: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Share of each pixel that the disc covers, and its derivatives by the radius and by the ``blur``, 1/px.
-
-    ``x`` and ``y`` from the centre broadcast. Exact for a straight edge through a square pixel with Gaussian ``blur``,
-    px: the twofold integral of the Gaussian at the four corners.
-    """
-    distance = (x.square() + y.square()).sqrt().clamp_min(1e-6)
-    # A straight edge in place of the circle enlarges the disc by pi times the variance of blur and pixel.
-    bent = (blur.square() + 1 / 12) / (2 * radius)
-    inwards = radius - bent - distance
-    a, b = ((v.abs() / distance).clamp_min(LEAST_NORMAL) / 2 for v in (x, y))
-    share, slope, spread = (torch.zeros_like(inwards) for _ in range(3))
-    for corner, sign in ((a + b, 1.0), (a - b, -1.0), (b - a, -1.0), (-a - b, 1.0)):
-        at = inwards + corner
-        z = (at / blur).clamp(-30, 30)
-        below = torch.special.ndtr(z)
-        density = torch.exp(-0.5 * z.square()) * (blur / math.sqrt(2 * math.pi))
-        share = share + sign * (0.5 * (at.square() + blur.square()) * below + 0.5 * at * density)
-        slope = slope + sign * (at * below + density)
-        spread = spread + sign * blur * below
-    area = 4 * a * b
-    by_distance = slope / area
-    near = inwards.abs() < 1 + 8 * blur
-    share = torch.where(near, share / area, (inwards > 0).to(distance))
-    by_distance = torch.where(near, by_distance, 0.0)
-    by_blur = torch.where(near, spread / area, 0.0) - by_distance * blur / radius
-    return share, by_distance, by_blur
-
-
 @dataclass(frozen=True)
 class _Projection:
     """The ball projected into n images, without the map's values."""
 
     x: Tensor  # offsets of the pixels from the centre, px, by `Windows.offsets`
     y: Tensor
-    rays: _Rays
+    rays: Rays
     points: Tensor  # points (3, n, s, s, k) of the rays on the unit sphere, in the axes of the view
     shrink: Tensor  # distance (n, s, s, k) of the points from the axis of the view over that of their rays
     height: Tensor  # height (n, s, s, k) of a point that a parallel ray at this distance would meet, radii
@@ -301,7 +152,7 @@ def _seen(windows: Windows, poses: Poses, ball: TexturedBall) -> _Seen:
 def _project(windows: Windows, poses: Poses, ball: TexturedBall) -> _Projection:
     x, y = windows.offsets(poses.centre)
     radius, blur = ball.radius.to(x), ball.edge_blur.to(x)
-    rays = _rays(x, y, radius, ball)
+    rays = rays_of(x, y, radius, ball)
     seen = _seen(windows, poses, ball)
     near = seen.nearness.to(x).reshape(-1, 1, 1, 1)
     across, down = rays.scale * x.unsqueeze(-1) / radius, rays.scale * y.unsqueeze(-1) / radius

@@ -22,26 +22,24 @@ from torchsphere.imaging.background import background
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import bundle_adjustment, exposure, registration, residual_scatter
+from torchsphere.sphere_map import bundle_adjustment, exposure, residual_scatter
 from torchsphere.sphere_map.ball import Poses
 from torchsphere.sphere_map.bundle_adjustment import NEW_MAP_STEPS, Adjustment
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
 from torchsphere.sphere_map.keyframes import choose_keyframes, choose_map_frames
+from torchsphere.sphere_map.known_frames import KnownFrames, register_frames
 from torchsphere.sphere_map.nearness import nearness_of, seen_alike
 from torchsphere.sphere_map.perspective import Optics, orthographic
 from torchsphere.sphere_map.pixel_weights import ROUNDING_VARIANCE
 from torchsphere.sphere_map.pose_errors import step_covariances, without_leverage
 from torchsphere.sphere_map.registration import Registration
 from torchsphere.sphere_map.state import State, drawn, fit_map, reweighted
-from torchsphere.sphere_map.window import Windows, cut_windows, texture_variance
+from torchsphere.sphere_map.window import texture_variance
 
 Array = NDArray[np.float64]
 
 #: Smallest number of frames for a map.
 MIN_FRAMES = 6
-
-#: Frames that are registered at once (docs/constants.md).
-BATCH = 32
 
 #: Pixels of the images that make the map, all in all (docs/constants.md).
 MAP_PIXELS = 700_000
@@ -54,9 +52,6 @@ CELLS_PER_TEXTURE, MIN_CELL_PX, MAX_CELL_PX = 0.75, 1.0, 1.2
 
 #: Residual variance within the disc, in variances of the noise, from which the map is refused (docs/constants.md).
 MAX_MISFIT = 4.0
-
-#: Largest misfit of a frame on the map, and largest move by its registration, radii (docs/constants.md).
-MAX_FRAME_MISFIT, MAX_MOVE = 2.0, 0.1
 
 #: Blur of the outline, px, from which the map is refused: a blur by an object in front (docs/constants.md).
 MAX_EDGE_BLUR_PX = 2.0
@@ -90,39 +85,6 @@ class MapPoses:
     widening: Array = field(default_factory=lambda: np.ones(5))
 
 
-#: Numbers of frames, and their poses before and after the registration.
-Anchors = tuple[list[int], Poses, Poses]
-
-
-@dataclass(frozen=True)
-class _Frames:
-    """The images with their initial poses, their background (h, w), and a mask (h, w) of the usable pixels.
-
-    Tensors are on the device of the source.
-    """
-
-    source: Source
-    known: NDArray[np.int64]  # numbers (k,) of the frames with an initial pose
-    position: Tensor  # initial poses of all frames, float64: (n, 2) and (n, 3, 3), NaN where unknown
-    orientation: Tensor
-    background: Tensor
-    usable: Tensor | None
-    optics: Optics | None
-    moments: Tensor | None = None  # `Windows.moments` of all frames
-
-    def windows(self, numbers: list[int], centres: Tensor, radius: float) -> Windows:
-        """Windows of the given frames around ``centres`` (k, 2)."""
-        first, last = numbers[0], numbers[-1] + 1
-        if last - first == len(numbers):
-            images = self.source.unconverted(first, last)
-        else:
-            images = torch.cat([self.source.unconverted(i, i + 1) for i in numbers])
-        # Single precision is nearly twice as fast and moves a pose by 1e-6 px.
-        images = images.float() if images.dtype == torch.float64 else images
-        moments = None if self.moments is None else self.moments[numbers]
-        return cut_windows(images, self.background, centres, radius, self.usable, self.optics, moments)
-
-
 def poses_on_map(
     source: Source,
     position: Array,
@@ -147,21 +109,8 @@ def poses_on_map(
     known = np.flatnonzero(np.isfinite(position[:, 0]) & np.isfinite(orientation[:, 0, 0]))
     if len(known) < MIN_FRAMES:
         return f"a map of the ball needs {MIN_FRAMES} frames with a known pose, and this recording has {len(known)}"
-    # Images, poses and camera are all on one device.
-    optics = None if camera is None else Optics.of(camera, source.device)
-    seen = torch.from_numpy(position).to(source.device)
-    centres = seen if optics is None else optics.straightened(seen)
-    reach = circle.radius * (1.0 if optics is None else optics.enlargement(centres[known], circle.radius))
-    frames = _Frames(
-        source,
-        known,
-        centres,
-        torch.from_numpy(orientation).to(source.device),
-        background(source, position, reach).to(source.device, torch.float32),
-        None if ignore is None else ~ignore.to(source.device),
-        optics,
-        exposure.moments(_motion(position, orientation, circle.radius), open_share, circle.radius),
-    )
+    frames = _known_frames(source, known, position, orientation, circle, ignore, camera, open_share)
+    optics = frames.optics
     keys = choose_keyframes(known, orientation)
     initial = Poses.at(frames.position[keys], frames.orientation[keys])
     windows = frames.windows(keys, initial.centre, circle.radius)
@@ -200,6 +149,33 @@ def poses_on_map(
     return assembled if optics is None else _through_lens(assembled, optics)
 
 
+def _known_frames(
+    source: Source,
+    known: NDArray[np.int64],
+    position: Array,
+    orientation: Array,
+    circle: Circle,
+    ignore: Tensor | None,
+    camera: Camera | None,
+    open_share: float,
+) -> KnownFrames:
+    """The images with what `poses_on_map` is given of them; images, poses and camera are all on one device."""
+    optics = None if camera is None else Optics.of(camera, source.device)
+    seen = torch.from_numpy(position).to(source.device)
+    centres = seen if optics is None else optics.straightened(seen)
+    reach = circle.radius * (1.0 if optics is None else optics.enlargement(centres[known], circle.radius))
+    return KnownFrames(
+        source,
+        known,
+        centres,
+        torch.from_numpy(orientation).to(source.device),
+        background(source, position, reach).to(source.device, torch.float32),
+        None if ignore is None else ~ignore.to(source.device),
+        optics,
+        exposure.moments(_motion(position, orientation, circle.radius), open_share, circle.radius),
+    )
+
+
 def _motion(position: Array, orientation: Array, radius: float) -> Tensor:
     """Motion (n, 5) of all frames by the steps to their neighbours, px per frame, rotations times the ``radius``.
 
@@ -215,7 +191,7 @@ def _motion(position: Array, orientation: Array, radius: float) -> Tensor:
     return torch.from_numpy(np.where(measured, around, 0.0).sum(0) / measured.sum(0).clip(1))
 
 
-def _seen_alike(frames: _Frames, initial: Poses, optics: Optics | None) -> tuple[_Frames, Poses]:
+def _seen_alike(frames: KnownFrames, initial: Poses, optics: Optics | None) -> tuple[KnownFrames, Poses]:
     """Frames and initial poses, so far orthographic, as the camera that was found shows the same sides of the ball."""
     if optics is None:
         return frames, initial
@@ -265,7 +241,7 @@ def _refusal(adjustment: Adjustment, radius: float, misfit: float) -> str:
 
 
 def _on_map(
-    frames: _Frames,
+    frames: KnownFrames,
     keys: list[int],
     initial: Poses,
     adjustment: Adjustment,
@@ -281,11 +257,11 @@ def _on_map(
     chosen = choose_map_frames(frames.known, keys, MAP_PIXELS // state.windows.levels[0].numel())
     numbers, poses = np.array(keys), state.poses
     if len(chosen) > len(keys):
-        others, found = _register(frames, np.setdiff1d(chosen, keys), anchors, state, shared, lambda done: None)
+        others, found = register_frames(frames, np.setdiff1d(chosen, keys), anchors, state, shared, lambda done: None)
         order = torch.from_numpy(np.argsort(np.concatenate((keys, others))))
         numbers, poses = np.union1d(keys, others), Poses.joined([poses, found.poses]).take(order)
     state, leverage = _of_more_frames(state, frames, numbers, poses, shared)
-    registered, found = _register(frames, frames.known, anchors, state, shared, report)
+    registered, found = register_frames(frames, frames.known, anchors, state, shared, report)
     some = residual_scatter.spread_out(len(registered))
     poses = found.poses.take(torch.from_numpy(some).to(found.misfit.device))
     windows = frames.windows(registered[some].tolist(), poses.centre, float(state.ball.radius))
@@ -295,7 +271,7 @@ def _on_map(
 
 
 def _of_more_frames(
-    state: State, frames: _Frames, numbers: NDArray[np.int64], poses: Poses, shared: RowRunner
+    state: State, frames: KnownFrames, numbers: NDArray[np.int64], poses: Poses, shared: RowRunner
 ) -> tuple[State, Tensor]:
     """The state with a map of the frames with these ``numbers`` (m,) and ``poses``, and the frames' leverage (m,)."""
     windows = frames.windows(numbers.tolist(), poses.centre, float(state.ball.radius))
@@ -308,65 +284,6 @@ def _of_more_frames(
     leverage, visible = equations.leverage(), windows.visibility > 0
     mean = (visible * leverage).sum((1, 2)) / visible.sum((1, 2)).clamp_min(1)
     return reweighted(state, residual, leverage), mean
-
-
-def _register(
-    frames: _Frames,
-    wanted: NDArray[np.int64],
-    anchors: Anchors,
-    state: State,
-    shared: RowRunner,
-    report: Callable[[int], None],
-) -> tuple[NDArray[np.int64], Registration]:
-    """Numbers (k,) and registrations of the ``wanted`` frames that fit the map.
-
-    A batch starts where the frame before it was found: the sum of the increments drifts from turn to turn.
-    """
-    ball, profile = state.ball, state.profile
-    numbers, found = [], []
-    for first in range(0, len(wanted), BATCH):
-        batch = wanted[first : first + BATCH]
-        start = _undrifted(frames, batch, *anchors)
-        windows = frames.windows(batch.tolist(), start.centre, float(ball.radius))
-
-        def part(a: int, b: int, windows: Windows = windows, start: Poses = start) -> Registration:
-            return registration.register(windows.rows(a, b), start.take(slice(a, b)), ball, profile)
-
-        registered = Registration.joined(shared(part, len(batch)))
-        move = (registered.poses.centre - start.centre).norm(dim=1)
-        accepted = registered.converged & (move < MAX_MOVE * ball.radius) & (registered.misfit < MAX_FRAME_MISFIT)
-        rows = torch.nonzero(accepted)[:, 0]
-        numbers.append(batch[rows.cpu().numpy()])
-        found.append(registered.take(rows))
-        report(first + len(batch))
-        if len(rows):
-            anchors = _with_last(anchors, frames, int(numbers[-1][-1]), found[-1].poses.take(slice(-1, None)))
-    return np.concatenate(numbers), Registration.joined(found)
-
-
-def _with_last(anchors: Anchors, frames: _Frames, number: int, pose: Poses) -> Anchors:
-    """The ``anchors`` after frame ``number``, with the pose that was found for it; those before it are not needed."""
-    numbers, before, after = anchors
-    later = [i for i, key in enumerate(numbers) if key > number]
-    own = Poses.at(frames.position[number : number + 1], frames.orientation[number : number + 1])
-    kept = [number, *(numbers[i] for i in later)]
-    return kept, Poses.joined([own, before.take(later)]), Poses.joined([pose, after.take(later)])
-
-
-def _undrifted(frames: _Frames, batch: NDArray[np.int64], numbers: list[int], before: Poses, after: Poses) -> Poses:
-    """Initial poses of a ``batch`` of frames without their drift, interpolated between the anchors in time.
-
-    Anchors are frames with these ``numbers`` whose poses are known ``before`` and ``after`` the registration.
-    """
-    shift = after.centre - before.centre
-    turn = So3.from_matrix(after.orientation @ before.orientation.mT).log()
-    brightness = torch.stack((after.gain, after.offset), 1)
-    known = torch.cat((shift, turn, brightness), 1).cpu().numpy()
-    at = np.stack([np.interp(batch, numbers, column) for column in known.T], 1)
-    change = torch.from_numpy(at).to(frames.position.device)
-    rotation = So3.exp(change[:, 2:5]).matrix()
-    centre = frames.position[batch] + change[:, :2]
-    return Poses(centre, rotation @ frames.orientation[batch], change[:, 5], change[:, 6])
 
 
 def _assemble(

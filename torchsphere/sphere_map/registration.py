@@ -9,7 +9,7 @@ from torch import Tensor
 
 from torchsphere.kernels import registration as loops
 from torchsphere.kernels.jit import suits
-from torchsphere.sphere_map import exposure, forward_model, pixel_weights
+from torchsphere.sphere_map import exposure, forward_model, pixel_weights, rays
 from torchsphere.sphere_map.ball import Poses, TexturedBall
 from torchsphere.sphere_map.forward_model import BRIGHTNESS, MOTION, SHARED, Linearisation
 from torchsphere.sphere_map.pixel_weights import ResidualProfile
@@ -108,7 +108,7 @@ def _equations(
         rings = profile.limits.clamp_min(0).float().square(), profile.variance
         hidden = pixel_weights.NEIGHBOURHOOD_PX, pixel_weights.HIDDEN_FROM
         images = forward_model.inputs_of_loops(windows, poses, ball)
-        given = ball.coefficients, ball.cells, forward_model.rule(ball), images, windows.levels
+        given = ball.coefficients, ball.cells, rays.rule(ball), images, windows.levels
         columns = COLUMNS if windows.optics is None else [*COLUMNS, RADIUS]
         normal, gradient, squares, seen = loops.equations(*given, rings, hidden, columns)
         if windows.optics is not None:
