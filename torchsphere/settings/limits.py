@@ -15,6 +15,9 @@ ROI = (0.1, 1.0)
 #: Digits of the largest whole number that a refusal repeats.
 _MOST_DIGITS = 20
 
+#: Characters of the longest value that a refusal repeats whole.
+_MOST_CHARACTERS = 200
+
 #: Lowest and highest frame rate, 1/s (docs/constants.md).
 FRAME_RATES = (1e-6, 1e13)
 
@@ -57,7 +60,7 @@ def require_within(name: str, value: Any, limits: tuple[float, float]) -> None:
     """Raise SettingError unless the value is a number within the limits."""
     low, high = limits
     if not (isinstance(value, Real) and low <= as_float(value) <= high):
-        raise SettingError(f"`{name}` = {shown_number(value)}: expected a number from {low:g} to {high:g}")
+        raise SettingError(f"`{name}` = {shown_value(value)}: expected a number from {low:g} to {high:g}")
 
 
 def within(limits: tuple[float, float]) -> Callable[[str, Any], None]:
@@ -70,7 +73,7 @@ def require_one_of(names: Sequence[str]) -> Callable[[str, Any], None]:
 
     def require(name: str, value: Any) -> None:
         if value not in names:
-            raise SettingError(f"`{name}` = {value!r}: expected one of {', '.join(names)}")
+            raise SettingError(f"`{name}` = {shown_value(value)}: expected one of {', '.join(names)}")
 
     return require
 
@@ -93,18 +96,19 @@ def as_float(value: Any) -> float:
         return math.inf if value > 0 else -math.inf
 
 
-def shown_number(value: Any) -> str:
-    """A number as in a refusal; a whole number of hundreds of digits by its length."""
+def shown_value(value: Any) -> str:
+    """A value as in a refusal: a whole number of hundreds of digits by its length, a long text by its start."""
     if isinstance(value, Integral) and abs(value) >= 10**_MOST_DIGITS:
         return f"a number of more than {_MOST_DIGITS} digits"
-    return repr(value)
+    shown = repr(value)
+    return shown if len(shown) <= _MOST_CHARACTERS else f"{shown[:_MOST_CHARACTERS]}..."
 
 
 def as_positive(name: str, value: Any, expected: str = "a finite, positive number") -> float:
     """The value as a float; ValueError unless it is finite and positive."""
     found = as_float(value)
     if not (math.isfinite(found) and found > 0):
-        raise ValueError(f"{name} = {value!r}: expected {expected}")
+        raise ValueError(f"{name} = {shown_value(value)}: expected {expected}")
     return found
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from torchsphere.settings.limits import SettingError, shown_number
+from torchsphere.settings.limits import SettingError, shown_value
 
 _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -121,7 +121,9 @@ class Setting:
             value = self.kind.read(text.strip())
             return [value] if self.repeats else value
         except (ValueError, KeyError):
-            raise SettingError(f"`{self.name}` = {text.strip()!r}: expected {self._expected(text)}") from None
+            raise SettingError(
+                f"`{self.name}` = {shown_value(text.strip())}: expected {self._expected(text)}"
+            ) from None
 
     def _expected(self, text: str) -> str:
         """The valid text, with a hint on decimal commas; a comma may also separate several numbers."""
@@ -137,7 +139,7 @@ class Setting:
                 return self._read_toml(value)
             return [self._read_toml(each) for each in (value if isinstance(value, list) else [value])]
         raise SettingError(
-            f"`{self.name}` = {shown_number(value)}: expected {self.kind.expected}; "
+            f"`{self.name}` = {shown_value(value)}: expected {self.kind.expected}; "
             f"write {self.name} = {self.kind.in_toml}"
         )
 
