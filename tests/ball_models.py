@@ -12,7 +12,7 @@ from torchsphere.imaging.interpolation import spline_weights
 from torchsphere.sphere_map import cube_map
 from torchsphere.sphere_map.ball import Poses, TexturedBall
 from torchsphere.sphere_map.cube_map import Places
-from torchsphere.sphere_map.forward_model import Design
+from torchsphere.sphere_map.design import Design
 from torchsphere.sphere_map.window import Windows, cut_windows
 
 Result = TypeVar("Result")
@@ -47,11 +47,19 @@ def dense_design(places: Places) -> Tensor:
 
 def dense_rows(design: Design) -> Tensor:
     """Matrix (n * s * s, m) of the map's part of the grey levels by the coefficients."""
-    offset = design.offset.flatten(0, 3).T
+    offset, count = design.offset.flatten(0, 1).T, cube_map.coefficient_count(design.cells)
     index, weight = indices_and_weights(Places(design.corner.flatten().long(), offset, offset, design.cells))
-    amounts = (weight * design.factor.reshape(-1, 1)).reshape(design.fixed.numel(), -1)
-    rows = torch.zeros(len(amounts), cube_map.coefficient_count(design.cells), dtype=weight.dtype)
-    return rows.scatter_add(1, index.reshape(len(amounts), -1), amounts)
+    amounts = weight * design.factor.reshape(-1, 1)
+    first = design.fixed[0].numel() * torch.arange(len(design.fixed)).unsqueeze(1)
+    row = (first + design.pixel).reshape(-1, 1)
+    rows = torch.zeros(design.fixed.numel() * count, dtype=weight.dtype)
+    return rows.index_add(0, (row * count + index).flatten(), amounts.flatten()).reshape(-1, count)
+
+
+def sums_of_factors(design: Design) -> Tensor:
+    """Sums (n, s, s) of the factors of each pixel's rays."""
+    sums = design.factor.new_zeros(len(design.fixed), design.fixed[0].numel())
+    return sums.scatter_add(1, design.pixel.long(), design.factor).reshape(design.fixed.shape)
 
 
 @functools.lru_cache(maxsize=4)

@@ -13,7 +13,7 @@ from shots import Shot, noisy, rotation_matrix, shot
 
 from torchsphere.sphere_map import bundle_adjustment, elimination, pixel_weights
 from torchsphere.sphere_map.ball import Poses
-from torchsphere.sphere_map.bundle_adjustment import Adjustment
+from torchsphere.sphere_map.bundle_adjustment import Adjustment, LastStep
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
 from torchsphere.sphere_map.map_fit import MapEquations
 from torchsphere.sphere_map.state import State, drawn, linearised
@@ -76,8 +76,8 @@ def test_further_steps_reach_the_minimum_of_the_squares_and_then_stop(adjusted: 
         model = linearised(state, one_share)
         weights = state.profile.weights(state.windows, state.poses.centre)
         equations = MapEquations.of(drawn(state, one_share), weights, one_share)
-        joint = elimination.joint_equations(model, equations, state.poses)
-        state, move = bundle_adjustment._moved(state, joint, *bundle_adjustment._step(joint, state, model))
+        last = LastStep(state, model, elimination.joint_equations(model, equations, state.poses))
+        state, move = bundle_adjustment._moved(state, last.joint, *bundle_adjustment._step(last))
         moves.append(move)
     # At the minimum a step is rounding. The adjustment ends within a standard deviation.
     assert moves[-1] < 1e-3, moves

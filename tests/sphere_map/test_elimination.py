@@ -7,7 +7,7 @@ import torch
 from ball_models import dense_rows, one_share, poses, random, rough_ball, windows
 from torch import Tensor
 
-from torchsphere.sphere_map import cube_map, elimination, forward_model
+from torchsphere.sphere_map import cube_map, elimination, forward_model, map_fit
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
 from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.map_fit import MapEquations
@@ -101,13 +101,22 @@ def test_conjugate_gradients_reach_the_dense_solution(dense: Dense) -> None:
 
 def test_the_approximate_solution_is_that_of_a_map_that_is_diagonal_at_its_nodes(dense: Dense) -> None:
     by_map, by_unknowns = random(COUNT), random(UNKNOWNS, seed=8)
-    of_map, step = dense.joint.approximate(by_map, by_unknowns)
+    found = dense.joint.approximate(by_map, by_unknowns)
+    of_map, step = found.of_map, found.step
     of_nodes = torch.linalg.inv(dense.joint.map.approximate_inverse(torch.eye(COUNT, dtype=torch.float64)))
     upper = torch.cat((of_nodes, dense.coupling), 1)
     whole = torch.cat((upper, torch.cat((dense.coupling.T, dense.joint.normal), 1)))
     exact = torch.linalg.solve(whole, torch.cat((by_map, by_unknowns)))
     torch.testing.assert_close(step, exact[COUNT:], rtol=1e-6, atol=1e-6 * float(exact[COUNT:].abs().max()))
     torch.testing.assert_close(of_map, exact[:COUNT], rtol=1e-6, atol=1e-6 * float(exact[:COUNT].abs().max()))
+
+
+def test_a_direction_knows_its_products_with_the_coupling(dense: Dense) -> None:
+    first, second = (dense.joint.approximate(random(COUNT, seed=k), random(UNKNOWNS, seed=k)) for k in (7, 8))
+    found, coupling = first.plus(torch.tensor(0.3), second), dense.joint.coupling
+    torch.testing.assert_close(found.coupled, coupling @ found.step)
+    nodes = map_fit.from_nodes(found.of_map, dense.joint.map.design.cells)
+    torch.testing.assert_close(found.coupled_back, coupling.T @ nodes)
 
 
 def test_the_covariance_is_near_that_of_the_dense_schur_complement(dense: Dense) -> None:

@@ -203,7 +203,8 @@ def test_the_joint_equations_run_on_a_gpu(mode: OnFakeCuda, fake: _Fake) -> None
 def test_the_weights_of_the_pixels_run_on_a_gpu(mode: OnFakeCuda, fake: _Fake) -> None:
     with mode:
         seen, centre = fake.windows, fake.poses.centre
-        profile = pixel_weights.measure_profile(seen, centre, seen.levels, fake.ball.radius, seen.visibility)
+        sums = pixel_weights.ring_sums(seen, centre, seen.levels, fake.ball.radius, seen.visibility)
+        profile = pixel_weights.profile_of(sums, fake.ball.radius)
         check(profile.weights(seen, centre))
         check(pixel_weights.estimate_visibility(seen, profile.at(seen, centre), seen.levels))
 

@@ -28,7 +28,7 @@ def test_the_variance_of_a_ring_is_the_mean_square_of_its_pixels_and_excess_over
     distance = distances(seen, at) - RADIUS
     residual = 2 * random(*seen.levels.shape) * torch.where(distance > -3, 1.5, 1.0)
     leverage = 0.3 * torch.sigmoid(random(*seen.levels.shape, seed=6))
-    profile = pixel_weights.measure_profile(seen, at.centre, residual, SIZE, leverage)
+    profile = pixel_weights.profile_of(pixel_weights.ring_sums(seen, at.centre, residual, SIZE, leverage), SIZE)
     assert len(profile.variance) == len(RING_LIMITS_PX) + 1
     variance, inner = profile.at(seen, at.centre), None
     for lower, upper in itertools.pairwise((-RADIUS, *RING_LIMITS_PX, 100.0)):
@@ -44,7 +44,7 @@ def test_rounding_limits_the_variance_from_below() -> None:
     at = poses()
     seen = windows(at)
     none = torch.zeros_like(seen.levels)
-    profile = pixel_weights.measure_profile(seen, at.centre, none, SIZE, none)
+    profile = pixel_weights.profile_of(pixel_weights.ring_sums(seen, at.centre, none, SIZE, none), SIZE)
     assert float(profile.variance.min()) == pytest.approx(ROUNDING_VARIANCE)
 
 

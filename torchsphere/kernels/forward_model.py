@@ -14,14 +14,20 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.kernels.cube_map import place, slopes, sum_with_slopes, weights
-from torchsphere.kernels.jit import ONE, TWO, ZERO, Floats, compiled
-from torchsphere.kernels.rays import coverage, height_at, limb_part, row_of_rays, trapezium, two_rays
+from torchsphere.kernels.jit import ONE, TWO, ZERO, Floats, Integers, arrays, compiled
+from torchsphere.kernels.rays import (
+    Rule,
+    coverage,
+    height_at,
+    limb_part,
+    number_of_rule,
+    row_of_rays,
+    trapezium,
+    two_rays,
+)
 
 Array = NDArray[Any]
 Numbers = NDArray[np.int32]
-
-#: Limits of the limb, px and radii, and a Gauss rule: see `linearise`.
-Rule = tuple[tuple[float, ...], tuple[Any, Any]]
 
 _HALF, _TINY = np.float32(0.5), np.float32(1e-6)
 _FIVE, _THREE, _EIGHT, _QUARTER = (np.float32(v) for v in (5, 3, 8, 0.25))
@@ -44,46 +50,39 @@ def contiguous(
     return tuple(tensor.to(torch.float32).contiguous().numpy() for tensor in tensors)
 
 
-def rule_arrays(rule: Rule) -> tuple[Any, ...]:
-    """The rule as arrays in single precision: see `linearise`."""
-    return np.array(rule[0], np.float32), *(np.array(part, np.float32) for part in rule[1])
-
-
 def linearise(coefficients: Tensor, cells: int, rule: Rule, *images: Tensor) -> tuple[Tensor, Tensor]:
     """Levels (n, s, s) and jacobian (n, s * s, 9); ``images`` as for `contiguous`.
 
     Offsets (n, 2) of the first pixel from the centre, or those of all pixels (n, s, s, 2), without images in an
     orthographic view; orientations (n, 3, 3), gains and offsets (n, 2), visibility and background (n, s, s); radius,
-    blur, nearness, light and blur of the footprint (n, 8), in the axes of the view. The ``rule`` says where the limb of
-    a sharp image begins, in radii and px from the outline, and up to where rays are drawn, radii; then points and
-    weights of the limb's Gauss rule.
+    blur, nearness, light and blur of the footprint (n, 8), in the axes of the view.
     """
     given = contiguous(*images)
     levels = torch.zeros_like(images[4])
     jacobian = levels.new_zeros(len(levels), levels[0].numel(), COLUMNS)
-    _linearise(coefficients.contiguous().numpy(), cells, *rule_arrays(rule), *given, levels.numpy(), jacobian.numpy())
+    _linearise(coefficients.contiguous().numpy(), cells, rule, *given, levels.numpy(), jacobian.numpy())
     return levels, jacobian
 
 
-def design(cells: int, rule: Rule, *images: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Corners, offsets, factors and fixed levels of `sphere_map.forward_model.Design`."""
-    given, points = contiguous(*images), rule[1]
+def design(cells: int, rule: Rule, *images: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+    """Corners, offsets, factors and pixels of the rays, and fixed levels, of `sphere_map.design.Design`."""
+    given = contiguous(*images)
     fixed = torch.zeros_like(images[4])
     n, side, _ = fixed.shape
-    rays = len(points[0])
-    corner, offset = torch.zeros(n, side, side, rays, dtype=torch.int32), fixed.new_zeros(n, side, side, rays, 2)
-    factor = fixed.new_zeros(n, side, side, rays)
-    _design(cells, *rule_arrays(rule), *given, corner.numpy(), offset.numpy(), factor.numpy(), fixed.numpy())
-    return corner, offset, factor, fixed
+    begins = torch.empty(n, side * side + 1, dtype=torch.int64)
+    _count(rule, given[0], given[1], given[4], given[6], begins.numpy())
+    most = int(begins[:, -1].max())
+    corner, pixel = (torch.zeros(n, most, dtype=torch.int32) for _ in range(2))
+    offset, factor = fixed.new_zeros(n, most, 2), fixed.new_zeros(n, most)
+    _design(cells, rule, *given, begins.numpy(), *arrays(corner, offset, factor, pixel, fixed))
+    return corner, offset, factor, pixel, fixed
 
 
 @compiled
 def _linearise(
     coefficients: Floats,
     cells: int,
-    limits: Floats,
-    points: Floats,
-    shares: Floats,
+    rule: Rule,
     first: Floats,
     places: Floats,
     turns: Floats,
@@ -95,9 +94,9 @@ def _linearise(
     jacobian: Floats,
 ) -> None:
     n, side, _ = visibility.shape
-    room, line = room_for_rows(side, len(points)), np.empty((COLUMNS, side), np.float32)
+    room, line = room_for_rows(side, rule.points.shape[1]), np.empty((COLUMNS, side), np.float32)
     for i in range(n):
-        given = coefficients, cells, limits, points, shares, turns[i], brightness[i], ball[i]
+        given = coefficients, cells, rule, turns[i], brightness[i], ball[i]
         for row in range(side):
             find_places(first[i], places, i, row, room)
             linearise_row(given, visibility[i, row], background[i, row], room, levels[i, row], line)
@@ -143,12 +142,12 @@ def linearise_row(
     Both are 0 for pixels without weight. ``given`` are the map, its cells, the rule, the turn, the brightness and the
     ball; ``room`` is that of `room_for_rows` with the places of the pixels.
     """
-    coefficients, cells, limits, points, shares, turn, brightness, ball = given
+    coefficients, cells, rule, turn, brightness, ball = given
     outline, begins, rays, corner, axis, xs, ys = room
     per_px = ONE / ball[0]
     gain, dark = brightness[0], brightness[1]
     # Step by step over the rays of the row: the steps without look-ups run on several rays at once.
-    count = row_of_rays(xs, ys, ball, limits, points, shares, visibility, outline, begins, rays)
+    count = row_of_rays(xs, ys, ball, rule, visibility, outline, begins, rays)
     _touch(rays, count, per_px, ball[2])
     _meet(rays, corner, axis, count, turn, cells)
     _look_up(coefficients, np.uint64(cells + 3), corner, rays, count)
@@ -278,11 +277,35 @@ def _move(rays: Floats, axis: Numbers, count: int, turn: Floats, ball: Floats, c
 
 
 @compiled
+def _count(rule: Rule, first: Floats, places: Floats, visibility: Floats, ball: Floats, begins: Integers) -> None:
+    """Number of rays before each pixel, and in all: none where the ball cannot be seen."""
+    n, side, _ = visibility.shape
+    room = room_for_rows(side, 1)
+    for i in range(n):
+        radius, blur, wide = ball[i, 0], ball[i, 1], ball[i, 7]
+        inner, _ = two_rays(radius, wide, rule)
+        beyond, count = radius + ONE + _EIGHT * blur, 0
+        for row in range(side):
+            find_places(first[i], places, i, row, room)
+            for column in range(side):
+                begins[i, row * side + column] = count
+                x, y = room[5][column], room[6][column]
+                distance = np.sqrt(x * x + y * y)
+                if visibility[i, row, column] == ZERO or distance >= beyond:
+                    continue
+                if distance < inner:
+                    count += 2
+                else:
+                    half, _ = trapezium(x, y, distance, radius, wide)
+                    shallow, deep = limb_part(distance, radius, half)
+                    count += rule.counts[number_of_rule(shallow, deep, radius, rule)]
+        begins[i, side * side] = count
+
+
+@compiled
 def _design(
     cells: int,
-    limits: Floats,
-    points: Floats,
-    shares: Floats,
+    rule: Rule,
     first: Floats,
     places: Floats,
     turns: Floats,
@@ -290,43 +313,45 @@ def _design(
     visibility: Floats,
     background: Floats,
     ball: Floats,
-    corners: Array,
-    offsets: Array,
-    factor: Array,
+    begins: Integers,
+    corners: Numbers,
+    offsets: Floats,
+    factor: Floats,
+    pixel: Numbers,
     fixed: Floats,
 ) -> None:
     n, side, _ = visibility.shape
-    room = room_for_rows(side, len(points))
+    room = room_for_rows(side, 1)
     for i in range(n):
         radius, blur, near, same, lx, ly, lz, wide = ball[i]
-        inner, closer = two_rays(radius, wide, limits)
-        outermost, per_px = limits[2] * radius, ONE / radius
+        inner, closer = two_rays(radius, wide, rule)
+        outermost, per_px = rule.limits[2] * radius, ONE / radius
         turn, gain, dark = turns[i], brightness[i, 0], brightness[i, 1]
         for row in range(side):
             find_places(first[i], places, i, row, room)
             for column in range(side):
                 if visibility[i, row, column] == ZERO:
                     continue
+                number = row * side + column
+                start, stop = begins[i, number], begins[i, number + 1]
                 x, y = room[5][column], room[6][column]
                 distance = np.sqrt(x * x + y * y)
                 distance = distance if distance > _TINY else _TINY
                 share, _, _ = coverage(x, y, distance, radius, blur)
                 fixed[i, row, column] = gain * (ONE - share) * background[i, row, column] + dark
-                if share == ZERO:
-                    continue
                 is_inner = distance < inner
-                count, whole, half, top, shallow, deep = 2, ZERO, ZERO, ZERO, ZERO, ZERO
+                used, whole, half, top, shallow, deep = 0, ZERO, ZERO, ZERO, ZERO, ZERO
                 if not is_inner:
-                    count = len(points)
                     half, top = trapezium(x, y, distance, radius, wide)
                     shallow, deep = limb_part(distance, radius, half)
-                for k in range(count):
+                    used = number_of_rule(shallow, deep, radius, rule)
+                for k in range(start, stop):
                     if is_inner:
-                        weight, scale = _HALF, ONE - closer if k == 0 else ONE + closer
+                        weight, scale = _HALF, ONE - closer if k == start else ONE + closer
                     else:
-                        root = shallow + (deep - shallow) * _HALF * (ONE + points[k])
+                        root = shallow + (deep - shallow) * _HALF * (ONE + rule.points[used, k - start])
                         at = radius - root * root
-                        weight = shares[k] * root * height_at(abs(at - distance), half, top)
+                        weight = rule.shares[used, k - start] * root * height_at(abs(at - distance), half, top)
                         scale = min(at, outermost) / distance
                     px, py = scale * per_px * x, scale * per_px * y
                     square = px * px + py * py
@@ -337,10 +362,9 @@ def _design(
                     ay = turn[0, 1] * px + turn[1, 1] * py + turn[2, 1] * pz
                     az = turn[0, 2] * px + turn[1, 2] * py + turn[2, 2] * pz
                     corner, _, _, u, v, _, _ = place(ax, ay, az, cells)
-                    corners[i, row, column, k] = np.int32(corner)
-                    offsets[i, row, column, k, 0] = u
-                    offsets[i, row, column, k, 1] = v
-                    factor[i, row, column, k] = weight * (same + lx * px + ly * py + lz * pz)
+                    corners[i, k], pixel[i, k] = np.int32(corner), np.int32(number)
+                    offsets[i, k, 0], offsets[i, k, 1] = u, v
+                    factor[i, k] = weight * (same + lx * px + ly * py + lz * pz)
                     whole += weight
-                for k in range(count):
-                    factor[i, row, column, k] *= gain * share / whole
+                for k in range(start, stop):
+                    factor[i, k] *= gain * share / whole

@@ -1,6 +1,6 @@
 """The map's part of the grey levels, its adjoint, and the normal equations of the poses, in compiled loops.
 
-The functions are those of `torchsphere.sphere_map.forward_model` on the CPU; pixels without weight are left out.
+The functions are those of `torchsphere.sphere_map.design` on the CPU.
 """
 
 from __future__ import annotations
@@ -13,32 +13,33 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.kernels.cube_map import add_sixteen, sum_sixteen, weights
-from torchsphere.kernels.jit import ZERO, Floats, compiled
+from torchsphere.kernels.jit import ZERO, Floats, arrays, compiled
 
 Array = NDArray[Any]
 
 
-def map_levels(corner: Tensor, offset: Tensor, factor: Tensor, coefficients: Tensor, cells: int) -> Tensor:
-    """The map's part (n, s, s) of the grey levels."""
-    found = factor.new_zeros(factor.shape[:3])
-    given: Any = corner.numpy(), offset.numpy(), factor.numpy(), coefficients.contiguous().numpy(), cells + 3
-    _map_levels(*given, found.numpy())
+#: First coefficients (n, t) of t rays, places (n, t, 2) in their cells, factors (n, t), and numbers (n, t) of pixels.
+Rays = tuple[Tensor, Tensor, Tensor, Tensor]
+
+
+def map_levels(rays: Rays, coefficients: Tensor, cells: int, pixels: int) -> Tensor:
+    """The map's part (n, p) of the grey levels of the ``pixels``."""
+    found = coefficients.new_zeros(len(rays[0]), pixels)
+    _map_levels(*arrays(*rays, coefficients), cells + 3, found.numpy())
     return found
 
 
-def adjoint(corner: Tensor, offset: Tensor, factor: Tensor, values: Tensor, cells: int, count: int) -> Tensor:
-    """Sums (m,) of the pixels' ``values`` (n, s, s) over the ``count`` coefficients."""
-    found = factor.new_zeros(count)
-    given: Any = corner.numpy(), offset.numpy(), factor.numpy(), values.contiguous().numpy(), cells + 3
-    _adjoint(*given, found.numpy())
+def adjoint(rays: Rays, values: Tensor, cells: int, count: int) -> Tensor:
+    """Sums (m,) of the pixels' ``values`` (n, p) over the ``count`` coefficients."""
+    found = values.new_zeros(count)
+    _adjoint(*arrays(*rays, values), cells + 3, found.numpy())
     return found
 
 
-def adjoint_columns(corner: Tensor, offset: Tensor, factor: Tensor, values: Tensor, cells: int, count: int) -> Tensor:
-    """Sums (n, m, k) of the columns of ``values`` (n, s * s, k), for each image."""
-    found = factor.new_zeros(len(factor), count, values.shape[-1])
-    given: Any = corner.numpy(), offset.numpy(), factor.numpy(), values.contiguous().numpy(), cells + 3
-    _adjoint_columns(*given, found.numpy())
+def adjoint_columns(rays: Rays, values: Tensor, cells: int, count: int) -> Tensor:
+    """Sums (n, m, k) of the columns of ``values`` (n, p, k), for each image."""
+    found = values.new_zeros(len(values), count, values.shape[-1])
+    _adjoint_columns(*arrays(*rays, values), cells + 3, found.numpy())
     return found
 
 
@@ -79,58 +80,51 @@ def _normal(jacobian: Floats, pixel: Floats, residual: Floats, found: Array, rig
 
 
 @compiled
-def _map_levels(corner: Array, offset: Array, factor: Array, coefficients: Floats, width: int, found: Floats) -> None:
-    n, side, _, rays = factor.shape
+def _map_levels(
+    corner: Array, offset: Floats, factor: Floats, pixel: Array, coefficients: Floats, width: int, found: Floats
+) -> None:
+    n, rays = factor.shape
     step = np.uint64(width)
     for i in range(n):
-        for row in range(side):
-            for column in range(side):
-                total = ZERO
-                for k in range(rays):
-                    share = factor[i, row, column, k]
-                    if share == ZERO:
-                        break
-                    at = np.uint64(np.uint32(corner[i, row, column, k]))
-                    of_u, of_v = weights(offset[i, row, column, k, 0]), weights(offset[i, row, column, k, 1])
-                    total += share * sum_sixteen(coefficients, at, step, of_u, of_v)
-                found[i, row, column] = total
+        for k in range(rays):
+            at = np.uint64(np.uint32(corner[i, k]))
+            of_u, of_v = weights(offset[i, k, 0]), weights(offset[i, k, 1])
+            shown = np.uint64(np.uint32(pixel[i, k]))
+            found[i, shown] += factor[i, k] * sum_sixteen(coefficients, at, step, of_u, of_v)
 
 
 @compiled
-def _adjoint(corner: Array, offset: Array, factor: Array, values: Floats, width: int, found: Floats) -> None:
-    n, side, _, rays = factor.shape
+def _adjoint(
+    corner: Array, offset: Floats, factor: Floats, pixel: Array, values: Floats, width: int, found: Floats
+) -> None:
+    n, rays = factor.shape
     step = np.uint64(width)
     for i in range(n):
-        for row in range(side):
-            for column in range(side):
-                if values[i, row, column] == ZERO:
-                    continue
-                for k in range(rays):
-                    share = factor[i, row, column, k]
-                    if share == ZERO:
-                        break
-                    at = np.uint64(np.uint32(corner[i, row, column, k]))
-                    of_u, of_v = weights(offset[i, row, column, k, 0]), weights(offset[i, row, column, k, 1])
-                    add_sixteen(share * values[i, row, column], at, step, of_u, of_v, found)
+        for k in range(rays):
+            value = factor[i, k] * values[i, np.uint64(np.uint32(pixel[i, k]))]
+            if value == ZERO:
+                continue
+            at = np.uint64(np.uint32(corner[i, k]))
+            of_u, of_v = weights(offset[i, k, 0]), weights(offset[i, k, 1])
+            add_sixteen(value, at, step, of_u, of_v, found)
 
 
 @compiled
-def _adjoint_columns(corner: Array, offset: Array, factor: Array, values: Floats, width: int, found: Floats) -> None:
-    n, side, _, rays = factor.shape
+def _adjoint_columns(
+    corner: Array, offset: Floats, factor: Floats, pixel: Array, values: Floats, width: int, found: Floats
+) -> None:
+    n, rays = factor.shape
     columns = values.shape[2]
     for i in range(n):
-        for row in range(side):
-            for column in range(side):
-                for k in range(rays):
-                    share = factor[i, row, column, k]
-                    if share == ZERO:
-                        break
-                    of_u, of_v = weights(offset[i, row, column, k, 0]), weights(offset[i, row, column, k, 1])
-                    first = corner[i, row, column, k]
-                    given = values[i, row * side + column]
-                    for down in range(4):
-                        for along in range(4):
-                            part = share * of_v[down] * of_u[along]
-                            place = found[i, first + down * width + along]
-                            for c in range(columns):
-                                place[c] += part * given[c]
+        for k in range(rays):
+            share = factor[i, k]
+            if share == ZERO:
+                continue
+            of_u, of_v = weights(offset[i, k, 0]), weights(offset[i, k, 1])
+            first, given = corner[i, k], values[i, pixel[i, k]]
+            for down in range(4):
+                for along in range(4):
+                    part = share * of_v[down] * of_u[along]
+                    place = found[i, first + down * width + along]
+                    for c in range(columns):
+                        place[c] += part * given[c]

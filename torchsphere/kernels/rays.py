@@ -6,18 +6,30 @@ The functions are those of `torchsphere.sphere_map.forward_model` on the CPU.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.kernels.jit import ONE, TWO, ZERO, Floats, compiled
+from torchsphere.kernels.jit import ONE, TWO, ZERO, Floats, Integers, compiled
 
 Array = NDArray[Any]
 
 _HALF, _TINY, _LEAST, _THIN = (np.float32(v) for v in (0.5, 1e-6, 0.03, 1e-3))
 _TWELFTH, _GAUSS = np.float32(1 / 12), np.float32(1 / math.sqrt(3))
 _SIX, _EIGHT, _TWELVE = (np.float32(v) for v in (6, 8, 12))
+
+
+class Rule(NamedTuple):
+    """Where the limb of a sharp image begins, and the Gauss rules over its pixels.
+
+    The first rule serves pixels at the limb; the second one those that show a longer arc of the surface.
+    """
+
+    limits: Floats  # (4,): begin of the limb, radii and px from the outline; outermost ray, radii; longest arc, px
+    points: Floats  # points (2, k) of both rules, from -1 to 1
+    shares: Floats  # their weights (2, k), 0 where a rule has fewer points
+    counts: Integers  # (2,): numbers of points
 
 
 @compiled
@@ -34,12 +46,13 @@ def trapezium(x: Any, y: Any, distance: Any, radius: Any, blur: Any) -> tuple[An
 
 
 @compiled
-def two_rays(radius: Any, blur: Any, limits: Floats) -> tuple[Any, Any]:
+def two_rays(radius: Any, blur: Any, rule: Rule) -> tuple[Any, Any]:
     """Distance from the centre, px, up to which two rays are enough, and how they are scaled apart."""
     wider = np.sqrt(ONE + _TWELVE * blur * blur)
-    slope = limits[0] / (np.sqrt(ONE - limits[0] * limits[0]) * wider)
+    begin = rule.limits[0]
+    slope = begin / (np.sqrt(ONE - begin * begin) * wider)
     inner = slope / np.sqrt(ONE + slope * slope) * radius
-    return min(inner, radius - limits[1] * wider), _HALF * _GAUSS * wider / radius
+    return min(inner, radius - rule.limits[1] * wider), _HALF * _GAUSS * wider / radius
 
 
 @compiled
@@ -57,6 +70,13 @@ def limb_part(distance: Any, radius: Any, half: Any) -> tuple[Any, Any]:
     near = min(near, radius - _THIN)
     # No difference may round to less than nothing.
     return np.sqrt(max(radius - far, ZERO)), np.sqrt(max(radius - near, _THIN))
+
+
+@compiled
+def number_of_rule(shallow: Any, deep: Any, radius: Any, rule: Rule) -> int:
+    """Number of the rule for a pixel between these roots: the arc of the surface is about their difference."""
+    span = deep - shallow
+    return 1 if TWO * radius * span * span > rule.limits[3] * rule.limits[3] else 0
 
 
 @compiled
@@ -93,9 +113,7 @@ def row_of_rays(
     xs: Floats,
     ys: Floats,
     ball: Floats,
-    limits: Floats,
-    points: Floats,
-    shares: Floats,
+    rule: Rule,
     visibility: Floats,
     outline: Floats,
     begins: Array,
@@ -106,8 +124,8 @@ def row_of_rays(
     Also of each pixel share, edge and spread of `coverage`, and what the outline gives or takes.
     """
     radius, blur, wide = ball[0], ball[1], ball[7]
-    inner, closer = two_rays(radius, wide, limits)
-    outermost = limits[2] * radius
+    inner, closer = two_rays(radius, wide, rule)
+    outermost = rule.limits[2] * radius
     count = 0
     for column in range(len(visibility)):
         begins[column] = count
@@ -129,19 +147,20 @@ def row_of_rays(
             continue
         half, top = trapezium(x, y, distance, radius, wide)
         shallow, deep = limb_part(distance, radius, half)
-        whole = ZERO
-        for k in range(len(points)):
-            root = shallow + (deep - shallow) * _HALF * (ONE + points[k])
+        whole, number = ZERO, number_of_rule(shallow, deep, radius, rule)
+        points, shares = rule.counts[number], rule.shares
+        for k in range(points):
+            root = shallow + (deep - shallow) * _HALF * (ONE + rule.points[number, k])
             at, of_distance, of_size = radius - root * root, ONE, ZERO
-            weight = shares[k] * root * height_at(abs(at - distance), half, top)
+            weight = shares[number, k] * root * height_at(abs(at - distance), half, top)
             if at > outermost:
-                at, of_distance, of_size = outermost, ZERO, limits[2] / distance
+                at, of_distance, of_size = outermost, ZERO, rule.limits[2] / distance
             scale = at / distance
             rays[0, count + k], rays[1, count + k], rays[2, count + k] = x, y, scale
             rays[3, count + k], rays[4, count + k] = (of_distance - scale) / (distance * distance), of_size
             rays[5, count + k] = weight
             whole += weight
-        for _ in range(len(points)):
+        for _ in range(points):
             rays[5, count] /= whole
             count += 1
         if distance + half > radius:

@@ -13,14 +13,13 @@ from torch import Tensor
 
 from torchsphere.kernels.forward_model import (
     COLUMNS,
-    Rule,
     contiguous,
     find_places,
     linearise_row,
     room_for_rows,
-    rule_arrays,
 )
 from torchsphere.kernels.jit import ONE, ZERO, Doubles, Floats, Integers, arrays, compiled
+from torchsphere.kernels.rays import Rule
 from torchsphere.kernels.region import window_sums
 
 _HALF, _LEAST = np.float32(0.5), 1e-12
@@ -45,7 +44,7 @@ def equations(
     n, k = len(levels), len(columns)
     normal, gradient = torch.zeros(n, k, k, dtype=torch.float64), torch.zeros(n, k, dtype=torch.float64)
     squares, seen = torch.zeros(n, dtype=torch.float64), torch.zeros(n, dtype=torch.float64)
-    given = coefficients.contiguous().numpy(), cells, *rule_arrays(rule)
+    given = coefficients.contiguous().numpy(), cells, rule
     window, limit = hidden
     _equations(
         *given,
@@ -63,9 +62,7 @@ def equations(
 def _equations(
     coefficients: Floats,
     cells: int,
-    limits: Floats,
-    points: Floats,
-    shares: Floats,
+    rule: Rule,
     first: Floats,
     places: Floats,
     turns: Floats,
@@ -85,14 +82,14 @@ def _equations(
     seen: Doubles,
 ) -> None:
     n, side, _ = levels.shape
-    room, jacobian = room_for_rows(side, len(points)), np.empty((side, COLUMNS, side), np.float32)
+    room, jacobian = room_for_rows(side, rule.points.shape[1]), np.empty((side, COLUMNS, side), np.float32)
     model, residual = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
     weights, part = np.empty((side, side), np.float32), np.empty(side, np.float32)
     wide = side + window - 1
     misfits, usable = np.zeros((wide, wide), np.float32), np.zeros((wide, wide), np.float32)
     sums, counts = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
     for i in range(n):
-        given = coefficients, cells, limits, points, shares, turns[i], brightness[i], ball[i]
+        given = coefficients, cells, rule, turns[i], brightness[i], ball[i]
         for row in range(side):
             find_places(first[i], places, i, row, room)
             linearise_row(given, visibility[i, row], background[i, row], room, model[row], jacobian[row])

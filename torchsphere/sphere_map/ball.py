@@ -66,6 +66,8 @@ class TexturedBall:
     light: Tensor
     # Standard deviation of the optics' blur, px, that a pixel's footprint on the surface has beside the pixel's width.
     footprint_blur: float = 0.0
+    # Number of rays of a pixel at the outline: see `rays.rim_points`.
+    rim_points: int = 12
 
 
 def uniform_light(like: Tensor) -> Tensor:

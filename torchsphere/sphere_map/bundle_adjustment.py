@@ -22,7 +22,9 @@ from torchsphere.sphere_map.footprint import fit_footprint
 from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.light import fit_light
 from torchsphere.sphere_map.map_fit import MapEquations
+from torchsphere.sphere_map.nearness import NearnessChange
 from torchsphere.sphere_map.perspective import Optics
+from torchsphere.sphere_map.rays import rim_points
 from torchsphere.sphere_map.state import State, drawn, fit_map, linearised, reweighted, with_cells
 from torchsphere.sphere_map.window import Windows, texture_variance
 
@@ -48,6 +50,9 @@ RADIUS_ERROR_PX = 0.012
 #: Largest variance of a ring over that within the disc while the outline is not yet found (docs/constants.md).
 MAX_RING_VARIANCE = 4.0
 
+#: Move of a pose by a step below which the outline counts as found, px (docs/constants.md).
+OUTLINE_FOUND_PX = 0.02
+
 #: Move of a pose by the last step from which an adjustment is given up, px: smaller ones do not matter, as every image
 #: is registered again (docs/constants.md).
 MAX_UNSETTLED_PX = 0.02
@@ -59,7 +64,7 @@ LIGHT_MAP_STEPS = 12
 SETTLED_SD = 1.0
 
 #: Conjugate gradients for a map on new cells, and for a step of map and poses together (docs/constants.md).
-NEW_MAP_STEPS, STEPS = 6, 8
+NEW_MAP_STEPS, STEPS = 6, 16
 
 #: Largest change of the edge's blur in a step, px: its effect on the grey levels is far from linear.
 MAX_BLUR_STEP_PX = 0.2
@@ -80,6 +85,14 @@ NEARNESS_ROUNDS, NEARNESS_STEPS, SETTLED_NEARNESS, MAX_NEARNESS_SHARE = 10, 2, 0
 MAX_MOVE_PX = 1.0
 
 
+class LastStep(NamedTuple):
+    """The last step of an adjustment."""
+
+    state: State  # before the step
+    model: Linearisation
+    joint: JointEquations
+
+
 @dataclass(frozen=True)
 class Adjustment:
     """The adjusted ball and poses."""
@@ -90,6 +103,7 @@ class Adjustment:
     covariance: Tensor
     settled: bool  # False if the poses still moved at the end
     sd_nearness: float = 0.0  # standard deviation of the ball's radius over its distance, which all images share
+    last: LastStep | None = None
 
 
 def adjust(
@@ -109,7 +123,8 @@ def adjust(
     """
     like = windows.levels
     size = torch.tensor(radius, dtype=torch.float64, device=like.device)
-    ball = TexturedBall(size, torch.full_like(size, INITIAL_BLUR_PX), 0, like.new_zeros(0), uniform_light(size))
+    blur, none, light = torch.full_like(size, INITIAL_BLUR_PX), like.new_zeros(0), uniform_light(size)
+    ball = TexturedBall(size, blur, 0, none, light, rim_points=rim_points(radius))
     state = State(
         windows, _with_initial_gains(windows, poses), ball, pixel_weights.uniform_profile(size, noise_variance)
     )
@@ -147,10 +162,17 @@ def find_nearness(adjustment: Adjustment, optics: Optics, cell_px: float, shared
         return replace(adjustment, sd_nearness=nearness.UNKNOWN_SD)
 
 
+def _measured_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) -> NearnessChange:
+    """The nearness by the equations of the last step, as ``optics`` see the ball; the step itself hardly matters."""
+    assert adjustment.last is not None
+    before, model, joint = adjustment.last
+    return nearness.measure(replace(before, windows=before.windows.seen_by(optics)), model, joint, shared)
+
+
 def _with_nearness(adjustment: Adjustment, optics: Optics, cell_px: float, shared: RowRunner) -> Adjustment:
     state = replace(adjustment.state, windows=adjustment.state.windows.seen_by(optics))
     level = _Level(cell_px, 0.004, NEARNESS_STEPS, is_last=True)
-    found = nearness.measure(state, shared)
+    found = _measured_nearness(adjustment, optics, shared)
     sd = min(math.hypot(float(found.change), found.total_sd), nearness.UNKNOWN_SD)
     unseen = replace(adjustment, sd_nearness=sd)
     if float(found.change) > SUSPECTED_NEARNESS_SD * found.total_sd:
@@ -174,7 +196,9 @@ def _settled_nearness(near: Adjustment, level: _Level, shared: RowRunner) -> tup
     """The adjustment with the nearness that fits best, its standard deviation, and whether the search has settled."""
     before = math.inf
     for _ in range(NEARNESS_ROUNDS):
-        found = nearness.measure(near.state, shared)
+        seen_by = near.state.windows.optics
+        assert seen_by is not None
+        found = _measured_nearness(near, seen_by, shared)
         change = float(found.change)
         # Steps get shorter by a steady share, as the map follows the nearness with delay.
         share = min(max(change / before, 0.0), MAX_NEARNESS_SHARE)
@@ -235,26 +259,28 @@ def _adjust_level(state: State, level: _Level, shared: RowRunner) -> Adjustment:
     if not math.isfinite(float(state.ball.radius)):
         raise torch.linalg.LinAlgError("the equations of the map have no solution")  # type: ignore[attr-defined]
     state = with_cells(state, cube_map.cells_per_face(float(state.ball.radius), level.cell_px))
-    state, equations = fit_map(state, shared, NEW_MAP_STEPS)
     limit = MAX_RING_VARIANCE
     for _ in range(level.max_steps):
+        # The map follows each step with delay: what it lacks would be taken for a motion.
+        state, equations = fit_map(state, shared, NEW_MAP_STEPS)
         model = linearised(state, shared)
-        state = reweighted(state, state.windows.levels - model.levels, equations.leverage(), limit)
+        state = reweighted(state, state.windows.levels - model.levels, equations.leverage(), shared, limit)
         weights = state.profile.weights(state.windows, state.poses.centre)
-        equations = MapEquations.of(drawn(state, shared), weights, shared, state.smoothness)
-        joint = elimination.joint_equations(model, equations, state.poses)
-        state, move = _moved(state, joint, *_step(joint, state, model))
-        settled = max(level.settled_px, SETTLED_SD * float(joint.covariance.diagonal()[0].sqrt()))
-        if move < settled:
-            bound = float(state.profile.variance.max()) >= limit * float(state.profile.variance[0])
-            if not level.is_last or not bound:
-                break
+        equations = MapEquations.of(equations.design, weights, shared, state.smoothness)
+        last = LastStep(state, model, elimination.joint_equations(model, equations, state.poses))
+        state, move = _moved(state, last.joint, *_step(last))
+        settled = max(level.settled_px, SETTLED_SD * float(last.joint.covariance.diagonal()[0].sqrt()))
+        is_bound = level.is_last and float(state.profile.variance.max()) >= limit * float(state.profile.variance[0])
+        if move < settled and not is_bound:
+            break
+        if move < OUTLINE_FOUND_PX:
             limit = math.inf
-    return Adjustment(state, joint.covariance, move < max(settled, MAX_UNSETTLED_PX))
+    return Adjustment(state, last.joint.covariance, move < max(settled, MAX_UNSETTLED_PX), last=last)
 
 
-def _step(joint: JointEquations, state: State, model: Linearisation) -> tuple[Tensor, Tensor]:
+def _step(at: LastStep) -> tuple[Tensor, Tensor]:
     """Gauss-Newton step of the map (m,) and of all other unknowns (7 n + 2,)."""
+    state, model, joint = at
     weighted = (joint.map.weights * (state.windows.levels - model.levels)).flatten(1).unsqueeze(1)
     by_unknowns = elimination.spread_gradient(torch.bmm(weighted, model.jacobian)[:, 0].double())
     by_map = joint.map.gradient(state.ball.coefficients, state.windows.levels)

@@ -7,6 +7,7 @@ the map's values at its nodes (`map_fit`), so that no equations have to be solve
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -35,39 +36,65 @@ class JointEquations:
     map: MapEquations
     normal: Tensor  # (u, u), float64, of the other unknowns, with constraints on what the images leave open
     coupling: Tensor  # (m, u): normal matrix between the map's nodes and the unknowns
+    taken_up: Tensor  # (u, u): what the map takes up of the normal matrix, were its own matrix diagonal at its nodes
     covariance: Tensor  # (u, u), float64: inverse of the Schur complement
 
     def times(self, of_map: Tensor, step: Tensor) -> tuple[Tensor, Tensor]:
         """Product (m,) and (u,) of the matrix with changes of the map (m,) and of the other unknowns (u,)."""
         cells = self.map.design.cells
         by_map = self.map.times(of_map) + map_fit.from_nodes(self.coupling @ step.to(self.coupling), cells)
-        return by_map, (self.coupling.T @ map_fit.from_nodes(of_map, cells)).double() + self.normal @ step
-
-    def approximate(self, by_map: Tensor, by_unknowns: Tensor) -> tuple[Tensor, Tensor]:
-        """Solution (m,) and (u,) as if the map's matrix were diagonal at its nodes."""
-        cells = self.map.design.cells
-        at_nodes = map_fit.to_nodes(by_map, cells) / self.map.density
-        step = self.covariance @ (by_unknowns - (self.coupling.T @ at_nodes).double())
-        taken_up = self.coupling @ step.to(self.coupling) / self.map.density
-        return map_fit.to_nodes(at_nodes - taken_up, cells), step
+        return by_map, self._by_unknowns(map_fit.from_nodes(of_map, cells)).double() + self.normal @ step
 
     def solve(self, by_map: Tensor, by_unknowns: Tensor, steps: int) -> tuple[Tensor, Tensor]:
         """Solution (m,) and (u,) after ``steps`` of conjugate gradients from the approximate one."""
+        cells = self.map.design.cells
         rest, wanted = by_map, by_unknowns
         of_map, step = torch.zeros_like(by_map), torch.zeros_like(by_unknowns)
-        z, y = self.approximate(rest, wanted)
-        p, q = z, y
-        square = (rest @ z).double() + wanted @ y
+        at = self.approximate(rest, wanted)
+        square = (rest @ at.of_map).double() + wanted @ at.step
         for _ in range(steps):
-            mp, mq = self.times(p, q)
-            length = square / ((p @ mp).double() + q @ mq).clamp_min(1e-30)
-            of_map, step = of_map + length.to(p) * p, step + length * q
-            rest, wanted = rest - length.to(p) * mp, wanted - length * mq
-            z, y = self.approximate(rest, wanted)
-            before, square = square, (rest @ z).double() + wanted @ y
-            ratio = square / before.clamp_min(1e-30)
-            p, q = z + ratio.to(p) * p, y + ratio * q
+            mp = self.map.times(at.of_map) + map_fit.from_nodes(at.coupled, cells)
+            mq = at.coupled_back.double() + self.normal @ at.step
+            length = square / ((at.of_map @ mp).double() + at.step @ mq).clamp_min(1e-30)
+            of_map, step = of_map + length.to(mp) * at.of_map, step + length * at.step
+            rest, wanted = rest - length.to(mp) * mp, wanted - length * mq
+            new = self.approximate(rest, wanted)
+            before, square = square, (rest @ new.of_map).double() + wanted @ new.step
+            at = new.plus(square / before.clamp_min(1e-30), at)
         return of_map, step
+
+    def approximate(self, by_map: Tensor, by_unknowns: Tensor) -> Direction:
+        """Solution as if the map's matrix were diagonal at its nodes."""
+        cells = self.map.design.cells
+        at_nodes = map_fit.to_nodes(by_map, cells) / self.map.density
+        back = self._by_unknowns(at_nodes)
+        step = self.covariance @ (by_unknowns - back.double())
+        single = step.to(back)
+        coupled = torch.cat(self.map.shared(lambda a, b: self.coupling[a:b] @ single, len(at_nodes)))
+        of_map = map_fit.to_nodes(at_nodes - coupled / self.map.density, cells)
+        return Direction(of_map, step, coupled, back - self.taken_up @ single)
+
+    def _by_unknowns(self, at_nodes: Tensor) -> Tensor:
+        """Product (u,) of the transposed coupling with values at the map's nodes (m,)."""
+        parts = self.map.shared(lambda a, b: self.coupling[a:b].T @ at_nodes[a:b], len(at_nodes))
+        return torch.stack(parts).sum(0)
+
+
+class Direction(NamedTuple):
+    """A direction of the conjugate gradients, with its products with the coupling, which is the largest array.
+
+    The products of a sum are the sums of the products, so that each step reads the coupling twice instead of four
+    times.
+    """
+
+    of_map: Tensor  # (m,)
+    step: Tensor  # (u,), float64
+    coupled: Tensor  # (m,): coupling with ``step``, at the nodes
+    coupled_back: Tensor  # (u,): transposed coupling with ``of_map``
+
+    def plus(self, share: Tensor, other: Direction) -> Direction:
+        """The direction plus a ``share`` () of the ``other``."""
+        return Direction(*(a + share.to(a) * b for a, b in zip(self, other, strict=True)))
 
 
 def joint_equations(model: Linearisation, equations: MapEquations, poses: Poses) -> JointEquations:
@@ -88,11 +115,13 @@ def joint_equations(model: Linearisation, equations: MapEquations, poses: Poses)
     coupling[:, -COMMON:] = torch.stack(common).sum(0)
     normal = spread_normal(torch.cat(blocks))
     coupling = map_fit.to_nodes(coupling, design.cells)
-    taken_up = coupling.T @ (coupling / equations.density.unsqueeze(1))
+    density = equations.density.unsqueeze(1)
+    products = equations.shared(lambda a, b: coupling[a:b].T @ (coupling[a:b] / density[a:b]), len(density))
+    taken_up = torch.stack(products).sum(0)
     normal = normal + _gauge(poses, normal)
     normal[-1, -1] += 1 / BLUR_SD_PX**2
     reduced = normal - taken_up.double()
-    return JointEquations(equations, normal, coupling, torch.linalg.inv((reduced + reduced.T) / 2))
+    return JointEquations(equations, normal, coupling, taken_up, torch.linalg.inv((reduced + reduced.T) / 2))
 
 
 def spread_normal(blocks: Tensor) -> Tensor:

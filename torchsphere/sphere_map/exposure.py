@@ -15,7 +15,8 @@ from torch import Tensor
 
 from torchsphere.sphere_map import forward_model
 from torchsphere.sphere_map.ball import Poses, TexturedBall
-from torchsphere.sphere_map.forward_model import Design, Linearisation
+from torchsphere.sphere_map.design import Design
+from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.window import Windows
 
 #: Least smear of any point that is drawn, px: one of a px has the variance of a pixel (docs/constants.md).
@@ -54,16 +55,8 @@ def design(windows: Windows, poses: Poses, ball: TexturedBall) -> Design:
     """`forward_model.design`, with the exposure."""
     if windows.moments is None:
         return forward_model.design(windows, poses, ball)
-    drawn = [(share, forward_model.design(windows, at, ball)) for share, at in _parts(windows, poses, ball)]
-    factor = torch.cat([share * part.factor for share, part in drawn], -1)
-    corner, offset = (torch.cat([getattr(part, n) for _, part in drawn], 3) for n in ("corner", "offset"))
-    fixed = sum((share * part.fixed for share, part in drawn), torch.zeros_like(drawn[0][1].fixed))
-    # Rays that are not used come last.
-    order = (factor == 0).to(torch.int8).argsort(dim=-1, stable=True)
-    most = int((factor != 0).sum(-1).max())
-    order = order[..., :most]
-    offset = offset.gather(3, order.unsqueeze(-1).expand(*order.shape, 2))
-    return Design(corner.gather(-1, order), offset, factor.gather(-1, order), fixed, ball.cells)
+    shares, moments = zip(*_parts(windows, poses, ball), strict=True)
+    return Design.mean([forward_model.design(windows, at, ball) for at in moments], list(shares))
 
 
 def _parts(windows: Windows, poses: Poses, ball: TexturedBall) -> list[tuple[float, Poses]]:

@@ -9,7 +9,7 @@ more rays near the limb. The footprint on the curved surface is what a correlati
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
@@ -21,6 +21,7 @@ from torchsphere.kernels.jit import suits
 from torchsphere.sphere_map import cube_map
 from torchsphere.sphere_map.ball import Poses, TexturedBall
 from torchsphere.sphere_map.cube_map import Places
+from torchsphere.sphere_map.design import Design
 from torchsphere.sphere_map.rays import Rays, coverage, rays_of, rule
 from torchsphere.sphere_map.window import Windows
 
@@ -55,60 +56,6 @@ class Linearisation:
     def joined(cls, parts: list[Linearisation]) -> Linearisation:
         """The images of all parts, one after the other."""
         return cls(torch.cat([part.levels for part in parts]), torch.cat([part.jacobian for part in parts]))
-
-
-@dataclass(frozen=True)
-class Design:
-    """The model's grey levels as a linear function of the map's coefficients, in n images of s by s pixels."""
-
-    corner: Tensor  # first coefficient (n, s, s, k) of the sixteen around each of k rays
-    offset: Tensor  # coordinates (n, s, s, k, 2) within the cell, along and across its rows
-    factor: Tensor  # derivative (n, s, s, k) of the pixel's grey level by the map's value at the ray; unused ones last
-    fixed: Tensor  # grey levels (n, s, s) without the map
-    cells: int
-
-    @classmethod
-    def joined(cls, parts: list[Design]) -> Design:
-        """The images of all parts, one after the other."""
-        columns = zip(*((p.corner, p.offset, p.factor, p.fixed) for p in parts), strict=True)
-        corner, offset, factor, fixed = (torch.cat(column) for column in columns)
-        return cls(corner, offset, factor, fixed, parts[0].cells)
-
-    def rows(self, start: int, stop: int) -> Design:
-        """Images ``start`` to ``stop - 1``."""
-        some = slice(start, stop)
-        return Design(self.corner[some], self.offset[some], self.factor[some], self.fixed[some], self.cells)
-
-    def map_levels(self, coefficients: Tensor) -> Tensor:
-        """The map's part (n, s, s) of the grey levels."""
-        if suits(self.factor, coefficients):
-            return map_design.map_levels(self.corner, self.offset, self.factor, coefficients, self.cells)
-        return (self.factor * self._places().value(coefficients)).sum(-1)
-
-    def levels(self, coefficients: Tensor) -> Tensor:
-        """Grey levels (n, s, s) with the map's ``coefficients`` (m,)."""
-        return self.map_levels(coefficients) + self.fixed
-
-    def adjoint(self, values: Tensor) -> Tensor:
-        """Sums (m,) of the pixels' ``values`` (n, s, s) over the coefficients: the adjoint of `map_levels`."""
-        count = cube_map.coefficient_count(self.cells)
-        if suits(self.factor, values):
-            return map_design.adjoint(self.corner, self.offset, self.factor, values, self.cells, count)
-        return self._places().adjoint(self.factor * values.unsqueeze(-1), count)
-
-    def adjoint_columns(self, values: Tensor) -> Tensor:
-        """`adjoint` (n, m, k) of the columns of ``values`` (n, s * s, k), for each image by itself."""
-        count = cube_map.coefficient_count(self.cells)
-        if suits(self.factor, values):
-            return map_design.adjoint_columns(self.corner, self.offset, self.factor, values, self.cells, count)
-        n, columns = len(values), values.shape[-1]
-        images = torch.arange(n, device=values.device).reshape(n, 1, 1, 1)
-        places = replace(self._places(), corner=self.corner + count * images)
-        rays = self.factor.unsqueeze(-1) * values.unflatten(1, self.factor.shape[1:3]).unsqueeze(3)
-        return places.adjoint(rays, n * count).reshape(n, count, columns)
-
-    def _places(self) -> Places:
-        return Places(self.corner.long(), self.offset.movedim(-1, 0), self.offset.new_zeros(()), self.cells)
 
 
 @dataclass(frozen=True)
@@ -196,7 +143,10 @@ def design(windows: Windows, poses: Poses, ball: TexturedBall) -> Design:
     gain, offset = _column(poses.gain, seen.share), _column(poses.offset, seen.share)
     factor = (gain * seen.share).unsqueeze(-1) * seen.light * seen.rays.weight
     fixed = gain * (1 - seen.share) * windows.background + offset
-    return Design(seen.places.corner.int(), seen.places.offset.movedim(0, -1), factor, fixed, ball.cells)
+    corner, offset = seen.places.corner.int(), seen.places.offset.movedim(0, -1)
+    pixel = torch.arange(fixed[0].numel(), dtype=torch.int32, device=fixed.device).repeat_interleave(factor.shape[-1])
+    rays = corner.flatten(1), offset.flatten(1, 3), factor.flatten(1), pixel.expand(len(fixed), -1)
+    return Design(*rays, fixed, ball.cells)
 
 
 def linearise(windows: Windows, poses: Poses, ball: TexturedBall) -> Linearisation:

@@ -18,7 +18,7 @@ from torchsphere.kernels import cube_map as loops
 from torchsphere.kernels.jit import suits
 from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import cube_map
-from torchsphere.sphere_map.forward_model import Design
+from torchsphere.sphere_map.design import Design
 
 #: Prior weight of the map's second differences, against the heaviest pixel, where noise is weak: a heavy prior flattens
 #: the map and pulls at the radius; and weight of its coefficients, against those (docs/constants.md).
@@ -69,9 +69,14 @@ class MapEquations:
 
     def leverage(self) -> Tensor:
         """Share (n, s, s) of each pixel's noise that the map takes up, nearly."""
-        ones = torch.ones_like(self.density)
-        drawn = self.design.map_levels(ones) * self.design.map_levels(NODE_SHARE / self.density)
-        return (self.weights * drawn).clamp(0, MAX_LEVERAGE)
+        ones, of_node = torch.ones_like(self.density), NODE_SHARE / self.density
+
+        def part(a: int, b: int) -> Tensor:
+            design = self.design.rows(a, b)
+            drawn = design.map_levels(ones) * design.map_levels(of_node)
+            return (self.weights[a:b] * drawn).clamp(0, MAX_LEVERAGE)
+
+        return torch.cat(self.shared(part, len(self.weights)))
 
     def gradient(self, coefficients: Tensor, levels: Tensor) -> Tensor:
         """Descent direction (m,) of the squares at ``coefficients`` (m,), for images with grey ``levels`` (n, s, s)."""

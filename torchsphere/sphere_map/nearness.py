@@ -15,11 +15,10 @@ from torch import Tensor
 from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import elimination
 from torchsphere.sphere_map.ball import Poses
-from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
-from torchsphere.sphere_map.forward_model import MIN_BLUR_PX
-from torchsphere.sphere_map.map_fit import MapEquations
+from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
+from torchsphere.sphere_map.forward_model import MIN_BLUR_PX, Linearisation
 from torchsphere.sphere_map.perspective import Optics
-from torchsphere.sphere_map.state import State, drawn, linearised
+from torchsphere.sphere_map.state import State, drawn
 
 #: Prior standard deviation of the nearness, radius over distance, of a camera that is not known: 33 radii are the
 #: distance of half a metre from a ball of 30 mm (docs/constants.md).
@@ -71,13 +70,9 @@ class NearnessChange:
         return replace(state, ball=ball, poses=state.poses.moved(own[:, :5], ball.radius).brightened(own[:, 5:]))
 
 
-def measure(state: State, shared: RowRunner) -> NearnessChange:
-    """Gauss-Newton step of the nearness, map and all poses left free."""
-    model = linearised(state, shared)
-    design = drawn(state, shared)
-    weights = state.profile.weights(state.windows, state.poses.centre)
-    equations = MapEquations.of(design, weights, shared, state.smoothness)
-    joint = elimination.joint_equations(model, equations, state.poses)
+def measure(state: State, model: Linearisation, joint: JointEquations, shared: RowRunner) -> NearnessChange:
+    """Gauss-Newton step of the nearness, map and all poses left free, with ``model`` and ``joint`` at the state."""
+    equations, weights = joint.map, joint.map.weights
     nearness = nearness_of(state)
     nearer, farther = (
         drawn(with_nearness(state, nearness + h), shared).levels(state.ball.coefficients) for h in (STEP, -STEP)
@@ -88,7 +83,7 @@ def measure(state: State, shared: RowRunner) -> NearnessChange:
         weighted = (weights * values).flatten(1).unsqueeze(1)
         return elimination.spread_gradient(torch.bmm(weighted, model.jacobian)[:, 0].double())
 
-    coupling = design.adjoint(weights * column), by_unknowns(column)
+    coupling = equations.design.adjoint(weights * column), by_unknowns(column)
     of_map, step = joint.solve(*coupling, SOLVER_STEPS)
     # With a solution that is not exact the sum of both is never too little.
     back = joint.times(of_map, step)

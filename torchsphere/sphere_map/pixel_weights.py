@@ -66,20 +66,21 @@ def uniform_profile(radius: Tensor, variance: float) -> ResidualProfile:
     return ResidualProfile(limits, torch.full((len(limits) + 1,), variance, dtype=radius.dtype, device=radius.device))
 
 
-def measure_profile(
-    windows: Windows, centre: Tensor, residual: Tensor, radius: Tensor, leverage: Tensor
-) -> ResidualProfile:
-    """Variance per ring from the squared ``residual`` (n, s, s) of the visible pixels.
+def ring_sums(windows: Windows, centre: Tensor, residual: Tensor, radius: Tensor, leverage: Tensor) -> Tensor:
+    """Sums (2, m) per ring over the visible pixels: squares of the ``residual`` (n, s, s), and shares of noise in them.
 
     A map that was fitted to the same pixels takes up a part of their noise, the ``leverage`` (n, s, s).
     """
     limits = _ring_limits(radius)
     ring = _ring_numbers(windows, centre, limits).flatten()
     squares, free = windows.visibility * residual.square(), windows.visibility * (1 - leverage)
-    total, count = (
-        torch.zeros(len(limits) + 1, dtype=torch.float64, device=radius.device).index_add_(0, ring, part.double())
-        for part in (squares.flatten(), free.flatten())
-    )
+    none = torch.zeros(len(limits) + 1, dtype=torch.float64, device=radius.device)
+    return torch.stack([none.index_add(0, ring, part.flatten().double()) for part in (squares, free)])
+
+
+def profile_of(sums: Tensor, radius: Tensor) -> ResidualProfile:
+    """Variance per ring from the `ring_sums` (2, m) of all images."""
+    limits, (total, count) = _ring_limits(radius), sums
     variance = (total / count.clamp_min(1)).clamp_min(ROUNDING_VARIANCE)
     # What exceeds the noise is an error of the model, which is alike over a speckle: neighbours repeat each other.
     beyond = (variance - variance[0]).clamp_min(0)

@@ -33,7 +33,7 @@ from torchsphere.sphere_map.perspective import Optics, orthographic
 from torchsphere.sphere_map.pixel_weights import ROUNDING_VARIANCE
 from torchsphere.sphere_map.pose_errors import step_covariances, without_leverage
 from torchsphere.sphere_map.registration import Registration
-from torchsphere.sphere_map.state import State, drawn, fit_map, reweighted
+from torchsphere.sphere_map.state import State, drawn, fit_map, reweighted, unexplained
 from torchsphere.sphere_map.window import texture_variance
 
 Array = NDArray[np.float64]
@@ -137,7 +137,8 @@ def poses_on_map(
             adjustment = bundle_adjustment.find_nearness(adjustment, far, cell_px, shared)
             frames, initial = _seen_alike(frames, initial, adjustment.state.windows.optics)
         blurred = bundle_adjustment.with_radius_error(adjustment, _error_by_blur(adjustment, circle))
-        adjustment = replace(adjustment, covariance=blurred)
+        # The equations of the last step are the largest arrays, and are not needed any more.
+        adjustment = replace(adjustment, covariance=blurred, last=None)
         misfit = float(adjustment.state.profile.variance[0]) / noise
         refusal = _refusal(adjustment, circle.radius, misfit)
         if refusal:
@@ -277,13 +278,12 @@ def _of_more_frames(
     windows = frames.windows(numbers.tolist(), poses.centre, float(state.ball.radius))
     state = replace(state, windows=windows, poses=poses)
     design = drawn(state, shared)
-    residual = windows.levels - design.levels(state.ball.coefficients)
-    state = reweighted(state, residual, torch.zeros_like(residual))
+    residual = unexplained(state, design, shared)
+    state = reweighted(state, residual, torch.zeros_like(residual), shared)
     state, equations = fit_map(state, shared, NEW_MAP_STEPS, design)
-    residual = windows.levels - design.levels(state.ball.coefficients)
     leverage, visible = equations.leverage(), windows.visibility > 0
     mean = (visible * leverage).sum((1, 2)) / visible.sum((1, 2)).clamp_min(1)
-    return reweighted(state, residual, leverage), mean
+    return reweighted(state, unexplained(state, design, shared), leverage, shared), mean
 
 
 def _assemble(

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchsphere.kernels import forward_model as loops
+from torchsphere.kernels.rays import Rule
 from torchsphere.sphere_map.ball import TexturedBall
 
 #: Distance from the centre, radii, to which all rays further out are drawn (docs/constants.md).
@@ -21,6 +21,10 @@ HALF_PIXEL, GAUSS_POINT = 0.5, 1 / math.sqrt(3)
 #: Number of points of the Gauss rule along the radius at the limb, of sharp and of blurred pixels (docs/constants.md).
 LIMB_RULE_POINTS, BLURRED_RULE_POINTS = 5, 8
 
+#: Longest arc of the surface in a pixel for that rule, px, and arc per point of the rule for longer arcs, px: these
+#: pixels hold as much of the texture as they show (docs/constants.md).
+LONG_ARC_PX, ARC_PER_POINT_PX = 5.0, 1.0
+
 #: Distance from the centre, radii, and distance from the outline, px, from which a sharp pixel is at the limb: there
 #: the surface is so steep that two rays are not enough (docs/constants.md).
 LIMB_FROM, LEAST_LIMB_PX = 0.92, 1.5
@@ -29,10 +33,26 @@ LIMB_FROM, LEAST_LIMB_PX = 0.92, 1.5
 LEAST_NORMAL = 0.03
 
 
-def rule(ball: TexturedBall) -> loops.Rule:
-    """Limits of the limb, and points of its Gauss rule, from -1 to 1, with their weights."""
-    points = BLURRED_RULE_POINTS if ball.footprint_blur else LIMB_RULE_POINTS
-    return (LIMB_FROM, LEAST_LIMB_PX, MAX_RAY_DISTANCE), np.polynomial.legendre.leggauss(points)
+def rim_points(radius: float) -> int:
+    """Number of points for the longest arc in a pixel of a ball of that ``radius``, px: along its diagonal."""
+    return math.ceil(math.sqrt(2 * math.sqrt(2) * radius) / ARC_PER_POINT_PX)
+
+
+def rule(ball: TexturedBall) -> Rule:
+    """Limits of the limb and Gauss rules of its pixels."""
+    wider = math.sqrt(_width(ball.footprint_blur))
+    at_limb = BLURRED_RULE_POINTS if ball.footprint_blur else LIMB_RULE_POINTS
+    counts = at_limb, max(at_limb, math.ceil(wider * ball.rim_points))
+    rules = np.zeros((2, 2, counts[1]), np.float32)
+    for number, count in enumerate(counts):
+        rules[:, number, :count] = np.polynomial.legendre.leggauss(count)
+    limits = np.array((LIMB_FROM, LEAST_LIMB_PX, MAX_RAY_DISTANCE, LONG_ARC_PX * wider), np.float32)
+    return Rule(limits, rules[0], rules[1], np.array(counts))
+
+
+def _width(blur: float) -> float:
+    """Width of a pixel with the ``blur``, px, over that of a sharp pixel."""
+    return math.sqrt(1 + 12 * blur**2)
 
 
 @dataclass(frozen=True)
@@ -53,12 +73,12 @@ def rays_of(x: Tensor, y: Tensor, radius: Tensor, ball: TexturedBall) -> Rays:
     A blurred pixel is at the limb where the slope of the surface is as many times less as the pixel is wider.
     """
     distance = (x.square() + y.square()).sqrt().clamp_min(1e-6).unsqueeze(-1)
-    points = torch.tensor(np.array(rule(ball)[1]), dtype=distance.dtype, device=distance.device)
-    blur = ball.footprint_blur
-    # Width of a pixel with the blur over that of a sharp pixel.
-    wider = math.sqrt(1 + 12 * blur**2)
-    inner = _inner_rays(distance, radius, wider, points)
-    outer = _outer_rays(x, y, distance, radius, blur, points)
+    given, blur = rule(ball), ball.footprint_blur
+    wider = _width(blur)
+    # Points and weights of both rules, (2, 2, k).
+    rules = torch.from_numpy(np.stack((given.points, given.shares))).to(distance)
+    inner = _inner_rays(distance, radius, wider, rules[0, 0])
+    outer = _outer_rays(x, y, distance, radius, blur, rules, float(given.limits[3]))
     slope = LIMB_FROM / math.sqrt(1 - LIMB_FROM**2) / wider
     limb_from = slope / math.sqrt(1 + slope**2)
     is_inner = distance < torch.minimum(limb_from * radius, radius - LEAST_LIMB_PX * wider)
@@ -72,12 +92,12 @@ def rays_of(x: Tensor, y: Tensor, radius: Tensor, ball: TexturedBall) -> Rays:
     return Rays(scale, (by_distance - scale) / distance, by_radius / distance, *weights)
 
 
-def _inner_rays(distance: Tensor, radius: Tensor, wider: float, points: Tensor) -> tuple[Tensor, ...]:
+def _inner_rays(distance: Tensor, radius: Tensor, wider: float, like: Tensor) -> tuple[Tensor, ...]:
     """Distances (n, s, s, k) of two rays from the centre, their derivatives, and their weights with derivatives.
 
     Both hold the variance by which the footprint exceeds that in front: that of pixel and blur times ``(r / R)^2``.
     """
-    sign = torch.zeros_like(points[0])
+    sign = torch.zeros_like(like)
     sign[0], sign[1] = -HALF_PIXEL * GAUSS_POINT * wider, HALF_PIXEL * GAUSS_POINT * wider
     by_distance = 1 + sign / radius
     at, none = distance * by_distance, torch.zeros_like(distance * sign)
@@ -85,7 +105,7 @@ def _inner_rays(distance: Tensor, radius: Tensor, wider: float, points: Tensor) 
 
 
 def _outer_rays(
-    x: Tensor, y: Tensor, distance: Tensor, radius: Tensor, blur: float, points: Tensor
+    x: Tensor, y: Tensor, distance: Tensor, radius: Tensor, blur: float, rules: Tensor, long_arc: float
 ) -> tuple[Tensor, ...]:
     """As `_inner_rays`, for pixels at the limb: a Gauss rule over the part of the pixel that the disc covers.
 
@@ -100,16 +120,18 @@ def _outer_rays(
     half, plateau = tilt * half, tilt * plateau
     near, far = (distance - half).minimum(radius - 1e-3), distance + half
     deep, shallow = (radius - near).sqrt(), (radius - far).clamp_min(1e-12).sqrt()
-    root = shallow + (deep - shallow) * (1 + points[0]) / 2
+    is_long = 2 * radius * (deep - shallow).square() > long_arc**2
+    points, shares = (torch.where(is_long, long, short) for short, long in rules)
+    root = shallow + (deep - shallow) * (1 + points) / 2
     at = radius - root.square()
     height = _height((at - distance).abs(), half, plateau)
-    weight = points[1] * root * height
+    weight = shares * root * height
     # Part of the pixel per px at the outline: what a move of the outline adds to the part that the disc covers.
     edge = torch.where(far > radius, _height((radius - distance).abs(), half, plateau), 0.0)
     edge = edge / (weight * (deep - shallow)).sum(-1, keepdim=True).clamp_min(1e-6)
     weight = weight / weight.sum(-1, keepdim=True)
     # The first ray is the one nearest to the outline.
-    first = (torch.arange(len(points[0]), device=at.device) == 0).to(at)
+    first = (torch.arange(at.shape[-1], device=at.device) == 0).to(at)
     by_radius = edge * (first - weight)
     return at, torch.ones_like(at), torch.zeros_like(at), weight, -by_radius, by_radius
 

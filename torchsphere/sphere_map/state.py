@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import torch
 from torch import Tensor
 
 from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import exposure, map_fit, pixel_weights
 from torchsphere.sphere_map.ball import Poses, TexturedBall
-from torchsphere.sphere_map.forward_model import Design, Linearisation
+from torchsphere.sphere_map.design import Design
+from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.map_fit import SMOOTHNESS, MapEquations
 from torchsphere.sphere_map.pixel_weights import ResidualProfile
 from torchsphere.sphere_map.window import Windows
@@ -70,14 +72,31 @@ def with_cells(state: State, cells: int) -> State:
     return replace(state, ball=replace(ball, cells=cells, coefficients=coefficients))
 
 
-def reweighted(state: State, residual: Tensor, leverage: Tensor, limit: float = math.inf) -> State:
+def unexplained(state: State, design: Design, shared: RowRunner) -> Tensor:
+    """Grey levels (n, s, s) seen less those of the ``design``."""
+    levels, coefficients = state.windows.levels, state.ball.coefficients
+    parts = shared(lambda a, b: levels[a:b] - design.rows(a, b).levels(coefficients), len(levels))
+    return torch.cat(parts)
+
+
+def reweighted(state: State, residual: Tensor, leverage: Tensor, shared: RowRunner, limit: float = math.inf) -> State:
     """The state with the weights and the visibility that the ``residual`` (n, s, s) suggests.
 
     ``leverage`` (n, s, s) is the share of the noise that the map has taken up. No ring gets a variance of more than
     ``limit`` times that within the disc.
     """
-    centre = state.poses.centre
-    profile = pixel_weights.measure_profile(state.windows, centre, residual, state.ball.radius, leverage)
+    windows, centre = state.windows, state.poses.centre
+    sums = shared(
+        lambda a, b: pixel_weights.ring_sums(
+            windows.rows(a, b), centre[a:b], residual[a:b], state.ball.radius, leverage[a:b]
+        ),
+        len(windows),
+    )
+    profile = pixel_weights.profile_of(torch.stack(sums).sum(0), state.ball.radius)
     profile = replace(profile, variance=profile.variance.minimum(limit * profile.variance[0]))
-    windows = pixel_weights.estimate_visibility(state.windows, profile.at(state.windows, centre), residual)
-    return replace(state, profile=profile, windows=windows)
+
+    def visibility(a: int, b: int) -> Tensor:
+        some = windows.rows(a, b)
+        return pixel_weights.estimate_visibility(some, profile.at(some, centre[a:b]), residual[a:b]).visibility
+
+    return replace(state, profile=profile, windows=windows.with_visibility(torch.cat(shared(visibility, len(windows)))))
