@@ -17,7 +17,7 @@ from torch import Tensor
 from torch._subclasses.fake_tensor import FakeTensor, FakeTensorMode
 from torch.overrides import TorchFunctionMode
 
-from torchsphere.correlation import plain
+from torchsphere.correlation import plain, plain_engine, plain_reference
 from torchsphere.correlation.options import Options
 from torchsphere.geometry import motion_models
 from torchsphere.geometry.motion_models import Geometry
@@ -222,7 +222,7 @@ def test_a_step_of_the_correlation_of_pairs_runs_on_a_gpu(mode: OnFakeCuda, monk
     with mode:
         n, p, side = 2, 40, 50
         like = torch.empty(n, p, device="cuda")
-        region = plain.Region(
+        region = plain_reference.Region(
             points=torch.empty(n, p, 2, device="cuda"),
             weights=like,
             values=like,
@@ -233,13 +233,13 @@ def test_a_step_of_the_correlation_of_pairs_runs_on_a_gpu(mode: OnFakeCuda, monk
             geometry=Geometry(like[:, 0]),
         )
         q = torch.empty(n, 5, device="cuda")
-        check(plain.spline_coefficients(torch.empty(n, side, side, device="cuda"), options.pre_blur))
+        check(plain_reference.spline_coefficients(torch.empty(n, side, side, device="cuda"), options.pre_blur))
         modes = torch.empty(n, p, 2, 5, device="cuda")
         monkeypatch.setattr(motion_models, "modes", lambda *_: modes)
         moved = region.points + motion_models.displacement(motion_models.finite, q, region.points, region.geometry)
-        weights = region.weights * plain._view_weights(region, moved, q)
-        check(plain._step(region, region.gradient, like, weights, q, motion_models.finite))
-        check(plain.zncc(region.values, like, weights))
+        weights = region.weights * plain.view_weights(region, moved, q)
+        check(plain.gauss_newton_step(region, region.gradient, like, weights, q, motion_models.finite))
+        check(plain_engine.zncc(region.values, like, weights))
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no CUDA device")

@@ -88,7 +88,7 @@ def correlate(
         settings = dataclasses.replace(settings, camera=settings.camera.settled(f.shape))
     require_one_of(("fast", "plain"))("engine", engine)
     if engine == "plain":
-        from torchsphere.correlation.plain import correlate_plain  # Kornia's warps take a second to load
+        from torchsphere.correlation.plain_engine import correlate_plain  # Kornia's warps take a second to load
 
         return correlate_plain(f, g, circles, first, mask, settings)
     return correlate_pairs(f, g, circles, first, mask, settings)
