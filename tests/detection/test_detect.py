@@ -61,6 +61,14 @@ def test_small_and_large_balls_are_found(radius: float) -> None:
     assert worst_error(found_in(made.images), made) < UNIFORM
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_ball_that_fills_most_of_the_image_is_found(seed: int) -> None:
+    made = shot(seed, n=6, background=90.0, radius=110.0, step=(1.5, 0.0), start=(122.0, 126.0))
+    circle = found_in(made.images[..., :258])
+    assert worst_error(circle, made) < UNIFORM
+    assert circle.frame == 0
+
+
 def test_a_ball_that_enters_late_is_found_when_it_is_wholly_in_view() -> None:
     made = shot(4, n=12, background=60.0, start=(-60.0, 120.0), step=(16.0, 0.0))
     circle = found_in(made.images)

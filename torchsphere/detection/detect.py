@@ -75,12 +75,10 @@ def refine_circle(image: Tensor, circle: Circle, window: float | None = None, ca
     check_finite_around(image, circle.x, circle.y, circle.radius + outline_fit.OUTWARDS * reach)
     plain = outline_fit.is_plain(image, guess[0])
     fit = outline_fit.refine(image[None], guess, window=reach, plain=plain, patterned=not plain, camera=camera)
-    level = image.median() if float(fit.support[0]) == 0 else _level_around(image, fit.circle[0])
-    difference = (image - level).abs()
-    if (
-        float(fit.support[0]) < MIN_SUPPORT
-        or disc_filter.explained_by(saturated(difference), fit.circle[0]) < disc_filter.MIN_EXPLAINED
-    ):
+    difference = (image - _around(image, fit.circle[0]).median()).abs()
+    silhouette = saturated(difference, _around(difference, fit.circle[0]))
+    explained = disc_filter.explained_by(silhouette, fit.circle[0])
+    if float(fit.support[0]) < MIN_SUPPORT or explained < disc_filter.MIN_EXPLAINED:
         raise ValueError(
             f"no outline was found near the circle ({circle.x:g}, {circle.y:g}, {circle.radius:g}): give one that is "
             f"right to {reach:.1f} px, or track with the circle as given"
@@ -226,13 +224,13 @@ def _outline_of(silhouette: Tensor, contrast: Tensor, guess: Tensor) -> tuple[ou
     return fine, plain
 
 
-def _level_around(image: Tensor, circle: Tensor) -> Tensor:
-    """Median grey level of a ring around the circle."""
+def _around(image: Tensor, circle: Tensor) -> Tensor:
+    """Values (n,) of the image (h, w) in a ring around the circle; all values where the image shows no such ring."""
     x, y, radius = circle.tolist()
     rows, columns = (torch.arange(size, device=image.device) for size in image.shape)
     distance = ((rows[:, None] - y) ** 2 + (columns - x) ** 2).sqrt()
     ring = image[(distance > 1.1 * radius) & (distance < disc_filter.RING * radius)]
-    return ring.median() if len(ring) else image.median()
+    return ring if len(ring) else image.flatten()
 
 
 def _within(circle: Tensor, shape: torch.Size) -> bool:

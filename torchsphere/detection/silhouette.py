@@ -40,6 +40,10 @@ def _selectable(values: Tensor) -> bool:
 #: Frames whose median is the still background.
 BACKGROUND_FRAMES = 25
 
+#: Median of a difference along the image's border, over that in the whole image, below which the border alone is taken
+#: for the background (docs/constants.md).
+QUIET_BORDER = 0.5
+
 Images = Callable[[int, int], Tensor]
 
 
@@ -56,10 +60,7 @@ def silhouettes(
 ) -> Iterator[tuple[Tensor, Tensor]]:
     """Maps (h, w) from 0 (background) to 1 (ball) of a frame, each with its image for the edges."""
     image = images(frame, frame + 1)[0]
-    edge = max(2, min(image.shape) // 40)
-    sides = (image[:edge], image[-edge:], image[:, :edge], image[:, -edge:])
-    level = torch.cat([side.flatten() for side in sides]).median()
-    maps = [((image - level).abs(), image)]
+    maps = [((image - _border(image).median()).abs(), image)]
     if background is not None:
         maps.append(((image - background).abs(), image - background))
     neighbours = [images(i, i + 1)[0] for i in (frame - 1, frame + 1) if 0 <= i < count]
@@ -71,11 +72,25 @@ def silhouettes(
             difference = torch.where(ignore, 0.0, difference)
         if float(difference.max()) > 0:
             yield saturated(difference), contrast
+            border = _border(difference)
+            if float(median(border)) < QUIET_BORDER * float(median(difference.flatten())):
+                # A ball that fills most of the image makes the median.
+                yield saturated(difference, border), contrast
 
 
-def saturated(difference: Tensor) -> Tensor:
-    """The difference from 0 to 1: the median is noise of the background, and strong differences are 1."""
+def _border(image: Tensor) -> Tensor:
+    """The values (n,) along the four sides of an image (h, w)."""
+    edge = max(2, min(image.shape) // 40)
+    sides = (image[:edge], image[-edge:], image[:, :edge], image[:, -edge:])
+    return torch.cat([side.flatten() for side in sides])
+
+
+def saturated(difference: Tensor, background: Tensor | None = None) -> Tensor:
+    """The difference (h, w) from 0 to 1, where strong differences are 1.
+
+    The median of its values in the ``background`` (n,), by default of all values, is noise.
+    """
     flat = difference.flatten()
-    noise = 1.4826 * float(median(flat))
+    noise = 1.4826 * float(median(flat if background is None else background))
     strong = quantile(flat[:: max(1, len(flat) // 100_000)], 0.97)
     return (difference / max(5 * noise, 0.25 * strong, 1e-6)).clamp(max=1.0)
