@@ -21,7 +21,7 @@ from torchsphere.sphere_map.state import State
 from torchsphere.sphere_map.window import Windows, cut_windows
 
 #: Frames that are registered at once (docs/constants.md).
-BATCH = 64
+BATCH = 32
 
 #: Largest misfit of a frame on the map, and largest move by its registration, radii (docs/constants.md).
 MAX_FRAME_MISFIT, MAX_MOVE = 2.0, 0.1
