@@ -5,9 +5,9 @@ Claim: up to 0.6 deg per frame the noise in the images makes the error of a step
 with finer and coarser speckle; 0.005 px at R = 10 px. From 2 deg per frame on the changing view of the texture adds
 errors: the stated uncertainty is true to 25 % at 5 deg; at 10 deg it is a third too wide, but for wz a quarter too
 narrow; at 20 deg up to a half too wide, and for wz 1.6 times too narrow. All this is by pairs (``sphere_map=False``).
-The default, on a map of the ball, is twice as precise; its bias is 0.0005 px at most under noise of 2 grey levels, and
-20 deg per frame are as good as 0.57. The map of 30 frames takes up noise: the stated uncertainty is true to 40 % up to
-4 grey levels, but half of the error at 8. From 2 px of motion blur on the map is often refused.
+The default, on a map of the ball, is twice as precise; its bias is 0.0003 px at most without motion blur and 0.0006 px
+at 2 px and more, and 20 deg per frame are as good as 0.57. The stated uncertainty is true to a quarter, mostly to a
+tenth (wz with speckle of 8 px: 0.8 of the error; dx and wy at 5 px of motion blur: 1.4 times it).
 
 Base case: R = 50 px, noise 2 grey levels, 8 bit, speckle 4 px from 30 to 220 grey levels over a uniform background of
 90, steps of (1.4, 0.2) +- 0.3 px, rotation 0.57 deg per frame; one property is varied at a time; three patterns of 30

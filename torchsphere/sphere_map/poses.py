@@ -50,6 +50,10 @@ PIXELS_PER_PIXEL = 16.0
 #: Width of the map's cells in units of the texture's width, and its limits, px (docs/constants.md).
 CELLS_PER_TEXTURE, MIN_CELL_PX, MAX_CELL_PX = 0.75, 1.0, 1.2
 
+#: Variance of the noise over that of the texture from which the cells are wider, and by which factor: narrow cells take
+#: up the noise, at the outline most (docs/constants.md).
+NOISY, WIDER_CELLS = 0.1, 1.7
+
 #: Residual variance within the disc, in variances of the noise, from which the map is refused (docs/constants.md).
 MAX_MISFIT = 4.0
 
@@ -116,6 +120,7 @@ def poses_on_map(
     windows = frames.windows(keys, initial.centre, circle.radius)
     noise = max(noise_share * texture_variance(windows), ROUNDING_VARIANCE)
     cell_px = float(np.clip(CELLS_PER_TEXTURE / np.sqrt(fineness), MIN_CELL_PX, MAX_CELL_PX))
+    cell_px *= WIDER_CELLS if noise_share > NOISY else 1.0
 
     def report(done: int) -> None:
         if progress is not None:

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 #: Squared difference of a step on the map and by a pair of images in uneven light, in their variances, from which one
 #: of both is wrong (docs/constants.md).
-MAX_DISAGREEMENT = 22.0
+MAX_DISAGREEMENT = 12.5
 
 #: Misfit of a frame on the map, in the median of all frames, from which the map is wrong there (docs/constants.md).
 SHADED_MISFIT = 1.5
