@@ -82,7 +82,7 @@ def shaded(offset_px: float, misfit: float, *, uneven: bool = True) -> list[int]
 
 
 def test_frames_in_which_uneven_light_contradicts_the_map_are_shaded() -> None:
-    """A step's difference has a variance of 2e-4 px^2 in each direction; the pairs' own errors make it 9.5 variances."""
+    """A step differs with a variance of 2e-4 px^2 in each direction; the pairs' own errors make it 9.5 variances."""
     limit_px = (drift.MAX_DISAGREEMENT * 1e-4) ** 0.5
     assert shaded(1.5 * limit_px, 2.0) == [3, 4, 5]
     assert shaded(0.2 * limit_px, 2.0) == []
