@@ -1,4 +1,4 @@
-"""Medians and quantiles by selection."""
+"""Medians and quantiles by selection, and what counts as a calm background."""
 
 import pytest
 import torch
@@ -26,3 +26,13 @@ def test_the_median_is_nan_where_a_value_is_nan() -> None:
 def test_the_quantile_is_that_of_torch(count: int, share: float) -> None:
     values = torch.rand(count, generator=torch.Generator().manual_seed(4))
     assert silhouette.quantile(values, share) == float(torch.quantile(values, share))
+
+
+def test_ignored_pixels_along_the_border_are_no_calm_background() -> None:
+    image = 90 + 10 * torch.randn(1, 80, 90, generator=torch.Generator().manual_seed(0))
+    image[0, 30:50, 30:50] = 200
+    ignore = torch.zeros(80, 90, dtype=torch.bool)
+    ignore[:6], ignore[-6:], ignore[:, :6] = True, True, True
+    for mask in (None, ignore, torch.ones_like(ignore).fill_diagonal_(False)):
+        seen = list(silhouette.silhouettes(lambda start, stop: image[start:stop], 0, 1, None, mask))
+        assert len(seen) == 1

@@ -42,7 +42,7 @@ BACKGROUND_FRAMES = 25
 
 #: Median of a difference along the image's border, over that in the whole image, below which the border alone is taken
 #: for the background (docs/constants.md).
-QUIET_BORDER = 0.5
+QUIET_BORDER = 0.2
 
 Images = Callable[[int, int], Tensor]
 
@@ -72,8 +72,8 @@ def silhouettes(
             difference = torch.where(ignore, 0.0, difference)
         if float(difference.max()) > 0:
             yield saturated(difference), contrast
-            border = _border(difference)
-            if float(median(border)) < QUIET_BORDER * float(median(difference.flatten())):
+            border = _border(difference) if ignore is None else _border(difference)[~_border(ignore)]
+            if len(border) and float(median(border)) < QUIET_BORDER * float(median(difference.flatten())):
                 # A ball that fills most of the image makes the median.
                 yield saturated(difference, border), contrast
 
