@@ -147,7 +147,7 @@ def fake(mode: OnFakeCuda) -> _Fake:
     return _Fake(mode)
 
 
-def check(result: Any) -> None:
+def assert_on_gpu(result: Any) -> None:
     """All tensors are fake and on the GPU."""
     tensors = all_tensors(result)
     assert tensors
@@ -174,20 +174,20 @@ def test_the_forward_model_runs_on_a_gpu(mode: OnFakeCuda, fake: _Fake) -> None:
     with mode:
         model = forward_model.linearise(fake.windows, fake.poses, fake.ball)
         design = forward_model.design(fake.windows, fake.poses, fake.ball)
-        check(model)
-        check(design.levels(fake.ball.coefficients))
-        check(design.adjoint(fake.windows.visibility))
-        check(design.adjoint_columns(model.jacobian))
-        check(model.normal(fake.windows.visibility, fake.windows.levels))
+        assert_on_gpu(model)
+        assert_on_gpu(design.levels(fake.ball.coefficients))
+        assert_on_gpu(design.adjoint(fake.windows.visibility))
+        assert_on_gpu(design.adjoint_columns(model.jacobian))
+        assert_on_gpu(model.normal(fake.windows.visibility, fake.windows.levels))
 
 
 def test_the_fit_of_the_map_runs_on_a_gpu(mode: OnFakeCuda, fake: _Fake) -> None:
     with mode:
         of = equations(fake)
         right = of.gradient(fake.ball.coefficients, fake.windows.levels)
-        check(of.solve(right, 2))
-        check(of.leverage())
-        check(map_fit.refined(fake.ball.coefficients, CELLS, 2 * CELLS))
+        assert_on_gpu(of.solve(right, 2))
+        assert_on_gpu(of.leverage())
+        assert_on_gpu(map_fit.refined(fake.ball.coefficients, CELLS, 2 * CELLS))
 
 
 def test_the_joint_equations_run_on_a_gpu(mode: OnFakeCuda, fake: _Fake) -> None:
@@ -196,8 +196,8 @@ def test_the_joint_equations_run_on_a_gpu(mode: OnFakeCuda, fake: _Fake) -> None
         joint = elimination.joint_equations(model, of, fake.poses)
         _, parts = model.normal(fake.windows.visibility, fake.windows.levels)
         right = of.gradient(fake.ball.coefficients, fake.windows.levels)
-        check(joint.solve(right, elimination.spread_gradient(parts), 2))
-        check(joint.covariance)
+        assert_on_gpu(joint.solve(right, elimination.spread_gradient(parts), 2))
+        assert_on_gpu(joint.covariance)
 
 
 def test_the_weights_of_the_pixels_run_on_a_gpu(mode: OnFakeCuda, fake: _Fake) -> None:
@@ -205,15 +205,15 @@ def test_the_weights_of_the_pixels_run_on_a_gpu(mode: OnFakeCuda, fake: _Fake) -
         seen, centre = fake.windows, fake.poses.centre
         sums = pixel_weights.ring_sums(seen, centre, seen.levels, fake.ball.radius, seen.visibility)
         profile = pixel_weights.profile_of(sums, fake.ball.radius)
-        check(profile.weights(seen, centre))
-        check(pixel_weights.estimate_visibility(seen, profile.at(seen, centre), seen.levels))
+        assert_on_gpu(profile.weights(seen, centre))
+        assert_on_gpu(pixel_weights.estimate_visibility(seen, profile.at(seen, centre), seen.levels))
 
 
 def test_a_step_of_the_registration_runs_on_a_gpu(mode: OnFakeCuda, fake: _Fake) -> None:
     with mode:
         profile = pixel_weights.uniform_profile(fake.ball.radius, 4.0)
-        check(registration._step(fake.windows, fake.poses, fake.ball, profile))
-        check(registration.pose_covariance(fake.windows, fake.poses, fake.ball, profile))
+        assert_on_gpu(registration._step(fake.windows, fake.poses, fake.ball, profile))
+        assert_on_gpu(registration.pose_covariance(fake.windows, fake.poses, fake.ball, profile))
 
 
 def test_a_step_of_the_correlation_of_pairs_runs_on_a_gpu(mode: OnFakeCuda, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -233,13 +233,13 @@ def test_a_step_of_the_correlation_of_pairs_runs_on_a_gpu(mode: OnFakeCuda, monk
             geometry=Geometry(like[:, 0]),
         )
         q = torch.empty(n, 5, device="cuda")
-        check(plain_reference.spline_coefficients(torch.empty(n, side, side, device="cuda"), options.pre_blur))
+        assert_on_gpu(plain_reference.spline_coefficients(torch.empty(n, side, side, device="cuda"), options.pre_blur))
         modes = torch.empty(n, p, 2, 5, device="cuda")
         monkeypatch.setattr(motion_models, "modes", lambda *_: modes)
         moved = region.points + motion_models.displacement(motion_models.finite, q, region.points, region.geometry)
         weights = region.weights * plain.view_weights(region, moved, q)
-        check(plain.gauss_newton_step(region, region.gradient, like, weights, q, motion_models.finite))
-        check(plain_engine.zncc(region.values, like, weights))
+        assert_on_gpu(plain.gauss_newton_step(region, region.gradient, like, weights, q, motion_models.finite))
+        assert_on_gpu(plain_engine.zncc(region.values, like, weights))
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no CUDA device")

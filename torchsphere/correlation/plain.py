@@ -43,6 +43,12 @@ class Fit(NamedTuple):
     weights: Tensor  # (n, p), of the points that both images show
     jacobian: Tensor  # (n, p, k), grey levels per px
     residual: Tensor  # (n, p), f - a g - b
+    operator: Tensor  # (n, k, k), M = J^T W J, float64
+
+    @property
+    def energy(self) -> tuple[Tensor, Tensor]:
+        """Weighted sum of the squared residual (n,), and sum of the weights (n,), float64."""
+        return (self.weights * self.residual.square()).double().sum(-1), self.weights.double().sum(-1)
 
 
 def fit(region: Region, g: Deformed, q: Tensor, model: Displacement, options: Options) -> Fit:
@@ -52,7 +58,7 @@ def fit(region: Region, g: Deformed, q: Tensor, model: Displacement, options: Op
     for _ in range(options.max_iterations):
         warped, weights, gradient = warp(region, g, q, model)
         gradient = gradient if options.jacobian == "autograd" else region.gradient
-        step, jacobian, residual = gauss_newton_step(region, gradient, warped, weights, q, model)
+        step, jacobian, residual, operator = gauss_newton_step(region, gradient, warped, weights, q, model)
         length = step.abs().amax(-1)
         going = ~ended & (length < 2 * region.geometry.radius)
         q = torch.where(going[:, None], q + (step / region.scale(step.shape[-1])).to(q), q)
@@ -61,7 +67,7 @@ def fit(region: Region, g: Deformed, q: Tensor, model: Displacement, options: Op
         ended = ended | converged | ~going
         if bool(ended.all()):
             break
-    return Fit(q, iterations, converged, warped, weights, jacobian, residual)
+    return Fit(q, iterations, converged, warped, weights, jacobian, residual, operator)
 
 
 def sample(c: Tensor, points: Tensor) -> Tensor:
@@ -112,12 +118,13 @@ def view_weights(region: Region, turned: Tensor, q: Tensor) -> Tensor:
 
 def gauss_newton_step(
     region: Region, gradient: Tensor, warped: Tensor, weights: Tensor, q: Tensor, model: Displacement
-) -> tuple[Tensor, Tensor, Tensor]:
-    """The step (n, k) of equations (7) to (10), px, float64; its Jacobian (n, p, k) and residual (n, p)."""
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """The step (n, k) of equations (7) to (10), px, float64; its Jacobian, residual and operator as in `Fit`."""
     jacobian = jacobian_of(region, gradient, q, model, weights)
     residual = znssd_residual(region.values, warped, weights)
-    step = solve(products(jacobian, weights), products(jacobian, weights, residual[..., None]))[..., 0]
-    return step, jacobian, residual
+    operator = products(jacobian, weights)
+    step = solve(operator, products(jacobian, weights, residual[..., None]))[..., 0]
+    return step, jacobian, residual, operator
 
 
 def jacobian_of(region: Region, gradient: Tensor, q: Tensor, model: Displacement, weights: Tensor) -> Tensor:
@@ -147,12 +154,11 @@ def covariance(region: Region, found: Fit, model: Displacement, pre_blur: float)
     The pre-blur leaves a share of the noise's variance and correlates neighbours: ``s^2 M^-1 N M^-1``, N as M with the
     gradients blurred once more.
     """
-    count, power = found.weights.double().sum(-1), (found.weights * found.residual.square()).double().sum(-1)
+    power, count = found.energy
     variance = power / (count - found.q.shape[-1] - 2).clamp_min(1) / interpolation.noise_gains(pre_blur)[0]
     spread = jacobian_of(region, region.blurred_gradient, found.q, model, found.weights)
-    operator = products(found.jacobian, found.weights)
-    half = solve(operator, products(spread, found.weights))
-    return variance[:, None, None] * solve(operator, half.mT)
+    half = solve(found.operator, products(spread, found.weights))
+    return variance[:, None, None] * solve(found.operator, half.mT)
 
 
 def centred(values: Tensor, weights: Tensor) -> Tensor:

@@ -80,7 +80,7 @@ def widening(region: Region, found: Fit, covariance: Tensor) -> Tensor:
     scores = jacobian.new_zeros(len(jacobian), count * count, jacobian.shape[-1])
     blocks = (row * count + column)[..., None].expand_as(jacobian)
     scores.scatter_add_(1, blocks, jacobian * (found.weights * found.residual)[..., None])
-    response = solve(products(jacobian, found.weights), scores.mT.double())
+    response = solve(found.operator, scores.mT.double())
     ratio = response.square().sum(-1) / covariance.diagonal(dim1=-2, dim2=-1)
     return (ratio / MAX_CHANCE_SCATTER).nan_to_num(1.0, 1.0).clamp_min(1.0).sqrt()
 
@@ -88,15 +88,14 @@ def widening(region: Region, found: Fit, covariance: Tensor) -> Tensor:
 def texture_carries_modes(region: Region, found: Fit, model: Displacement, pre_blur: float) -> Tensor:
     """True (n,) where the texture determines every mode: the operator over that of noise alone is large and even."""
     of_value, of_slope = interpolation.noise_gains(pre_blur)
-    count, power = found.weights.double().sum(-1), (found.weights * found.residual.square()).double().sum(-1)
+    power, count = found.energy
     # Two upper bounds: the residual exceeds the noise where the match fails, the raw image's where texture is fine.
     noise = torch.minimum(power / count.clamp_min(1) / (2 * of_value), region.noise.double().square()).clamp_min(1e-12)
     # Gradients of noise have independent components.
     modes = motion_models.modes(model, found.q, region.points, region.geometry)
     modes = modes / region.scale(found.q.shape[-1])[:, None, None]
     of_modes = products(modes.flatten(1, 2), found.weights.repeat_interleave(2, 1))
-    operator = products(found.jacobian, found.weights)
-    ratios = torch.linalg.eigvals(solve(of_slope * noise[:, None, None] * of_modes, operator).nan_to_num()).real
+    ratios = torch.linalg.eigvals(solve(of_slope * noise[:, None, None] * of_modes, found.operator).nan_to_num()).real
     worst, best = ratios.amin(-1), ratios.amax(-1)
     return (worst > MIN_TEXTURE_SIGNAL) & (best < MAX_CONDITION * worst)
 
