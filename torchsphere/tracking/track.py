@@ -246,11 +246,15 @@ def _follow_as_it_grows(task: _Task, start: _Start) -> tuple[_Start, Record]:
     measured = _follow(task, start)
     if task.in_place or start.grows or start.options.model not in growth.RIGID_MODELS:
         return start, measured
-    options = growth.growing(start.options, start.circle.radius, start.image)
-    if not growth.is_growing(task.source, measured, task.ignore, start.options.camera, options):
+    camera = start.options.camera
+    if not growth.may_grow(task.source, measured, task.ignore, camera):
         return start, measured
-    start = dataclasses.replace(start, options=options, grows=True)
-    return start, _follow(task, start)
+    options = growth.growing(start.options, start.circle.radius, start.image)
+    growing = dataclasses.replace(start, options=options, grows=True)
+    followed = _follow(task, growing)
+    if not growth.limbs_follow(task.source, followed, task.ignore, camera):
+        return start, measured
+    return growing, growth.along_limbs(task.source, followed, task.ignore, camera, options)
 
 
 def _follow(task: _Task, start: _Start) -> Record:
