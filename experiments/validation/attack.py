@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +47,8 @@ class Score:
 
 def score(made: Recorded, track: ts.Track) -> Score:
     """Compare a track with the truth."""
+    if made.rival is not None and track.circle.others and _starts_nearer(track, made.rival, made.position):
+        made = replace(made, position=made.rival)
     true = np.concatenate((np.diff(made.position, axis=0), (made.turns[1:] * made.turns[:-1].inv()).as_rotvec()), 1)
     # Of a turn by nearly 180 deg, the rotation left over, not the difference of the vectors.
     left = Rotation.from_rotvec(np.nan_to_num(track.increment[:, 2:])) * Rotation.from_rotvec(true[:, 2:]).inv()
@@ -65,6 +67,12 @@ def score(made: Recorded, track: ts.Track) -> Score:
         worst_deg=float(np.nanmax(seen[:, 2:])),
         said=track.warnings[0] if track.warnings else "",
     )
+
+
+def _starts_nearer(track: ts.Track, path: Array, other: Array) -> bool:
+    """Whether the first circle lies nearer to the first ``path`` (n, 2) than to the ``other``."""
+    frame, first = track.circle.frame, np.array([track.circle.x, track.circle.y])
+    return bool(np.linalg.norm(path[frame] - first) < np.linalg.norm(other[frame] - first))
 
 
 def _misplaced(made: Recorded, track: ts.Track, sd: Array) -> Array:

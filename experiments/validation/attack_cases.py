@@ -135,7 +135,8 @@ def second_ball(seed: int) -> Recorded:
     other = replace(made, pattern=flight(seed + 77, radius=made.radius).pattern, centres=made.centres[::-1].copy())
     images, crossing = filmed(made), filmed(other)
     x, y = offsets(other, images)
-    return recorded(made, torch.where(x.square() + y.square() < 1, crossing, images))
+    seen = recorded(made, torch.where(x.square() + y.square() < 1, crossing, images))
+    return replace(seen, rival=other.centres)
 
 
 def in_place(seed: int) -> Recorded:

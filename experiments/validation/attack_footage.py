@@ -55,12 +55,17 @@ class Flight:
 
 @dataclass(frozen=True)
 class Recorded:
-    """Images (n, h, w) of a flight, its true positions (n, 2) px and orientations, and options of `ts.track`."""
+    """Images (n, h, w) of a flight, its true positions (n, 2) px and orientations, and options of `ts.track`.
+
+    ``rival`` has the positions (n, 2) of a second ball with the same orientations: a program that names both may take
+    either.
+    """
 
     images: Tensor
     position: Array
     turns: Rotation
     options: dict[str, Any] = field(default_factory=dict)
+    rival: Array | None = None
 
 
 def flight(

@@ -75,6 +75,7 @@ class Follower:
         """Start from the circle ``first``; after ``searches`` failed searches over rotations no further one is made."""
         self.record = Record.empty(source.count, first)
         self._source, self._progress, self._first, self._searches = source, progress, first.frame, searches
+        self._is_alone = not first.others
         self._setup = PairSetup(options, ignore, in_place, shared=lambda part, rows: [part(0, rows)])
         image = source.images(first.frame, first.frame + 1)
         self._state: BallState
@@ -260,7 +261,10 @@ class Follower:
         self._set_state(at, pair[1:], increment / (at - state.frame))
 
     def _restart_by_outline(self, at: int, image: Tensor) -> None:
-        """Continue with a ball found by its outline: with its rotation where its texture is that of the ball."""
+        """Continue with a ball found by its outline: with its rotation where its texture is that of the ball.
+
+        Where there are other balls, an outline alone does not tell which ball it is.
+        """
         state, setup, whole = self._state, self._setup, self._whole
         centre = recovery.find_by_outline(image, state, setup)
         if centre is None:
@@ -271,7 +275,7 @@ class Follower:
             since = So3.exp(torch.from_numpy(self.record.turned(whole.frame, state.frame)))
             self.record.rotation[at] = (So3.exp(motion[None, 2:]) * since.inverse()).log()[0].numpy()
             self._set_state(at, image, motion.numpy() / (at - whole.frame))
-        elif setup.in_place or not recovery.is_other_object(image, centre, state, setup):
+        elif setup.in_place or (self._is_alone and not recovery.is_other_object(image, centre, state, setup)):
             self._place(at, centre)
             self._set_state(at, image, np.full(5, np.nan))
 
