@@ -255,10 +255,14 @@ def denoised(seed: int) -> Recorded:
 
 
 def blended(seed: int) -> Recorded:
-    """Half of each image is the next one, as after a change of the frame rate."""
+    """Half of each image is the next one, as after a change of the frame rate: the truth lies midway between both."""
     made = clean(seed)
     following = torch.cat((made.images[1:], made.images[-1:]))
-    return seen_as(made, (0.5 * made.images + 0.5 * following).round())
+    half = made.position.copy()
+    half[:-1] = (made.position[:-1] + made.position[1:]) / 2
+    by_half = Rotation.from_rotvec((made.turns[1:] * made.turns[:-1].inv()).as_rotvec() / 2)
+    turns = Rotation.concatenate((by_half * made.turns[:-1], made.turns[-1]))
+    return replace(seen_as(made, (0.5 * made.images + 0.5 * following).round()), position=half, turns=turns)
 
 
 def compressed(crf: int) -> Case:

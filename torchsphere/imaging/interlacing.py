@@ -23,6 +23,9 @@ MIN_SIGNIFICANCE = 5.0
 #: Least share of the difference between the rows that a shift explains (docs/constants.md).
 MIN_EXPLAINED = 0.08
 
+#: Least combing of an image of two instants that are so far apart that no small shift explains it (docs/constants.md).
+MIN_COMBING = 2.0
+
 #: Least share of the examined images that are interlaced.
 MIN_SHARE = 0.5
 
@@ -62,11 +65,33 @@ def row_products(images: Tensor) -> Tensor:
     return values @ values.mT
 
 
+def combing(images: Tensor) -> Tensor:
+    """How much less (n,) a row resembles its neighbours, which are rows of the other field, than rows of its own field.
+
+    The ratio of the mean squares that both interpolations leave: below 1 for an image of one instant, 1 for noise.
+    """
+    images = images.to(torch.float32)
+    rest = [
+        images[:, 6:-6] - _interpolate_rows(images, distance)[:, 6 - 3 * distance :][:, : images.shape[1] - 12]
+        for distance in (1, 2)
+    ]
+    by_other, by_own = (values.square().mean((1, 2)) for values in rest)
+    return by_other / by_own.clamp_min(torch.finfo(torch.float32).tiny)
+
+
 def is_interlaced(crops: Crops) -> bool:
-    """Whether most of the crops show the ball at two instants."""
-    shift = field_shift(crops.images[:: max(1, len(crops.images) // EXAMINED_IMAGES)]).abs()
-    apart = (shift > torch.tensor(MIN_SHIFT_PX).to(shift)).any(-1)
+    """Whether most of the crops show the ball at two instants, by a small shift between them or by comb-like edges."""
+    examined = crops.images[:: max(1, len(crops.images) // EXAMINED_IMAGES)]
+    shift = field_shift(examined).abs()
+    apart = (shift > torch.tensor(MIN_SHIFT_PX).to(shift)).any(-1) | (combing(examined) > MIN_COMBING)
     return bool(apart.double().mean() > MIN_SHARE)
+
+
+def of_even_rows(images: Tensor) -> Tensor:
+    """Whole ``images`` (n, h, w) with their odd rows interpolated from the even ones, floating point."""
+    images = (images if images.is_floating_point() else images.float()).clone()
+    images[:, 3:-3][:, ::2] = _interpolate_rows(images)[:, ::2]
+    return images
 
 
 def one_field(crops: Crops) -> Crops:
@@ -79,9 +104,12 @@ def one_field(crops: Crops) -> Crops:
     return dataclasses.replace(crops, images=images)
 
 
-def _interpolate_rows(images: Tensor) -> Tensor:
-    """Each row interpolated from the rows of the other field, (n, h - 6, w)."""
+def _interpolate_rows(images: Tensor, distance: int = 1) -> Tensor:
+    """Each row interpolated from those at 1 and 3 times the ``distance``, (n, h - 6 distance, w).
+
+    At a distance of 1 these are rows of the other field, at 2 rows of its own.
+    """
     first, second, third, last = MIDWAY_WEIGHTS
-    height = images.shape[1]
-    rows = [images[:, 3 + step : height - 3 + step] for step in (-3, -1, 1, 3)]
+    height, reach = images.shape[1], 3 * distance
+    rows = [images[:, reach + step : height - reach + step] for step in (-reach, -distance, distance, reach)]
     return first * rows[0] + second * rows[1] + third * rows[2] + last * rows[3]

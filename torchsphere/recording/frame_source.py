@@ -74,6 +74,10 @@ class Source:
             self.read(a, b, out=buffer[a - start : b - start].numpy())
         return buffer[: stop - start]
 
+    def changed(self, change: Callable[[Tensor], Tensor]) -> Source:
+        """The images (m, h, w) after a ``change``, which must not write to them."""
+        return Source(lambda start, stop: change(self.images(start, stop)), self.count, self.device, self.dtype)
+
     def cached(self, start: int, stop: int) -> Source:
         """The same images, of which ``start`` to ``stop - 1`` are read once; unchanged where they are too large.
 

@@ -95,10 +95,16 @@ def along_limbs(
     all_frames = np.arange(source.count)
     apart = np.column_stack((fitted[:, :2] - path[:, :2], np.log(fitted[:, 2] / path[:, 2])))
     slow = np.polynomial.Polynomial.fit
-    off = np.column_stack([slow(frames, column, PATH_DEGREE, domain=[0, source.count])(all_frames) for column in apart.T])
+    off = np.column_stack(
+        [slow(frames, column, PATH_DEGREE, domain=[0, source.count])(all_frames) for column in apart.T]
+    )
     held = dataclasses.replace(
-        measured, position=measured.position + off[:, :2], size=measured.size * np.exp(off[:, 2]),
-        increment=measured.increment.copy(), covariance=measured.covariance.copy(), sd_growth=measured.sd_growth.copy(),
+        measured,
+        position=measured.position + off[:, :2],
+        size=measured.size * np.exp(off[:, 2]),
+        increment=measured.increment.copy(),
+        covariance=measured.covariance.copy(),
+        sd_growth=measured.sd_growth.copy(),
     )
     second = np.flatnonzero((measured.status == "ok")[1:] & np.isfinite(measured.increment).all(1)) + 1
     for rows in np.array_split(second, max(1, round(len(second) / BATCH))):
@@ -111,7 +117,9 @@ def along_limbs(
     return held
 
 
-def _pairs(source: Source, measured: Record, second: NDArray[np.int64], ignore: Tensor | None, options: Options) -> Correlation:
+def _pairs(
+    source: Source, measured: Record, second: NDArray[np.int64], ignore: Tensor | None, options: Options
+) -> Correlation:
     """Pairs of each of the frames ``second`` with the frame before, from the circles of the record."""
     images = [source.images(int(i) - 1, int(i) + 1) for i in second]
     f, g = torch.stack([pair[0] for pair in images]), torch.stack([pair[1] for pair in images])

@@ -26,7 +26,7 @@ from torchsphere.detection.blurred_limb import LimbBlur
 from torchsphere.detection.detect import at_limb, unblurred
 from torchsphere.geometry.camera import Camera, require_distance, sphere_of_outline
 from torchsphere.geometry.circle import Circle
-from torchsphere.imaging import background, crop
+from torchsphere.imaging import background, crop, interlacing
 from torchsphere.recording.frame_source import Source
 from torchsphere.settings.arrays import check_circle
 from torchsphere.settings.limits import SettingError, is_whole
@@ -109,6 +109,14 @@ def shows_outline(source: Source, circle: Circle, options: Options) -> bool:
     except ValueError:
         return False
     return True
+
+
+def is_interlaced(source: Source, circle: Circle) -> bool:
+    """Whether the images from that of the ``circle`` on show the ball at two instants."""
+    first = min(circle.frame, source.count - 2)
+    centre = torch.tensor([[circle.x, circle.y]], dtype=torch.float64).expand(2, 2)
+    crops = crop.cut(source.images(first, first + 2), centre, crop.half_size(circle.radius, 0.0))
+    return interlacing.is_interlaced(crops)
 
 
 def _fit_in_perspective(source: Source, outline: Circle, sphere: Circle, camera: Camera) -> Circle:

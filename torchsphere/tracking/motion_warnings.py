@@ -12,6 +12,7 @@ from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map.nearness import UNKNOWN_SD
 from torchsphere.tracking import edge_leakage
 from torchsphere.tracking.camera_shake import camera_shake
+from torchsphere.tracking.frame_memory import lag_of
 from torchsphere.tracking.in_place import MIN_DRIFT_PX, SIGNIFICANT_SD
 from torchsphere.tracking.missing_frames import missing_frames
 from torchsphere.tracking.result import Track, status_counts
@@ -36,6 +37,7 @@ def motion_warnings(source: Source, track: Track, start: int, roi_given: bool) -
         *_place_warnings(track),
         *_map_warnings(track),
         *_growth_warnings(track),
+        *_video_warnings(track),
         *_distance_warnings(track),
         *_leakage_warnings(track, roi_given),
         *_shake_warnings(source, track, start),
@@ -81,6 +83,24 @@ def _growth_warnings(track: Track) -> list[str]:
         f"The image of the ball {grows} by {abs(percent):.2g} % per frame, as of a ball that {comes}: it was measured "
         "with the model 'pinhole6', from frame to frame, without a map."
     ]
+
+
+def _video_warnings(track: Track) -> list[str]:
+    """What the video does to the images."""
+    sentences, memory = [], track.settings["noise_memory"]
+    if track.settings["interlaced"]:
+        sentences.append(
+            "The video is interlaced: odd rows show the ball at another instant. The even rows alone were used; all "
+            "times are theirs."
+        )
+    if memory:
+        sentences.append(
+            f"Each image holds {100 * memory:.0f} % of the image beside it, by its noise, as after temporal noise "
+            "reduction or a change of the frame rate: the ball is seen late or early by up to "
+            f"{lag_of(memory):.1g} frames, and changes of its motion are smoothed. The standard deviations of the steps "
+            "include this; the positions have this shift in time. Switch such processing off in camera and software."
+        )
+    return sentences
 
 
 def _circle_warnings(source: Source, track: Track, start: int) -> list[str]:

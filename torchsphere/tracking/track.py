@@ -17,18 +17,19 @@ from torch import Tensor
 
 from torchsphere.correlation.options import Options, options_for
 from torchsphere.geometry.circle import Circle
+from torchsphere.imaging import interlacing
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
 from torchsphere.settings.arrays import as_mask
-from torchsphere.settings.limits import require_switch, require_within
+from torchsphere.settings.limits import SettingError, require_switch, require_within
 from torchsphere.sphere_map.nearness import UNKNOWN_SD
-from torchsphere.tracking import growth
+from torchsphere.tracking import frame_memory, growth
 from torchsphere.tracking import in_place as place_of_ball
 from torchsphere.tracking.drift import AbsoluteMotion, absolute_motion
 from torchsphere.tracking.edge_leakage import adapt_options, background_contrast, leakage_share
 from torchsphere.tracking.follow import Follower, Progress
 from torchsphere.tracking.in_place import Limbs
-from torchsphere.tracking.initial_circle import find_initial_circle, shows_outline
+from torchsphere.tracking.initial_circle import find_initial_circle, is_interlaced, shows_outline
 from torchsphere.tracking.motion_warnings import motion_warnings
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.result import Track
@@ -71,6 +72,7 @@ class _Start:
     contrast: float  # of the background against the ball, see `background_contrast`
     options: Options  # adapted to the ball
     grows: bool = False  # whether the ball comes nearer or goes away, which nobody said
+    interlaced: bool = False  # whether only the even rows are used, as the others show another instant
 
 
 @threads.single_threaded_torch()
@@ -165,12 +167,29 @@ def track(
     task = _Task(source, circle, mask, refine, in_place, telecentric, sphere_map, exposure, stated, progress)
 
     start = _initial_circle(task, settings, options)
+    if is_interlaced(source, start.circle):
+        task = dataclasses.replace(task, source=source.changed(interlacing.of_even_rows))
+        start = dataclasses.replace(_initial_circle(task, settings, options), interlaced=True)
     found = _measured_in_place(task, start) if in_place else _measured(task, start)
-    found = dataclasses.replace(found, warnings=motion_warnings(source, found, first_frame, "roi" in options))
+    _require_proof(task, found)
+    found = dataclasses.replace(found, warnings=motion_warnings(task.source, found, first_frame, "roi" in options))
     if log:
         for sentence in found.warnings:
             _LOG.warning("%s", sentence)
     return found
+
+
+def _require_proof(task: _Task, found: Track) -> None:
+    """Raise ValueError for a circle that was found, that its image leaves in doubt, and that no other image proves."""
+    place = found.settings["place"]
+    is_proven = found.settings["sphere_map"]["used"] or (place is not None and place["limbs_stay"])
+    if task.circle is None and found.circle.doubt and not is_proven:
+        circle = found.circle
+        raise SettingError(
+            f"the circle found, {circle.text(1)} px in frame {circle.frame}, may not be the ball: {circle.doubt}, and "
+            "no map of a ball could be made around it: give its outline with `circle` as x, y, radius in px of the "
+            "first frame to track"
+        )
 
 
 def _stated_exposure(recording: Any) -> float | None:
@@ -291,12 +310,13 @@ def _absolute_motion(task: _Task, start: _Start, measured: Record) -> AbsoluteMo
 def _assemble(task: _Task, start: _Start, measured: Record, motion: AbsoluteMotion) -> Track:
     """Phase 4: the track, its steady error and its settings."""
     radius, on_map = motion.circle.radius, motion.about_map["used"]
+    memory = frame_memory.noise_memory(task.source, motion.position, radius, task.ignore)
     leakage = leakage_share(start.contrast, radius, start.options)
     steps = int(np.isfinite(measured.increment[:, 0]).sum())
     return Track(
         position=motion.position,
         increment=motion.increment,
-        covariance=motion.covariance,
+        covariance=frame_memory.widened(motion.increment, motion.covariance, memory) if memory else motion.covariance,
         orientation=motion.orientation,
         zncc=measured.zncc,
         iterations=measured.iterations,
@@ -321,6 +341,8 @@ def _assemble(task: _Task, start: _Start, measured: Record, motion: AbsoluteMoti
             "place": None,
             "telecentric": task.telecentric,
             "grows": start.grows,
+            "interlaced": start.interlaced,
+            "noise_memory": memory,
             "sphere_map": motion.about_map,
             "repeated_frames": measured.repeated,
             "leaked": leakage,
