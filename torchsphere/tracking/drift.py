@@ -46,6 +46,11 @@ class AbsoluteMotion:
     circle: Circle
     about_map: dict[str, Any]
 
+    @property
+    def is_refused(self) -> bool:
+        """Whether a map was needed, and the images did not allow it."""
+        return not self.about_map["used"] and not self.about_map["reason"].startswith("not needed")
+
 
 def absolute_motion(
     source: Source,

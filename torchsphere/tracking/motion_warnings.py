@@ -97,8 +97,9 @@ def _video_warnings(track: Track) -> list[str]:
         sentences.append(
             f"Each image holds {100 * memory:.0f} % of the image beside it, by its noise, as after temporal noise "
             "reduction or a change of the frame rate: the ball is seen late or early by up to "
-            f"{lag_of(memory):.1g} frames, and changes of its motion are smoothed. The standard deviations of the steps "
-            "include this; the positions have this shift in time. Switch such processing off in camera and software."
+            f"{lag_of(memory):.1g} frames, and changes of its motion are smoothed. The standard deviations of the "
+            "steps include this; the positions have this shift in time. Switch such processing off in camera and "
+            "software."
         )
     return sentences
 

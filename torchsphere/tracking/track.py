@@ -23,7 +23,7 @@ from torchsphere.runtime import threads
 from torchsphere.settings.arrays import as_mask
 from torchsphere.settings.limits import SettingError, require_switch, require_within
 from torchsphere.sphere_map.nearness import UNKNOWN_SD
-from torchsphere.tracking import frame_memory, growth
+from torchsphere.tracking import frame_memory, growth, limb_path
 from torchsphere.tracking import in_place as place_of_ball
 from torchsphere.tracking.drift import AbsoluteMotion, absolute_motion
 from torchsphere.tracking.edge_leakage import adapt_options, background_contrast, leakage_share
@@ -243,6 +243,12 @@ def _motion(task: _Task, start: _Start) -> tuple[_Start, Record, AbsoluteMotion]
     """Phases 2 and 3, and the start that they had at last."""
     start, measured = _follow_as_it_grows(task, start)
     motion = _absolute_motion(task, start, measured)
+    if motion.is_refused and not task.in_place:
+        limbs = limb_path.fit_limbs(task.source, measured, task.ignore, start.options.camera)
+        if limbs.have_slipped():
+            source, options = task.source, start.options
+            measured = limb_path.along_limbs(source, measured, limbs, task.ignore, options, resized=False)
+            motion = _absolute_motion(task, start, measured)
     change = abs(motion.circle.radius - start.circle.radius)
     if change > WRONG_RADIUS * start.circle.radius and bool((measured.status != "ok").any()):
         # Frames failed with a radius that the map has corrected since.
@@ -266,14 +272,15 @@ def _follow_as_it_grows(task: _Task, start: _Start) -> tuple[_Start, Record]:
     if task.in_place or start.grows or start.options.model not in growth.RIGID_MODELS:
         return start, measured
     camera = start.options.camera
-    if not growth.may_grow(task.source, measured, task.ignore, camera):
+    if not growth.may_grow(limb_path.fit_limbs(task.source, measured, task.ignore, camera)):
         return start, measured
     options = growth.growing(start.options, start.circle.radius, start.image)
     growing = dataclasses.replace(start, options=options, grows=True)
     followed = _follow(task, growing)
-    if not growth.limbs_follow(task.source, followed, task.ignore, camera):
+    limbs = limb_path.fit_limbs(task.source, followed, task.ignore, camera)
+    if not growth.limbs_follow(limbs, followed):
         return start, measured
-    return growing, growth.along_limbs(task.source, followed, task.ignore, camera, options)
+    return growing, limb_path.along_limbs(task.source, followed, limbs, task.ignore, options, resized=True)
 
 
 def _follow(task: _Task, start: _Start) -> Record:

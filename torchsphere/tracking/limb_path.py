@@ -1,0 +1,111 @@
+"""The path of the ball by its limbs: their errors do not add up over the frames, as those of steps between images do.
+
+A region beside the ball makes wrong steps, which lead farther away from it: so a path that has slipped is moved to the
+limbs, and its pairs are measured again.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchsphere.correlation.correlate import correlate_pairs
+from torchsphere.correlation.options import Options
+from torchsphere.correlation.result import Correlation
+from torchsphere.detection import limb_fit
+from torchsphere.geometry.camera import Camera
+from torchsphere.recording.frame_source import Source
+from torchsphere.tracking.record import Record
+
+#: Most limbs that are looked at, and the fewest that show a path (docs/constants.md).
+MAX_LOOKS, MIN_LOOKS = 16, 5
+
+#: Degree of the slow difference between limbs and path, and pairs that are measured at a time (docs/constants.md).
+PATH_DEGREE, BATCH = 3, 16
+
+#: Distance of the limbs from a path that has slipped, standard deviations and px (docs/constants.md).
+SLIPPED_SD, SLIPPED_PX = 4.0, 0.5
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Limbs:
+    """Limbs of m frames along a path, only those that were found."""
+
+    frames: NDArray[np.int64]  # (m,)
+    circles: Array  # (m, 3), px
+    sd: Array  # (m, 3), px
+    path: Array  # circles (m, 3) of the path, px
+
+    def rows(self, kept: NDArray[np.bool_]) -> Limbs:
+        """The limbs of the ``kept`` rows."""
+        return Limbs(self.frames[kept], self.circles[kept], self.sd[kept], self.path[kept])
+
+    def have_slipped(self) -> bool:
+        """Whether most of the later limbs lie beside the path."""
+        off = np.abs(self.circles - self.path)[:, :2]
+        beside = (off > np.maximum(SLIPPED_SD * self.sd[:, :2], SLIPPED_PX)).any(1)
+        return len(beside) >= MIN_LOOKS and bool(beside[len(beside) // 2 :].mean() > 0.5)
+
+
+def fit_limbs(source: Source, measured: Record, ignore: Tensor | None, camera: Camera | None) -> Limbs:
+    """Limbs of the ball in up to `MAX_LOOKS` frames of a record, each looked for where the path ends up by the last."""
+    ok = np.flatnonzero(measured.status == "ok")
+    frames = ok[np.unique(np.linspace(0, len(ok) - 1, min(MAX_LOOKS, len(ok))).round().astype(int))] if len(ok) else ok
+    path = np.column_stack((measured.position[frames], measured.size[frames]))
+    circles, sd = np.full((len(frames), 3), np.nan), np.full((len(frames), 3), np.nan)
+    shift, ratio = np.zeros(2), 1.0
+    for k, frame in enumerate(frames.tolist()):
+        guess = torch.from_numpy(np.append(path[k, :2] + shift, path[k, 2] * ratio))
+        fitted, covariance = limb_fit.fit(source.images(frame, frame + 1), guess[None], ignore=ignore, camera=camera)
+        circles[k], sd[k] = fitted[0].numpy(), covariance[0].diagonal().clamp_min(0).sqrt().numpy()
+        if np.isfinite(circles[k]).all():
+            shift, ratio = circles[k, :2] - path[k, :2], circles[k, 2] / path[k, 2]
+    found = np.isfinite(circles).all(1) & np.isfinite(sd).all(1) & (sd > 0).all(1)
+    return Limbs(frames, circles, sd, path).rows(found)
+
+
+def along_limbs(
+    source: Source, measured: Record, limbs: Limbs, ignore: Tensor | None, options: Options, *, resized: bool
+) -> Record:
+    """The record on circles that follow the ``limbs``, their sizes too where ``resized``, and its pairs measured there."""
+    apart = np.column_stack((limbs.circles[:, :2] - limbs.path[:, :2], np.log(limbs.circles[:, 2] / limbs.path[:, 2])))
+    fit = np.polynomial.Polynomial.fit
+    every = np.arange(source.count)
+    off = np.column_stack([fit(limbs.frames, v, PATH_DEGREE, domain=[0, source.count])(every) for v in apart.T])
+    held = dataclasses.replace(
+        measured,
+        position=measured.position + off[:, :2],
+        size=measured.size * np.exp(off[:, 2]) if resized else measured.size,
+        increment=measured.increment.copy(),
+        covariance=measured.covariance.copy(),
+        rotation=measured.rotation.copy(),
+        sd_growth=measured.sd_growth.copy(),
+    )
+    second = np.flatnonzero((measured.status == "ok")[1:] & np.isfinite(measured.increment).all(1)) + 1
+    for rows in np.array_split(second, max(1, round(len(second) / BATCH))):
+        found = _correlate(source, held, rows, ignore, options)
+        good = found.status == "ok"
+        step = rows[good] - 1
+        held.increment[step] = found.q.double().cpu().numpy()[good]
+        held.covariance[step] = found.covariance.double().cpu().numpy()[good]
+        held.sd_growth[step] = found.sd_growth.double().cpu().numpy()[good]
+        held.rotation[rows[good]] = held.increment[step, 2:]
+    return held
+
+
+def _correlate(
+    source: Source, measured: Record, second: NDArray[np.int64], ignore: Tensor | None, options: Options
+) -> Correlation:
+    """Pairs of each of the frames ``second`` with the frame before, from the circles of the record."""
+    images = [source.images(int(i) - 1, int(i) + 1) for i in second]
+    f, g = torch.stack([pair[0] for pair in images]), torch.stack([pair[1] for pair in images])
+    first = second - 1
+    circles = torch.from_numpy(np.column_stack((measured.position[first], measured.size[first])))
+    return correlate_pairs(f, g, circles, torch.from_numpy(measured.increment[first]).to(f), ignore, options)
