@@ -88,5 +88,6 @@ def _mean_squares(difference: Tensor, is_still: Tensor) -> Tensor:
     def blocks(values: Tensor) -> Tensor:
         return values.unfold(0, BLOCK_PX, BLOCK_PX).unfold(1, BLOCK_PX, BLOCK_PX).flatten(2).flatten(0, 1)
 
+    chosen = blocks(difference)[blocks(is_still).all(1)]
     # Flicker changes a block as a whole.
-    return blocks(difference)[blocks(is_still).all(1)].var(1)
+    return chosen.var(1) if len(chosen) else chosen.new_zeros(0)

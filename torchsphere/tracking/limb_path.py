@@ -74,7 +74,7 @@ def fit_limbs(source: Source, measured: Record, ignore: Tensor | None, camera: C
 def along_limbs(
     source: Source, measured: Record, limbs: Limbs, ignore: Tensor | None, options: Options, *, resized: bool
 ) -> Record:
-    """The record on circles that follow the ``limbs``, their sizes too where ``resized``, and its pairs measured there."""
+    """The record on circles that follow the ``limbs``, their sizes too where ``resized``, its pairs measured anew."""
     apart = np.column_stack((limbs.circles[:, :2] - limbs.path[:, :2], np.log(limbs.circles[:, 2] / limbs.path[:, 2])))
     fit = np.polynomial.Polynomial.fit
     every = np.arange(source.count)

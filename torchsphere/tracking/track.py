@@ -46,6 +46,9 @@ WRONG_RADIUS = 0.004
 #: Share of the measured frames that a ball held in its place must keep (docs/constants.md).
 MIN_KEPT_SHARE = 0.8
 
+#: Standard deviation of a doubtful circle's radius, as a share of it, from which it needs a proof (docs/constants.md).
+MAX_UNPROVEN_SD = 0.1
+
 
 @dataclass(frozen=True)
 class _Task:
@@ -182,9 +185,10 @@ def track(
 def _require_proof(task: _Task, found: Track) -> None:
     """Raise ValueError for a circle that was found, that its image leaves in doubt, and that no other image proves."""
     place = found.settings["place"]
+    circle = found.circle
     is_proven = found.settings["sphere_map"]["used"] or (place is not None and place["limbs_stay"])
-    if task.circle is None and found.circle.doubt and not is_proven:
-        circle = found.circle
+    is_measured = not circle.sd_guessed and circle.sd_radius < MAX_UNPROVEN_SD * circle.radius
+    if task.circle is None and circle.doubt and not is_measured and not is_proven:
         raise SettingError(
             f"the circle found, {circle.text(1)} px in frame {circle.frame}, may not be the ball: {circle.doubt}, and "
             "no map of a ball could be made around it: give its outline with `circle` as x, y, radius in px of the "
