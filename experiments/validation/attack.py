@@ -29,7 +29,7 @@ from experiments.validation.attack_footage import Recorded
 MOST_SD, MOST_PX, MOST_DEG, MOST_PLACE_PX = 6.0, 0.05, 0.1, 0.5
 
 #: Seeds of each case: patterns and flights on which no constant was chosen.
-SEEDS = tuple(range(300, 306))
+SEEDS = tuple(range(300, 307))
 
 
 @dataclass(frozen=True)

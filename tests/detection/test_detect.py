@@ -1,7 +1,6 @@
 """The ball is found without a circle from the user."""
 
 import dataclasses
-import json
 from pathlib import Path
 
 import numpy as np

@@ -1,0 +1,50 @@
+"""A path beside the ball is moved to its limbs, and its steps are measured again."""
+
+import dataclasses
+
+import numpy as np
+import torch
+from shots import noisy, rotation_matrix
+
+from torchsphere.correlation.options import Options
+from torchsphere.geometry.circle import Circle
+from torchsphere.recording.frame_source import Source
+from torchsphere.synthetic import ray_caster
+from torchsphere.tracking import limb_path
+from torchsphere.tracking.follow import Follower
+
+FRAMES, RADIUS, STEP, TURN = 12, 28.0, np.array([2.0, 0.5]), np.radians([1.5, -1.0, 0.5])
+
+
+def film() -> tuple[Source, np.ndarray]:
+    """Images of a ball, and its centres (n, 2)."""
+    centres = np.array([45.0, 48.0]) + np.arange(FRAMES)[:, None] * STEP
+    turned = torch.stack([rotation_matrix(torch.from_numpy(i * TURN)) for i in range(FRAMES)]).float()
+    images = ray_caster.render(
+        ray_caster.speckle(4, radius_px=RADIUS),
+        torch.from_numpy(centres).float(),
+        RADIUS,
+        turned,
+        100.0,
+        shape=(104, 120),
+    )
+    return Source.open(noisy(images, 2.0, 3)), centres
+
+
+def test_a_path_that_slips_is_found_and_moved_to_the_limbs() -> None:
+    source, centres = film()
+    options = Options()
+    measured = Follower(source, Circle(*centres[0], RADIUS), None, options).run(FRAMES)
+    assert (measured.status == "ok").all()
+    assert not limb_path.fit_limbs(source, measured, None, None).have_slipped()
+
+    slip = np.arange(FRAMES)[:, None] * np.array([0.35, -0.25])
+    slipped = dataclasses.replace(measured, position=measured.position + slip)
+    limbs = limb_path.fit_limbs(source, slipped, None, None)
+    assert limbs.have_slipped()
+    held = limb_path.along_limbs(source, slipped, limbs, None, options, resized=False)
+    assert np.abs(held.position - centres).max() < 0.4
+    sd = np.sqrt(np.diagonal(held.covariance, axis1=1, axis2=2))
+    assert (np.abs(held.increment - np.array([*STEP, *TURN])) < 6 * sd).all()
+    assert np.array_equal(held.rotation[1:], held.increment[:, 2:])
+    assert np.array_equal(held.size, measured.size)
