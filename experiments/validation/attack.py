@@ -134,13 +134,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--case", choices=CASES, action="append", help="only this disturbance; may be given again")
     parser.add_argument("--quick", action="store_true", help="one seed of each case")
     parser.add_argument("--anew", action="store_true", help="measure again what is in the cache")
+    parser.add_argument("--seeds", type=int, default=len(SEEDS), metavar="N", help="only N seeds of each case")
     options = parser.parse_args(arguments)
-    names, seeds = options.case or tuple(CASES), SEEDS[:1] if options.quick else SEEDS
+    names, seeds = options.case or tuple(CASES), SEEDS[: 1 if options.quick else options.seeds]
     found = compute(names, seeds, anew=options.anew, tell=bool(options.case or options.quick))
     if options.case or options.quick:
         print(rows(found))
     else:
-        publish("attack", "validation.attack", rows(found))
+        publish("attack", f"validation.attack --seeds {len(seeds)}", rows(found))
 
 
 if __name__ == "__main__":

@@ -50,7 +50,7 @@ class Limbs:
     def have_slipped(self) -> bool:
         """Whether most of the later limbs lie beside the path."""
         off = np.abs(self.circles - self.path)[:, :2]
-        beside = (off > np.maximum(SLIPPED_SD * self.sd[:, :2], SLIPPED_PX)).any(1)
+        beside: NDArray[np.bool_] = np.asarray((off > np.maximum(SLIPPED_SD * self.sd[:, :2], SLIPPED_PX)).any(1))
         return len(beside) >= MIN_LOOKS and bool(beside[len(beside) // 2 :].mean() > 0.5)
 
 

@@ -21,7 +21,7 @@ from torchsphere.imaging import interlacing
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
 from torchsphere.settings.arrays import as_mask
-from torchsphere.settings.limits import SettingError, require_switch, require_within
+from torchsphere.settings.limits import require_switch, require_within
 from torchsphere.sphere_map.nearness import UNKNOWN_SD
 from torchsphere.tracking import frame_memory, growth, limb_path
 from torchsphere.tracking import in_place as place_of_ball
@@ -31,6 +31,7 @@ from torchsphere.tracking.follow import Follower, Progress
 from torchsphere.tracking.in_place import Limbs
 from torchsphere.tracking.initial_circle import find_initial_circle, is_interlaced, shows_outline
 from torchsphere.tracking.motion_warnings import motion_warnings
+from torchsphere.tracking.proof import require_proof
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.result import Track
 from torchsphere.tracking.steady_error import sd_steady, texture_fineness
@@ -45,9 +46,6 @@ WRONG_RADIUS = 0.004
 
 #: Share of the measured frames that a ball held in its place must keep (docs/constants.md).
 MIN_KEPT_SHARE = 0.8
-
-#: Standard deviation of a doubtful circle's radius, as a share of it, from which it needs a proof (docs/constants.md).
-MAX_UNPROVEN_SD = 0.1
 
 
 @dataclass(frozen=True)
@@ -174,26 +172,13 @@ def track(
         task = dataclasses.replace(task, source=source.changed(interlacing.of_even_rows))
         start = dataclasses.replace(_initial_circle(task, settings, options), interlaced=True)
     found = _measured_in_place(task, start) if in_place else _measured(task, start)
-    _require_proof(task, found)
+    if circle is None:
+        require_proof(found)
     found = dataclasses.replace(found, warnings=motion_warnings(task.source, found, first_frame, "roi" in options))
     if log:
         for sentence in found.warnings:
             _LOG.warning("%s", sentence)
     return found
-
-
-def _require_proof(task: _Task, found: Track) -> None:
-    """Raise ValueError for a circle that was found, that its image leaves in doubt, and that no other image proves."""
-    place = found.settings["place"]
-    circle = found.circle
-    is_proven = found.settings["sphere_map"]["used"] or (place is not None and place["limbs_stay"])
-    is_measured = not circle.sd_guessed and circle.sd_radius < MAX_UNPROVEN_SD * circle.radius
-    if task.circle is None and circle.doubt and not is_measured and not is_proven:
-        raise SettingError(
-            f"the circle found, {circle.text(1)} px in frame {circle.frame}, may not be the ball: {circle.doubt}, and "
-            "no map of a ball could be made around it: give its outline with `circle` as x, y, radius in px of the "
-            "first frame to track"
-        )
 
 
 def _stated_exposure(recording: Any) -> float | None:
