@@ -30,6 +30,7 @@ from shots import (
 )
 
 from torchsphere import track
+from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import interlacing
 from torchsphere.imaging.crop import cut
 from torchsphere.synthetic import ray_caster
@@ -271,6 +272,10 @@ def test_a_ball_that_shows_another_side_after_a_gap_is_followed_again() -> None:
     assert off.max() < 0.3
     np.testing.assert_allclose(measured.increment[9:], after.increments.numpy(), atol=0.04)
     assert np.isnan(measured.orientation[9:]).all()
+    # Beside another ball of its size the new side may be that of the other ball.
+    x, y, radius = before.circle
+    rival = Circle(x, y, radius, others=((x + 90, y, radius),))
+    assert (track(images, rival, sphere_map=False).status[5:] != "ok").all()
 
 
 def test_a_ball_that_is_wholly_hidden_has_no_motion() -> None:
