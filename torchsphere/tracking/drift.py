@@ -31,6 +31,9 @@ MAX_DISAGREEMENT = 12.5
 #: Misfit of a frame on the map, in the median of all frames, from which the map is wrong there (docs/constants.md).
 SHADED_MISFIT = 1.5
 
+#: Share of the known frames that are on the map of a ball whose path has not slipped (docs/constants.md).
+MIN_ON_MAP = 0.9
+
 #: Models of a rigid motion at a constant distance, which a map replaces.
 MAP_MODELS = ("rigid", "finite", "pinhole")
 
@@ -50,6 +53,12 @@ class AbsoluteMotion:
     def is_refused(self) -> bool:
         """Whether a map was needed, and the images did not allow it."""
         return not self.about_map["used"] and not self.about_map["reason"].startswith("not needed")
+
+    @property
+    def lacks_frames(self) -> bool:
+        """Whether the map does not show a notable part of the frames whose position is known."""
+        known = np.isfinite(self.position[:, 0]).sum()
+        return bool(self.about_map["used"] and self.about_map["frames"] < MIN_ON_MAP * known)
 
 
 def absolute_motion(

@@ -22,8 +22,8 @@ from torchsphere.geometry.camera import Camera
 from torchsphere.recording.frame_source import Source
 from torchsphere.tracking.record import Record
 
-#: Most limbs that are looked at, and the fewest that show a path (docs/constants.md).
-MAX_LOOKS, MIN_LOOKS = 16, 5
+#: Most limbs that are looked at, the fewest that show a path, and the last ones of it (docs/constants.md).
+MAX_LOOKS, MIN_LOOKS, LAST_LOOKS = 16, 5, 3
 
 #: Degree of the slow difference between limbs and path, and pairs that are measured at a time (docs/constants.md).
 PATH_DEGREE, BATCH = 3, 16
@@ -48,10 +48,10 @@ class Limbs:
         return Limbs(self.frames[kept], self.circles[kept], self.sd[kept], self.path[kept])
 
     def have_slipped(self) -> bool:
-        """Whether most of the later limbs lie beside the path."""
+        """Whether the last limbs all lie beside the path: what slips goes on slipping."""
         off = np.abs(self.circles - self.path)[:, :2]
         beside: NDArray[np.bool_] = np.asarray((off > np.maximum(SLIPPED_SD * self.sd[:, :2], SLIPPED_PX)).any(1))
-        return len(beside) >= MIN_LOOKS and bool(beside[len(beside) // 2 :].mean() > 0.5)
+        return len(beside) >= MIN_LOOKS and bool(beside[-LAST_LOOKS:].all())
 
 
 def fit_limbs(source: Source, measured: Record, ignore: Tensor | None, camera: Camera | None) -> Limbs:

@@ -232,7 +232,7 @@ def _motion(task: _Task, start: _Start) -> tuple[_Start, Record, AbsoluteMotion]
     """Phases 2 and 3, and the start that they had at last."""
     start, measured = _follow_as_it_grows(task, start)
     motion = _absolute_motion(task, start, measured)
-    if motion.is_refused and not task.in_place:
+    if (motion.is_refused or motion.lacks_frames) and not task.in_place:
         limbs = limb_path.fit_limbs(task.source, measured, task.ignore, start.options.camera)
         if limbs.have_slipped():
             source, options = task.source, start.options
@@ -241,9 +241,11 @@ def _motion(task: _Task, start: _Start) -> tuple[_Start, Record, AbsoluteMotion]
     change = abs(motion.circle.radius - start.circle.radius)
     if change > WRONG_RADIUS * start.circle.radius and bool((measured.status != "ok").any()):
         # Frames failed with a radius that the map has corrected since.
-        start = dataclasses.replace(start, circle=dataclasses.replace(motion.circle, frame=start.circle.frame))
-        measured = _follow(task, start)
-        motion = _absolute_motion(task, start, measured)
+        begun = dataclasses.replace(start, circle=dataclasses.replace(motion.circle, frame=start.circle.frame))
+        again = _follow(task, begun)
+        if (again.status == "ok").sum() > (measured.status == "ok").sum():
+            start, measured = begun, again
+            motion = _absolute_motion(task, start, measured)
     return start, measured, motion
 
 
