@@ -1,4 +1,4 @@
-"""Images that hold a part of the images beside them: averaged or blended video, and strong compression.
+"""Images that hold a part of the images beside them: averaged or blended video.
 
 The noise of the still background shows it: what a camera sees anew in each image differs as much from the image before
 as from one much earlier.

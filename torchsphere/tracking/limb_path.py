@@ -74,7 +74,10 @@ def fit_limbs(source: Source, measured: Record, ignore: Tensor | None, camera: C
 def along_limbs(
     source: Source, measured: Record, limbs: Limbs, ignore: Tensor | None, options: Options, *, resized: bool
 ) -> Record:
-    """The record on circles that follow the ``limbs``, their sizes too where ``resized``, its pairs measured anew."""
+    """The record on circles that follow the ``limbs``, their sizes too where ``resized``, its pairs measured anew.
+
+    A pair that fails there was measured beside the ball: its frame keeps the position alone.
+    """
     apart = np.column_stack((limbs.circles[:, :2] - limbs.path[:, :2], np.log(limbs.circles[:, 2] / limbs.path[:, 2])))
     fit = np.polynomial.Polynomial.fit
     every = np.arange(source.count)
@@ -86,17 +89,18 @@ def along_limbs(
         increment=measured.increment.copy(),
         covariance=measured.covariance.copy(),
         rotation=measured.rotation.copy(),
+        status=measured.status.copy(),
         sd_growth=measured.sd_growth.copy(),
     )
     second = np.flatnonzero((measured.status == "ok")[1:] & np.isfinite(measured.increment).all(1)) + 1
     for rows in np.array_split(second, max(1, round(len(second) / BATCH))):
         found = _correlate(source, held, rows, ignore, options)
-        good = found.status == "ok"
-        step = rows[good] - 1
-        held.increment[step] = found.q.double().cpu().numpy()[good]
-        held.covariance[step] = found.covariance.double().cpu().numpy()[good]
-        held.sd_growth[step] = found.sd_growth.double().cpu().numpy()[good]
-        held.rotation[rows[good]] = held.increment[step, 2:]
+        # Pairs that fail are NaN.
+        held.increment[rows - 1] = found.q.double().cpu().numpy()
+        held.covariance[rows - 1] = found.covariance.double().cpu().numpy()
+        held.sd_growth[rows - 1] = found.sd_growth.double().cpu().numpy()
+        held.rotation[rows] = held.increment[rows - 1, 2:]
+        held.status[rows[found.status != "ok"]] = "lost"
     return held
 
 

@@ -148,8 +148,8 @@ def track(
     Raises
     ------
     ValueError
-        If there are fewer than two images, no ball is found, the circle does not fit the image, or an option is out
-        of its range.
+        If there are fewer than two images, no ball is found or nothing proves it to be one, the circle does not fit
+        the image, or an option is out of its range.
     TypeError
         If there is no such option.
     """
@@ -233,11 +233,7 @@ def _motion(task: _Task, start: _Start) -> tuple[_Start, Record, AbsoluteMotion]
     start, measured = _follow_as_it_grows(task, start)
     motion = _absolute_motion(task, start, measured)
     if (motion.is_refused or motion.lacks_frames) and not task.in_place:
-        limbs = limb_path.fit_limbs(task.source, measured, task.ignore, start.options.camera)
-        if limbs.have_slipped():
-            source, options = task.source, start.options
-            measured = limb_path.along_limbs(source, measured, limbs, task.ignore, options, resized=False)
-            motion = _absolute_motion(task, start, measured)
+        measured, motion = _moved_to_limbs(task, start, measured, motion)
     change = abs(motion.circle.radius - start.circle.radius)
     if change > WRONG_RADIUS * start.circle.radius and bool((measured.status != "ok").any()):
         # Frames failed with a radius that the map has corrected since.
@@ -247,6 +243,20 @@ def _motion(task: _Task, start: _Start) -> tuple[_Start, Record, AbsoluteMotion]
             start, measured = begun, again
             motion = _absolute_motion(task, start, measured)
     return start, measured, motion
+
+
+def _moved_to_limbs(
+    task: _Task, start: _Start, measured: Record, motion: AbsoluteMotion
+) -> tuple[Record, AbsoluteMotion]:
+    """Phases 2 and 3 on a path that follows the limbs, where the ``measured`` one has slipped."""
+    limbs = limb_path.fit_limbs(task.source, measured, task.ignore, start.options.camera)
+    if not limbs.have_slipped():
+        return measured, motion
+    moved = limb_path.along_limbs(task.source, measured, limbs, task.ignore, start.options, resized=False)
+    again = _absolute_motion(task, start, moved)
+    # An object in front of the ball moves its limbs, too: then the map shows no more frames than before.
+    is_better = motion.is_refused or again.about_map.get("frames", 0) > motion.about_map["frames"]
+    return (moved, again) if is_better else (measured, motion)
 
 
 def _initial_circle(task: _Task, settings: Options, given: dict[str, Any]) -> _Start:
