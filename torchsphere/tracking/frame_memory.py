@@ -6,6 +6,8 @@ as from one much earlier.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -19,8 +21,8 @@ FAR_APART, LOOKS = 8, 6
 #: Distance from the ball's centre beyond which a pixel is background, radii, and side of a block of them, px.
 CLEAR_RADII, BLOCK_PX = 1.4, 8
 
-#: Smallest number of blocks, and smallest memory that is more than chance (docs/constants.md).
-MIN_BLOCKS, MIN_MEMORY = 12, 0.15
+#: Fewest blocks and number that is enough, and smallest memory that is more than chance (docs/constants.md).
+MIN_BLOCKS, ENOUGH_BLOCKS, MIN_MEMORY = 12, 1000, 0.15
 
 #: Largest lag of the ball behind the images, frames: half of an image is another one (docs/constants.md).
 MAX_LAG = 1.0
@@ -39,14 +41,14 @@ def noise_memory(source: Source, position: Array, radius: float, ignore: Tensor 
     near, far = [], []
     for i in first[np.unique(np.linspace(0, len(first) - 1, LOOKS).round().astype(int))].tolist():
         images = torch.cat([source.images(k, k + 1) for k in (i, i + 1, i + FAR_APART)])
-        path = position[[i, i + FAR_APART]]
-        is_still = _background(images[0], path, radius)
-        if ignore is not None:
-            is_still &= ~ignore.to(is_still.device)
-        near.append(_mean_squares(images[1] - images[0], is_still))
-        far.append(_mean_squares(images[2] - images[0], is_still))
-    by_near, by_far = torch.cat(near), torch.cat(far)
-    if len(by_far) < MIN_BLOCKS or float(by_far.median()) == 0:
+        blocks = _background_blocks(images, position[[i, i + FAR_APART]], radius, ignore)
+        near.append(blocks[1] - blocks[0])
+        far.append(blocks[2] - blocks[0])
+    if sum(map(len, far)) < MIN_BLOCKS:
+        return 0.0
+    # Flicker changes a block as a whole.
+    by_near, by_far = torch.cat(near).var(1), torch.cat(far).var(1)
+    if float(by_far.median()) == 0:
         return 0.0
     memory = 1 - float(by_near.median() / by_far.median())
     return memory if memory > MIN_MEMORY else 0.0
@@ -71,23 +73,25 @@ def widened(increment: Array, covariance: Array, memory: float) -> Array:
     return covariance + np.einsum("ni,ij->nij", np.square(error), np.eye(5))
 
 
-def _background(image: Tensor, path: Array, radius: float) -> Tensor:
-    """True (h, w) for pixels far from the ball at the places ``path`` (2, 2) and between them."""
-    height, width = image.shape
-    x, y = torch.arange(width, device=image.device), torch.arange(height, device=image.device)[:, None]
-    is_far = torch.ones(height, width, dtype=torch.bool, device=image.device)
-    for share in np.linspace(0, 1, FAR_APART + 1):
-        centre = (1 - share) * path[0] + share * path[1]
-        is_far &= (x - float(centre[0])).square() + (y - float(centre[1])).square() > (CLEAR_RADII * radius) ** 2
-    return is_far
+def _background_blocks(images: Tensor, path: Array, radius: float, ignore: Tensor | None) -> Tensor:
+    """Blocks (n, k, p) of ``images`` (n, h, w) beside the ball's straight way between the places ``path`` (2, 2).
+
+    Of large images about `ENOUGH_BLOCKS` are looked at, evenly spread.
+    """
+    height, width = images.shape[1:]
+    spacing = BLOCK_PX * max(1, math.isqrt(height * width // (BLOCK_PX**2 * ENOUGH_BLOCKS)))
+    half = (BLOCK_PX - 1) / 2
+    x = torch.arange(0, width - BLOCK_PX + 1, spacing) + half - float(path[0, 0])
+    y = torch.arange(0, height - BLOCK_PX + 1, spacing)[:, None] + half - float(path[0, 1])
+    way_x, way_y = (path[1] - path[0]).tolist()
+    share = ((x * way_x + y * way_y) / max(way_x**2 + way_y**2, 1.0)).clamp(0, 1)
+    distance = (x - share * way_x).hypot(y - share * way_y)
+    is_clear = (distance > CLEAR_RADII * radius + BLOCK_PX).flatten().to(images.device)
+    if ignore is not None:
+        is_clear &= ~_blocks(ignore[None].to(images.device), spacing)[0].any(-1)
+    return _blocks(images, spacing)[:, is_clear]
 
 
-def _mean_squares(difference: Tensor, is_still: Tensor) -> Tensor:
-    """Variance of the ``difference`` (h, w) in each block (k,) that is background as a whole."""
-
-    def blocks(values: Tensor) -> Tensor:
-        return values.unfold(0, BLOCK_PX, BLOCK_PX).unfold(1, BLOCK_PX, BLOCK_PX).flatten(2).flatten(0, 1)
-
-    chosen = blocks(difference)[blocks(is_still).all(1)]
-    # Flicker changes a block as a whole.
-    return chosen.var(1) if len(chosen) else chosen.new_zeros(0)
+def _blocks(values: Tensor, spacing: int) -> Tensor:
+    """Squares of `BLOCK_PX` of ``values`` (n, h, w), as (n, k, p)."""
+    return values.unfold(1, BLOCK_PX, spacing).unfold(2, BLOCK_PX, spacing).flatten(3).flatten(1, 2)

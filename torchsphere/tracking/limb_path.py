@@ -25,6 +25,9 @@ from torchsphere.tracking.record import Record
 #: Most limbs that are looked at, the fewest that show a path, and the last ones of it (docs/constants.md).
 MAX_LOOKS, MIN_LOOKS, LAST_LOOKS = 16, 5, 3
 
+#: Distance from its guess up to which a limb is sure to be found, px (docs/constants.md).
+IN_SIGHT_PX = 1.0
+
 #: Degree of the slow difference between limbs and path, and pairs that are measured at a time (docs/constants.md).
 PATH_DEGREE, BATCH = 3, 16
 
@@ -55,20 +58,39 @@ class Limbs:
 
 
 def fit_limbs(source: Source, measured: Record, ignore: Tensor | None, camera: Camera | None) -> Limbs:
-    """Limbs of the ball in up to `MAX_LOOKS` frames of a record, each looked for where the path ends up by the last."""
+    """Limbs of the ball in up to `MAX_LOOKS` frames of a record, looked for where the path is.
+
+    Where they are farther from it than a limb's fit can see, each is looked for where the path ends up by the last.
+    """
     ok = np.flatnonzero(measured.status == "ok")
     frames = ok[np.unique(np.linspace(0, len(ok) - 1, min(MAX_LOOKS, len(ok))).round().astype(int))] if len(ok) else ok
     path = np.column_stack((measured.position[frames], measured.size[frames]))
-    circles, sd = np.full((len(frames), 3), np.nan), np.full((len(frames), 3), np.nan)
+    if not len(frames):
+        return Limbs(frames, path, path, path)
+    images = [source.images(frame, frame + 1) for frame in frames.tolist()]
+    circles, sd = _fit(torch.cat(images), path, ignore, camera)
+    if not (np.abs(circles - path) < IN_SIGHT_PX).all():
+        circles, sd = _one_by_one(images, path, ignore, camera)
+    found: NDArray[np.bool_] = np.asarray((np.isfinite(circles) & np.isfinite(sd) & (sd > 0)).all(1))
+    return Limbs(frames, circles, sd, path).rows(found)
+
+
+def _one_by_one(images: list[Tensor], path: Array, ignore: Tensor | None, camera: Camera | None) -> tuple[Array, Array]:
+    """Circles (m, 3) and their sd, each looked for where the ``path`` (m, 3) ends up by the last one found."""
+    circles, sd = np.empty_like(path), np.empty_like(path)
     shift, ratio = np.zeros(2), 1.0
-    for k, frame in enumerate(frames.tolist()):
-        guess = torch.from_numpy(np.append(path[k, :2] + shift, path[k, 2] * ratio))
-        fitted, covariance = limb_fit.fit(source.images(frame, frame + 1), guess[None], ignore=ignore, camera=camera)
-        circles[k], sd[k] = fitted[0].numpy(), covariance[0].diagonal().clamp_min(0).sqrt().numpy()
+    for k, image in enumerate(images):
+        guess = np.append(path[k, :2] + shift, path[k, 2] * ratio)
+        circles[k], sd[k] = (rows[0] for rows in _fit(image, guess[None], ignore, camera))
         if np.isfinite(circles[k]).all():
             shift, ratio = circles[k, :2] - path[k, :2], circles[k, 2] / path[k, 2]
-    found = np.isfinite(circles).all(1) & np.isfinite(sd).all(1) & (sd > 0).all(1)
-    return Limbs(frames, circles, sd, path).rows(found)
+    return circles, sd
+
+
+def _fit(images: Tensor, guesses: Array, ignore: Tensor | None, camera: Camera | None) -> tuple[Array, Array]:
+    """Circles (m, 3) of the limbs and their sd, px; NaN where there is none."""
+    fitted, covariance = limb_fit.fit(images, torch.from_numpy(guesses), ignore=ignore, camera=camera)
+    return fitted.numpy(), covariance.diagonal(dim1=1, dim2=2).clamp_min(0).sqrt().numpy()
 
 
 def along_limbs(
