@@ -42,9 +42,9 @@ def guess(away: float) -> Tensor:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_radius_and_the_blur_of_a_defocused_ball_are_found(optics_px: float, seed: int) -> None:
     given = image(seed, optics_px=optics_px)
-    found = blurred_limb.fit_if_blurred(given, guess(0.8 * optics_px))
+    found = blurred_limb.fit_if_blurred(given[None], guess(0.8 * optics_px)[None])
     assert found is not None
-    circle, covariance, seen = found
+    (circle,), (covariance,), seen = found
     off = abs(float(circle[2]) - TRUE[2])
     # A sharp limb is found 0.4 to 2.7 px outside.
     assert off < 0.3
@@ -55,9 +55,9 @@ def test_the_radius_and_the_blur_of_a_defocused_ball_are_found(optics_px: float,
 @pytest.mark.parametrize("smear_px", [3.0, 5.0])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_motion_during_the_exposure_is_found_along_the_motion(smear_px: float, seed: int) -> None:
-    found = blurred_limb.fit_if_blurred(image(seed, smear_px=smear_px), guess(0.5), motion=MOTION)
+    found = blurred_limb.fit_if_blurred(image(seed, smear_px=smear_px)[None], guess(0.5)[None], motion=MOTION[None])
     assert found is not None
-    circle, covariance, seen = found
+    (circle,), (covariance,), seen = found
     # The limb of an image without smear is found up to 0.9 px outside.
     assert abs(float(circle[2]) - TRUE[2]) < 0.25
     assert ((circle - torch.tensor(TRUE)).abs() < 3 * covariance.diagonal().sqrt()).all()
@@ -69,7 +69,7 @@ def test_a_motion_during_the_exposure_is_found_along_the_motion(smear_px: float,
 def test_a_sharp_ball_is_left_to_the_sharp_limb(background: float, optics_px: float) -> None:
     given = image(0, optics_px=optics_px, background=background)
     start, _ = limb_fit.fit(given[None], guess(0.3)[None])
-    assert blurred_limb.fit_if_blurred(given, start[0], motion=MOTION) is None
+    assert blurred_limb.fit_if_blurred(given[None], start, motion=MOTION[None]) is None
 
 
 def test_images_of_one_blur_share_it_and_keep_their_circles() -> None:
@@ -85,7 +85,7 @@ def test_a_circle_beside_the_image_is_nan_and_no_blur_is_found_there() -> None:
     empty = torch.full((60, 60), 100.0)
     beside = torch.tensor([30.0, 30.0, 200.0], dtype=torch.float64)
     assert blurred_limb.fit(empty[None], beside[None])[0].isnan().all()
-    assert blurred_limb.fit_if_blurred(empty, beside) is None
+    assert blurred_limb.fit_if_blurred(empty[None], beside[None]) is None
 
 
 def test_a_given_circle_is_refined_to_the_outline_of_a_defocused_ball() -> None:

@@ -126,7 +126,7 @@ def test_no_map_is_made_if_it_is_switched_off_or_too_few_frames_are_known(turnin
 def test_singular_equations_of_the_map_leave_the_measured_increments(
     turning: Turning, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def unsolvable(*_: object) -> None:
+    def unsolvable(*_: object, **__: object) -> None:
         raise np.linalg.LinAlgError("singular")
 
     plain = track(turning.images[:8], turning.circle, sphere_map=False)

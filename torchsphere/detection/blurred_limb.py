@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -134,24 +135,30 @@ def _gauss_rule() -> tuple[Tensor, Tensor]:
 
 
 def fit_if_blurred(
-    image: Tensor,
-    circle: Tensor,
+    images: Tensor,
+    circles: Tensor,
     *,
     motion: Tensor | None = None,
     ignore: Tensor | None = None,
     camera: Camera | None = None,
 ) -> tuple[Tensor, Tensor, LimbBlur] | None:
-    """`fit` of one ``image`` (h, w) from the ``circle`` (3,) of a sharp limb; None where the image is sharp.
+    """`fit` from the ``circles`` (n, 3) of sharp limbs; None where the images (n, h, w) are sharp or show no limb.
 
-    ``motion`` (2,), px per frame.
+    ``motion`` (n, 2), px per frame, is not used where the ball hardly moves.
     """
-    moves = None if motion is None or float(motion.norm()) < LEAST_MOTION_PX else motion[None]
-    given = image[None], circle[None]
-    trial = fit(*given, motion=moves, ignore=ignore, camera=camera, rounds=TRIAL_ROUNDS)
-    if trial[2].variance < TRIAL_PX**2 and trial[2].smear_px < SMEARED_PX:
+    if motion is not None and float(motion.norm(dim=1).max()) < LEAST_MOTION_PX:
+        motion = None
+    given = partial(fit, images, motion=motion, ignore=ignore, camera=camera)
+    try:
+        # A few rounds tell sharp images.
+        near, _, blur = given(circles, rounds=TRIAL_ROUNDS)
+        if blur.variance < TRIAL_PX**2 and blur.smear_px < SMEARED_PX:
+            return None
+        fitted, covariance, blur = given(near)
+    except torch.linalg.LinAlgError:  # type: ignore[attr-defined]
         return None
-    fitted, covariance, blur = fit(image[None], trial[0], motion=moves, ignore=ignore, camera=camera)
-    return None if blur.is_sharp or not bool(fitted.isfinite().all()) else (fitted[0], covariance[0], blur)
+    is_found = bool(fitted.isfinite().all(1).any())
+    return (fitted, covariance, blur) if is_found and not blur.is_sharp else None
 
 
 def fit(

@@ -120,15 +120,16 @@ def unblurred(
     """
     if circle.sd_guessed:
         return circle, None
-    guess = torch.tensor([circle.x, circle.y, circle.radius], dtype=torch.float64)
-    found = blurred_limb.fit_if_blurred(image, guess, motion=motion, ignore=ignore, camera=camera)
+    guess = torch.tensor([[circle.x, circle.y, circle.radius]], dtype=torch.float64)
+    moves = None if motion is None else motion[None]
+    found = blurred_limb.fit_if_blurred(image[None], guess, motion=moves, ignore=ignore, camera=camera)
     if found is None:
         return circle, None
     fitted, covariance, blur = found
     far = max(MAX_LIMB_SHIFT_PX, MAX_LIMB_SHIFT * circle.radius, 1.5 * math.sqrt(blur.variance))
     if bool(((fitted - guess).abs() > far).any()):
         return circle, None
-    return dataclasses.replace(_as_circle(fitted, covariance, circle.frame), others=circle.others), blur
+    return dataclasses.replace(_as_circle(fitted[0], covariance[0], circle.frame), others=circle.others), blur
 
 
 def _as_circle(values: Tensor, covariance: Tensor, frame: int) -> Circle:

@@ -41,7 +41,7 @@ class _Level(NamedTuple):
 #: Width of the first map's cells, px: coarse cells align poses that are off by a px (docs/constants.md).
 COARSE_PX = 2.0
 
-#: Blur of the outline at the start, px (docs/constants.md).
+#: Least blur of the outline at the start, px (docs/constants.md).
 INITIAL_BLUR_PX = 0.3
 
 #: Systematic error of the radius by the model of the edge, px (docs/constants.md).
@@ -114,16 +114,18 @@ def adjust(
     cell_px: float,
     shared: RowRunner,
     progress: Callable[[float], None] | None = None,
+    *,
+    optics_px: float = 0.0,
 ) -> Adjustment:
     """Adjust map and poses to n images, from ``poses`` within half a speckle and a ``radius`` within a px.
 
     ``cell_px`` is the width of the map's cells, ``noise_variance`` that of the images, grey levels squared; ``shared``
-    shares images out among threads. ``progress`` is called with the share that is done. Singular equations raise
-    LinAlgError.
+    shares images out among threads. ``progress`` is called with the share that is done. The adjustment starts from the
+    blur ``optics_px`` of the images, 0 where they are sharp. Singular equations raise LinAlgError.
     """
     like = windows.levels
     size = torch.tensor(radius, dtype=torch.float64, device=like.device)
-    blur, none, light = torch.full_like(size, INITIAL_BLUR_PX), like.new_zeros(0), uniform_light(size)
+    blur, none, light = torch.full_like(size, max(optics_px, INITIAL_BLUR_PX)), like.new_zeros(0), uniform_light(size)
     ball = TexturedBall(size, blur, 0, none, light, rim_points=rim_points(radius))
     state = State(
         windows, _with_initial_gains(windows, poses), ball, pixel_weights.uniform_profile(size, noise_variance)

@@ -7,6 +7,7 @@ surface along its own. The model of an image is the mean of the models at moment
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
@@ -24,6 +25,14 @@ LEAST_SMEAR_PX = 1.0
 
 #: Smear per moment, px, and largest number of moments (docs/constants.md).
 SMEAR_PER_MOMENT_PX, MAX_MOMENTS = 1.5, 16
+
+
+@dataclass(frozen=True)
+class Blur:
+    """Blur of the images of a recording."""
+
+    optics_px: float = 0.0  # standard deviation by the optics, px; 0 where the images are sharp
+    open_share: float = 0.0  # exposure over the time between frames
 
 
 def moments(motion: Tensor, share: float, radius: float) -> Tensor | None:

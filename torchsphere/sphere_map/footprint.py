@@ -17,7 +17,7 @@ from torchsphere.sphere_map.state import State, drawn
 SHARP_PX = 0.2
 
 #: Largest variance of the blur, px^2, its step for the derivative, and number of changes (docs/constants.md).
-MAX_VARIANCE_PX2, DERIVATIVE_STEP_PX2, ROUNDS = 1.0, 0.01, 4
+MAX_VARIANCE_PX2, DERIVATIVE_STEP_PX2, ROUNDS = 16.0, 0.01, 4
 
 #: Change of the variance, px^2, after which no further one is needed (docs/constants.md).
 LAST_CHANGE_PX2 = 0.005

@@ -57,7 +57,8 @@ NOISY, WIDER_CELLS = 0.1, 1.7
 #: Residual variance within the disc, in variances of the noise, from which the map is refused (docs/constants.md).
 MAX_MISFIT = 4.0
 
-#: Blur of the outline, px, from which the map is refused: a blur by an object in front (docs/constants.md).
+#: Blur of the outline beyond that of the optics, px, from which the map is refused: a blur by an object in front
+#: (docs/constants.md).
 MAX_EDGE_BLUR_PX = 2.0
 
 #: Blur that optics alone make, px, and error per px of further blur of a radius whose start has no known error
@@ -69,6 +70,10 @@ RADIUS_ERROR_SHARE = 0.002
 
 #: Largest correction of the radius by the map, as a share of the radius (docs/constants.md).
 MAX_RADIUS_CHANGE = 0.05
+
+
+#: Images without blur.
+SHARP = exposure.Blur()
 
 
 @dataclass(frozen=True)
@@ -100,7 +105,7 @@ def poses_on_map(
     camera: Camera | None = None,
     telecentric: bool = False,
     progress: Callable[[int, int], None] | None = None,
-    open_share: float = 0.0,
+    blur: exposure.Blur = SHARP,
 ) -> MapPoses | str:
     """Register all frames on a map of the ball: their poses, or a sentence with the reason why no map is possible.
 
@@ -108,12 +113,12 @@ def poses_on_map(
     within a turn included; NaN where unknown. ``noise_share`` is the variance of the images' noise over that of their
     grey levels, ``fineness`` that of the texture's slopes over it, 1/px^2. ``ignore`` (h, w) is True for pixels to
     ignore. A ``camera`` has a known focal length; without one its distance is found, unless the view is
-    ``telecentric``. Singular equations of the map raise LinAlgError.
+    ``telecentric``. The ``blur`` is that of the images. Singular equations of the map raise LinAlgError.
     """
     known = np.flatnonzero(np.isfinite(position[:, 0]) & np.isfinite(orientation[:, 0, 0]))
     if len(known) < MIN_FRAMES:
         return f"a map of the ball needs {MIN_FRAMES} frames with a known pose, and this recording has {len(known)}"
-    frames = _known_frames(source, known, position, orientation, circle, ignore, camera, open_share)
+    frames = _known_frames(source, known, position, orientation, circle, ignore, camera, blur.open_share)
     optics = frames.optics
     keys = choose_keyframes(known, orientation)
     initial = Poses.at(frames.position[keys], frames.orientation[keys])
@@ -136,6 +141,7 @@ def poses_on_map(
             cell_px,
             shared,
             lambda share: report(round(share * len(keys))),
+            optics_px=blur.optics_px,
         )
         if camera is None and not telecentric:
             far = orthographic(tuple(frames.background.shape), source.device)
@@ -145,7 +151,7 @@ def poses_on_map(
         # The equations of the last step are the largest arrays, and are not needed any more.
         adjustment = replace(adjustment, covariance=blurred, last=None)
         misfit = float(adjustment.state.profile.variance[0]) / noise
-        refusal = _refusal(adjustment, circle.radius, misfit)
+        refusal = _refusal(adjustment, circle.radius, blur.optics_px, misfit)
         if refusal:
             return refusal
         numbers, found, widened = _on_map(frames, keys, initial, adjustment, shared, report)
@@ -229,7 +235,7 @@ def _error_by_blur(adjustment: Adjustment, start: Circle) -> float:
     return min(RADIUS_ERROR_PER_BLUR * beyond, known)
 
 
-def _refusal(adjustment: Adjustment, radius: float, misfit: float) -> str:
+def _refusal(adjustment: Adjustment, radius: float, optics_px: float, misfit: float) -> str:
     """Why the adjustment is refused, in words; empty if it is accepted."""
     ball = adjustment.state.ball
     if not adjustment.settled:
@@ -239,7 +245,7 @@ def _refusal(adjustment: Adjustment, radius: float, misfit: float) -> str:
             f"the residual on a map of the ball is {misfit**0.5:.1f} times the noise: perspective, moving light, or "
             "not a sphere"
         )
-    if ball.edge_blur > MAX_EDGE_BLUR_PX:
+    if ball.edge_blur > optics_px + MAX_EDGE_BLUR_PX:
         return f"the outline is blurred by {ball.edge_blur:.1f} px on the map: something hides or shades the outline"
     if abs(ball.radius - radius) > MAX_RADIUS_CHANGE * radius:
         return f"the map needs a radius of {ball.radius:.1f} px instead of {radius:.1f} px"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,8 +18,8 @@ from torchsphere.imaging.interpolation import noise_gains
 from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map import poses
 from torchsphere.sphere_map.poses import MapPoses
-from torchsphere.tracking import shutter
 from torchsphere.tracking.follow import Progress
+from torchsphere.tracking.image_blur import image_blur
 from torchsphere.tracking.record import Record
 
 Array = NDArray[np.float64]
@@ -91,9 +91,9 @@ def absolute_motion(
     lack = float(np.median(1 - known)) if len(known) else 0.0
     # Variance of the images' noise over that of their grey levels.
     noise = lack / noise_gains(options.pre_blur)[0]
-    share = exposure
-    if share is None:
-        share = shutter.open_share(source, measured.position, circle, ignore, options.camera, stated)
+    blur = image_blur(source, measured.position, circle, ignore, options.camera, stated)
+    if exposure is not None:
+        blur = replace(blur, open_share=exposure)
     try:
         found = poses.poses_on_map(
             source,
@@ -106,7 +106,7 @@ def absolute_motion(
             options.camera,
             telecentric,
             progress,
-            share,
+            blur,
         )
     except (np.linalg.LinAlgError, torch.linalg.LinAlgError):  # type: ignore[attr-defined]
         # The increments must not be lost with the map.
@@ -114,7 +114,7 @@ def absolute_motion(
     if isinstance(found, str):
         plain.about_map["reason"] = found
         return plain
-    return _merged(measured, chained, found, share)
+    return _merged(measured, chained, found, blur.open_share)
 
 
 def _reason_without_map(measured: Record, asked: bool | None, model: str) -> str:

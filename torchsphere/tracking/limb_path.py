@@ -17,7 +17,7 @@ from torch import Tensor
 from torchsphere.correlation.correlate import correlate_pairs
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.result import Correlation
-from torchsphere.detection import limb_fit
+from torchsphere.detection import blurred_limb, limb_fit
 from torchsphere.geometry.camera import Camera
 from torchsphere.recording.frame_source import Source
 from torchsphere.tracking.record import Record
@@ -68,9 +68,12 @@ def fit_limbs(source: Source, measured: Record, ignore: Tensor | None, camera: C
     if not len(frames):
         return Limbs(frames, path, path, path)
     images = [source.images(frame, frame + 1) for frame in frames.tolist()]
-    circles, sd = _fit(torch.cat(images), path, ignore, camera)
+    at_once, guesses = torch.cat(images), torch.from_numpy(path)
+    circles, sd = _as_arrays(*limb_fit.fit(at_once, guesses, ignore=ignore, camera=camera))
     if not (np.abs(circles - path) < IN_SIGHT_PX).all():
-        circles, sd = _one_by_one(images, path, ignore, camera)
+        # The limb of a blurred image seems to lie outside.
+        blurred = blurred_limb.fit_if_blurred(at_once, guesses, ignore=ignore, camera=camera)
+        circles, sd = _as_arrays(*blurred[:2]) if blurred else _one_by_one(images, path, ignore, camera)
     found: NDArray[np.bool_] = np.asarray((np.isfinite(circles) & np.isfinite(sd) & (sd > 0)).all(1))
     return Limbs(frames, circles, sd, path).rows(found)
 
@@ -81,15 +84,15 @@ def _one_by_one(images: list[Tensor], path: Array, ignore: Tensor | None, camera
     shift, ratio = np.zeros(2), 1.0
     for k, image in enumerate(images):
         guess = np.append(path[k, :2] + shift, path[k, 2] * ratio)
-        circles[k], sd[k] = (rows[0] for rows in _fit(image, guess[None], ignore, camera))
+        fitted = limb_fit.fit(image, torch.from_numpy(guess[None]), ignore=ignore, camera=camera)
+        circles[k], sd[k] = (rows[0] for rows in _as_arrays(*fitted))
         if np.isfinite(circles[k]).all():
             shift, ratio = circles[k, :2] - path[k, :2], circles[k, 2] / path[k, 2]
     return circles, sd
 
 
-def _fit(images: Tensor, guesses: Array, ignore: Tensor | None, camera: Camera | None) -> tuple[Array, Array]:
-    """Circles (m, 3) of the limbs and their sd, px; NaN where there is none."""
-    fitted, covariance = limb_fit.fit(images, torch.from_numpy(guesses), ignore=ignore, camera=camera)
+def _as_arrays(fitted: Tensor, covariance: Tensor) -> tuple[Array, Array]:
+    """Circles (m, 3) and their sd, px; NaN where no limb was found."""
     return fitted.numpy(), covariance.diagonal(dim1=1, dim2=2).clamp_min(0).sqrt().numpy()
 
 

@@ -11,10 +11,11 @@ from shots import noisy, rotation_matrix, speckle
 import torchsphere as ts
 from torchsphere import measure
 from torchsphere.geometry.circle import Circle
+from torchsphere.imaging import interpolation
 from torchsphere.recording.frame_source import Source
 from torchsphere.request import Request
 from torchsphere.synthetic import ray_caster
-from torchsphere.tracking import shutter
+from torchsphere.tracking.image_blur import image_blur
 
 RADIUS, FRAMES, SHARE, INSTANTS = 30.0, 14, 0.6, 15
 
@@ -43,7 +44,8 @@ def footage(share: float) -> tuple[torch.Tensor, torch.Tensor]:
 def found_share(share: float, stated: float | None = None) -> float:
     images, centres = footage(share)
     circle = Circle(*centres[0].tolist(), RADIUS, 0.0, 0.0, 0.0, 0)
-    return shutter.open_share(Source.open(images, None, torch.float32), centres.numpy(), circle, stated=stated)
+    source = Source.open(images, None, torch.float32)
+    return image_blur(source, centres.numpy(), circle, stated=stated).open_share
 
 
 def errors(track: ts.Track) -> np.ndarray:
@@ -73,7 +75,7 @@ def test_a_slow_ball_tells_nothing_of_the_exposure() -> None:
     images, centres = footage(SHARE)
     circle = Circle(*centres[0].tolist(), RADIUS, 0.0, 0.0, 0.0, 0)
     source = Source.open(images, None, torch.float32)
-    assert shutter.open_share(source, 0.1 * centres.numpy() + 40, circle) == 0
+    assert image_blur(source, 0.1 * centres.numpy() + 40, circle).open_share == 0
 
 
 def test_the_map_of_smeared_images_is_better_than_pairs_and_states_its_errors() -> None:
@@ -112,3 +114,15 @@ def test_an_exposure_without_a_frame_rate_or_longer_than_a_frame_is_refused() ->
         measure._exposure(request(shutter_us=20), None)
     with pytest.raises(ValueError, match=r"--shutter-us 200: longer than the 100 us from frame to frame"):
         measure._exposure(request(shutter_us=200), 1e4)
+
+
+def test_the_map_of_a_defocused_ball_starts_from_its_blur_and_finds_the_radius() -> None:
+    images, centres = footage(0.0)
+    blurred = interpolation.blur(images, 3.0)
+    circle = Circle(*centres[0].tolist(), RADIUS, 0.0, 0.0, 0.0, 0)
+    found = image_blur(Source.open(blurred, None, torch.float32), centres.numpy(), circle)
+    assert found.optics_px == pytest.approx(3.0, abs=0.4)
+    by_map = ts.track(blurred, telecentric=True)
+    assert by_map.settings["sphere_map"]["used"]
+    # By the outline of single images it is 0.3 to 0.8 px off.
+    assert by_map.circle.radius == pytest.approx(RADIUS, abs=0.25)

@@ -1,0 +1,85 @@
+"""The blur of the images by the optics and by the exposure, from the ball's outlines."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchsphere.detection import blurred_limb
+from torchsphere.geometry.camera import Camera
+from torchsphere.geometry.circle import Circle
+from torchsphere.recording.frame_source import Source
+from torchsphere.sphere_map.exposure import Blur
+
+#: Most frames whose outlines are fitted together (docs/constants.md).
+FRAMES = 6
+
+#: Largest change of the motion of such a frame, as a share of the motion (docs/constants.md).
+MOST_BEND = 0.2
+
+#: Share by the outlines over the stated one below which the stated one is wrong (docs/constants.md).
+CONTRADICTED = 0.5
+
+#: Room that the fit of a blurred outline needs around the ball, px (docs/constants.md).
+ROOM_PX = 12.0
+
+#: Variance of the blur by the width of a pixel, px^2.
+PIXEL_VARIANCE = 1 / 12
+
+
+def image_blur(
+    source: Source,
+    position: NDArray[np.float64],
+    circle: Circle,
+    ignore: Tensor | None = None,
+    camera: Camera | None = None,
+    stated: float | None = None,
+) -> Blur:
+    """Blur by the outlines; 0 where they are sharp, and no exposure where none is smeared by `blurred_limb.SMEARED_PX`.
+
+    ``position`` (n, 2) of the ball in all frames, px, NaN where it is not known. The share of the exposure that a file
+    has ``stated`` counts unless the outlines contradict it: under flashes the light is shorter than the exposure.
+    """
+    frames, motion = _in_view(position, circle.radius, source.images(0, 1).shape[1:])
+    longest = float(np.linalg.norm(motion, axis=1).max(initial=0.0))
+    may_be_smeared = longest >= blurred_limb.LEAST_MOTION_PX
+    if stated is not None and stated * longest < blurred_limb.SMEARED_PX:
+        may_be_smeared = False
+    found = None
+    if len(frames):
+        images = torch.cat([source.images(i, i + 1) for i in frames.tolist()])
+        guess = torch.from_numpy(np.column_stack((position[frames], np.full(len(frames), circle.radius))))
+        moves = torch.from_numpy(motion) if may_be_smeared else None
+        found = blurred_limb.fit_if_blurred(images, guess, motion=moves, ignore=ignore, camera=camera)
+    seen = found[2] if found else blurred_limb.LimbBlur(0.0, 0.0, 0.0)
+    is_blurred = seen.variance >= blurred_limb.BLURRED_PX**2
+    optics_px = math.sqrt(seen.variance - PIXEL_VARIANCE) if is_blurred else 0.0
+    share = seen.exposure if seen.smear_px >= blurred_limb.SMEARED_PX else 0.0
+    if stated is not None and (share > CONTRADICTED * stated or not may_be_smeared):
+        share = stated
+    return Blur(optics_px, share)
+
+
+def _in_view(
+    position: NDArray[np.float64], radius: float, shape: tuple[int, ...]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Numbers (k,) of up to `FRAMES` frames that show the whole ball, and its motion (k, 2) there, px.
+
+    Frames of a ball that moves count first, as they show the smear of the exposure.
+    """
+    motion = np.full_like(position, np.nan)
+    motion[1:-1] = 0.5 * (position[2:] - position[:-2])
+    room = radius + ROOM_PX
+    inside = ((position > room) & (position < np.array(shape[::-1]) - 1 - room)).all(1)
+    # At an impact the outline is smeared along two ways.
+    bend = np.full(len(position), np.inf)
+    bend[1:-1] = np.linalg.norm(position[2:] - 2 * position[1:-1] + position[:-2], axis=1)
+    speed = np.linalg.norm(motion, axis=1)
+    moving = inside & (speed >= blurred_limb.LEAST_MOTION_PX) & (bend < MOST_BEND * speed)
+    chosen = np.flatnonzero(moving if moving.any() else inside & (speed < blurred_limb.LEAST_MOTION_PX))
+    chosen = chosen[np.unique(np.linspace(0, len(chosen) - 1, min(len(chosen), FRAMES)).astype(np.int64))]
+    return chosen, motion[chosen]
