@@ -118,7 +118,7 @@ def test_an_exposure_without_a_frame_rate_or_longer_than_a_frame_is_refused() ->
 
 def test_the_map_of_a_defocused_ball_starts_from_its_blur_and_finds_the_radius() -> None:
     images, centres = footage(0.0)
-    blurred = interpolation.blur(images, 3.0)
+    blurred = noisy(interpolation.blur(images, 3.0), 2.0, 5)
     circle = Circle(*centres[0].tolist(), RADIUS, 0.0, 0.0, 0.0, 0)
     found = image_blur(Source.open(blurred, None, torch.float32), centres.numpy(), circle)
     assert found.optics_px == pytest.approx(3.0, abs=0.4)

@@ -48,6 +48,7 @@ class AbsoluteMotion:
     orientation: Array
     circle: Circle
     about_map: dict[str, Any]
+    on_map: NDArray[np.bool_]  # (n,), True for a frame whose pose is on a map
 
     @property
     def is_refused(self) -> bool:
@@ -58,7 +59,23 @@ class AbsoluteMotion:
     def lacks_frames(self) -> bool:
         """Whether the map does not show a notable part of the frames whose position is known."""
         known = np.isfinite(self.position[:, 0]).sum()
-        return bool(self.about_map["used"] and self.about_map["frames"] < MIN_ON_MAP * known)
+        return bool(self.about_map["used"] and self.frames_on_map < MIN_ON_MAP * known)
+
+    @property
+    def frames_on_map(self) -> int:
+        """Number of frames on the map."""
+        return int(self.on_map.sum())
+
+    def on_map_alone(self) -> AbsoluteMotion:
+        """The motion without the frames that the map does not show."""
+        between = (self.on_map[:-1] & self.on_map[1:])[:, None]
+        return replace(
+            self,
+            position=np.where(self.on_map[:, None], self.position, np.nan),
+            increment=np.where(between, self.increment, np.nan),
+            covariance=np.where(between[..., None], self.covariance, np.nan),
+            orientation=np.where(self.on_map[:, None, None], self.orientation, np.nan),
+        )
 
 
 def absolute_motion(
@@ -84,7 +101,8 @@ def absolute_motion(
     chained = orientation.chain(measured.rotation, known)
     reason = _reason_without_map(measured, asked, options.model)
     about = {"used": False, "reason": reason}
-    plain = AbsoluteMotion(measured.position, measured.increment, measured.covariance, chained, circle, about)
+    motion = measured.position, measured.increment, measured.covariance
+    plain = AbsoluteMotion(*motion, chained, circle, about, np.zeros(len(known), dtype=bool))
     if reason:
         return plain
     known = measured.zncc[np.isfinite(measured.zncc)]
@@ -154,7 +172,7 @@ def _merged(measured: Record, chained: Array, found: MapPoses, open_share: float
         "radius_over_distance": found.nearness,
         "sd_radius_over_distance": found.sd_nearness,
     }
-    return AbsoluteMotion(position, increment, covariance, turned, found.circle, about)
+    return AbsoluteMotion(position, increment, covariance, turned, found.circle, about, on_map)
 
 
 def _turns(orientation: Array, known: NDArray[np.bool_]) -> Array:

@@ -149,7 +149,7 @@ def held(motion: AbsoluteMotion) -> tuple[AbsoluteMotion, Array]:
     covariance[:, 2:, :2] = np.swapaxes(covariance[:, :2, 2:], 1, 2)
     circle = dataclasses.replace(motion.circle, x=float(place[0]), y=float(place[1]))
     position = np.where(known[:, None], place, np.nan)
-    return AbsoluteMotion(position, increment, covariance, turned, circle, motion.about_map), drift
+    return AbsoluteMotion(position, increment, covariance, turned, circle, motion.about_map, motion.on_map), drift
 
 
 def _rotation_per_step(covariance: Array) -> Array:

@@ -52,9 +52,16 @@ class Limbs:
 
     def have_slipped(self) -> bool:
         """Whether the last limbs all lie beside the path: what slips goes on slipping."""
+        return len(self.frames) >= MIN_LOOKS and bool(self._lie_beside()[-LAST_LOOKS:].all())
+
+    def slipped_from(self) -> int:
+        """The first frame of a path that has slipped: that after the last limb on the path."""
+        on_path = self.frames[~self._lie_beside()]
+        return int(on_path[-1]) + 1 if len(on_path) else 0
+
+    def _lie_beside(self) -> NDArray[np.bool_]:
         off = np.abs(self.circles - self.path)[:, :2]
-        beside: NDArray[np.bool_] = np.asarray((off > np.maximum(SLIPPED_SD * self.sd[:, :2], SLIPPED_PX)).any(1))
-        return len(beside) >= MIN_LOOKS and bool(beside[-LAST_LOOKS:].all())
+        return np.asarray((off > np.maximum(SLIPPED_SD * self.sd[:, :2], SLIPPED_PX)).any(1))
 
 
 def fit_limbs(source: Source, measured: Record, ignore: Tensor | None, camera: Camera | None) -> Limbs:

@@ -140,8 +140,13 @@ def _moved_to_limbs(
     moved = limb_path.along_limbs(task.source, measured, limbs, task.ignore, start.options, resized=False)
     again = _absolute_motion(task, start, moved)
     # An object in front of the ball moves its limbs, too: then the map shows no more frames than before.
-    is_better = motion.is_refused or again.about_map.get("frames", 0) > motion.about_map["frames"]
-    return (moved, again) if is_better else (measured, motion)
+    if again.frames_on_map > motion.frames_on_map:
+        # Where a path has slipped, only the map shows that the rest of it is the ball's.
+        return moved.without(~again.on_map), again.on_map_alone()
+    if motion.is_refused:
+        kept = measured.without(slice(limbs.slipped_from(), None))
+        return kept, _absolute_motion(task, start, kept)
+    return measured, motion
 
 
 def _initial_circle(task: Task, settings: Options, given: dict[str, Any]) -> _Start:

@@ -79,11 +79,19 @@ class Record:
         matrices = orientation.chain(self.rotation[part], np.isfinite(self.position[part, 0]))
         return np.asarray(So3.from_matrix(torch.from_numpy(matrices[-1:])).log().numpy())
 
-    def without(self, frame: int) -> Record:
-        """The record without position and status of that frame."""
-        position, status = self.position.copy(), self.status.copy()
-        position[frame], status[frame] = np.nan, "lost"
-        return dataclasses.replace(self, position=position, status=status)
+    def without(self, frame: int | slice | NDArray[np.bool_]) -> Record:
+        """The record without that frame, or several, and without the steps to and from it."""
+        left_out = np.zeros(len(self.position), dtype=bool)
+        left_out[frame] = True
+        between = left_out[:-1] | left_out[1:]
+        return dataclasses.replace(
+            self,
+            position=np.where(left_out[:, None], np.nan, self.position),
+            increment=np.where(between[:, None], np.nan, self.increment),
+            covariance=np.where(between[:, None, None], np.nan, self.covariance),
+            rotation=np.where(left_out[:, None], np.nan, self.rotation),
+            status=np.where(left_out, "lost", self.status),
+        )
 
     def set_status(self, frame: int, found: Correlation) -> str:
         """Store status, coefficient and iterations of a frame that was measured alone; returns its status."""
