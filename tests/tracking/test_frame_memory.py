@@ -6,12 +6,13 @@ import torch
 
 from torchsphere.recording.frame_source import Source
 from torchsphere.tracking import frame_memory
+from torchsphere.tracking.background_blocks import background_blocks
 
 POSITION = np.column_stack((20.0 + np.arange(24), np.full(24, 30.0)))
 
 
 def memory_of(images: torch.Tensor) -> float:
-    return frame_memory.noise_memory(Source.open(images), POSITION, 12.0, None)
+    return frame_memory.noise_memory(background_blocks(Source.open(images), POSITION, 12.0, None))
 
 
 def noise() -> torch.Tensor:

@@ -101,6 +101,12 @@ def _video_warnings(track: Track) -> list[str]:
             "steps include this; the positions have this shift in time. Switch such processing off in camera and "
             "software."
         )
+    if track.settings["coded"]:
+        sentences.append(
+            "Parts of the still background are the same to the last grey level from image to image, as after strong "
+            "compression (H.264, MPEG-4), which draws the ball from parts of the images before, too. The standard "
+            "deviations include this. Save recordings as the camera's own raw file, or without loss."
+        )
     return sentences
 
 

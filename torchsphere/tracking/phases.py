@@ -17,8 +17,10 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import interlacing
 from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map.nearness import UNKNOWN_SD
-from torchsphere.tracking import frame_memory, growth, limb_path
+from torchsphere.sphere_map.poses import MIN_FRAMES
+from torchsphere.tracking import coded_video, frame_memory, growth, limb_path
 from torchsphere.tracking import in_place as place_of_ball
+from torchsphere.tracking.background_blocks import background_blocks
 from torchsphere.tracking.drift import AbsoluteMotion, absolute_motion
 from torchsphere.tracking.edge_leakage import adapt_options, background_contrast, leakage_share
 from torchsphere.tracking.follow import Follower, Progress
@@ -143,10 +145,12 @@ def _moved_to_limbs(
     if again.frames_on_map > motion.frames_on_map:
         # Where a path has slipped, only the map shows that the rest of it is the ball's.
         return moved.without(~again.on_map), again.on_map_alone()
-    if motion.is_refused:
-        kept = measured.without(slice(limbs.slipped_from(), None))
-        return kept, _absolute_motion(task, start, kept)
-    return measured, motion
+    if not motion.is_refused:
+        return measured, motion
+    if np.isfinite(again.orientation[:, 0, 0]).sum() >= MIN_FRAMES:
+        return moved, again
+    kept = measured.without(slice(limbs.slipped_from(), None))
+    return kept, _absolute_motion(task, start, kept)
 
 
 def _initial_circle(task: Task, settings: Options, given: dict[str, Any]) -> _Start:
@@ -208,13 +212,19 @@ def _absolute_motion(task: Task, start: _Start, measured: Record) -> AbsoluteMot
 def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotion) -> Track:
     """Phase 4: the track, its steady error and its settings."""
     radius, on_map = motion.circle.radius, motion.about_map["used"]
-    memory = frame_memory.noise_memory(task.source, motion.position, radius, task.ignore)
+    looks = background_blocks(task.source, motion.position, radius, task.ignore)
+    memory, is_coded = frame_memory.noise_memory(looks), coded_video.is_coded(looks)
+    covariance = motion.covariance
+    if memory:
+        covariance = frame_memory.widened(motion.increment, covariance, memory)
+    if is_coded:
+        covariance = coded_video.widened(covariance, motion.on_map, radius)
     leakage = leakage_share(start.contrast, radius, start.options)
     steps = int(np.isfinite(measured.increment[:, 0]).sum())
     return Track(
         position=motion.position,
         increment=motion.increment,
-        covariance=frame_memory.widened(motion.increment, motion.covariance, memory) if memory else motion.covariance,
+        covariance=covariance,
         orientation=motion.orientation,
         zncc=measured.zncc,
         iterations=measured.iterations,
@@ -241,6 +251,7 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
             "grows": start.grows,
             "interlaced": start.interlaced,
             "noise_memory": memory,
+            "coded": is_coded,
             "sphere_map": motion.about_map,
             "repeated_frames": measured.repeated,
             "leaked": leakage,
