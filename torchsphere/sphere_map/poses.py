@@ -156,8 +156,7 @@ def poses_on_map(
             return refusal
         numbers, found, widened = _on_map(frames, keys, initial, adjustment, shared, report)
     assembled = _assemble(len(position), numbers, found, keys, adjustment, circle, misfit)
-    covariance = assembled.step_covariance * np.outer(widened, widened)
-    assembled = replace(assembled, step_covariance=covariance, widening=widened)
+    assembled = _widened(assembled, widened)
     return assembled if optics is None else _through_lens(assembled, optics)
 
 
@@ -210,6 +209,13 @@ def _seen_alike(frames: KnownFrames, initial: Poses, optics: Optics | None) -> t
     all_poses = Poses.at(frames.position, frames.orientation)
     seen = replace(frames, optics=optics, orientation=seen_alike(all_poses, None, optics).orientation)
     return seen, seen_alike(initial, None, optics)
+
+
+def _widened(found: MapPoses, factors: Array) -> MapPoses:
+    """The poses with the errors that neighbouring pixels share: `residual_scatter.widening`."""
+    outline = replace(found.circle, sd_x=found.circle.sd_x * factors[0], sd_y=found.circle.sd_y * factors[1])
+    covariance = found.step_covariance * np.outer(factors, factors)
+    return replace(found, step_covariance=covariance, circle=outline, widening=factors)
 
 
 def _through_lens(found: MapPoses, optics: Optics) -> MapPoses:
