@@ -7,10 +7,10 @@ Paper: one figure, no numbers.
 
 Here: the preset ``paper-drop-weight``. The ball stands for the weight's hemispherical head, with its upper half in
 sight: a plain shaft over that half more than doubled the error of the steps, and the peak was 18 % too high. The ball
-is tracked frame to frame from the true circle; the acceleration is that of torchsphere's smoother. The accelerometer's
-signal comes from the true motion: no weight (0 in free fall), sampled at 50 kHz by its own clock, gain 1 % high, an
-offset, noise of 5 % of the peak, and ringing of the mount at 7 kHz. `torchsphere.instruments.signals` aligns signal and
-track. Amplitude is the peak of the lobe, duration its width at half of the peak.
+is tracked frame to frame from the circle that is found; the acceleration is that of torchsphere's smoother. The
+accelerometer's signal comes from the true motion: no weight (0 in free fall), sampled at 50 kHz by its own clock, gain
+1 % high, an offset, noise of 5 % of the peak, and ringing of the mount at 7 kHz. `torchsphere.instruments.signals`
+aligns signal and track. Amplitude is the peak of the lobe, duration its width at half of the peak.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def compute() -> Drop:
     shot = preset.load("paper-drop-weight")
     assert isinstance(shot.trajectory, DropWeight)
     footage, seed = rendered(shot), shot.setup.sensor.seed
-    track = tracked(footage, footage.circle, sphere_map=False)
+    track = tracked(footage, sphere_map=False)
     motion = ts.kinematics(
         track,
         frame_rate=shot.frame_rate_hz,

@@ -7,9 +7,9 @@ Paper: ball of 19 mm and 28 g at 80 m/s on a steel plate at 15 deg, 20 000 frame
 1/81 000 s; uncertainty of the acceleration around 10 % of the impact's.
 
 Here: the preset ``paper-plate`` of that geometry, whose plate hides the part of the ball that is pressed in. The ball
-is tracked frame to frame from the true circle, which the paper's user gives: under a motion blur of 4 px the found
-circle is 1.7 px of 38 too large. The force is by differences as in the paper, and by torchsphere's smoother. The noise
-is the standard deviation of the difference from the same differences of exact positions, in contact and out of contact.
+is tracked frame to frame from the circle that is found under a motion blur of 4 px. The force is by differences as in
+the paper, and by torchsphere's smoother. The noise is the standard deviation of the difference from the same
+differences of exact positions, in contact and out of contact.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ FOLLOWS = 0.02
 
 @dataclass(frozen=True)
 class Oblique:
-    """The impact, rendered and tracked from the true circle."""
+    """The impact, rendered and tracked."""
 
     footage: Footage
     track: ts.Track
@@ -83,7 +83,7 @@ class Oblique:
 def compute() -> Oblique:
     """The impact, rendered and tracked."""
     footage = rendered(preset.load("paper-plate"))
-    return Oblique(footage, tracked(footage, footage.circle, sphere_map=False))
+    return Oblique(footage, tracked(footage, sphere_map=False))
 
 
 def rows(found: Oblique) -> list[Row]:
