@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from torchsphere import __version__
-from torchsphere.cli import batch, benchmark, demo, info, plan, report, track, warm_up
+from torchsphere.cli import batch, benchmark, demo, info, instruments, plan, report, track, warm_up
 from torchsphere.runtime import signals
 from torchsphere.runtime.shown_text import shown
 from torchsphere.settings.limits import SettingError
@@ -63,6 +63,6 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="torchsphere", description="Motion of a speckled ball from high-speed footage.")
     parser.add_argument("--version", action="version", version=f"torchsphere {__version__}")
     commands = parser.add_subparsers(required=True, dest="command", metavar="COMMAND", parser_class=_Parser)
-    for command in (demo, info, track, batch, benchmark, plan, report, warm_up):
+    for command in (demo, info, track, batch, benchmark, plan, instruments, report, warm_up):
         command.add(commands)
     return parser

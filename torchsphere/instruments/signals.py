@@ -7,13 +7,13 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
-from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.instruments.delay import (
     MIN_SAMPLES,
     best_fit,
@@ -27,6 +27,26 @@ Array = NDArray[np.float64]
 
 #: Largest relative difference of the intervals of even times.
 MAX_UNEVENNESS = 0.01
+
+
+class Motion(Protocol):
+    """Motion of a track: `torchsphere.dynamics.kinematics.Kinematics`, or as a result folder has it."""
+
+    @property
+    def time_s(self) -> Array:
+        """Times (n,) of the frames."""
+
+    @property
+    def velocity_m_s(self) -> Array:
+        """Velocity (n, 2)."""
+
+    @property
+    def sd_velocity_m_s(self) -> Array:
+        """Its standard deviation (n, 2)."""
+
+    @property
+    def acceleration_m_s2(self) -> Array:
+        """Acceleration (n, 2)."""
 
 
 @dataclass(frozen=True)
@@ -168,12 +188,26 @@ def light_gate(
     return GateVelocity(velocity, sd_velocity, delay, sd, fit.correlation)
 
 
-def align(motion: Kinematics, time_s: Array, sensor_m_s2: Array, *, direction: Array) -> Alignment:
+def mean_speed(motion: Motion, until_s: float) -> tuple[float, float]:
+    """Mean speed of the track before a time, m/s, and its standard deviation, which all frames may share.
+
+    Raises ValueError if no frame has a velocity then.
+    """
+    chosen = np.isfinite(motion.velocity_m_s).all(1) & (motion.time_s < until_s)
+    if not chosen.any():
+        raise ValueError("No frame before the contact has a velocity; there is nothing to compare the gate with")
+    mean = motion.velocity_m_s[chosen].mean(0)
+    speed = float(np.linalg.norm(mean))
+    along = mean / speed if speed else np.array([1.0, 0.0])
+    return speed, float(np.linalg.norm(along * motion.sd_velocity_m_s[chosen].mean(0)))
+
+
+def align(motion: Motion, time_s: Array, sensor_m_s2: Array, *, direction: Array) -> Alignment:
     """Align an accelerometer's signal with the track's acceleration along ``direction`` (2,), in the results' frame.
 
     Parameters
     ----------
-    motion : Kinematics
+    motion : Motion
         Motion of the track.
     time_s, sensor_m_s2 : ndarray
         Times and signal (n,) of the sensor; its clock may have another zero, not another rate.
@@ -220,7 +254,7 @@ def align(motion: Kinematics, time_s: Array, sensor_m_s2: Array, *, direction: A
     )
 
 
-def _acceleration_along(motion: Kinematics, direction: Array) -> tuple[Array, Array]:
+def _acceleration_along(motion: Motion, direction: Array) -> tuple[Array, Array]:
     """Times and acceleration (n,) of the track along a direction, from its first to its last value without gaps."""
     axis = np.asarray(direction, dtype=np.float64)
     if axis.shape != (2,) or not np.isfinite(axis).all() or not axis.any():
