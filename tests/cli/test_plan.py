@@ -24,7 +24,11 @@ def test_the_command_writes_figure_numbers_and_advice(tmp_path: Path, capsys) ->
     tifffile.imwrite(image, side.image.round().to(torch.uint8).numpy(), photometric="minisblack")
     circle = "{},{},{}".format(*side.circle)
     looks = ["--image", str(image), "--circle", circle, "--modes", str(modes), "--width", "256"]
-    assert planned(*GIVEN, *looks, "--out", str(tmp_path / "plan"), "--quiet") == 0
+    command = (*GIVEN, *looks, "--out", str(tmp_path / "plan"))
+    assert planned(*command) == 0
+    *lines, last = capsys.readouterr().out.splitlines()
+    assert any(line.startswith("blur") for line in lines)
+    assert last == f"result  {tmp_path / 'plan'}"
     assert {path.name for path in (tmp_path / "plan").iterdir()} == {"plan.json", "plan.png"}
     table = json.loads((tmp_path / "plan" / "plan.json").read_text())
     assert table["advice"].startswith("Film with 256 x 64 px at 40000 frames/s")
@@ -32,6 +36,7 @@ def test_the_command_writes_figure_numbers_and_advice(tmp_path: Path, capsys) ->
     assert table["frames_in_view"] == 221
     assert [mode["reason_against"] == "" for mode in table["modes"]] == [True, False]
     assert np.array(table["increment_covariance_px_rad"]).shape == (5, 5)
+    assert planned(*command, "--overwrite", "--quiet") == 0
     assert capsys.readouterr().out == ""
 
 

@@ -73,7 +73,8 @@ def run(options: dict[str, Any]) -> int:
     if options["json"]:
         print(json.dumps(numbers, indent=2, allow_nan=False))
         return 0
-    say(options["quiet"], "\n".join(f"{label:<20}  {value}" for label, value in lines))
+    for label, value in lines:
+        say(options["quiet"], f"{label:<20}  {value}")
     return 0
 
 

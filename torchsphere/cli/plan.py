@@ -55,7 +55,8 @@ def run(options: dict[str, Any]) -> int:
         writer.write_summary(folder, presentation.as_table(made))
         (folder / "summary.json").rename(folder / "plan.json")
         plan_figure.plan_figure(made).savefig(folder / "plan.png")
-    say(quiet, f"{presentation.text(made)}\nresult  {out}")
+    for line in (*presentation.text(made).splitlines(), f"result  {out}"):
+        say(quiet, line)
     return 0
 
 
