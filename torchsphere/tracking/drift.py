@@ -159,7 +159,9 @@ def _merged(measured: Record, chained: Array, found: MapPoses, open_share: float
     increment = np.where(steps, np.concatenate((np.diff(position, axis=0), _turns(turned, whole)), 1), np.nan)
     # After a rotation that is missing the orientation is not known, but the increments are.
     increment = np.where(steps & ~np.isfinite(increment), measured.increment, increment)
-    both = on_map[:-1] & on_map[1:] & whole
+    # Rounding may leave a negative variance where the equations of the map are nearly singular.
+    is_definite = np.diagonal(found.step_covariance, axis1=1, axis2=2).min(1) > 0
+    both = on_map[:-1] & on_map[1:] & whole & is_definite
     covariance = np.where(both[:, None, None], found.step_covariance, measured.covariance)
     about = {
         "used": True,
