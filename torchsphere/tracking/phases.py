@@ -213,7 +213,9 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
     """Phase 4: the track, its steady error and its settings."""
     radius, on_map = motion.circle.radius, motion.about_map["used"]
     looks = background_blocks(task.source, motion.position, radius, task.ignore)
-    memory, is_coded = frame_memory.noise_memory(looks), coded_video.is_coded(looks)
+    is_coded = coded_video.is_coded(looks)
+    # A codec's copies have the noise of the images before, too.
+    memory = 0.0 if is_coded else frame_memory.noise_memory(looks)
     covariance = motion.covariance
     if memory:
         covariance = frame_memory.widened(motion.increment, covariance, memory)
