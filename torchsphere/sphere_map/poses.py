@@ -65,8 +65,9 @@ MAX_EDGE_BLUR_PX = 2.0
 #: (docs/constants.md).
 OPTICS_BLUR_PX, RADIUS_ERROR_PER_BLUR = 0.3, 0.8
 
-#: Systematic error of the radius as a share of the radius, beyond the noise of the images (docs/constants.md).
-RADIUS_ERROR_SHARE = 0.002
+#: Systematic error of the radius as a share of it, where the model explains the images down to white noise, and more
+#: where it does not, by the factor in the steps' errors less 1, up to `MAX_EXCESS` (docs/constants.md).
+RADIUS_ERROR_SHARE, RADIUS_ERROR_SHARE_MORE, MAX_EXCESS = 0.0002, 0.002, 1.0
 
 #: Largest correction of the radius by the map, as a share of the radius (docs/constants.md).
 MAX_RADIUS_CHANGE = 0.05
@@ -212,8 +213,15 @@ def _seen_alike(frames: KnownFrames, initial: Poses, optics: Optics | None) -> t
 
 
 def _widened(found: MapPoses, factors: Array) -> MapPoses:
-    """The poses with the errors that neighbouring pixels share: `residual_scatter.widening`."""
-    outline = replace(found.circle, sd_x=found.circle.sd_x * factors[0], sd_y=found.circle.sd_y * factors[1])
+    """The poses with errors that neighbouring pixels share, `residual_scatter.widening`, in place and radius, too."""
+    circle, excess = found.circle, min(float(factors.max()) - 1, MAX_EXCESS)
+    by_model = (RADIUS_ERROR_SHARE + RADIUS_ERROR_SHARE_MORE * excess) * circle.radius
+    outline = replace(
+        circle,
+        sd_x=float(circle.sd_x * factors[0]),
+        sd_y=float(circle.sd_y * factors[1]),
+        sd_radius=float(np.hypot(circle.sd_radius, by_model)),
+    )
     covariance = found.step_covariance * np.outer(factors, factors)
     return replace(found, step_covariance=covariance, circle=outline, widening=factors)
 
@@ -328,7 +336,7 @@ def _assemble(
         sd_guessed=False,
         sd_x=float(sd_x),
         sd_y=float(sd_y),
-        sd_radius=float(np.hypot(np.sqrt(variances[-COMMON]), RADIUS_ERROR_SHARE * radius)),
+        sd_radius=float(np.sqrt(variances[-COMMON])),
     )
     steps = step_covariances(n, numbers, found, keys, adjustment)
     near, sd_near = float(nearness_of(adjustment.state)), adjustment.sd_nearness
