@@ -42,9 +42,24 @@ def test_a_path_that_slips_is_found_and_moved_to_the_limbs() -> None:
     slipped = dataclasses.replace(measured, position=measured.position + slip)
     limbs = limb_path.fit_limbs(source, slipped, None, None)
     assert limbs.have_slipped()
+    # The slip is 0.43 px per frame: from frame 2 on, limbs tell it from their own errors.
+    assert 1 <= limbs.slipped_from() <= 4
     held = limb_path.along_limbs(source, slipped, limbs, None, options, resized=False)
     assert np.abs(held.position - centres).max() < 0.4
     sd = np.sqrt(np.diagonal(held.covariance, axis1=1, axis2=2))
     assert (np.abs(held.increment - np.array([*STEP, *TURN])) < 6 * sd).all()
     assert np.array_equal(held.rotation[1:], held.increment[:, 2:])
     assert np.array_equal(held.size, measured.size)
+
+
+def test_a_record_without_frames_has_no_steps_to_and_from_them() -> None:
+    source, centres = film()
+    measured = Follower(source, Circle(*centres[0], RADIUS), None, Options()).run(FRAMES)
+    kept = measured.without(slice(8, None))
+    assert (kept.status[:8] == "ok").all()
+    assert (kept.status[8:] == "lost").all()
+    assert np.isnan(kept.position[8:]).all()
+    assert np.isnan(kept.increment[7:]).all()
+    assert np.isnan(kept.covariance[7:]).all()
+    assert np.isfinite(kept.increment[:7]).all()
+    assert (measured.status == "ok").all()

@@ -156,8 +156,7 @@ def poses_on_map(
         if refusal:
             return refusal
         numbers, found, widened = _on_map(frames, keys, initial, adjustment, shared, report)
-    assembled = _assemble(len(position), numbers, found, keys, adjustment, circle, misfit)
-    assembled = _widened(assembled, widened)
+    assembled = _widened(_assemble(len(position), numbers, found, keys, adjustment, circle, misfit), widened)
     return assembled if optics is None else _through_lens(assembled, optics)
 
 

@@ -74,24 +74,24 @@ def fit_limbs(source: Source, measured: Record, ignore: Tensor | None, camera: C
     path = np.column_stack((measured.position[frames], measured.size[frames]))
     if not len(frames):
         return Limbs(frames, path, path, path)
-    images = [source.images(frame, frame + 1) for frame in frames.tolist()]
-    at_once, guesses = torch.cat(images), torch.from_numpy(path)
-    circles, sd = _as_arrays(*limb_fit.fit(at_once, guesses, ignore=ignore, camera=camera))
+    images = torch.cat([source.images(frame, frame + 1) for frame in frames.tolist()])
+    guesses = torch.from_numpy(path)
+    circles, sd = _as_arrays(*limb_fit.fit(images, guesses, ignore=ignore, camera=camera))
     if not (np.abs(circles - path) < IN_SIGHT_PX).all():
         # The limb of a blurred image seems to lie outside.
-        blurred = blurred_limb.fit_if_blurred(at_once, guesses, ignore=ignore, camera=camera)
+        blurred = blurred_limb.fit_if_blurred(images, guesses, ignore=ignore, camera=camera)
         circles, sd = _as_arrays(*blurred[:2]) if blurred else _one_by_one(images, path, ignore, camera)
     found: NDArray[np.bool_] = np.asarray((np.isfinite(circles) & np.isfinite(sd) & (sd > 0)).all(1))
     return Limbs(frames, circles, sd, path).rows(found)
 
 
-def _one_by_one(images: list[Tensor], path: Array, ignore: Tensor | None, camera: Camera | None) -> tuple[Array, Array]:
+def _one_by_one(images: Tensor, path: Array, ignore: Tensor | None, camera: Camera | None) -> tuple[Array, Array]:
     """Circles (m, 3) and their sd, each looked for where the ``path`` (m, 3) ends up by the last one found."""
     circles, sd = np.empty_like(path), np.empty_like(path)
     shift, ratio = np.zeros(2), 1.0
-    for k, image in enumerate(images):
+    for k in range(len(images)):
         guess = np.append(path[k, :2] + shift, path[k, 2] * ratio)
-        fitted = limb_fit.fit(image, torch.from_numpy(guess[None]), ignore=ignore, camera=camera)
+        fitted = limb_fit.fit(images[k : k + 1], torch.from_numpy(guess[None]), ignore=ignore, camera=camera)
         circles[k], sd[k] = (rows[0] for rows in _as_arrays(*fitted))
         if np.isfinite(circles[k]).all():
             shift, ratio = circles[k, :2] - path[k, :2], circles[k, 2] / path[k, 2]

@@ -118,18 +118,31 @@ def _limbs(task: Task, start: _Start) -> Limbs | None:
 def _motion(task: Task, start: _Start) -> tuple[_Start, Record, AbsoluteMotion]:
     """Phases 2 and 3, and the start that they had at last."""
     start, measured = _follow_as_it_grows(task, start)
-    motion = _absolute_motion(task, start, measured)
-    if (motion.is_refused or motion.lacks_frames) and not task.in_place:
-        measured, motion = _moved_to_limbs(task, start, measured, motion)
+    measured, motion = _placed(task, start, measured)
     change = abs(motion.circle.radius - start.circle.radius)
     if change > WRONG_RADIUS * start.circle.radius and bool((measured.status != "ok").any()):
         # Frames failed with a radius that the map has corrected since.
         begun = dataclasses.replace(start, circle=dataclasses.replace(motion.circle, frame=start.circle.frame))
         again = _follow(task, begun)
-        if (again.status == "ok").sum() > (measured.status == "ok").sum():
-            start, measured = begun, again
-            motion = _absolute_motion(task, start, measured)
+        if _measures_more(again, measured):
+            again, placed = _placed(task, begun, again)
+            # A path that slips again loses the frames that it had won.
+            if _measures_more(again, measured):
+                return begun, again, placed
     return start, measured, motion
+
+
+def _measures_more(record: Record, other: Record) -> bool:
+    """Whether a record has more frames that are "ok" than another."""
+    return bool((record.status == "ok").sum() > (other.status == "ok").sum())
+
+
+def _placed(task: Task, start: _Start, measured: Record) -> tuple[Record, AbsoluteMotion]:
+    """Phase 3, and the record, on the limbs where the ``measured`` path has slipped."""
+    motion = _absolute_motion(task, start, measured)
+    if (motion.is_refused or motion.lacks_frames) and not task.in_place:
+        return _moved_to_limbs(task, start, measured, motion)
+    return measured, motion
 
 
 def _moved_to_limbs(
