@@ -36,6 +36,20 @@ def test_the_radius_uncertainty_enters_scale_velocity_and_spin(falling: ts.Track
     assert added == pytest.approx(0.21, rel=1e-6)
 
 
+def test_a_camera_at_an_unknown_distance_widens_a_scale_that_comes_from_the_outline(falling: ts.Track) -> None:
+    unknown = dataclasses.replace(falling, settings=falling.settings | {"sd_radius_over_distance": 0.1})
+    # A ball at k = radius over distance has an outline of R / sqrt(1 - k^2): larger by 0.5 % at 10 radii.
+    k = np.abs(np.random.default_rng(0).normal(0, 0.1, 100_000))
+    shown = np.sqrt(np.mean((k**2 / 2) ** 2))
+    by_outline, given = (
+        [ts.kinematics(track, frame_rate=1000.0, **size).sd_velocity_m_s[4, 0] for track in (unknown, falling)]
+        for size in ({"diameter_m": 0.02}, {"m_per_px": 5e-4})
+    )
+    # 1 m/s. The size of a pixel that is given does not depend on the outline.
+    assert np.sqrt(by_outline[0] ** 2 - by_outline[1] ** 2) == pytest.approx(shown, rel=0.02)
+    assert given[0] == given[1]
+
+
 def test_an_uncertain_centre_widens_the_spin_about_z_of_a_ball_that_tilts() -> None:
     n = 11
     increment = np.tile([1.0, 0.0, 0.01, 0.02, 0.0], (n - 1, 1))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.dynamics.depth_plane import in_depth_plane
-from torchsphere.dynamics.scale import Scale, scale
+from torchsphere.dynamics.scale import Scale, distance_error, scale
 from torchsphere.dynamics.shared_errors import SharedErrors
 from torchsphere.dynamics.si_units import Draws, FoundContact, Kinematics, Units, in_si_units
 from torchsphere.estimation.measurements import measured_increments, poses
@@ -84,7 +84,7 @@ def kinematics(
     """
     _check_track(track)
     rate, mass_kg = _frame_rate(frame_rate), _mass(mass_kg)
-    pixel = scale(track.circle, diameter_m=diameter_m, m_per_px=m_per_px, relative_sd=relative_sd_scale)
+    pixel = _scale(track, diameter_m, m_per_px, relative_sd_scale)
     track = in_depth_plane(track)
     times = _times(track, rate, first_frame, times_s)
     if method not in METHODS:
@@ -118,9 +118,7 @@ def kinematics_of_many(
     for track in tracks:
         _check_track(track)
     rate, mass_kg = _frame_rate(frame_rate), _mass(mass_kg)
-    scales = [
-        scale(track.circle, diameter_m=diameter_m, m_per_px=m_per_px, relative_sd=relative_sd_scale) for track in tracks
-    ]
+    scales = [_scale(track, diameter_m, m_per_px, relative_sd_scale) for track in tracks]
     tracks = [in_depth_plane(track) for track in tracks]
     times = [_times(track, rate, 0, None) for track in tracks]
     motions = smoothed(tracks, times) if tracks else []
@@ -128,6 +126,15 @@ def kinematics_of_many(
         in_si_units(track, motion, moments / rate, Units(pixel, rate, lab_frame), mass_kg)
         for track, motion, moments, pixel in zip(tracks, motions, times, scales, strict=True)
     ]
+
+
+def _scale(track: Track, diameter_m: float | None, m_per_px: float | None, relative_sd: float) -> Scale:
+    """Scale of a track, whose outline is larger the nearer the camera is."""
+    nearness = track.settings.get("sphere_map", {}).get("radius_over_distance", 0.0)
+    by_distance = distance_error(nearness, track.settings.get("sd_radius_over_distance", 0.0))
+    return scale(
+        track.circle, diameter_m=diameter_m, m_per_px=m_per_px, relative_sd=relative_sd, sd_by_distance=by_distance
+    )
 
 
 def mean_motion(track: Track, motion: Kinematics | None) -> dict[str, Array]:

@@ -31,13 +31,28 @@ class Scale:
     origin: str
 
 
+def distance_error(nearness: float, sd_nearness: float) -> float:
+    """Relative error (rms) of lengths in units of the outline, as the camera's distance is not known.
+
+    With a ``nearness`` k, radius over distance, the outline is larger than the ball at its depth by ``k^2 / 2``, and a
+    path beside the axis longer by ``k^2``. For a normal k of mean 0 the rms of ``k^2 / 2`` is ``sqrt(3) / 2 sd^2``.
+    """
+    return math.hypot(nearness * sd_nearness, math.sqrt(3) / 2 * sd_nearness**2)
+
+
 def scale(
-    circle: Circle, *, diameter_m: float | None = None, m_per_px: float | None = None, relative_sd: float = 0.0
+    circle: Circle,
+    *,
+    diameter_m: float | None = None,
+    m_per_px: float | None = None,
+    relative_sd: float = 0.0,
+    sd_by_distance: float = 0.0,
 ) -> Scale:
     """Scale from the ball's diameter and its outline, or as given.
 
-    ``relative_sd`` is the relative standard deviation of the given diameter or pixel size. Raises ValueError unless
-    exactly one of both is given, finite and positive, and ``relative_sd`` is in [0, 1).
+    ``relative_sd`` is the relative standard deviation of the given diameter or pixel size, ``sd_by_distance`` that of
+    lengths over the outline by `distance_error`. Raises ValueError unless exactly one of both is given, finite and
+    positive, and ``relative_sd`` is in [0, 1).
     """
     relative = as_float(relative_sd)
     if not 0 <= relative < 1:
@@ -51,7 +66,8 @@ def scale(
     else:
         size = length / (2 * circle.radius)
         # The uncertainty of a given circle is unknown, and the summary says so.
-        sd = 0.0 if math.isnan(circle.sd_radius) else size * circle.sd_radius / circle.radius
+        by_radius = 0.0 if math.isnan(circle.sd_radius) else circle.sd_radius / circle.radius
+        sd = size * math.hypot(by_radius, sd_by_distance)
         origin = f"ball of {1e3 * length:g} mm over an outline of radius {circle.radius:.3f} px"
     if relative:
         sd, origin = math.hypot(sd, size * relative), f"{origin}, itself known to {100 * relative:.2g} %"

@@ -44,8 +44,9 @@ COARSE_PX = 2.0
 #: Least blur of the outline at the start, px (docs/constants.md).
 INITIAL_BLUR_PX = 0.3
 
-#: Systematic error of the radius by the model of the edge, px (docs/constants.md).
-RADIUS_ERROR_PX = 0.012
+#: Systematic error of the radius by the model of the edge, px, further error where the ball does not turn, as the map
+#: takes a texture at the limb for a part of the outline, and turn of the limb that halves it, px (docs/constants.md).
+RADIUS_ERROR_PX, STILL_RADIUS_ERROR_PX, HALVING_TURN_PX = 0.003, 0.055, 4.0
 
 #: Largest variance of a ring over that within the disc while the outline is not yet found (docs/constants.md).
 MAX_RING_VARIANCE = 4.0
@@ -71,7 +72,7 @@ MAX_BLUR_STEP_PX = 0.2
 
 #: Nearness of the camera in its standard deviations from which the view is taken as perspective, and largest nearness
 #: (docs/constants.md).
-SEEN_NEARNESS_SD, MAX_NEARNESS = 3.0, 0.3
+SEEN_NEARNESS_SD, MAX_NEARNESS = 2.0, 0.3
 
 #: Nearness by the first step, in its standard deviations, from which the search goes on: a step reaches a tenth to a
 #: third of the nearness, as the map follows with delay (docs/constants.md).
@@ -176,26 +177,32 @@ def _with_nearness(adjustment: Adjustment, optics: Optics, cell_px: float, share
     level = _Level(cell_px, 0.004, NEARNESS_STEPS, is_last=True)
     found = _measured_nearness(adjustment, optics, shared)
     sd = min(math.hypot(float(found.change), found.total_sd), nearness.UNKNOWN_SD)
-    unseen = replace(adjustment, sd_nearness=sd)
-    if float(found.change) > SUSPECTED_NEARNESS_SD * found.total_sd:
+    unseen = _not_seen(adjustment, found, sd)
+    if float(found.change) > SUSPECTED_NEARNESS_SD * found.apparent_sd:
         start: Adjustment | None = _adjust_level(found.applied(state), level, shared)
     else:
         # Where the ball hardly turns, the map hides a near camera in part: it may be seen from near by alone.
         start = _probe(state, level, shared)
     if start is None:
         return unseen
-    near, sd, settled = _settled_nearness(start, level, shared)
+    near, last, settled = _settled_nearness(start, level, shared)
     value = float(nearness.nearness_of(near.state))
-    if settled and value <= SEEN_NEARNESS_SD * sd:
-        return replace(unseen, sd_nearness=min(math.hypot(value, sd), nearness.UNKNOWN_SD))
+    if settled and value <= SEEN_NEARNESS_SD * last.apparent_sd:
+        return _not_seen(adjustment, last, min(math.hypot(value, last.total_sd), nearness.UNKNOWN_SD))
     if not settled or value >= MAX_NEARNESS:
         # What was seen and could not be settled is not known to less than what the search had found.
         return replace(unseen, sd_nearness=max(nearness.UNKNOWN_SD, abs(value)))
-    return replace(near, covariance=_with_radius_error(near), sd_nearness=sd)
+    covariance = with_radius_error(replace(near, covariance=_with_radius_error(near)), last.of_radius * last.total_sd)
+    return replace(near, covariance=covariance, sd_nearness=last.total_sd)
 
 
-def _settled_nearness(near: Adjustment, level: _Level, shared: RowRunner) -> tuple[Adjustment, float, bool]:
-    """The adjustment with the nearness that fits best, its standard deviation, and whether the search has settled."""
+def _not_seen(adjustment: Adjustment, found: NearnessChange, sd: float) -> Adjustment:
+    """The ``adjustment`` of a camera infinitely far away, whose radius errs with a nearness of that ``sd``."""
+    return replace(adjustment, covariance=with_radius_error(adjustment, found.of_radius * sd), sd_nearness=sd)
+
+
+def _settled_nearness(near: Adjustment, level: _Level, shared: RowRunner) -> tuple[Adjustment, NearnessChange, bool]:
+    """The adjustment with the nearness that fits best, the last change, and whether the search has settled."""
     before = math.inf
     for _ in range(NEARNESS_ROUNDS):
         seen_by = near.state.windows.optics
@@ -206,9 +213,9 @@ def _settled_nearness(near: Adjustment, level: _Level, shared: RowRunner) -> tup
         share = min(max(change / before, 0.0), MAX_NEARNESS_SHARE)
         near = _adjust_level(replace(found, change=found.change / (1 - share)).applied(near.state), level, shared)
         if abs(change) < SETTLED_NEARNESS:
-            return near, found.total_sd, near.settled
+            return near, found, near.settled
         before = change
-    return near, found.total_sd, False
+    return near, found, False
 
 
 def _probe(state: State, level: _Level, shared: RowRunner) -> Adjustment | None:
@@ -307,7 +314,14 @@ def _moved(state: State, joint: JointEquations, of_map: Tensor, step: Tensor) ->
 
 def _with_radius_error(adjustment: Adjustment) -> Tensor:
     """The covariance with the systematic error of the radius."""
-    return with_radius_error(adjustment, RADIUS_ERROR_PX)
+    by_texture = STILL_RADIUS_ERROR_PX / (1 + _turned_px(adjustment.state) / HALVING_TURN_PX)
+    return with_radius_error(adjustment, math.hypot(RADIUS_ERROR_PX, by_texture))
+
+
+def _turned_px(state: State) -> float:
+    """Way, px, by which new texture has come over the limb between the images: a turn in the image brings none."""
+    sight = state.poses.orientation[:, 2]
+    return float(state.ball.radius * (sight[1:] - sight[:-1]).norm(dim=1).sum())
 
 
 def with_radius_error(adjustment: Adjustment, error_px: float) -> Tensor:

@@ -24,8 +24,9 @@ from torchsphere.sphere_map.state import State, drawn
 #: distance of half a metre from a ball of 30 mm (docs/constants.md).
 UNKNOWN_SD = 0.03
 
-#: Systematic error of a nearness that was measured (docs/constants.md).
-SYSTEMATIC_SD = 0.002
+#: Systematic error of a nearness that was measured, and the part of it that looks like a near camera where there is
+#: none (docs/constants.md).
+SYSTEMATIC_SD, APPARENT_SD = 0.002, 0.0005
 
 #: Share of the squared residuals that a near camera must explain where the images hardly tell (docs/constants.md).
 MIN_GAIN = 0.005
@@ -54,6 +55,16 @@ class NearnessChange:
     def total_sd(self) -> float:
         """Standard deviation with the systematic error."""
         return math.hypot(float(self.sd), SYSTEMATIC_SD)
+
+    @property
+    def apparent_sd(self) -> float:
+        """Standard deviation of the change where the camera is infinitely far away."""
+        return math.hypot(float(self.sd), APPARENT_SD)
+
+    @property
+    def of_radius(self) -> float:
+        """Change of the radius, px, per change of the nearness: a near ball's front seems to turn faster."""
+        return float(self.step[-COMMON])
 
     def applied(self, state: State) -> State:
         """The state after the change of all unknowns."""

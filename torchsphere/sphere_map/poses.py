@@ -67,7 +67,7 @@ OPTICS_BLUR_PX, RADIUS_ERROR_PER_BLUR = 0.3, 0.8
 
 #: Systematic error of the radius as a share of it, where the model explains the images down to white noise, and more
 #: where it does not, by the factor in the steps' errors less 1, up to `MAX_EXCESS` (docs/constants.md).
-RADIUS_ERROR_SHARE, RADIUS_ERROR_SHARE_MORE, MAX_EXCESS = 0.001, 0.001, 1.0
+RADIUS_ERROR_SHARE, RADIUS_ERROR_SHARE_MORE, MAX_EXCESS = 0.0002, 0.001, 1.0
 
 #: Largest correction of the radius by the map, as a share of the radius (docs/constants.md).
 MAX_RADIUS_CHANGE = 0.05

@@ -19,6 +19,10 @@ from torchsphere.imaging.interpolation import blur
 #: Half width of the pattern's cube in radii, which keeps the ball's surface off the border.
 CUBE_HALF_WIDTH = 1.1
 
+#: Rays of a pixel at the limb, two Fibonacci numbers: the share of the ball in it errs by 0.004. With 3 x 3 rays it
+#: would by 0.05, and alike in all frames of a ball that moves by whole pixels.
+LIMB_RAYS, LIMB_STEP = 233, 144
+
 
 @dataclass(frozen=True)
 class Pattern:
@@ -60,8 +64,8 @@ def render(
     """Images (n, h, w) of the ball, grey levels without noise, not rounded, in the precision of ``centres`` (n, 2), px.
 
     ``orientations`` (n, 3, 3): rotation matrices in the camera frame. ``background``: an image (h, w), or a grey level
-    for images of a ``shape`` (h, w). A pixel is the mean of ``subsamples`` x ``subsamples`` rays. With a ``camera`` the
-    centres are projected ones and the radius, px, is that at their depth.
+    for images of a ``shape`` (h, w). A pixel is the mean of ``subsamples`` x ``subsamples`` rays, at the limb
+    of `LIMB_RAYS`. With a ``camera`` the centres are projected ones and the radius, px, is that at their depth.
     """
     if isinstance(background, Tensor):
         still = background.to(centres)
@@ -96,45 +100,67 @@ def _frame(
     y0, y1 = max(top, 0), min(top + span, rows)
     if x0 >= x1 or y0 >= y1:
         return still
-    offsets = (torch.arange(subsamples, dtype=centre.dtype, device=centre.device) + 0.5) / subsamples - 0.5
-    x = (torch.arange(x0, x1, device=centre.device)[:, None] + offsets).flatten()
-    y = (torch.arange(y0, y1, device=centre.device)[:, None] + offsets).flatten()
-    if camera is None:
-        hit, surface = _parallel_rays(x - centre[0], y - centre[1], radius)
-    else:
-        hit, surface = _rays_of_camera(x, y, centre, radius, camera)
-    # A row vector times A is A^T times the column: from the camera's axes to the body's.
-    body = (surface @ orientation) / CUBE_HALF_WIDTH
-    grey = F.grid_sample(volume[None, None], body[None, None], align_corners=True)[0, 0, 0]
-    behind = still[y0:y1, x0:x1].repeat_interleave(subsamples, 0).repeat_interleave(subsamples, 1)
-    rays = torch.where(hit, grey, behind)
-    pixels = F.avg_pool2d(rays[None, None], subsamples)[0, 0]
-    return still.index_put(
-        (torch.arange(y0, y1, device=still.device)[:, None], torch.arange(x0, x1, device=still.device)[None]), pixels
-    )
+
+    def meet(points: Tensor) -> tuple[Tensor, Tensor]:
+        if camera is None:
+            return _parallel_rays(points - centre, radius)
+        return _rays_of_camera(points, centre, radius, camera)
+
+    def mean(pixels: Tensor, offsets: Tensor) -> Tensor:
+        """Mean grey levels (m,) of the rays at the ``offsets`` (k, 2) from the ``pixels`` (m, 2)."""
+        hit, surface = meet(pixels[:, None].to(centre) + offsets)
+        # A row vector times A is A^T times the column: from the camera's axes to the body's.
+        body = (surface @ orientation) / CUBE_HALF_WIDTH
+        grey = F.grid_sample(volume[None, None], body[None, None], align_corners=True)[0, 0, 0]
+        return torch.where(hit, grey, still[pixels[:, 1], pixels[:, 0], None]).mean(1)
+
+    device = centre.device
+    pixels = torch.cartesian_prod(torch.arange(y0, y1, device=device), torch.arange(x0, x1, device=device)).flip(1)
+    drawn = mean(pixels, _square(subsamples).to(centre))
+    at_corners = meet(pixels[:, None].to(centre) + _CORNERS.to(centre))[0]
+    at_limb = at_corners.any(1) & ~at_corners.all(1)
+    drawn = drawn.masked_scatter(at_limb, mean(pixels[at_limb], _lattice().to(centre)))
+    return still.index_put((pixels[:, 1], pixels[:, 0]), drawn)
 
 
-def _parallel_rays(x: Tensor, y: Tensor, radius: float) -> tuple[Tensor, Tensor]:
-    """Which rays at ``x`` (k,) and ``y`` (m,) from the centre, px, hit the ball (m, k), and where (m, k, 3), radii."""
-    squared = (x**2)[None, :] + (y**2)[:, None]
+#: Offsets of a pixel's corners from its centre, px.
+_CORNERS = torch.tensor([[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5]])
+
+
+def _square(side: int) -> Tensor:
+    """Offsets (side^2, 2) of evenly spaced rays from a pixel's centre, px."""
+    steps = (torch.arange(side, dtype=torch.float64) + 0.5) / side - 0.5
+    return torch.cartesian_prod(steps, steps)
+
+
+def _lattice() -> Tensor:
+    """Offsets (`LIMB_RAYS`, 2) of a Fibonacci lattice: an edge along the rows passes its rays one at a time."""
+    k = torch.arange(LIMB_RAYS, dtype=torch.float64)
+    return (torch.stack((k, k * LIMB_STEP % LIMB_RAYS), 1) + 0.5) / LIMB_RAYS - 0.5
+
+
+def _parallel_rays(points: Tensor, radius: float) -> tuple[Tensor, Tensor]:
+    """Which rays at ``points`` (..., 2) from the centre, px, hit the ball (...), and where (..., 3), radii."""
+    squared = points.square().sum(-1)
     height = (radius**2 - squared).clamp_min(1e-6).sqrt()
-    surface = torch.stack((x.expand(len(y), -1), y[:, None].expand(-1, len(x)), -height), -1)
-    return squared < radius**2, surface / radius
+    return squared < radius**2, torch.cat((points, -height[..., None]), -1) / radius
 
 
-def _rays_of_camera(x: Tensor, y: Tensor, centre: Tensor, radius: float, camera: Camera) -> tuple[Tensor, Tensor]:
-    """As `_parallel_rays`, at ``x`` and ``y`` in the image of a ``camera``."""
+def _rays_of_camera(points: Tensor, centre: Tensor, radius: float, camera: Camera) -> tuple[Tensor, Tensor]:
+    """As `_parallel_rays`, at ``points`` (..., 2) in the image of a ``camera``."""
     assert camera.focal_px is not None
-    principal, distortion = (torch.tensor(v).to(x) for v in (camera.principal_px, camera.distortion))
-    seen = torch.stack((x.expand(len(y), -1), y[:, None].expand(-1, len(x))), -1)
-    one = torch.ones_like(seen[..., :1])
-    rays = torch.cat((undistorted((seen - principal) / camera.focal_px, distortion), one), -1)
+    principal, distortion = (torch.tensor(v).to(points) for v in (camera.principal_px, camera.distortion))
+    offset = undistorted((points - principal) / camera.focal_px, distortion)
     towards = undistorted((centre - principal) / camera.focal_px, distortion)
-    ball = camera.focal_px / radius * torch.cat((towards, torch.ones_like(towards[:1])))
-    along, square = rays @ ball, rays.square().sum(-1)
-    root = along.square() - square * (ball.square().sum() - 1)
-    nearer = (along - root.clamp_min(1e-12).sqrt()) / square
-    return root > 0, nearer[..., None] * rays - ball
+    rays = torch.cat((offset, torch.ones_like(offset[..., :1])), -1)
+    ball = torch.cat((towards, torch.ones_like(towards[:1]))).expand_as(rays)
+    # The cross product of the offset alone is as exact for a far camera as for a near one.
+    beside = torch.cat((offset - towards, torch.zeros_like(offset[..., :1])), -1)
+    across = camera.focal_px / radius * torch.linalg.cross(beside, ball)
+    square = rays.square().sum(-1)
+    root = square - across.square().sum(-1)
+    nearest = torch.linalg.cross(rays, across)
+    return root > 0, (nearest - root.clamp_min(1e-12).sqrt()[..., None] * rays) / square[..., None]
 
 
 def _reach(centre: Tensor, radius: float, camera: Camera) -> float:

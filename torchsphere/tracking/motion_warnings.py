@@ -9,7 +9,6 @@ import numpy as np
 
 from torchsphere.detection.detect import given_circle_warning, refined_circle_warning
 from torchsphere.recording.frame_source import Source
-from torchsphere.sphere_map.nearness import UNKNOWN_SD
 from torchsphere.tracking import edge_leakage
 from torchsphere.tracking.camera_shake import camera_shake
 from torchsphere.tracking.frame_memory import lag_of
@@ -198,7 +197,7 @@ def _distance_warnings(track: Track) -> list[str]:
     settings, turns = track.settings, track.covariance[:, [2, 3], [2, 3]]
     if settings["telecentric"] or settings["camera"] is not None or not np.isfinite(turns).any():
         return []
-    sd = settings["sphere_map"].get("sd_radius_over_distance", UNKNOWN_SD)
+    sd = settings["sd_radius_over_distance"]
     apparent = float(np.degrees(sd_of_apparent_turn(track.increment, track.circle.radius, sd).max()))
     if apparent < np.degrees(np.sqrt(np.nanmedian(turns))):
         return []

@@ -236,6 +236,7 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
         covariance = coded_video.widened(covariance, motion.on_map, radius)
     leakage = leakage_share(start.contrast, radius, start.options)
     steps = int(np.isfinite(measured.increment[:, 0]).sum())
+    sd_nearness = _sd_nearness(task, start, motion)
     return Track(
         position=motion.position,
         increment=motion.increment,
@@ -253,7 +254,7 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
             on_map=on_map,
             uneven_light=int(measured.uneven_light.sum()) / max(steps, 1),
             leakage=leakage,
-            sd_nearness=_sd_nearness(task, start, motion),
+            sd_nearness=sd_nearness,
         ),
         circle=motion.circle,
         settings=dataclasses.asdict(start.options)
@@ -268,6 +269,7 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
             "noise_memory": memory,
             "coded": is_coded,
             "sphere_map": motion.about_map,
+            "sd_radius_over_distance": sd_nearness,
             "repeated_frames": measured.repeated,
             "leaked": leakage,
             "device": str(task.source.device),
