@@ -38,7 +38,7 @@ def test_a_plain_ball_has_the_area_and_the_centroid_of_its_disc() -> None:
 
 
 def test_a_pixel_that_the_outline_hardly_enters_shows_its_share_of_the_ball() -> None:
-    # The outline reaches 0.1 px into the column at x = 50: a segment of the height 0.1, 4 px wide, holds 2/3 of 0.1 x 4.
+    # The outline reaches 0.1 px into the column at x = 50: a segment of that height, 4 px wide, holds 2/3 of 0.1 x 4.
     image = ray_caster.render(plain(1.0), centre(29.6, 25.0), 20.0, EYE[None], 0.0, shape=(60, 70))[0]
     assert float(image[:, 50].sum()) == pytest.approx(2 / 3 * 0.1 * 4, abs=0.02)
     assert float(image[25, 50]) == pytest.approx(0.1, abs=0.01)

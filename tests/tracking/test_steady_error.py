@@ -154,6 +154,16 @@ def test_steps_with_the_same_sub_pixel_part_err_alike_and_no_more_than_stated(st
     assert (np.abs(error) < 3 * stated).all()
 
 
+def test_a_ball_seen_from_the_side_at_an_unknown_distance_has_an_axis_that_seems_tilted() -> None:
+    # 101 frames at 2 px along x, spun about the line of sight by 0.1 rad per frame. At the ends of the path, 100 px
+    # from its middle, a camera at 100 radii sees the ball of 50 px from 0.02 rad, and its axis tilted by that.
+    increment = np.tile([2.0, 0.0, 0.0, 0.0, 0.1], (100, 1))
+    found = steady_error.sd_of_apparent_turn(increment, 50.0, 0.01)
+    assert found[0] == pytest.approx(0.1 * 0.02 / 3**0.5, rel=0.01)  # rms along the path
+    # The direction of the sight itself passes by 0.01 * 2 / 50 rad per frame.
+    assert found[1] == pytest.approx(0.01 * 2 / 50)
+
+
 def test_uneven_light_counts_by_its_share_of_the_steps_on_a_map_too() -> None:
     still = steps(0.0, 0.0, 0.0, 0.0, 0.0)
     none, half, full = (

@@ -119,12 +119,15 @@ def sd_of_apparent_turn(increment: Array, radius: float, sd_nearness: float) -> 
     """Error (3,) of the turns, rad per frame, by a ball's nearness with that standard deviation.
 
     A ball that moves to the right by d px shows its left side as if it had turned by ``-nearness d / R`` about y. The
-    front of a near ball is larger than its outline tells, and so seems to turn faster.
+    front of a near ball is larger than its outline tells, and so seems to turn faster. Away from the middle of its path
+    it is seen from the side, and its axis seems to be tilted.
     """
     known: NDArray[np.bool_] = np.asarray(np.isfinite(increment).all(1))
     steps = np.where(known[:, None], increment, 0.0)
     across = np.stack((steps[:, 1], -steps[:, 0], np.zeros(len(steps))), 1) / radius
-    squares = (across + np.array(NEARER_FRONT) * steps[:, 2:]) ** 2
+    path = across.cumsum(0)
+    tilted = np.cross(path - path.sum(0) / max(len(path), 1), steps[:, 2:])
+    squares = (across + np.array(NEARER_FRONT) * steps[:, 2:]) ** 2 + tilted**2
     apparent: Array = sd_nearness * np.sqrt(squares.sum(0) / max(known.sum(), 1))
     return apparent
 
