@@ -28,7 +28,7 @@ from torchsphere.sphere_map.bundle_adjustment import NEW_MAP_STEPS, Adjustment
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
 from torchsphere.sphere_map.keyframes import choose_keyframes, choose_map_frames
 from torchsphere.sphere_map.known_frames import KnownFrames, register_frames
-from torchsphere.sphere_map.nearness import nearness_of, seen_alike
+from torchsphere.sphere_map.nearness import UNKNOWN_SD, nearness_of, seen_alike
 from torchsphere.sphere_map.perspective import Optics, orthographic
 from torchsphere.sphere_map.pixel_weights import ROUNDING_VARIANCE
 from torchsphere.sphere_map.pose_errors import step_covariances, without_leverage
@@ -68,6 +68,10 @@ OPTICS_BLUR_PX, RADIUS_ERROR_PER_BLUR = 0.3, 0.8
 #: Systematic error of the radius as a share of it, where the model explains the images down to white noise, and more
 #: where it does not, by the factor in the steps' errors less 1, up to `MAX_EXCESS` (docs/constants.md).
 RADIUS_ERROR_SHARE, RADIUS_ERROR_SHARE_MORE, MAX_EXCESS = 0.0002, 0.001, 1.0
+
+#: Factor in the steps' errors from which the images tell nothing of the camera's distance: what the model lacks may be
+#: a near camera, or look like one (docs/constants.md).
+MAX_FACTOR_OF_NEARNESS = 2.0
 
 #: Largest correction of the radius by the map, as a share of the radius (docs/constants.md).
 MAX_RADIUS_CHANGE = 0.05
@@ -212,7 +216,7 @@ def _seen_alike(frames: KnownFrames, initial: Poses, optics: Optics | None) -> t
 
 
 def _widened(found: MapPoses, factors: Array) -> MapPoses:
-    """The poses with errors that neighbouring pixels share, `residual_scatter.widening`, in place and radius, too."""
+    """The poses with errors that neighbouring pixels share, `residual_scatter.widening`, and what follows from them."""
     circle, excess = found.circle, min(float(factors.max()) - 1, MAX_EXCESS)
     by_model = (RADIUS_ERROR_SHARE + RADIUS_ERROR_SHARE_MORE * excess) * circle.radius
     outline = replace(
@@ -221,8 +225,10 @@ def _widened(found: MapPoses, factors: Array) -> MapPoses:
         sd_y=float(circle.sd_y * factors[1]),
         sd_radius=float(np.hypot(circle.sd_radius, by_model)),
     )
-    covariance = found.step_covariance * np.outer(factors, factors)
-    return replace(found, step_covariance=covariance, circle=outline, widening=factors)
+    covariance, sd_nearness = found.step_covariance * np.outer(factors, factors), found.sd_nearness
+    if sd_nearness and factors.max() > MAX_FACTOR_OF_NEARNESS:
+        sd_nearness = max(sd_nearness, UNKNOWN_SD)
+    return replace(found, step_covariance=covariance, circle=outline, widening=factors, sd_nearness=sd_nearness)
 
 
 def _through_lens(found: MapPoses, optics: Optics) -> MapPoses:
