@@ -101,14 +101,15 @@ def test_a_textured_hand_that_moves_slowly_against_the_ball_is_not_taken_for_it(
 
 
 def test_another_ball_that_passes_in_front_is_not_taken_for_the_ball() -> None:
-    made, other = flight(20), flight(20, seed=3, step=(-6.0, 0.6), x=200.0)
+    made, other = flight(22), flight(22, seed=3, step=(-6.0, 0.6), x=200.0)
     x, y = pixel_grid(made.images)
     disc = (x - other.centres[:, 0, None, None]) ** 2 + (y - other.centres[:, 1, None, None]) ** 2 < RADIUS**2
     images = torch.where(disc, other.images, made.images)
     made = dataclasses.replace(made, images=noisy(images, 2.0, 7))
     measured = track(made.images, made.circle, sphere_map=False)
     assert largest_error_sd(measured, made) < MAX_ERROR_SD
-    assert (measured.status[-2:] == "ok").all()
+    # The balls part in frame 16. By the noise the ball is found again one frame before that to three frames after it.
+    assert (measured.status[-3:] == "ok").all()
 
 
 def test_a_ball_that_comes_to_rest_stays_ok() -> None:
