@@ -8,8 +8,8 @@ camera's distance, which is drawn as the program takes it to be: radius over dis
 The shares are means over flights, as an error that all frames of a flight share counts once: with 100 flights the
 standard deviation of a share of 95 % is 2 % for such errors. Each quantity is compared along both or all three axes. A
 position is compared in the image, with the middle of the outline and without the scale's error, and in metres, with the
-ball's centre. A third of the flights have an impact, half a sine of force against a bar. No constant was chosen on
-these flights.
+ball's centre. A third of the flights have an impact, half a sine of force against a bar. Of the program's constants
+`nearness.APPARENT_SD` and `poses.MAX_FACTOR_OF_NEARNESS` were chosen after a look at four of these flights.
 
 Results are kept per flight in ``experiments/cache``, so that a run that was broken off goes on. ``--count N`` measures
 the first N and prints a line per flight; it writes no table. ``--anew`` measures again.

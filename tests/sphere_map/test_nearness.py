@@ -54,6 +54,14 @@ def test_the_distance_of_a_ball_that_turns_is_found() -> None:
     assert np.abs(off).max() < 1.0
 
 
+def test_a_camera_at_150_radii_is_not_taken_for_one_at_infinity() -> None:
+    found, _ = tracked(150.0, 5.0)
+    about = found.settings["sphere_map"]
+    # Found at other distances to 0.0007. At infinity the radius took up what the map lacked, by 0.03 to 0.2 %.
+    assert about["radius_over_distance"] == pytest.approx(1 / 150, abs=0.002)
+    assert found.circle.radius == pytest.approx(RADIUS, rel=4e-4)
+
+
 def test_a_given_camera_is_held_by_the_map() -> None:
     found, off = tracked(12.0, 1.5, camera=Camera(focal_px=12.0 * RADIUS))
     assert found.settings["model"] == "pinhole"

@@ -14,6 +14,7 @@ from torchsphere.sphere_map.ball import Poses, TexturedBall, uniform_light
 from torchsphere.sphere_map.bundle_adjustment import Adjustment
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
 from torchsphere.sphere_map.keyframes import MAX_KEYFRAMES, MIN_KEYFRAMES
+from torchsphere.sphere_map.nearness import UNKNOWN_SD
 from torchsphere.sphere_map.pixel_weights import uniform_profile
 from torchsphere.sphere_map.registration import Registration
 from torchsphere.sphere_map.state import State
@@ -231,3 +232,15 @@ def test_a_step_of_a_frame_that_is_not_on_the_map_has_no_covariance() -> None:
     found = step_variances({1: 1.1, 3: 1.1})
     assert np.isnan(found[[1, 2, 5, 6, 7]]).all()
     assert np.isfinite(found[[0, 3, 4]]).all()
+
+
+@pytest.mark.parametrize(("factor", "expected"), [(1.5, 0.002), (2.5, UNKNOWN_SD)])
+def test_images_that_the_map_does_not_explain_tell_nothing_of_the_cameras_distance(
+    factor: float, expected: float
+) -> None:
+    still = np.zeros((2, 2)), np.tile(np.eye(3), (2, 1, 1)), np.eye(5)[None]
+    found = poses.MapPoses(*still, Circle(9.0, 9.0, 5.0), 2, 0.3, 1.0, np.ones(2), sd_nearness=0.002)
+    assert poses._widened(found, np.full(5, factor)).sd_nearness == expected
+    # With a camera that is given, or telecentric, there is nothing to find.
+    given = replace(found, sd_nearness=0.0)
+    assert poses._widened(given, np.full(5, factor)).sd_nearness == 0
