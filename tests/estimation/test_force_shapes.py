@@ -8,7 +8,7 @@ from pulses import FRAMES, LENGTH, M_PER_PX, MASS_KG, NOISES_M, PEAK_N, RATE, Pu
 
 from torchsphere.dynamics.kinematics import kinematics_of_many
 
-SHOTS, PARTS = 12, 50
+SHOTS, PARTS = 5, 50
 
 Shape = Callable[[np.ndarray], np.ndarray]
 
@@ -57,16 +57,18 @@ def shaped(shape: Shape, seed: int, noise_m: float) -> Pulse:
     return filmed(push, noise_m, rng)
 
 
-#: Largest error of the force, N, root mean square over the contact, and least share of values in the bands of 95 %, at
-#: a noise of 1.5 and 7.5 um. No spring has the soft start of Hertz' law: at small noise, errors of 0.3 % of the peak
-#: are stated as 0.15 %.
+#: Largest error of the force, N, root mean square over the contact, at a noise of 1.5 and 7.5 um (of a peak of 29 kN):
+#: about 1.4 times what is seen in five shots, of 24 shots it is 19 and 140 N (hertz) to 311 and 688 N (two peaks).
 LIMITS = {
-    hertz: ((120, 0.6), (260, 0.85)),
-    squared_sine: ((80, 0.85), (260, 0.85)),
-    triangle: ((330, 0.85), (650, 0.85)),
-    plateau: ((420, 0.85), (850, 0.85)),
-    two_peaks: ((400, 0.85), (800, 0.85)),
+    hertz: (28, 260),
+    squared_sine: (19, 240),
+    triangle: (62, 480),
+    plateau: (118, 560),
+    two_peaks: (400, 850),
 }
+
+#: Least share of values in the bands of 95 %: 0.93 to 1 are seen, and five shots give a share to 3 percent.
+LEAST_INSIDE = 0.88
 
 
 @pytest.mark.parametrize("shape", LIMITS, ids=lambda shape: shape.__name__)
@@ -76,6 +78,5 @@ def test_forces_of_other_shapes_lie_within_their_bands(shape: Shape, number: int
     found = kinematics_of_many([p.track for p in made], frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
     off = np.concatenate([(k.force_N - p.force_N)[p.touching, 0] for p, k in zip(made, found, strict=True)])
     sd = np.concatenate([k.sd_force_N[p.touching, 0] for p, k in zip(made, found, strict=True)])
-    most, least = LIMITS[shape][number]
-    assert np.sqrt((off**2).mean()) < most
-    assert (np.abs(off) < 1.96 * sd).mean() > least
+    assert np.sqrt((off**2).mean()) < LIMITS[shape][number]
+    assert (np.abs(off) < 1.96 * sd).mean() > LEAST_INSIDE

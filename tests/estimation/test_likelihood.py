@@ -6,6 +6,7 @@ import numpy as np
 import torch
 
 from torchsphere.estimation.filter_bank import PRIOR_VARIANCE
+from torchsphere.estimation.force_forms import FORMS
 from torchsphere.estimation.likelihood import STATED_COUNTS, Series, log_likelihood
 from torchsphere.estimation.process_model import FLIGHT_STATES, STATES, transitions
 
@@ -26,11 +27,10 @@ def series() -> Series:
 
 
 def dense(
-    own: Series, window: torch.Tensor, freedom: int, flight: float, contact: float, spring: float | None
+    own: Series, window: torch.Tensor, freedom: int, flight: float, contact: float, form: np.ndarray | None
 ) -> tuple[float, float]:
     """Log-likelihood and noise factor from the joint covariance of all values that were seen."""
-    springs = None if spring is None else np.array([[spring]])
-    steps = transitions(own.times.numpy(), window[None, None].numpy(), springs)
+    steps = transitions(own.times.numpy(), window[None, None].numpy(), None if form is None else form[None, None])
     parts = steps.matrix, steps.contact, steps.flight, steps.idle
     matrices, process, white, idle = (torch.from_numpy(part)[0, 0] for part in parts)
     t = own.times.shape[1]
@@ -63,28 +63,31 @@ def test_the_filters_give_the_likelihood_of_the_joint_covariance() -> None:
     own = series()
     flight = torch.tensor([-6.0, -2.0, -6.0, -2.0], dtype=torch.float64).expand(1, 2, 3, 4)
     contact = torch.tensor([-1.0, 2.0, -2.0, 1.0], dtype=torch.float64).expand(1, 2, 3, 4)
-    smooth = torch.tensor([False, False, True, True])
-    springs = torch.tensor([[1.0, 0.0, 1.6]], dtype=torch.float64)
-    fit, noise = log_likelihood(own, WINDOWS, flight, contact, smooth, springs)
+    formed = torch.tensor([False, False, True, True])
+    # A form with soft ends, one without, and a triangle between frames.
+    forms = torch.tensor([[FORMS[3], FORMS[6], FORMS[10]]], dtype=torch.float64)
+    fit, noise = log_likelihood(own, WINDOWS, flight, contact, formed, forms)
     for freedom in range(2):
         for place in range(3):
             for m in range(4):
                 powers = float(flight[0, 0, 0, m]), float(contact[0, 0, 0, m])
-                spring = float(springs[0, place]) if smooth[m] else None
-                expected = dense(own, WINDOWS[0, place], freedom, *powers, spring)
+                form = forms[0, place].numpy() if formed[m] else None
+                expected = dense(own, WINDOWS[0, place], freedom, *powers, form)
                 found = fit[0, freedom, place, m], noise[0, freedom, place, m]
                 # The prior variance of 1e8 leaves about seven digits of double precision.
                 torch.testing.assert_close(torch.stack(found), torch.tensor(expected).double(), rtol=1e-5, atol=1e-5)
 
 
-def test_the_rough_process_has_the_same_likelihood_with_and_without_the_smooth_process() -> None:
+def test_the_rough_process_has_the_same_likelihood_with_and_without_forms_beside_it() -> None:
     own = series()
     flight = torch.tensor([-6.0, -2.0], dtype=torch.float64).expand(1, 2, 3, 2)
     contact = torch.tensor([-1.0, 2.0], dtype=torch.float64).expand(1, 2, 3, 2)
     alone = log_likelihood(own, WINDOWS, flight, contact)
-    beside = log_likelihood(own, WINDOWS, flight, contact, torch.tensor([False, False]))
+    pairs, formed = (v.repeat(1, 1, 1, 2) for v in (flight, contact)), torch.tensor([False, False, True, True])
+    forms = torch.tensor(FORMS[:1], dtype=torch.float64).expand(1, 3, -1)
+    beside = log_likelihood(own, WINDOWS, *pairs, formed, forms)
     for one, other in zip(alone, beside, strict=True):
-        torch.testing.assert_close(one, other)
+        torch.testing.assert_close(one, other[..., :2])
 
 
 def test_drifts_of_frames_that_are_left_out_are_added_up() -> None:

@@ -13,16 +13,25 @@ from torchsphere.dynamics.ball import ball
 from torchsphere.dynamics.impact import impact
 from torchsphere.dynamics.kinematics import Kinematics, kinematics_of_many
 from torchsphere.estimation import rts
+from torchsphere.estimation.force_forms import FORMS, NAMES
 
 SHOTS = 24
 
-#: Most that the peak of any of the shots may be off by, N.
-PEAK_OFF_N = 500
+#: By the noise of the positions, N: most that the peak of any of the shots may be off by, and largest error of the
+#: force in contact, root mean square. Seen in these and in 24 or 48 other shots: peaks 13 and 24 N, 359 and 655 N (of
+#: 29 kN); forces 13 and 14 N, 115 and 113 N.
+PEAK_OFF_N = dict(zip(NOISES_M, (40, 500), strict=True))
+FORCE_OFF_N = dict(zip(NOISES_M, (18, 150), strict=True))
 
 
 @pytest.fixture(scope="module", params=NOISES_M)
-def shots(request: pytest.FixtureRequest) -> tuple[list[Pulse], list[Kinematics]]:
-    made = [pulse(seed, request.param) for seed in range(SHOTS)]
+def noise_m(request: pytest.FixtureRequest) -> float:
+    return float(request.param)
+
+
+@pytest.fixture(scope="module")
+def shots(noise_m: float) -> tuple[list[Pulse], list[Kinematics]]:
+    made = [pulse(seed, noise_m) for seed in range(SHOTS)]
     return made, kinematics_of_many([p.track for p in made], frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
 
 
@@ -42,46 +51,66 @@ def test_bands_of_95_percent_hold_nine_of_ten_values_in_flight_and_contact(
     shots: tuple[list[Pulse], list[Kinematics]], name: str, part: bool
 ) -> None:
     # An upper limit needs more shots: the errors within a flight are one error each, so that 24 shots give a share to
-    # 2 percent. Of 96 other shots the shares are 94 to 98 (velocity, spin) and 95 to 99 percent (force). The next
-    # test limits the widths of the bands.
+    # 2 percent. Of 72 other shots the shares are 96 to 98 (velocity, spin) and 97 to 99 percent (force). The next tests
+    # limit errors and widths of the bands.
     assert covered(shots, name, part) >= 0.9
 
 
-@pytest.mark.parametrize("name", ["velocity_m_s", "force_N"])
-def test_bands_in_contact_are_as_wide_as_the_errors_or_up_to_half_as_much_again(
-    shots: tuple[list[Pulse], list[Kinematics]], name: str
-) -> None:
-    made, found = shots
-    off = np.concatenate(
-        [(getattr(k, name) - getattr(p, name))[p.touching, 0] for p, k in zip(made, found, strict=True)]
-    )
-    sd = np.concatenate([getattr(k, f"sd_{name}")[p.touching, 0] for p, k in zip(made, found, strict=True)])
-    # 24 shots give the ratio to some 15 percent, as the errors of shots differ by a factor of three. Of 1024 other
-    # shots it is 1.1 (force, 7.5 um) and 1.4 (1.5 um).
-    assert 0.85 < np.sqrt((sd**2).mean() / (off**2).mean()) < 1.5
+def errors_in_contact(shots: tuple[list[Pulse], list[Kinematics]], name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Errors and stated standard deviations of all values along x in contact."""
+    off = [(getattr(k, name) - getattr(p, name))[p.touching, 0] for p, k in zip(*shots, strict=True)]
+    sd = [getattr(k, f"sd_{name}")[p.touching, 0] for p, k in zip(*shots, strict=True)]
+    return np.concatenate(off), np.concatenate(sd)
 
 
-def test_the_peak_force_of_every_shot_is_right_to_half_a_kilonewton(
-    shots: tuple[list[Pulse], list[Kinematics]],
+@pytest.mark.parametrize(("name", "most"), [("velocity_m_s", 1.5), ("force_N", 1.9)])
+def test_bands_in_contact_are_as_wide_as_the_errors_or_wider_by_the_forms_that_the_force_might_have(
+    shots: tuple[list[Pulse], list[Kinematics]], name: str, most: float
 ) -> None:
+    off, sd = errors_in_contact(shots, name)
+    # 24 shots give the ratio to some 15 percent, as the errors of shots differ by a factor of three. Of 168 and 48
+    # shots it is 1.8 (force, 7.5 um), 1.25 (1.5 um), 1.4 and 1.1 (velocity). At 7.5 um a half-sine is hardly told
+    # from other forms, which the bands have to hold: the next test limits the errors instead.
+    assert 0.85 < np.sqrt((sd**2).mean() / (off**2).mean()) < most
+
+
+def test_the_force_in_contact_is_right_to_half_a_percent_of_its_peak_or_better(
+    noise_m: float, shots: tuple[list[Pulse], list[Kinematics]]
+) -> None:
+    off, _ = errors_in_contact(shots, "force_N")
+    assert np.sqrt((off**2).mean()) < FORCE_OFF_N[noise_m]
+
+
+def test_the_peak_force_of_every_shot_is_right(noise_m: float, shots: tuple[list[Pulse], list[Kinematics]]) -> None:
     found = [impact(motion, ball(MASS_KG, 150 * M_PER_PX), normal_deg=180.0)[0] for motion in shots[1]]
     peaks = [one.peak_force for one in found if one is not None and one.peak_force is not None]
     assert len(peaks) == SHOTS
     off = np.array([float(peak.value) - PEAK_N for peak in peaks])
-    assert np.abs(off).max() < PEAK_OFF_N
-    assert abs(off.mean()) < 0.2 * PEAK_OFF_N
-    # The stated standard deviation is between one and two times the error.
-    assert 0.5 < np.sqrt(np.mean((off / [float(peak.sd) for peak in peaks]) ** 2)) < 1.1
+    assert np.abs(off).max() < PEAK_OFF_N[noise_m]
+    assert abs(off.mean()) < 0.2 * PEAK_OFF_N[noise_m]
+    # A half-sine is one of the forms and departs from none: the errors of five times 24 shots are 0.5 to 0.8 of the
+    # standard deviations, which have to hold for other forces, too. 24 shots give the ratio to 15 percent.
+    assert 0.35 < np.sqrt(np.mean((off / [float(peak.sd) for peak in peaks]) ** 2)) < 1.1
 
 
 def test_the_edges_of_the_contact_have_the_stated_accuracy(
     shots: tuple[list[Pulse], list[Kinematics]],
 ) -> None:
     off = np.array([(k.contact_s - p.edges_s) / k.sd_contact_s for p, k in zip(*shots, strict=True)])
-    # Of 2048 edges of other shots 1.2 percent are off by more than three at 7.5 um, 0.05 percent at 1.5 um.
-    assert np.sort(np.abs(off).ravel())[-2] < 4
+    # Noise may make a wrong form likelier, which moves both edges of a shot: the standard deviations hold the edges of
+    # every form that is left with a twentieth of the candidates. 2.1 and rms of 0.6 and 0.8 are seen.
+    assert np.abs(off).max() < 3.5
     assert 0.3 < np.sqrt((off**2).mean()) < 1.3
     assert all(np.all(k.sd_contact_s < 1.0 / RATE) for k in shots[1])
+
+
+def test_the_drawn_contacts_of_every_shot_reach_the_true_edges(shots: tuple[list[Pulse], list[Kinematics]]) -> None:
+    for truth, motion in zip(*shots, strict=True):
+        assert motion.draws is not None
+        first, last = motion.draws.contact_s.min(0), motion.draws.contact_s.max(0)
+        # 32 of them may end short of the truth: by 0.4 standard deviations in 1 of 120 shots.
+        beyond = np.maximum(first - truth.edges_s, truth.edges_s - last)
+        assert np.all(beyond < motion.sd_contact_s)
 
 
 def test_a_batch_gives_each_recording_the_result_that_it_gets_alone(
@@ -164,8 +193,21 @@ def test_the_smoother_passes_more_in_contact_than_in_flight(shots: tuple[list[Pu
         about = motion.about
         assert about["contact_found"]
         in_contact, in_flight = (about[f"bandwidth_{part}_translation_Hz"] for part in ("contact", "flight"))
-        # A half-sine of 14 frames has its power below a period of 28 frames; that has to pass.
-        assert in_contact["acceleration"] > RATE / 28 > in_flight["acceleration"]
+        # A half-sine of 14 frames has its power below a period of 28 frames. A force with a form has the frequencies of
+        # the form, whatever passes beside it: 0.9 of that frequency and more at 7.5 um, 1.8 at 1.5 um.
+        assert in_contact["acceleration"] > 0.8 * RATE / 28 > in_flight["acceleration"]
+        assert in_contact["acceleration"] > 3 * in_flight["acceleration"]
+
+
+def test_the_summary_names_the_form_of_a_half_sine(shots: tuple[list[Pulse], list[Kinematics]]) -> None:
+    half_sine = dict(zip(NAMES, FORMS[0], strict=True))
+    # Noise makes another form likelier in 2 of 168 shots.
+    assert sum(motion.about["form"] == half_sine for motion in shots[1]) >= SHOTS - 1
+    for motion in shots[1]:
+        # Most of the drawn motions, and the rotations like the translation; nothing pushes along y.
+        assert len(motion.about["share_with_form"]) == len(motion.about["intensity_contact"]) == 5
+        assert motion.about["share_with_form"][0] > 0.4
+        assert motion.about["intensity_contact"][1] < 1e-4 * motion.about["intensity_contact"][0]
 
 
 def test_an_impact_between_two_frames_is_smoothed_although_its_covariance_is_singular() -> None:

@@ -50,23 +50,23 @@ def smoother_weights(
     times: Array,
     variance: Array,
     window: tuple[float, float],
-    process: tuple[float, float, float | None],
+    process: tuple[float, float, Array | None],
     at: int,
 ) -> tuple[Array, slice]:
     """Weights (2, w) of the poses in rate and acceleration at frame ``at``, and the w frames.
 
     ``times`` and ``variance`` (n,) are those of the poses, the variance infinite where there is no pose; ``process``
-    holds the intensities in flight and in the contact ``window``, and the spring or None for the rough process.
+    holds the intensities in flight and in the contact ``window``, and the form (5,) or None for the rough process.
     """
     part = slice(max(at - RESPONSE_FRAMES, 0), at + RESPONSE_FRAMES + 1)
-    flight, contact, spring = process
+    flight, contact, form = process
     interval = np.array([[window]])
-    steps = transitions(times[None, part], interval, None if spring is None else np.array([[spring]]))
+    steps = transitions(times[None, part], interval, None if form is None else form[None, None])
     matrices = steps.matrix[0, 0]
     added = contact * steps.contact[0, 0] + flight * steps.flight[0, 0]
-    if spring is None:
-        # The snap of the rough process is none, but must not be known exactly.
-        added += NEGLIGIBLE_INTENSITY * transitions(times[None, part], interval, np.zeros((1, 1))).contact[0, 0]
+    if form is None:
+        # The fifth state of the rough process is none, but must not be known exactly.
+        added[:, -1, -1] += NEGLIGIBLE_INTENSITY
     later = np.arange(FLIGHT_STATES, STATES)
     added[:, later, later] += steps.idle[0, 0][:, None]
     impulses, noise = np.eye(len(times[part])), variance[part]
@@ -89,4 +89,5 @@ def smoother_weights(
         scaled = np.linalg.solve(ahead / np.outer(size, size), (matrices[i] @ covariance) / size[:, None])
         gain = (scaled / size[:, None]).T
         mean = before + gain @ (mean - matrices[i] @ before)
-    return mean[1:3], part
+    rate, acceleration = mean[1], mean[2] + steps.envelope[0, 0, at - part.start] * mean[FLIGHT_STATES]
+    return np.stack((rate, acceleration)), part

@@ -16,16 +16,12 @@ from torch import Tensor
 from torchsphere.estimation.likelihood import Series
 from torchsphere.estimation.model_averaging import (
     CANDIDATES,
-    FLIGHT_RANGE,
-    Candidates,
-    clamped,
     draw_candidates,
     draw_intensities,
     fit_processes,
-    grid_steps,
-    posterior,
     without_contact,
 )
+from torchsphere.estimation.process_fits import FLIGHT_RANGE, clamped, grid_steps, posterior
 
 #: Shortest step of an edge in the search with the rough process, frames (docs/constants.md).
 MIN_EDGE_STEP = 0.1
@@ -75,9 +71,9 @@ class Contact:
     found: Tensor  # (n,), whether a contact makes the data likelier by more than its parameters cost
     windows: Tensor  # intervals (n, c, 2), frames; of length 0 where no contact was found
     flight: Tensor  # intensities (n, c, k), noise variance per frame^5
-    contact: Tensor  # intensities (n, c, k), noise variance per frame^7, of the smooth process per frame^9
-    smooth: Tensor  # (n, c, k), True where the process is the smooth one
-    springs: Tensor  # springs (n, c) of the smooth process, half turns within the contact
+    contact: Tensor  # intensities (n, c, k), noise variance per frame^7
+    formed: Tensor  # (n, c, k), True where the force has a form, False where the process is the rough one
+    forms: Tensor  # forms (n, c, 6)
     noise: Tensor  # factor (n, c, k) on the stated standard deviation of each separated value (`measurements`)
     gain: Tensor  # log-likelihood ratio (n,) with and without contact
 
@@ -104,10 +100,10 @@ def find(series: Series, sought: Tensor | None = None) -> Contact:
     # Without contact the two processes are the same.
     possible = torch.where(found[:, None, None, None], chosen.possible, chosen.possible.new_tensor([True, False]))
     windows = torch.where(found[:, None, None], chosen.windows, 0.0)
-    chosen = Candidates(windows, found[:, None] * chosen.springs, possible)
-    flight, contact, smooth, noise = draw_intensities(series, chosen, best)
-    windows, springs = chosen.windows.expand(-1, CANDIDATES, -1), chosen.springs.expand(-1, CANDIDATES)
-    return Contact(found, windows, flight, contact, smooth, springs, noise, gain)
+    chosen = chosen._replace(windows=windows, possible=possible)
+    flight, contact, formed, noise = draw_intensities(series, chosen, best)
+    windows, forms = (v.expand(-1, CANDIDATES, -1) for v in (chosen.windows, chosen.forms))
+    return Contact(found, windows, flight, contact, formed, forms, noise, gain)
 
 
 def _around_contacts(series: Series, windows: Tensor) -> Series:

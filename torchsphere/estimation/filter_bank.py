@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.kernels import filter_step
+
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
@@ -27,8 +29,18 @@ SINGLE_THREAD_COLUMNS = 2048
 #: Frames whose innovations are kept before their sums are taken.
 FRAMES_AT_ONCE = 64
 
-#: Number of states after a step to the next frame, and its operator; None where there is no step.
-Step = tuple[int, Array | None]
+
+@dataclass(frozen=True)
+class OwnSteps:
+    """A step to the next frame that differs from row to row of a bank."""
+
+    matrix: Array  # (b, s', s)
+    added: Array  # covariances (q, b, s', s') per unit of the constants
+
+
+#: Number of states after a step to the next frame, and its operator for all rows or the steps of each row; None where
+#: there is no step.
+Step = tuple[int, Array | OwnSteps | None]
 
 
 def row_count(states: int, values: int = 1) -> int:
@@ -70,22 +82,6 @@ def step_operators(matrix: Array, added: list[Array], values: int = 1) -> Array:
     for q, covariance in enumerate(added):
         operators[..., into, rows + q] = covariance[..., a[:, 0], b[:, 0]]
     return operators
-
-
-def leading_operator(operator: Array, states: int, after: int, before: int) -> Array:
-    """Block of an operator for one value that acts on the first ``before`` states and gives the first ``after``."""
-    if after == before == states:
-        return operator
-    constants = row_count(states) + np.arange(operator.shape[-1] - row_count(states))
-    return operator[..., _leading_rows(states, after)[:, None], np.append(_leading_rows(states, before), constants)]
-
-
-@functools.cache
-def _leading_rows(states: int, leading: int) -> Numbers:
-    """Rows of a filter of one value that hold its first ``leading`` states."""
-    rows, means = _row_indices(states, 1)
-    a, b = _covariance_indices(states)
-    return np.sort(np.append(rows[(a < leading) & (b < leading)], means[:leading, 0]))
 
 
 def unknown_states(states: int, value: Array) -> Array:
@@ -190,7 +186,7 @@ class FilterBank:
         return self._buffers[states, which]
 
     def run(self, steps: list[Step], observations: Observations, sums: InnovationSums) -> None:
-        """Step to each next frame and update by its observation; operators are (rows, rows + q) or one per row b."""
+        """Step to each next frame and update by its observation; operators are (rows, rows + q)."""
         for first in range(0, len(steps), FRAMES_AT_ONCE):
             part = steps[first : first + FRAMES_AT_ONCE]
             own = observations.frames(first, first + len(part))
@@ -203,20 +199,19 @@ class FilterBank:
                 self._update(own.noise[i], own.weight[i], innovation[i], variance[i], share[i])
             sums.add(innovation, variance, share, own.weight)
 
-    def _predict(self, states: int, operator: Array) -> None:
+    def _predict(self, states: int, operator: Array | OwnSteps) -> None:
         """Move the state to the next frame, into the other buffer."""
-        old, rows = self.state, operator.shape[-2]
-        target = self._buffer(states, 0)
+        old, target = self.state, self._buffer(states, 0)
         if target is old:
             target = self._buffer(states, 1)
-        old = old[: operator.shape[-1]]
-        if operator.ndim == 2:
+        if isinstance(operator, OwnSteps):
+            filter_step.move(old, operator.matrix, operator.added, target)
+        else:
+            old, rows = old[: operator.shape[-1]], operator.shape[-2]
             flat, new = old.reshape(len(old), -1), target[:rows].reshape(rows, -1)
             for at in range(0, flat.shape[1], SINGLE_THREAD_COLUMNS):
                 piece = slice(at, at + SINGLE_THREAD_COLUMNS)
                 np.matmul(operator, flat[:, piece], out=new[:, piece])
-        else:
-            np.matmul(operator, old.transpose(1, 0, 2), out=target[:rows].transpose(1, 0, 2))
         self.state, self._states = target, states
 
     def _update(self, noise: Array, weight: Array, innovation: Array, variance: Array, share: Array) -> None:

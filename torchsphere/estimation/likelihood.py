@@ -25,21 +25,21 @@ from torchsphere.estimation.filter_bank import (
     FilterBank,
     InnovationSums,
     Observations,
+    OwnSteps,
     Step,
     known_states,
-    leading_operator,
     step_operators,
     unknown_states,
     unpacked,
 )
+from torchsphere.estimation.force_forms import NAMES
 from torchsphere.estimation.process_model import (
     FLIGHT_STATES,
     ROUGH_STATES,
     STATES,
-    ContactSteps,
-    flight_matrix,
     integrator,
     overlaps,
+    transitions,
     white_noise,
 )
 
@@ -86,13 +86,13 @@ def log_likelihood(
     windows: Tensor,
     flight: Tensor,
     contact: Tensor,
-    smooth: Tensor | None = None,
-    springs: Tensor | None = None,
+    formed: Tensor | None = None,
+    forms: Tensor | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Log-likelihood up to a constant, and factor on the standard deviation of the noise, both (n, k, c, m).
 
     ``windows`` (n, c, 2) are contact intervals, ``flight`` and ``contact`` (n, k, c or 1, m) powers of ten of m pairs
-    of intensities. The pairs marked in ``smooth`` (m,) are of the smooth process with the ``springs`` (n, c).
+    of intensities. The pairs marked in ``formed`` (m,) are of the processes with the ``forms`` (n, c, 6).
 
     The factor on the variance is integrated out, with an inverse gamma distribution of `STATED_COUNTS` as prior:
     innovations ``e`` of variances ``s`` then follow Student's distribution.
@@ -103,16 +103,16 @@ def log_likelihood(
     windows = torch.where((contact > -math.inf).flatten(1).any(1)[:, None, None], windows, 0.0)
     powers = [v.expand(n, k, v.shape[2], m).cpu().numpy() for v in (flight, contact)]
     size = math.ceil(m / math.ceil(k * m / INTENSITIES_AT_ONCE))
-    is_smooth = np.zeros(m, dtype=bool) if smooth is None else smooth.cpu().numpy()
-    all_springs = np.zeros((n, c)) if springs is None else springs.cpu().numpy()
+    is_formed = np.zeros(m, dtype=bool) if formed is None else formed.cpu().numpy()
+    all_forms = np.zeros((n, c, len(NAMES))) if forms is None else forms.cpu().numpy()
     logs, squares = np.empty((2, n, k, c, m))
     for rows in _groups(series, windows, max(1, FILTERS_AT_ONCE // (c * k * size))):
         batch = FilterBatch.of(series.rows(rows), windows[rows].cpu().numpy())
         own = [10.0 ** v[rows.numpy()] for v in powers]
-        for kind in np.unique(is_smooth):
-            columns = np.flatnonzero(is_smooth == kind)
+        for kind in np.unique(is_formed):
+            columns = np.flatnonzero(is_formed == kind)
             for part in np.array_split(columns, math.ceil(len(columns) / size)):
-                sums = batch.sums(own[0][..., part], own[1][..., part], all_springs[rows.numpy()] if kind else None)
+                sums = batch.sums(own[0][..., part], own[1][..., part], all_forms[rows.numpy()] if kind else None)
                 place = np.ix_(rows.numpy(), np.arange(k), np.arange(c), part)
                 logs[place], squares[place] = sums
     counts = STATED_COUNTS + series.seen.sum(-1).cpu().numpy()[:, :, None, None]
@@ -162,10 +162,10 @@ class FilterBatch:
             flight_operators={e: step_operators(matrix, [noise], e) for e in (1, 1 + FLIGHT_STATES)},
         )
 
-    def sums(self, flight: Array, contact: Array, springs: Array | None) -> tuple[Array, Array]:
+    def sums(self, flight: Array, contact: Array, forms: Array | None) -> tuple[Array, Array]:
         """Sums of the innovations' logarithms and squares (n, k, c, m), for m pairs of intensities (n, k, c or 1, m).
 
-        ``springs`` (n, c) are those of the smooth process, None for the rough process.
+        ``forms`` (n, c, 6) are those of the force, None for the rough process.
         """
         n, k, _, m = flight.shape
         c, t = self.windows.shape[1], len(self.times)
@@ -189,7 +189,8 @@ class FilterBatch:
             bank = FilterBank(np.stack((arranged(flights, rows), contact[rows])))
             bank.start(FLIGHT_STATES, arranged(start, rows))
             observations = self.observations.frames(first + 1, t).repeated(m, rows // c if n > 1 else [0])
-            steps = self._contact_steps(first, last, rows, None if springs is None else springs.reshape(1, -1)[:, rows])
+            own_forms = None if forms is None else forms.reshape(1, n * c, -1)[:, rows]
+            steps = self._contact_steps(first, last, rows, own_forms)
             operators = self.flight_operators[1][last : settled if is_shared else t]
             bank.run([*steps, *((FLIGHT_STATES, operator) for operator in operators)], observations, sums)
             if after is not None:
@@ -238,39 +239,23 @@ class FilterBatch:
         information = np.asarray(np.linalg.qr(rows, mode="r"))
         return reference, np.moveaxis(information, (-2, -1), (0, 1)), sums.logs
 
-    def _contact_steps(self, first: int, last: int, rows: Array, springs: Array | None) -> list[Step]:
-        """Steps from frame ``first`` to ``last``, for some ``rows`` of the n c intervals with ``springs`` (1, rows)."""
+    def _contact_steps(self, first: int, last: int, rows: Array, forms: Array | None) -> list[Step]:
+        """Steps from frame ``first`` to ``last``, for some ``rows`` of the n c intervals, ``forms`` (1, rows, 6)."""
         if first == last:
             return []
         times = self.times[first : last + 1]
-        steps = ContactSteps.of(times[None], self.windows.reshape(1, -1, 2)[:, rows], springs)
-        duration = np.diff(times)
-        most = ROUGH_STATES if springs is None else STATES
-        flight = white_noise(duration, FLIGHT_STATES)
-        intervals, frames = steps.is_edge[0].nonzero()
-
-        def operators(matrix: Array, added: list[Array]) -> Array:
-            return step_operators(matrix[..., :most, :most], [v[..., :most, :most] for v in added])
-
-        # Most steps lie in flight, with one operator per frame for all rows, or inside the contact, with one operator
-        # per row for all frames of equal distance. Only steps with an edge need an operator for each row and frame.
-        free = operators(flight_matrix(duration), [flight, np.zeros_like(flight)])
-        matrix, noise = (v[0].swapaxes(0, 1) for v in (steps.inside_matrix, steps.inside_noise))
-        matrix, noise, white = np.broadcast_arrays(matrix, noise, flight[: len(matrix), None])
-        inside = operators(matrix, [white, noise])
-        at_edges = operators(steps.edge_matrix, [flight[frames], steps.edge_noise])
-        touching = self.touching[first:last]
-        sizes = np.where(touching, most, FLIGHT_STATES)
+        steps = transitions(times[None], self.windows.reshape(1, -1, 2)[:, rows], forms)
+        most = ROUGH_STATES if forms is None else STATES
+        sizes = np.where(self.touching[first:last], most, FLIGHT_STATES)
         before = np.minimum(sizes, np.append(FLIGHT_STATES, sizes[:-1]))
         after = np.minimum(sizes, np.append(sizes[1:], FLIGHT_STATES))
+        # A step in flight has one operator for all rows.
         found: list[Step] = [(FLIGHT_STATES, operator) for operator in self.flight_operators[1][first:last]]
-        for i in np.flatnonzero(touching):
-            is_inside, here = steps.is_inside[0, :, i], frames == i
-            operator = inside[i if len(inside) > 1 else 0]
-            if not is_inside.all():
-                operator = np.where(is_inside[:, None, None], operator, free[i])
-                operator[intervals[here]] = at_edges[here]
-            found[i] = (int(after[i]), leading_operator(operator, most, int(after[i]), int(before[i])))
+        flight = np.broadcast_to(steps.flight, steps.contact.shape)
+        for i in np.flatnonzero(self.touching[first:last]):
+            size, part = int(after[i]), np.s_[0, :, i, : after[i], : after[i]]
+            matrix = np.ascontiguousarray(steps.matrix[0, :, i, :size, : before[i]])
+            found[i] = (size, OwnSteps(matrix, np.stack((flight[part], steps.contact[part]))))
         return found
 
 

@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 #: Degrees of freedom: x, y, wx, wy, wz.
 FREEDOMS = 5
 
+#: Degrees of freedom of the position, and of the rotation.
+XY, TURNS = np.arange(2), np.arange(2, FREEDOMS)
+
 #: Regularisation of the separation, share of the variances (docs/constants.md).
 RIDGE = 1e-9
 
@@ -52,8 +55,13 @@ class Poses:
     times: Tensor  # (n, t), frames, rising
     step: Tensor  # steps of the reference trajectory to the next frame (n, t - 1, 5), px and rad
     covariance: Tensor  # covariance of the error of each frame's pose (n, t, 5, 5)
-    drift: Tensor  # variance (n, t - 1, 5) of errors of the steps that stay in all later poses
+    drift: Tensor  # covariance (n, t - 1, 5, 5) of errors of the steps that stay in all later poses
     seen: Tensor  # (n, t, 5), True where the pose was measured
+
+    @property
+    def drift_variance(self) -> Tensor:
+        """Variances (n, t - 1, 5) of the drift."""
+        return self.drift.diagonal(dim1=-2, dim2=-1)
 
     @property
     def unit(self) -> Tensor:
@@ -82,23 +90,26 @@ class Poses:
         A degree of freedom whose chain was broken has no share in the others, as they would get its jump, too.
         """
         own = self.covariance.diagonal(dim1=-2, dim2=-1)
-        unbroken = (self.drift <= own[:, 1:] + own[:, :-1]).all(1, keepdim=True)
-        return separation(self._scaled_covariance(), self.value, self.times, self.seen & unbroken)
+        unbroken = (self.drift_variance <= own[:, 1:] + own[:, :-1]).all(1, keepdim=True)
+        return separation(self._scaled(self.covariance), self.value, self.times, self.seen & unbroken)
 
-    def _scaled_covariance(self) -> Tensor:
-        """Covariance (n, t, 5, 5) in units of the errors."""
-        return self.covariance / self.unit[:, None, :, None] / self.unit[:, None, None]
+    def _scaled(self, covariance: Tensor) -> Tensor:
+        """Covariances (n, t, 5, 5) in units of the errors."""
+        return covariance / self.unit[:, None, :, None] / self.unit[:, None, None]
 
     def series(self) -> Series:
         """The poses as independent degrees of freedom, by the combinations of `separation`."""
-        matrix, covariance = self.separation[:, None], self._scaled_covariance()
+        matrix = self.separation[:, None]
         value = matrix @ self.value[..., None]
-        least = MIN_OWN_SHARE * covariance.diagonal(dim1=-2, dim2=-1)
-        variance = torch.maximum((matrix @ covariance @ matrix.mT).diagonal(dim1=-2, dim2=-1), least)
-        # As in the smoother, the drifts of the degrees of freedom are taken for independent.
-        drift = matrix**2 @ (self.drift / self.unit[:, None] ** 2)[..., None]
+        variance, drift = (_separated(self._scaled(errors), matrix) for errors in (self.covariance, self.drift))
         variance = torch.where(self.seen, variance, 1.0)
-        return Series(self.times, *(v.mT for v in (value[..., 0], variance, drift[..., 0], self.seen)))
+        return Series(self.times, *(v.mT for v in (value[..., 0], variance, drift, self.seen)))
+
+
+def _separated(covariance: Tensor, matrix: Tensor) -> Tensor:
+    """Variances (n, t, 5) of the combinations ``matrix`` (n, 1, 5, 5) of errors of a covariance (n, t, 5, 5)."""
+    least = MIN_OWN_SHARE * covariance.diagonal(dim1=-2, dim2=-1)
+    return torch.maximum((matrix @ covariance @ matrix.mT).diagonal(dim1=-2, dim2=-1), least)
 
 
 def separation(covariance: Tensor, value: Tensor, times: Tensor, seen: Tensor) -> Tensor:
@@ -158,7 +169,7 @@ def on_map(track: Track) -> bool:
 
 
 def _measured(track: Track) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Steps (n - 1, 5), covariances (n, 5, 5), drifts (n - 1, 5) and mask of the values seen (n, 5) of one track."""
+    """Steps (n - 1, 5), covariances (n, 5, 5), drifts (n - 1, 5, 5) and mask of the values seen (n, 5) of one track."""
     valid = np.repeat(measured_increments(track), (2, 3), axis=1)
     increment = np.where(valid, track.increment, 0.0)
     both = valid[:, :, None] & valid[:, None, :]
@@ -171,19 +182,20 @@ def _measured(track: Track) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     seen[:-1] |= valid
     seen &= np.isfinite(own)
     share = 0.0 if on_map(track) else DRIFT_SHARE
-    drift = share * np.nan_to_num(own[:-1] + own[1:])
+    # As the errors of the poses themselves, those of x and of the rotation that looks like it are nearly one.
+    drift = share * np.nan_to_num(covariance[:-1] + covariance[1:])
     for a, b in itertools.pairwise(np.flatnonzero(seen[:, 0])):
         if not valid[a:b, 0].all():
             increment[a:b, :2] = (track.position[b] - track.position[a]) / (b - a)
             if not (turned[a] and turned[b]):
-                drift[b - 1, :2] += REFOUND_PX**2
+                drift[b - 1, XY, XY] += REFOUND_PX**2
     for a, b in itertools.pairwise(np.flatnonzero(seen[:, 2])):
         if not valid[a:b, 2].all():
             if turned[a] and turned[b]:
                 matrix = torch.from_numpy(track.orientation[b] @ track.orientation[a].T)
                 increment[a:b, 2:] = So3.from_matrix(matrix[None]).log()[0].numpy() / (b - a)
             else:
-                drift[b - 1, 2:] += BROKEN * np.nan_to_num(own[b, 2:])
+                drift[b - 1, TURNS, TURNS] += BROKEN * np.nan_to_num(own[b, 2:])
     return increment, np.nan_to_num(covariance), drift, seen
 
 

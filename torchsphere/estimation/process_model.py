@@ -1,13 +1,16 @@
-"""Process models of the ball's motion: steady in flight, with a rough or a smooth force in contact.
+"""Process models of the ball's motion: steady in flight, with a force of a rough or of a given form in contact.
 
-The state of a degree of freedom is (pose, rate, acceleration, jerk, snap). In flight the jerk is white noise of small
-intensity. In contact the jerk is a state of unknown initial size, 0 again after the end. In the rough process its
-derivative, the snap, is white noise. In the smooth process the snap is a state, too, and its derivative, the crackle,
-is white noise plus a spring's part: minus the jerk times the square of a circular frequency (`SPRINGS`). Without noise
-the force is then a parabola, a half-sine (a ball on a linear spring), a squared sine, or a shape between them.
+The state of a degree of freedom is (pose, rate, acceleration) in flight, and two more in contact. In flight the jerk is
+white noise of small intensity. In the rough process the jerk is a state of unknown initial size, its derivative white
+noise, and the fifth state is not used. In a process with a form (`force_forms`) the contact adds the envelope times a
+height to the acceleration, which stays that of the flight; fourth and fifth state are the height and its rate, whose
+derivative is white noise. The envelope is 0 at both ends, so that the force ends with the contact.
+
+An intensity has the same meaning in all processes: times the cube of the contact's duration it is the variance of the
+force's size. Of it the ``roughness`` of a form is the share by which the height changes within the contact.
 
 The smoother overstates its errors for a force without noise: of the stated variance of the k-th derivative the share
-(2 m - 2 k - 1) / 2 m comes from white noise in the m-th derivative, for the acceleration (m = 5, k = 2) a half.
+(2 m - 2 k - 1) / 2 m comes from white noise in the m-th derivative, for the acceleration (m = 4, k = 2) three eighths.
 """
 
 from __future__ import annotations
@@ -19,32 +22,32 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.estimation import force_forms
+
 Array = NDArray[np.float64]
 
-#: States of flight (pose, rate, acceleration), of the rough process (jerk) and of the smooth one (snap).
+#: States of flight (pose, rate, acceleration), of the rough process (jerk) and of a form (height and its rate).
 FLIGHT_STATES, ROUGH_STATES, STATES = 3, 4, 5
 
-#: Intensity of white crackle that stands for none, noise variance per frame^9 (docs/constants.md).
+#: Intensity of white noise that stands for none, noise variance per frame^7 (docs/constants.md).
 NEGLIGIBLE_INTENSITY = 1e-40
 
-#: Springs of the smooth process, half turns of their oscillation within the contact (docs/constants.md).
-SPRINGS = (0.0, 0.5, 0.8, 1.0, 1.2, 1.4, 1.6, 1.8, 2.0)
+#: Variance of the height's change over the contact that needs no noise, per roughness (docs/constants.md).
+SLOPE_VARIANCE = 4.0
 
-#: Variance of the height of a force without noise, per unit intensity and duration^5 (docs/constants.md).
-FORCE_VARIANCE = 0.2
-
-#: Terms of the power series of an oscillation, and Gauss nodes of integrals over its square (docs/constants.md).
-TERMS, NODES = 14, 6
+#: Gauss nodes of the integrals over a step (docs/constants.md).
+NODES = 6
 
 
 @dataclass(frozen=True)
 class Transitions:
     """From each frame to the next, for n recordings and c contact intervals each; units of frames."""
 
-    matrix: Array  # (n, c, t - 1, 5, 5) of the state; without jerk and snap in flight
+    matrix: Array  # (n, c, t - 1, 5, 5) of the state; without the last two states in flight
     contact: Array  # covariance (n, c, t - 1, 5, 5) that the contact adds, per unit intensity
     flight: Array  # covariance (n, 1, t - 1, 5, 5) that white jerk adds in flight and contact, per unit intensity
-    idle: NDArray[np.bool_]  # (n, c, t - 1), True where jerk and snap have no meaning after the transition
+    idle: NDArray[np.bool_]  # (n, c, t - 1), True where the last two states have no meaning after the transition
+    envelope: Array  # (n, c, t) of the forms at the frames: times the height what the force adds to the acceleration
 
 
 @dataclass(frozen=True)
@@ -59,27 +62,38 @@ class ContactSteps:
     inside_noise: Array  # covariance per unit intensity, of the same shape
 
     @classmethod
-    def of(cls, times: Array, windows: Array, springs: Array | None) -> ContactSteps:
+    def of(cls, times: Array, windows: Array, forms: Array | None) -> ContactSteps:
         """Transitions for the arguments of `transitions`."""
         before, after = times[:, None, :-1], times[:, None, 1:]
         start, end = windows[..., :1], windows[..., 1:]
         touching = overlaps(times, windows)
         edges = touching & ((start >= before) | (end <= after))
-        length, duration = end - start, after - before
-        if (duration == duration[..., :1]).all():
-            duration = duration[..., :1]
-        whole = _contact_step(duration, length, None if springs is None else springs[..., None])
-        spring = None if springs is None else np.broadcast_to(springs[..., None], edges.shape)[edges]
-        before, after, start, end, length = (
-            np.broadcast_to(v, edges.shape)[edges] for v in (before, after, start, end, length)
-        )
+        whole = _inside_steps(before, after, windows, forms)
+        form = None if forms is None else np.broadcast_to(forms[:, :, None], (*edges.shape, forms.shape[-1]))[edges]
+        before, after, start, end = (np.broadcast_to(v, edges.shape)[edges] for v in (before, after, start, end))
         starts, ends = start >= before, end <= after
-        inside, noise = _contact_step(np.minimum(end, after) - np.maximum(start, before), length, spring)
+        moments = np.maximum(start, before) - start, np.minimum(end, after) - start
+        inside, noise = _contact_step(*moments, end - start, form)
         begin = np.where(starts[:, None, None], flight_matrix(start - before), np.eye(STATES))
         finish = np.where(ends[:, None, None], flight_matrix(after - end), np.eye(STATES))
-        initial = _initial_covariance(np.where(starts, length, 0.0), spring)
+        initial = _initial_covariance(np.where(starts, end - start, 0.0), form)
         noise = finish @ (noise + inside @ initial @ inside.swapaxes(-1, -2)) @ finish.swapaxes(-1, -2)
         return cls(touching & ~edges, edges, finish @ inside @ begin, noise, *whole)
+
+
+def _inside_steps(before: Array, after: Array, windows: Array, forms: Array | None) -> tuple[Array, Array]:
+    """Matrices and covariances (n, c or 1, t - 1 or 1, 5, 5) of the steps inside the contacts."""
+    duration = after - before
+    if forms is None:
+        # The rough process does not depend on the time since the start.
+        even = (duration == duration[..., :1]).all()
+        return (
+            _contact_step(0.0 * duration[..., :1], duration[..., :1], None, None)
+            if even
+            else _contact_step(0.0 * duration, duration, None, None)
+        )
+    start, length = windows[..., :1], windows[..., 1:] - windows[..., :1]
+    return _contact_step(before - start, after - start, length, forms[:, :, None])
 
 
 def overlaps(times: Array, windows: Array) -> NDArray[np.bool_]:
@@ -88,67 +102,121 @@ def overlaps(times: Array, windows: Array) -> NDArray[np.bool_]:
     return np.asarray(np.minimum(windows[..., 1:], after) > np.maximum(windows[..., :1], before))
 
 
-def transitions(times: Array, windows: Array, springs: Array | None) -> Transitions:
+def transitions(times: Array, windows: Array, forms: Array | None) -> Transitions:
     """Transitions between ``times`` (n, t), frames, under contact intervals ``windows`` (n, c, 2), start and end.
 
-    An interval may start and end between frames; an interval of length 0 is no contact. ``springs`` (n, c) are those of
-    the smooth process, None for the rough process.
+    An interval may start and end between frames; an interval of length 0 is no contact. ``forms`` (n, c, 6) are those
+    of the force, None for the rough process.
     """
     duration = np.diff(times)[:, None]
-    steps = ContactSteps.of(times, windows, springs)
+    steps = ContactSteps.of(times, windows, forms)
     is_inside = steps.is_inside[..., None, None]
     matrix = np.where(is_inside, steps.inside_matrix, flight_matrix(duration))
     contact = np.where(is_inside, steps.inside_noise, 0.0)
     matrix[steps.is_edge], contact[steps.is_edge] = steps.edge_matrix, steps.edge_noise
     idle = (windows[..., 1:] <= times[:, None, 1:]) | ~(steps.is_inside | steps.is_edge)
-    return Transitions(matrix, contact, white_noise(duration, FLIGHT_STATES), idle)
+    envelope = np.zeros((*windows.shape[:2], times.shape[1]))
+    if forms is not None:
+        length = windows[..., 1:] - windows[..., :1]
+        passed = (times[:, None] - windows[..., :1]) / np.where(length > 0, length, 1.0)
+        envelope = np.where(length > 0, force_forms.envelope(passed, forms), 0.0)
+    return Transitions(matrix, contact, white_noise(duration, FLIGHT_STATES), idle, envelope)
 
 
-def _contact_step(duration: Array, length: Array, springs: Array | None) -> tuple[Array, Array]:
-    """Matrix and noise covariance (..., 5, 5) over a ``duration`` (...) inside contacts of a length (...)."""
-    if springs is None:
-        return integrator(duration), white_noise(duration, ROUGH_STATES)
-    frequency = np.pi * springs / np.where(length > 0, length, np.inf)
-    return spring_matrix(duration, frequency), spring_noise(duration, frequency)
+def _contact_step(begin: Array, end: Array, length: Array | None, forms: Array | None) -> tuple[Array, Array]:
+    """Matrix and noise covariance (..., 5, 5) from ``begin`` to ``end`` (...), since the start of the contact.
+
+    The contacts have the lengths ``length`` (...) and the ``forms`` (..., 6), or the rough process.
+    """
+    if length is None or forms is None:
+        return integrator(end - begin), white_noise(end - begin, ROUGH_STATES)
+    begin, end, length = np.broadcast_arrays(begin, end, length)
+    # An interval of length 0 is no contact; its steps are not used.
+    length = np.where(length > 0, length, 1.0)
+    duration = end - begin
+    nodes, weights = _gauss_nodes()
+    passed = duration[..., None] * nodes
+    moments = begin[..., None] + np.concatenate((passed, duration[..., None]), -1)
+    envelope = force_forms.envelope(moments / length[..., None], forms)
+    own, last = envelope[..., :-1], envelope[..., -1:]
+    weighted = own * (duration[..., None] * weights)
+    left = duration[..., None] - passed
+    matrix = flight_matrix(duration)
+    height, rate = STATES - 2, STATES - 1
+    matrix[..., 0, height], matrix[..., 1, height] = (weighted * left).sum(-1), weighted.sum(-1)
+    matrix[..., 0, rate], matrix[..., 1, rate] = (weighted * left * passed).sum(-1), (weighted * passed).sum(-1)
+    _add_kinks(matrix, begin, duration, length, forms)
+    matrix[..., height, height] = matrix[..., rate, rate] = 1.0
+    matrix[..., height, rate] = duration
+    # What a unit of the height's rate from a node on becomes, the envelope taken as linear from there to the end.
+    slope = (last - own) / np.where(left > 0, left, 1.0)
+    response = np.stack(
+        (
+            own * left**3 / 6 + slope * left**4 / 12,
+            own * left**2 / 2 + slope * left**3 / 3,
+            np.zeros_like(left),
+            left,
+            np.ones_like(left),
+        ),
+        -2,
+    )
+    roughness = forms[..., force_forms.ROUGHNESS, None]
+    noise = (response * (duration[..., None] * weights * roughness)[..., None, :]) @ response.swapaxes(-1, -2)
+    return matrix, noise
 
 
-def _initial_covariance(length: Array, springs: Array | None) -> Array:
+def _add_kinks(matrix: Array, begin: Array, duration: Array, length: Array, forms: Array) -> None:
+    """Add to the matrices (..., 5, 5) what Gauss nodes miss in a step in which the envelope has a kink.
+
+    A kink is a ramp of the change of slope that begins within the step; polynomials are exact at the nodes.
+    """
+    forms = np.broadcast_to(forms, (*begin.shape, forms.shape[-1]))
+    risen, falling = forms[..., force_forms.RISEN], forms[..., force_forms.FALLING]
+    nodes, weights = _gauss_nodes()
+    for kink, part in ((risen, risen), (falling, 1 - falling)):
+        moment = kink * length - begin
+        here = (risen > 0) & (moment > 0) & (moment < duration)
+        slope = -1 / (part[here] * length[here])
+        moment, whole = moment[here], duration[here]
+        rest = whole - moment
+        passed = whole[:, None] * nodes
+        ramp = np.maximum(passed - moment[:, None], 0.0) * whole[:, None] * weights
+        left = whole[:, None] - passed
+        height, rate = STATES - 2, STATES - 1
+        matrix[here, 0, height] += slope * (rest**3 / 6 - (ramp * left).sum(-1))
+        matrix[here, 1, height] += slope * (rest**2 / 2 - ramp.sum(-1))
+        matrix[here, 0, rate] += slope * (rest**4 / 12 + moment * rest**3 / 6 - (ramp * left * passed).sum(-1))
+        matrix[here, 1, rate] += slope * (rest**3 / 3 + moment * rest**2 / 2 - (ramp * passed).sum(-1))
+
+
+def _initial_covariance(length: Array, forms: Array | None) -> Array:
     """Covariance (..., 5, 5) of the states at the start of a contact of that length (...), per unit intensity.
 
-    The contact's own duration ties the first jerk and snap to the intensity, so that they need no parameter. In the
-    smooth process a force without noise is added, which begins and ends at 0, of the variance `FORCE_VARIANCE`.
+    The contact's own duration ties the first jerk, or the height, to the intensity, so that they need no parameter.
     """
     covariance = np.zeros((*length.shape, STATES, STATES))
-    order = ROUGH_STATES if springs is None else STATES
-    for i in range(FLIGHT_STATES, order):
-        covariance[..., i, i] = length ** (2 * (order - i) - 1)
-    if springs is not None:
-        force = initial_jerk_snap(springs) * np.stack((length**1.5, length**0.5), -1)
-        covariance[..., FLIGHT_STATES:, FLIGHT_STATES:] += FORCE_VARIANCE * force[..., :, None] * force[..., None, :]
+    height, rate = STATES - 2, STATES - 1
+    if forms is None:
+        covariance[..., height, height] = length
+        return covariance
+    # The height is of unit variance in the middle of the contact, and changes from there to both sides.
+    change = SLOPE_VARIANCE * forms[..., force_forms.ROUGHNESS]
+    covariance[..., height, height] = (1 + change / 4) * length**3
+    covariance[..., height, rate] = covariance[..., rate, height] = -change / 2 * length**2
+    covariance[..., rate, rate] = change * length
     return covariance
 
 
-def initial_jerk_snap(springs: Array) -> Array:
-    """Jerk and snap (..., 2) at the start of a contact of length 1 whose force has no noise and the height 1.
-
-    With ``a`` the angle of the oscillation the force is ``(cos(a (s - 1/2)) - cos(a / 2)) / (1 - cos(a / 2))``.
-    """
-    # Below this angle the force is a parabola to 1e-6.
-    angle = np.pi * np.maximum(springs, 1e-3)
-    snap = -(angle**2) * np.cos(angle / 2) / (1 - np.cos(angle / 2))
-    return np.stack((angle / np.tan(angle / 4), snap), -1)
-
-
-def end_variance(springs: Array | None) -> Array:
-    """Variance (s,) of the acceleration at the end of a contact of length 1, per unit intensity of the process."""
-    one = np.ones(1 if springs is None else len(springs))
-    matrix, noise = _contact_step(one, one, springs)
-    covariance = noise + matrix @ _initial_covariance(one, springs) @ matrix.swapaxes(-1, -2)
-    return np.asarray(covariance[..., FLIGHT_STATES - 1, FLIGHT_STATES - 1])
+def end_variance() -> float:
+    """Variance of the acceleration at the end of a contact of length 1, per unit intensity of the rough process."""
+    one = np.ones(1)
+    matrix, noise = integrator(one), white_noise(one, ROUGH_STATES)
+    covariance = noise + matrix @ _initial_covariance(one, None) @ matrix.swapaxes(-1, -2)
+    return float(covariance[0, FLIGHT_STATES - 1, FLIGHT_STATES - 1])
 
 
 def flight_matrix(duration: Array) -> Array:
-    """The `integrator` of flight: without jerk and snap before and after."""
+    """The `integrator` of flight: without the last two states before and after."""
     return integrator(duration) * (np.arange(STATES) < FLIGHT_STATES)
 
 
@@ -162,43 +230,6 @@ def white_noise(duration: Array, order: int) -> Array:
     """Covariance (..., 5, 5) that white noise of unit intensity adds to ``order`` integrals over ``duration`` (...)."""
     powers, factors = _noise_terms(order)
     return _powers(duration)[..., powers] * factors
-
-
-def spring_matrix(duration: Array, frequency: Array) -> Array:
-    """The `integrator` where the crackle is minus the jerk times the square of a circular ``frequency`` (...)."""
-    last = _snap_response(duration, frequency)
-    matrix = integrator(np.broadcast_to(duration, last.shape[:-1]))
-    matrix[..., STATES - 1] = last
-    matrix[..., : STATES - 1, STATES - 2] = last[..., 1:]
-    matrix[..., STATES - 1, STATES - 2] = -(frequency**2) * last[..., STATES - 2]
-    return matrix
-
-
-def spring_noise(duration: Array, frequency: Array) -> Array:
-    """Covariance (..., 5, 5) that white crackle of unit intensity adds to a state with the `spring_matrix`."""
-    nodes, weights = _gauss_nodes()
-    last = _snap_response(duration[..., None] * nodes, frequency[..., None])
-    return np.asarray((last.swapaxes(-1, -2) * (duration[..., None, None] * weights)) @ last)
-
-
-def _snap_response(duration: Array, frequency: Array) -> Array:
-    """State (..., 5) that a unit of snap becomes after ``duration`` (...) with a spring of circular ``frequency``.
-
-    With ``x`` the angle turned, the states are powers of the duration times ``sum (-x^2)^m / (p + 2 m)!``, p from 4
-    to 0: power series lose no digits at small angles.
-    """
-    integrals = STATES - 1
-    square = -((duration * frequency) ** 2)
-    response = np.empty((*square.shape, STATES))
-    for power in (integrals, integrals - 1):
-        total = np.zeros_like(square)
-        for m in reversed(range(TERMS)):
-            total = total * square + 1 / math.factorial(power + 2 * m)
-        response[..., integrals - power] = total
-    for power in reversed(range(integrals - 1)):
-        response[..., integrals - power] = 1 / math.factorial(power) + square * response[..., integrals - 2 - power]
-    response *= np.broadcast_to(duration, square.shape)[..., None] ** np.arange(integrals, -1, -1)
-    return response
 
 
 @functools.cache

@@ -11,13 +11,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.estimation import bandwidth, contact_search, rts, savitzky_golay
+from torchsphere.estimation import bandwidth, contact_search, force_forms, rts, savitzky_golay
 from torchsphere.estimation.contact_search import Contact
 from torchsphere.estimation.filter_bank import PRIOR_VARIANCE
 from torchsphere.estimation.likelihood import Series
 from torchsphere.estimation.measurements import FREEDOMS, Poses, measured_increments, poses
 from torchsphere.estimation.process_model import STATES
 from torchsphere.estimation.rts import Smoothed
+from torchsphere.estimation.spread import sd_of_errors
 from torchsphere.tracking.result import Track
 
 Array = NDArray[np.float64]
@@ -29,7 +30,7 @@ SAMPLES = 400
 MAX_WHOLE_FRAMES, MARGIN_FRAMES = 256, 100
 
 #: Largest standard deviation of a value that means anything, in those of a pose's error (docs/constants.md).
-MAX_SD = 0.3 * PRIOR_VARIANCE**0.5
+MAX_SD = 0.5 * PRIOR_VARIANCE**0.5
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,9 @@ class MotionSamples:
     acceleration: Array  # (s, m, 5)
     interval: Array  # start and end of the contact (s, 2)
     span: slice  # the m frames of the recording
+    # Accelerations x and y (s, m, j, 2) after each frame, less the straight line to the next one, at the shares (j,).
+    between: Array
+    fractions: Array
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,7 @@ def motion_of_states(
     sd = states.covariance[row].diagonal(dim1=-2, dim2=-1).sqrt().numpy().reshape(*mean.shape)
     part = slice(0, count)
     mask = np.where(_is_unknown(all_poses, states, sd, row)[part], np.nan, 1.0)
-    drift = np.sqrt(all_poses.drift[row, : count - 1].numpy().cumsum(0))
+    drift = np.sqrt(all_poses.drift_variance[row, : count - 1].numpy().cumsum(0))
     drift = np.concatenate((np.zeros((1, FREEDOMS)), drift))[:, :2]
     return Motion(
         offset=mean[part, 0, :2] * mask[:, :2],
@@ -132,7 +136,9 @@ def _samples(states: Smoothed, row: int, begin: float, mask: Array) -> MotionSam
     """Samples of one recording; ``mask`` (n, 5) is NaN where nothing is known, and 1 elsewhere."""
     first, stop, _ = states.span.indices(len(mask))
     rate, acceleration = (states.samples[:, row, : stop - first, k].numpy() * mask[first:stop] for k in (1, 2))
-    return MotionSamples(rate, acceleration, states.sample_windows[:, row].numpy() + begin, slice(first, stop))
+    interval = states.sample_windows[:, row].numpy() + begin
+    between = states.between[:, row, : stop - first].numpy()
+    return MotionSamples(rate, acceleration, interval, slice(first, stop), between, states.fractions)
 
 
 def _is_unknown(all_poses: Poses, states: Smoothed, sd: Array, row: int) -> NDArray[np.bool_]:
@@ -144,30 +150,27 @@ def _is_unknown(all_poses: Poses, states: Smoothed, sd: Array, row: int) -> NDAr
 
 def _interval(states: Smoothed, row: int, begin: float) -> tuple[Array, Array]:
     """Start and end (2,) of the contact and their standard deviations, by quantiles, which ignore the soft edges."""
-    low, middle, high = np.quantile(states.windows[row].numpy(), (0.159, 0.5, 0.841), axis=0)
-    return middle + begin, 0.5 * (high - low)
+    windows = states.windows[row].numpy()
+    middle = np.median(windows, axis=0)
+    return middle + begin, sd_of_errors(windows - middle)
 
 
 def _about(series: Series, found: Contact, states: Smoothed, row: int, n: int) -> dict[str, Any]:
     """Method, parameters and bandwidth, per frame."""
     flight, factor = (v[row].median(0).values for v in (found.flight, found.noise))
-    share = found.smooth[row].double().mean(0)
-    kinds = [torch.where(found.smooth[row] == kind, found.contact[row], torch.nan) for kind in (False, True)]
-    rough, smooth = (kind.nanmedian(0).values.nan_to_num() for kind in kinds)
-    touching = torch.where(share > 0.5, smooth, rough)
-    used = found.springs[row][found.smooth[row].any(-1)]
-    spring = float(used.median()) if len(used) else 0.0
+    share = found.formed[row].double().mean(0)
+    touching = found.contact[row].median(0).values
+    form = found.forms[row][_commonest(found.forms[row], found.formed[row].any(-1))]
     about: dict[str, Any] = {
         "method": "smoother",
-        "process": "white jerk in flight; in contact rough (white snap) or smooth (white crackle and a spring that "
-        "turns so many half turns), as the data say",
-        "share_smooth": share.tolist(),
-        "spring_half_turns": spring,
+        "process": "white jerk in flight; in contact an envelope times a height whose rate is white noise, or white "
+        "snap, as the data say",
+        "share_with_form": share.tolist(),
+        "form": dict(zip(force_forms.NAMES, form.tolist(), strict=True)),
         "intensity_flight": flight.tolist(),
-        "intensity_contact_rough": rough.tolist(),
-        "intensity_contact_smooth": smooth.tolist(),
-        "intensity_unit": "variance of a pose's error per frame^5 (flight), frame^7 (rough) and frame^9 (smooth); "
-        "x, y, wx, wy, wz, each without the errors that quieter ones show, as is the noise",
+        "intensity_contact": touching.tolist(),
+        "intensity_unit": "variance of a pose's error per frame^5 (flight) and frame^7 (contact); x, y, wx, wy, wz, "
+        "each without the errors that quieter ones show, as is the noise",
         "noise_over_stated": factor.tolist(),
         "contact_found": bool(found.found[row]),
         "log_likelihood_gain_of_contact": float(found.gain[row]),
@@ -178,18 +181,24 @@ def _about(series: Series, found: Contact, states: Smoothed, row: int, n: int) -
     if about["contact_found"]:
         frames["contact"] = int(np.abs(times - np.mean(window)).argmin())
     for name, group in (("translation", slice(0, 2)), ("rotation", slice(2, FREEDOMS))):
-        # The degree of freedom that moves most; the length of the contact gives both intensities the same unit.
-        strength = torch.where(share > 0.5, smooth * (window[1] - window[0]) ** 2, rough) + flight
-        freedom = group.start + int(strength[group].argmax())
+        # The degree of freedom that moves most.
+        freedom = group.start + int((touching + flight)[group].argmax())
         seen = series.seen[row, freedom, :n].numpy()
         if seen.sum() < STATES:
             continue
         noise = np.where(seen, series.variance[row, freedom, :n].numpy(), np.inf)
         for regime, at in frames.items():
-            process = float(flight[freedom]), float(touching[freedom]), spring if share[freedom] > 0.5 else None
+            process = float(flight[freedom]), float(touching[freedom]), form.numpy() if share[freedom] > 0.5 else None
             weights, part = bandwidth.smoother_weights(times, noise, window, process, at)
             about[f"bandwidth_{regime}_{name}_per_frame"] = bandwidth.cutoffs(weights, times[part] - times[at])
     return about
+
+
+def _commonest(forms: Tensor, used: Tensor) -> int:
+    """Index of one of the forms (c, 6) that most of the ``used`` (c,) intervals have, but for the kinks."""
+    kinds = forms[:, [force_forms.ONSET, force_forms.DECAY, force_forms.ROUGHNESS]]
+    alike = (kinds[:, None] == kinds).all(-1) & used
+    return int(torch.where(used, alike.sum(1), -1).argmax())
 
 
 def _flight_frame(times: Array, window: tuple[float, ...]) -> int:
@@ -210,7 +219,7 @@ def polynomials(track: Track, times: Array, method: str, window: int, order: int
         times, increment, is_measured, variance, window=window, order=order, shifted=not is_plain
     )
     seen = np.isfinite(track.position)
-    drift = np.concatenate((np.zeros((1, 2)), measured.drift[0, :, :2].numpy().cumsum(0)))
+    drift = np.concatenate((np.zeros((1, 2)), measured.drift_variance[0, :, :2].numpy().cumsum(0)))
     return Motion(
         offset=np.where(seen, 0.0, np.nan),
         rate=found.first,

@@ -1,9 +1,9 @@
 """Rauch-Tung-Striebel smoother on positions and orientations together, batched over recordings and contact intervals.
 
 The state of a frame is pose, rate and acceleration of the five degrees of freedom (x, y, wx, wy, wz), in contact also
-jerk and snap. The pose is the difference to a reference trajectory, for the rotation a vector in the tangent space:
-``A = exp([phi]x) A_ref``. The reference goes through the measured poses, so that the differences are as small as the
-errors (1e-4 rad), and one pass without a new linearisation is exact to their square.
+the two of the force (`process_model`). The pose is the difference to a reference trajectory, for the rotation a vector
+in the tangent space: ``A = exp([phi]x) A_ref``. The reference goes through the measured poses, so that the differences
+are as small as the errors (1e-4 rad), and one pass without a new linearisation is exact to their square.
 
 A step is ``phi' = Ad phi + J (v dt + a dt^2 / 2 + j dt^3 / 6) - s``, with the reference's step ``s``, its rotation
 ``Ad`` and left Jacobian ``J``. The neglected turn of the axis within a step, ``dt^3 / 12 a x w``, is below 1e-6 rad for
@@ -15,11 +15,10 @@ Deray and Atchuthan, arXiv 1812.01537, equations 143 to 146.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -28,18 +27,11 @@ from torch import Tensor
 from torchsphere.estimation.contact_search import Contact
 from torchsphere.estimation.filter_bank import PRIOR_VARIANCE, Array
 from torchsphere.estimation.measurements import FREEDOMS, Poses
+from torchsphere.estimation.motion_model import FLIGHT_SIZE, IN_PLANE, MotionModel
 from torchsphere.estimation.process_model import (
     FLIGHT_STATES,
-    NEGLIGIBLE_INTENSITY,
     STATES,
-    flight_matrix,
-    overlaps,
-    transitions,
-    white_noise,
 )
-
-#: Size of the state in flight, and of the part of each state that is reported.
-FLIGHT_SIZE = FLIGHT_STATES * FREEDOMS
 
 #: Least eigenvalue of a scaled covariance that is not taken for rounding, share of the largest (docs/constants.md).
 MIN_EIGENVALUE = 1e-10
@@ -57,14 +49,6 @@ class State(NamedTuple):
     residual: Array  # covariance (n, c, s, s) given the next frame's state
 
 
-class Steps(NamedTuple):
-    """Transitions of f frames with states of size s to the next frames with states of size s'."""
-
-    matrix: Array  # (f, n, c, s', s), in flight (f, n, 1, s', s)
-    offset: Array  # (f, n, 1, s')
-    noise: Array  # covariance (f, n, c, s', s')
-
-
 @dataclass(frozen=True)
 class Smoothed:
     """States of n recordings given all data, over c equally likely contact intervals; px, rad and frames."""
@@ -73,6 +57,10 @@ class Smoothed:
     covariance: Tensor  # (n, t, 15, 15)
     samples: Tensor  # states (s, n, m, 3, 5) drawn from the posterior, of the frames `span`
     sample_windows: Tensor  # contact intervals (s, n, 2) of the samples
+    # Accelerations x and y (s, n, m, j, 2) of the samples after each frame, less the straight line to the next frame,
+    # at the shares `fractions` (j,) of the step.
+    between: Tensor
+    fractions: Array
     span: slice  # frames of the samples
     windows: Tensor  # intervals (n, c, 2) in frames
     unit: Tensor  # size of the errors (n, 5), px and rad
@@ -90,10 +78,13 @@ def smooth(poses: Poses, contact: Contact, samples: int, span: slice, seed: int 
     sampler = _Sampler(samples, n, c, seed)
     first, stop, _ = span.indices(poses.times.shape[1])
     for i, state in backward(*forward(poses, contact, model), model):
-        for averages, average in zip((means, covariances), _average(state), strict=True):
+        across = model.moving(i, state.covariance).swapaxes(-1, -2)
+        for averages, average in zip(
+            (means, covariances), _average(model.moving(i, state.mean), model.moving(i, across)), strict=True
+        ):
             averages.append(average)
         if first <= i < stop:
-            sampler.add(state)
+            sampler.add(state, i, model)
     scale = poses.unit.repeat(1, FLIGHT_STATES)[:, None]
     covariance = torch.from_numpy(np.stack(covariances[::-1], 1))
     return Smoothed(
@@ -101,101 +92,12 @@ def smooth(poses: Poses, contact: Contact, samples: int, span: slice, seed: int 
         covariance=covariance * scale[..., :, None] * scale[..., None, :],
         samples=(sampler.states() * scale).unflatten(-1, (FLIGHT_STATES, FREEDOMS)),
         sample_windows=contact.windows[torch.arange(n), sampler.interval],
+        between=sampler.between() * poses.unit[:, None, None, :IN_PLANE],
+        fractions=model.fractions,
         span=slice(first, stop),
         windows=contact.windows,
         unit=poses.unit,
     )
-
-
-class MotionModel:
-    """Transitions of the states of n recordings, under c contact intervals each.
-
-    Where no recording is in contact the states have no jerk and snap, so that most frames cost a fifth.
-    """
-
-    def __init__(self, poses: Poses, contact: Contact) -> None:
-        step, unit = poses.step.swapaxes(0, 1), poses.unit
-        turn, jacobian = _turning(step[..., 2:])
-        self._turn = turn.numpy()[:, :, None]
-        # The step of the rotation is a vector, here in the tangent space at its end.
-        self._jacobian = np.tile(np.eye(FREEDOMS), (*step.shape[:2], 1, 1, 1))
-        self._jacobian[..., 2:, 2:] = jacobian.numpy()[:, :, None]
-        self._step = (step / unit).numpy()[:, :, None]
-        self._drift = (poses.drift.swapaxes(0, 1) / unit**2).numpy()[:, :, None]
-        intensity = contact.noise**2 * contact.contact
-        kinds = (contact.noise**2 * contact.flight, torch.where(contact.smooth, 0.0, intensity))
-        self._intensities = [v.numpy() for v in (*kinds, torch.where(contact.smooth, intensity, NEGLIGIBLE_INTENSITY))]
-        self._duration = poses.times.diff(dim=-1).T[:, :, None].numpy()
-        times, windows = poses.times.numpy(), contact.windows.numpy()
-        touching = np.asarray(overlaps(times, windows).any((0, 1)))
-        touched = np.flatnonzero(touching).tolist() or [0]
-        self._first = touched[0]
-        times = times[:, touched[0] : touched[-1] + 2]
-        self._rough, self._smooth = (transitions(times, windows, v) for v in (None, contact.springs.numpy()))
-        self._is_smooth = contact.smooth.numpy()  # (n, c, 5)
-        self.touching = [bool(is_touching) for is_touching in touching]
-        # States of a degree of freedom in each frame.
-        self._states = [FLIGHT_STATES, *(STATES if is_touching else FLIGHT_STATES for is_touching in self.touching)]
-
-    def blocks(self, at_once: int) -> list[slice]:
-        """Up to so many successive transitions at once, between states of the same sizes."""
-        pairs = enumerate(itertools.pairwise(self._states))
-        found = []
-        for _, group in itertools.groupby(pairs, key=lambda pair: (pair[1], self.touching[pair[0]])):
-            numbers = [i for i, _ in group]
-            found += [slice(i, min(i + at_once, numbers[-1] + 1)) for i in numbers[::at_once]]
-        return found
-
-    def steps(self, block: slice) -> Steps:
-        """Transitions from the frames of one of the `blocks`."""
-        before, after = self._states[block.start : block.start + 2]
-        jacobian, duration = self._jacobian[block], self._duration[block]
-        if self.touching[block.start]:
-            own = slice(block.start - self._first, block.stop - self._first)
-            matrices = [_frames(v.matrix, own)[..., :after, :before] for v in (self._rough, self._smooth)]
-            covariances = (self._rough.flight, self._rough.contact, self._smooth.contact)
-            noises, idle = [_frames(v, own) for v in covariances], _frames(self._rough.idle, own)
-        else:
-            matrices = [flight_matrix(duration)[..., :after, :before]]
-            noises, idle = [white_noise(duration, FLIGHT_STATES)], np.array(1.0)
-        shape = matrices[0].shape
-        matrix = np.zeros((*shape[:-2], after, FREEDOMS, before, FREEDOMS))
-        noise = np.zeros((*shape[:2], *self._intensities[0].shape[1:2], after, FREEDOMS, after, FREEDOMS))
-        for k in range(FREEDOMS):
-            is_smooth = self._is_smooth[..., k, None, None]
-            matrix[..., k, :, k] = matrices[0] if len(matrices) == 1 else np.where(is_smooth, *matrices[::-1])
-            for unit_noise, intensity in zip(noises, self._intensities, strict=False):
-                noise[..., k, :, k] += unit_noise[..., :after, :after] * intensity[..., k, None, None]
-        matrix = matrix.reshape(*shape[:-2], after * FREEDOMS, before * FREEDOMS)
-        noise = noise.reshape(*noise.shape[:-4], after * FREEDOMS, after * FREEDOMS)
-        matrix[..., :FREEDOMS, :] = jacobian @ matrix[..., :FREEDOMS, :]
-        noise[..., :FREEDOMS, :] = jacobian @ noise[..., :FREEDOMS, :]
-        noise[..., :FREEDOMS] = noise[..., :FREEDOMS] @ jacobian.swapaxes(-1, -2)
-        matrix[..., 2:FREEDOMS, 2:FREEDOMS] = self._turn[block]
-        pose, later = np.arange(FREEDOMS), np.arange(FLIGHT_SIZE, after * FREEDOMS)
-        noise[..., pose, pose] += self._drift[block]
-        noise[..., later, later] += idle[..., None]
-        offset = np.zeros((*jacobian.shape[:3], after * FREEDOMS))
-        offset[..., :FREEDOMS] = -self._step[block]
-        return Steps(matrix, offset, noise)
-
-
-def _frames(values: Any, part: slice) -> Any:
-    """Some frames (f, n, c, ...) of values (n, c, t, ...)."""
-    return np.moveaxis(values[:, :, part], 2, 0)
-
-
-def _turning(step: Tensor) -> tuple[Tensor, Tensor]:
-    """Rotation and left Jacobian (..., 3, 3) of rotation vectors (..., 3), rad."""
-    x, y, z = step.unbind(-1)
-    zero = torch.zeros_like(x)
-    cross = torch.stack((zero, -z, y, z, zero, -x, -y, x, zero), -1).unflatten(-1, (3, 3))
-    angle = step.norm(dim=-1)[..., None, None]
-    identity = torch.eye(3, dtype=step.dtype, device=step.device)
-    half = torch.sinc(angle / (2 * torch.pi)) ** 2 / 2
-    # (t - sin t) / t^3 loses its digits at small angles; there the series' next term is below 1e-9.
-    third = torch.where(angle > 1e-2, (angle - angle.sin()) / angle.clamp_min(1e-2) ** 3, (1 - angle**2 / 20) / 6)
-    return torch.linalg.matrix_exp(cross), identity + half * cross + third * cross @ cross
 
 
 def forward(poses: Poses, contact: Contact, model: MotionModel) -> tuple[list[Array], list[Array]]:
@@ -280,13 +182,11 @@ def _solve(matrix: Array, right: Array) -> Array:
     return solution.numpy() / size[..., None]
 
 
-def _average(state: State) -> tuple[Array, Array]:
-    """Mean (n, 15) and covariance (n, 15, 15) of pose, rate and acceleration over the contact intervals."""
-    each = state.mean[..., :FLIGHT_SIZE]
+def _average(each: Array, covariance: Array) -> tuple[Array, Array]:
+    """Mean (n, 15) and covariance (n, 15, 15) over the contact intervals, from those (n, c, ...) of each."""
     mean = each.mean(1)
     off = each - mean[:, None]
-    covariance = state.covariance[..., :FLIGHT_SIZE, :FLIGHT_SIZE].sum(1)
-    return mean, (covariance + off.swapaxes(-1, -2) @ off) / each.shape[1]
+    return mean, (covariance.sum(1) + off.swapaxes(-1, -2) @ off) / each.shape[1]
 
 
 class _Sampler:
@@ -297,11 +197,12 @@ class _Sampler:
         # Index (count, n) of each sample's interval; all intervals have the same number of samples.
         self.interval = (torch.arange(count) % c)[:, None].expand(-1, n)
         self._found: list[Array] = []
-        self._off = np.empty(0)
+        self._bulges: list[Array | None] = []
+        self._off, self._later = np.empty(0), np.empty(0)
         self._shape = (-(-count // c), c)
 
-    def add(self, state: State) -> None:
-        """Draw the states of the frame before the last one added."""
+    def add(self, state: State, frame: int, model: MotionModel) -> None:
+        """Draw the states of a ``frame``, the one before the last one added."""
         covariance = state.residual if self._found else state.covariance
         known = covariance_root(torch.from_numpy(covariance)).numpy()
         noise = torch.randn((*self.interval.shape, known.shape[-1], 1), generator=self._generator, dtype=torch.float64)
@@ -311,8 +212,34 @@ class _Sampler:
         off = known @ each.reshape(*self._shape, *each.shape[1:]).transpose(2, 1, 3, 0)
         if self._found:
             off += state.gain @ self._off
-        self._found.append((state.mean[..., None] + off)[..., :FLIGHT_SIZE, :])
+        states = state.mean[..., None] + off
+        self._found.append(model.moving(frame, states))
+        self._bulges.append(self._bulge(frame, states, model))
         self._off = off
+
+    def _bulge(self, frame: int, states: Array, model: MotionModel) -> Array | None:
+        """What `MotionModel.bulge` gives after the frame; None in flight."""
+        shape = (*states.shape[:2], STATES - FLIGHT_STATES, FREEDOMS, states.shape[-1])
+        own = states[:, :, FLIGHT_SIZE:]
+        own = np.moveaxis(
+            (own if own.size else np.zeros((*own.shape[:2], math.prod(shape[2:4]), shape[-1]))).reshape(shape), 2, 0
+        )
+        later, self._later = self._later, own[:, :, :, :IN_PLANE]
+        if frame >= len(model.touching) or not model.touching[frame] or not later.size:
+            return None
+        return model.bulge(frame, self._later, later)
+
+    def between(self) -> Tensor:
+        """The bulges (count, n, m, j, 2) after all frames added, the earliest first; 0 in flight."""
+        count, n = self.interval.shape
+        known = [bulge for bulge in self._bulges if bulge is not None]
+        if not known:
+            return torch.zeros(count, n, len(self._found), 0, IN_PLANE, dtype=torch.float64)
+        zero = np.zeros_like(known[0])
+        found = np.stack([zero if bulge is None else bulge for bulge in self._bulges[::-1]])
+        # (m, n, c, j, 2, each) to (each, c, n, m, j, 2).
+        ordered = found.transpose(5, 2, 1, 0, 3, 4)
+        return torch.from_numpy(ordered.reshape(-1, n, *ordered.shape[3:])[:count])
 
     def states(self) -> Tensor:
         """Pose, rate and acceleration (count, n, m, 15) of all frames added, the earliest first."""

@@ -149,8 +149,8 @@ def _single(found: Contact) -> Contact:
         windows=found.windows[:, :1],
         flight=middle(found.flight),
         contact=found.contact[:, :1],
-        smooth=found.smooth[:, :1],
-        springs=found.springs[:, :1],
+        formed=found.formed[:, :1],
+        forms=found.forms[:, :1],
         noise=middle(found.noise),
     )
 
@@ -179,7 +179,7 @@ def _joined(
         *((limit, motion, share) for (limit, motion), share in zip(windows, shares, strict=True)),
         *((limit, motion, 1 - np.sum([np.zeros(n), *shares], axis=0)) for limit, motion in flights),
     ]
-    lasting = np.sqrt(np.concatenate((np.zeros((1, FREEDOMS)), own.drift[0].numpy().cumsum(0))))[:, :2]
+    lasting = np.sqrt(np.concatenate((np.zeros((1, FREEDOMS)), own.drift_variance[0].numpy().cumsum(0))))[:, :2]
     names = {"offset": 2, "rate": FREEDOMS, "acceleration": FREEDOMS}
     total = {f"{kind}{name}": np.zeros((n, width)) for name, width in names.items() for kind in ("", "sd_")}
     weight = {name: np.zeros((n, width)) for name, width in names.items()}
