@@ -1,4 +1,4 @@
-"""`torchsphere instruments`: a light gate and an accelerometer beside the demo's impact."""
+"""`torchsphere instruments`: a light gate, an accelerometer and a bar's strain gauge beside the demo's impact."""
 
 import json
 from pathlib import Path
@@ -8,6 +8,7 @@ import pytest
 from result_folders import measured_impact
 from scipy.interpolate import CubicSpline
 
+from torchsphere.cli.exit_codes import BAD_COMMAND, BAD_INPUT
 from torchsphere.cli.main import main
 from torchsphere.results import reader
 
@@ -86,24 +87,93 @@ def test_an_accelerometer_is_put_over_the_track_and_drawn(
     assert any(line.startswith("sensor over track") for line in capsys.readouterr().out.splitlines())
 
 
+#: A round aluminium bar of 60 mm; the gauge 0.4 m from its end.
+BAR = (
+    *("--bar-diameter-mm", "60", "--bar-modulus-gpa", "70", "--bar-density-kg-m3", "2700"),
+    *("--gauge-distance-mm", "400"),
+)
+
+
+def strain_gauge(path: Path, result: Path, share: float) -> Path:
+    """Microstrains of two gauges on that bar, by a share of the track's force, with opposite bending."""
+    motion = reader.read(result).motion
+    assert motion is not None
+    assert motion.force_N is not None
+    time_s = np.arange(-2e-4, motion.time_s[-1] + 1e-4, 2e-6)
+    # The ball of the demo flies to the right: the force on the ball is to the left.
+    force = CubicSpline(motion.time_s, -share * motion.force_N[:, 0])(
+        np.clip(time_s, motion.time_s[0], motion.time_s[-1])
+    )
+    strain = -1e6 * force / (70e9 * np.pi / 4 * 0.06**2) + 5.0
+    bending = 20 * np.sin(3e4 * time_s)
+    travel = 0.4 / np.sqrt(70e9 / 2700)
+    return write(path, "time_s,upper,lower", time_s + CLOCK_S + travel, strain + bending, strain - bending)
+
+
+def test_a_bar_with_strain_gauges_is_put_over_the_force_of_the_track_and_drawn(
+    result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, picture = strain_gauge(tmp_path / "bar.csv", result, 1.03), tmp_path / "bar.png"
+    command = ["instruments", str(result), "--strain-gauge", str(file), "--strain-unit", "microstrain", *BAR]
+    command += ["--columns", "upper, lower", "--direction-deg=180"]
+    assert main([*command, "--sd-bar-percent", "3", "--json", "--plot", str(picture)]) == 0
+    numbers = json.loads(capsys.readouterr().out)
+    assert numbers["delay_s"] == pytest.approx(CLOCK_S, abs=2e-6)
+    assert numbers["travel_s"] == pytest.approx(0.4 / 5091.75, rel=1e-5)
+    assert numbers["gain"] == pytest.approx(1.03, abs=0.01)
+    assert numbers["sd_gain"] == pytest.approx(0.03, rel=0.2)
+    assert numbers["peak_bar_N"] == pytest.approx(1.03 * numbers["peak_track_N"], rel=0.01)
+    assert numbers["impulse_bar_N_s"] == pytest.approx(1.03 * numbers["impulse_track_N_s"], rel=0.02)
+    assert numbers["valid_until_s"] is None
+    assert len(numbers["bar_N"]) == len(numbers["time_s"]) == len(numbers["sd_track_N"])
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+    assert main([*command, "--bar-length-mm", "1500"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.startswith("impulse") and "bar" in line for line in lines)
+    assert any(line.startswith("reflection arrives") for line in lines)
+
+
+def test_the_normal_of_the_impact_is_the_direction_from_the_bar_to_the_ball(
+    result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = strain_gauge(tmp_path / "bar.csv", result, 1.0)
+    command = ["instruments", str(result), "--strain-gauge", str(file), "--strain-unit", "microstrain", *BAR]
+    command += ["--columns", "upper,lower", "--json"]
+    assert main(command) == 0
+    by_normal = json.loads(capsys.readouterr().out)
+    assert main([*command, "--direction-deg=180"]) == 0
+    given = json.loads(capsys.readouterr().out)
+    assert by_normal["peak_track_N"] == pytest.approx(given["peak_track_N"], rel=0.01)
+    assert main([*command, "--compression-positive"]) == 1
+    assert "compression_positive" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
-    ("given", "sentence"),
+    ("given", "sentence", "code"),
     [
-        (["--gate", "GATE", *TIMES], "--gate needs --spacing-mm"),
-        (["--gate", "GATE", "--spacing-mm", "40"], "a column 'time_s'"),
+        (["--gate", "GATE", *TIMES], "--gate needs --spacing-mm", BAD_COMMAND),
+        (["--gate", "GATE", "--spacing-mm", "40"], "a column 'time_s'", BAD_INPUT),
+        (["--gate", "GATE", *TIMES, "--spacing-mm", "40", "--columns", "near"], "expected two columns", BAD_INPUT),
+        (["--gate", "GATE", *TIMES, "--spacing-mm", "40", "--plot", "a.png"], "leave it out", BAD_COMMAND),
+        (["--accelerometer", "GATE", *TIMES, "--columns", "a"], "the file has 'near', 'far'", BAD_INPUT),
+        (["--accelerometer", "GATE", *TIMES, "--bar-modulus-gpa", "70"], "--bar-modulus-gpa: of a bar", BAD_COMMAND),
+        (["--strain-gauge", "GATE", *TIMES], "--strain-gauge needs its diameter or its cross-section", BAD_COMMAND),
+        (["--strain-gauge", "GATE", *TIMES, *BAR[:4]], "give --bar-density-kg-m3 or --bar-wave-speed-m-s", BAD_COMMAND),
+        (["--strain-gauge", "GATE", *TIMES, *BAR[:6]], "give --gauge-distance-mm", BAD_COMMAND),
+        (["--strain-gauge", "GATE", *TIMES, "--time-unit", "ms", *BAR], "a strain of", BAD_INPUT),
+        (["--strain-gauge", "GATE", *TIMES, *BAR, "--columns", "a"], "the file has 'near', 'far'", BAD_INPUT),
         (
-            ["--gate", "GATE", *TIMES, "--spacing-mm", "40", "--columns", "near"],
-            "expected two columns",
+            ["--strain-gauge", "GATE", *TIMES, *BAR, "--bar-length-mm", "300"],
+            "more than the gauge's distance",
+            BAD_INPUT,
         ),
-        (["--gate", "GATE", *TIMES, "--spacing-mm", "40", "--plot", "a.png"], "leave it out"),
-        (["--accelerometer", "GATE", *TIMES, "--columns", "a"], "the file has 'near', 'far'"),
     ],
 )
 def test_what_cannot_be_compared_is_refused_in_one_sentence(
-    result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], given: list[str], sentence: str
+    result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], given: list[str], sentence: str, code: int
 ) -> None:
     file = gate(tmp_path / "gate.csv", 70.0)
-    assert main(["instruments", str(result), *(str(file) if word == "GATE" else word for word in given)]) == 1
+    assert main(["instruments", str(result), *(str(file) if word == "GATE" else word for word in given)]) == code
     error = capsys.readouterr().err
     assert sentence in error
     assert error.count("\n") == 1

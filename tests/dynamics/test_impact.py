@@ -8,8 +8,9 @@ import pytest
 from pulses import LENGTH, M_PER_PX, MASS_KG, NOISES_M, PEAK_N, RATE, Pulse, pulse
 
 import torchsphere as ts
+from experiments.validation.simulated_impacts import Push, half_sine, rebound, simulated
 from torchsphere.dynamics.ball import ball
-from torchsphere.dynamics.impact import Estimate, Impact, impact
+from torchsphere.dynamics.impact import Estimate, Impact, impact, impacts
 from torchsphere.dynamics.kinematics import Kinematics
 
 #: Diameter of the pulse's ball: 75 px of radius.
@@ -105,7 +106,7 @@ def test_the_scale_uncertainty_reaches_force_and_energy(truth: Pulse, found: Imp
 
 
 def test_without_a_mass_no_quantity_is_in_newtons_and_a_sentence_says_why(motion: Kinematics) -> None:
-    found, reason = impact(motion)
+    found, reason = impact(dataclasses.replace(motion, mass_kg=None))
     assert found is not None
     assert reason == ""
     assert found.peak_force is None
@@ -178,6 +179,20 @@ def test_a_ball_that_is_driven_on_has_no_impact(motion: Kinematics) -> None:
     result, reason = impact(overtaken)
     assert result is None
     assert "driven on the way it flies" in reason
+
+
+def test_a_target_may_strike_the_ball_from_behind_after_an_impact() -> None:
+    first = rebound(half_sine, 30.3, 14.0)
+    second = Push(half_sine, 70.6, 14.0, 0.05 * first.peak_N)
+    shot = simulated([first, second], 120, 1.5e-6, 0)
+    motion = ts.kinematics(shot.track, frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
+    thrown_back, struck = impacts(motion, ball(MASS_KG, 0.015))
+    assert thrown_back.restitution_normal.value == pytest.approx(0.5, abs=0.001)
+    assert struck.peak_force is not None
+    assert float(struck.peak_force.value) == pytest.approx(second.largest_N, rel=0.05)
+    # The ball leaves the target faster than it came to it: there is no ratio of the two.
+    assert np.isnan(struck.restitution_normal.value)
+    assert any("struck from behind" in sentence for sentence in struck.missing)
 
 
 def test_a_velocity_that_does_not_change_is_no_impact(motion: Kinematics) -> None:

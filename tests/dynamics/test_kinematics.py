@@ -83,6 +83,30 @@ def test_an_uncertain_length_widens_velocity_and_force_by_its_share(falling: ts.
     assert "known to 3 %" in motion.scale.origin
 
 
+@pytest.mark.parametrize("method", ["smoother", "savitzky-golay", "differences"])
+def test_mass_and_frame_rate_widen_the_rates_by_their_powers(falling: ts.Track, method: str) -> None:
+    settings = {"frame_rate": 1000.0, "m_per_px": 5e-4, "mass_kg": 0.1, "method": method, "window": 5, "order": 2}
+    exact = ts.kinematics(falling, **settings)
+    motion = ts.kinematics(falling, relative_sd_mass=0.02, relative_sd_frame_rate=0.01, **settings)
+    shares = {"velocity_m_s": 0.01, "spin_rad_s": 0.01, "acceleration_m_s2": 0.02, "position_m": 0.0}
+    # The force goes with mass and the square of the rate.
+    shares |= {"angular_acceleration_rad_s2": 0.02, "force_N": np.hypot(0.02, 0.02)}
+    for name, share in shares.items():
+        value, sd, wider = (getattr(m, p + name)[4] for m, p in ((exact, ""), (exact, "sd_"), (motion, "sd_")))
+        np.testing.assert_array_equal(getattr(motion, name)[4], value)
+        np.testing.assert_allclose(wider, np.hypot(sd, share * value), rtol=1e-9)
+    np.testing.assert_array_equal(motion.time_s, exact.time_s)
+
+
+def test_an_uncertain_frame_rate_widens_mean_velocity_and_spin(falling: ts.Track) -> None:
+    exact, wide = (
+        mean_motion(falling, ts.kinematics(falling, frame_rate=1000.0, m_per_px=5e-4, relative_sd_frame_rate=sd))
+        for sd in (0.0, 0.01)
+    )
+    for name in ("velocity_m_s", "spin_rad_s"):
+        np.testing.assert_allclose(wide[f"sd_{name}"], np.hypot(exact[f"sd_{name}"], 0.01 * exact[name]), rtol=1e-9)
+
+
 def test_a_missing_frame_leaves_nan_beside_it_and_nothing_else_with_differences(falling: ts.Track) -> None:
     increment = falling.increment.copy()
     increment[3] = np.nan
@@ -154,6 +178,10 @@ def test_uneven_times_do_not_change_a_steady_acceleration(falling: ts.Track) -> 
         ({"frame_rate": 1.0, "m_per_px": 1e-3, "mass_kg": "0.1"}, "mass_kg = '0.1': expected a finite"),
         ({"frame_rate": 1.0, "diameter_m": "0.03"}, "diameter_m = '0.03'"),
         ({"frame_rate": 1.0, "m_per_px": 1e-3, "relative_sd_scale": None}, "relative_sd_scale = None"),
+        ({"frame_rate": 1.0, "m_per_px": 1e-3, "relative_sd_mass": -0.1}, "relative_sd_mass = -0.1: expected a share"),
+        ({"frame_rate": 1.0, "m_per_px": 1e-3, "relative_sd_mass": float("nan")}, "relative_sd_mass = nan"),
+        ({"frame_rate": 1.0, "m_per_px": 1e-3, "relative_sd_frame_rate": 1.0}, "relative_sd_frame_rate = 1.0"),
+        ({"frame_rate": 1.0, "m_per_px": 1e-3, "relative_sd_frame_rate": "1"}, "relative_sd_frame_rate = '1'"),
         ({"frame_rate": 1.0, "m_per_px": 1e-3, "first_frame": "3"}, "first_frame = '3'"),
         ({"frame_rate": 1.0, "m_per_px": 1e-3, "times_s": "abc"}, "times_s: expected"),
         ({"frame_rate": 1.0, "m_per_px": 1e-3, "method": "savitzky-golay", "window": 7.0}, "window = 7.0"),

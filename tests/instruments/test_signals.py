@@ -1,5 +1,7 @@
 """Light gate and accelerometer: delays to a fraction of a sample, with standard deviations by many repetitions."""
 
+import contextlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -180,3 +182,48 @@ def test_barriers_in_the_wrong_order_are_refused() -> None:
     time_s, first, second = gate(628e-6, 0.0, 0)
     with pytest.raises(ValueError, match="swap"):
         light_gate(time_s, second, first, spacing_m=0.04)
+
+
+SHAPES = {
+    "first": np.arange(COUNT) == 0,
+    "last": np.arange(COUNT) == COUNT - 1,
+    "spike": np.arange(COUNT) == 900,
+    "step": np.arange(COUNT) > 400,
+    "late step": np.arange(COUNT) > 900,
+    "huge": 1e300 * (np.arange(COUNT) > 400),
+    "tiny": 1e-300 * (np.arange(COUNT) > 800),
+    "ramp": np.arange(COUNT),
+    "noise": np.random.default_rng(0).normal(size=COUNT),
+}
+
+
+@pytest.mark.parametrize("first", SHAPES)
+def test_signals_of_any_shape_and_height_give_a_velocity_or_one_sentence(first: str) -> None:
+    # The tests take every warning of NumPy as an error.
+    time_s = INTERVAL_S * np.arange(COUNT)
+    for second in SHAPES.values():
+        with contextlib.suppress(ValueError):
+            found = light_gate(time_s, SHAPES[first], second, spacing_m=0.04)
+            assert found.velocity_m_s > 0
+            assert np.isfinite([found.velocity_m_s, found.sd_velocity_m_s]).all()
+
+
+def test_the_velocity_by_a_gate_is_independent_of_the_height_of_its_signals() -> None:
+    time_s, first, second = gate(628.63e-6, 0.01, 3)
+    usual = light_gate(time_s, first, second, spacing_m=0.04)
+    for factor in (1e-200, 1e200):
+        found = light_gate(time_s, factor * first, second, spacing_m=0.04)
+        assert found.velocity_m_s == pytest.approx(usual.velocity_m_s, rel=1e-9)
+        assert found.sd_velocity_m_s == pytest.approx(usual.sd_velocity_m_s, rel=1e-6)
+
+
+def test_a_track_of_constant_acceleration_has_no_event_to_align() -> None:
+    steady = replace(pulse(21, NOISES_M[0]).track)
+    frames = np.arange(len(steady.status))
+    steady.position[:] = np.stack((3.0 * frames, 0.0 * frames), 1)
+    steady.increment[:] = [3.0, 0.0, 0.0, 0.0, 0.0]
+    motion = ts.kinematics(steady, frame_rate=RATE, m_per_px=M_PER_PX, method="differences")
+    time_s = 1e-6 * np.arange(1600)
+    sensor = np.exp(-0.5 * ((time_s - 8e-4) / 6e-5) ** 2)
+    with pytest.raises(ValueError, match=r"constant|No delay"):
+        align(motion, time_s, sensor, direction=np.array([1.0, 0.0]))

@@ -85,3 +85,8 @@ def test_a_ball_without_a_pattern_is_refused() -> None:
     plain = replace(sides(24.0)[0], image=torch.full_like(sides(24.0)[0].image, 120.0))
     with pytest.raises(ValueError, match="stronger pattern"):
         increment_covariance([plain], SMALL)
+
+
+def test_a_noise_that_no_camera_has_is_refused() -> None:
+    with pytest.raises(ValueError, match="no camera is so quiet"):
+        increment_covariance(sides(18.0)[:1], replace(SMALL, noise=1e-9))

@@ -19,6 +19,7 @@ from torchsphere.planning.free_flight import Calibration
 from torchsphere.planning.plan import from_flight
 from torchsphere.planning.presentation import as_table, remarks, text
 from torchsphere.planning.rehearsal import Target
+from torchsphere.report import plan_figure
 
 KNOWN = Calibration(36_000.0, 30.0, 110.0)
 
@@ -123,6 +124,39 @@ def test_gravity_and_drag_are_no_impact(start: float, cause: str) -> None:
 def test_a_velocity_without_any_scatter_does_not_change() -> None:
     increment = np.tile([5.0, 0.0, 0.0, 0.01, 0.0], (40, 1))
     assert free_flight.from_track(example_track(increment), "made", KNOWN).warnings == ()
+
+
+def test_a_flight_without_scatter_gives_no_plan() -> None:
+    increment = np.tile([5.0, 0.0, 0.0, 0.01, 0.0], (40, 1))
+    flight = free_flight.from_track(example_track(increment), "made", KNOWN)
+    with pytest.raises(ValueError, match="made: a standard deviation of 0 px from frame to frame"):
+        from_flight(flight, Target(2e-4, 0.3, "given"))
+
+
+def test_a_ball_at_rest_is_no_flight() -> None:
+    with pytest.raises(ValueError, match="the ball does not move"):
+        free_flight.from_track(example_track(np.zeros((40, 5))), "made", KNOWN)
+
+
+def test_where_no_two_steps_follow_each_other_the_force_is_not_measured_and_velocities_are() -> None:
+    increment = flown()
+    increment[1::2] = np.nan
+    plan = from_flight(free_flight.from_track(example_track(increment), "made", KNOWN), Target(2e-4, 0.3, "given"))
+    lines = text(plan).splitlines()
+    assert sum("not measured" in line for line in lines) == 2
+    assert not any("nan" in line for line in lines)
+    measured = as_table(plan)["free_flight"]
+    assert np.isnan(measured["force_N"]["mean"]).all()
+    assert np.isfinite(measured["velocity_m_s"]["std"]).all()
+    figure = plan_figure.plan_figure(plan)
+    assert "no two steps follow each other" in figure.axes[1].texts[0].get_text()
+
+
+def test_means_and_standard_deviations_leave_out_what_was_not_measured() -> None:
+    values = np.array([[1.0, np.nan, np.nan], [3.0, 5.0, np.nan], [np.nan, np.nan, np.nan]])
+    mean, sd = free_flight.mean_and_sd(values)
+    np.testing.assert_array_equal(mean, [2.0, 5.0, np.nan])
+    np.testing.assert_allclose(sd, [math.sqrt(2.0), np.nan, np.nan])
 
 
 def test_a_ball_without_texture_is_refused_for_its_texture_and_not_for_too_few_frames() -> None:

@@ -1,4 +1,4 @@
-"""The rehearsed impact against the true one, and the duration of an elastic impact."""
+"""The rehearsed impact against the true one and other simulations, and the duration of an elastic impact."""
 
 import math
 from dataclasses import replace
@@ -6,10 +6,31 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plan_setups import SMALL
+from pulses import LENGTH, M_PER_PX, MASS_KG, NOISES_M, PEAK_N, RATE, pulse
 from scipy.integrate import solve_ivp
 
-from torchsphere.planning.expected import differences
-from torchsphere.planning.rehearsal import Target, hertz_contact_s, rehearse
+from torchsphere.dynamics.kinematics import kinematics_of_many
+from torchsphere.planning.expected import Setup, differences
+from torchsphere.planning.rehearsal import Rehearsal, Target, _errors, hertz_contact_s, rehearse
+
+#: The ball of `pulses`: its radius is 75 px, and its force is that of a rebound with this speed and restitution.
+RESTITUTION = 0.3
+SPEED = 2 / math.pi * PEAK_N * LENGTH / RATE / MASS_KG / (1 + RESTITUTION)
+PULSED = Setup(speed_m_s=SPEED, frame_rate=RATE, px_per_mm=1e-3 / M_PER_PX, diameter_mm=15.0, mass_g=1e3 * MASS_KG)
+CONTACT = Target(LENGTH / RATE, RESTITUTION, "given")
+
+
+def pose_covariance(noise_m: float) -> np.ndarray:
+    """Covariance (5, 5) of a pose's errors in `pulses`, px and rad."""
+    sd = noise_m / M_PER_PX * np.array([1.0, 1.0, 0.024, 0.024, 0.024])
+    correlation = np.eye(5)
+    correlation[0, 3] = correlation[3, 0] = 0.95
+    correlation[1, 2] = correlation[2, 1] = -0.95
+    return sd[:, None] * correlation * sd
+
+
+def rms(values: np.ndarray) -> float:
+    return math.sqrt(np.square(values).mean())
 
 
 def test_the_duration_of_an_elastic_impact_is_that_of_the_integrated_contact() -> None:
@@ -37,8 +58,83 @@ def test_the_error_of_the_rehearsed_force_is_within_its_stated_uncertainty() -> 
     # Half a sine of force that turns 72 m/s into -0.3 times that.
     assert found.peak_N == pytest.approx(math.pi / 2 * 0.110 * 1.3 * 72 / 4e-4)
     assert np.trapezoid(found.true_force_N, found.time_s) == pytest.approx(-0.110 * 1.3 * 72, rel=0.02)
-    assert found.force_error_N[1] < 2 * found.force_N[1, 0]
+    assert found.force_error_N[1] < found.force_N[1, 0] + 3 * found.sd_force_error_N[1]
     assert found.force_N[1, 0] < 0.02 * found.peak_N
     # In flight the smoothed velocity is more precise than an increment.
     plain = differences(covariance, setup.frame_rate, setup.m_per_px, setup.mass_kg)
     assert (found.velocity_m_s[0] < plain.velocity_m_s).all()
+
+
+@pytest.mark.parametrize("noise_m", NOISES_M)
+def test_the_planned_error_of_the_force_is_that_of_other_simulated_recordings(noise_m: float) -> None:
+    planned = rehearse(2 * pose_covariance(noise_m), PULSED, CONTACT)
+    assert planned.peak_N == pytest.approx(PEAK_N, rel=1e-9)
+    shots = [pulse(seed, noise_m) for seed in range(16)]
+    motions = kinematics_of_many([s.track for s in shots], frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
+    found = rms([rms(m.force_N[s.touching, 0] - s.force_N[s.touching, 0]) for m, s in zip(motions, shots, strict=True)])
+    stated = rms([rms(m.sd_force_N[s.touching, 0]) for m, s in zip(motions, shots, strict=True)])
+    # The errors of 12 and of 16 contacts are known to a sixth each.
+    assert 0.7 < planned.force_error_N[1] / found < 1.5
+    # What is stated holds the other forms that the force might have: a recording in which noise hides the form states
+    # several times the error. 1.6 and 1.8 are seen.
+    assert 0.7 < planned.force_N[1, 0] / stated < 1.9
+    assert 0.7 < planned.force_N[1, 0] / found < 1.9
+    assert planned.sd_force_error_N[1] < 0.3 * planned.force_error_N[1]
+    typical = np.median(
+        [rms(m.force_N[s.touching, 0] - s.force_N[s.touching, 0]) for m, s in zip(motions, shots, strict=True)]
+    )
+    assert 0.7 < planned.typical_force_error_N[1] / typical < 1.5
+
+
+def test_the_two_parts_of_a_stated_standard_deviation_are_its_squares() -> None:
+    found = rehearse(2 * pose_covariance(1.5e-6), PULSED, CONTACT, recordings=3)
+    for total, parts in (
+        (found.velocity_m_s, found.velocity_parts_m_s),
+        (found.force_N, found.force_parts_N),
+        (found.spin_rad_s, found.spin_parts_rad_s),
+    ):
+        np.testing.assert_allclose(np.hypot(parts.random, parts.common), total, rtol=1e-9)
+    # A steady error of 0.0002 px per frame on a map: 0.1 mm and 50,000 frames per second make 0.001 m/s of this.
+    np.testing.assert_allclose(found.velocity_parts_m_s.common, 0.001, rtol=1e-3)
+    # In contact the error of the steps changes to another of that size, in 14 frames over the root of 2.
+    change = 0.0002 * math.sqrt(2) / LENGTH * M_PER_PX * RATE**2 * MASS_KG
+    assert found.force_parts_N.common[1, 0] == pytest.approx(change, rel=0.1)
+
+
+def test_errors_on_a_map_are_independent_and_those_of_pairs_add_up_with_the_correlations_of_a_step() -> None:
+    covariance, n, lag = 2 * pose_covariance(1.5e-6), 40_000, 50
+    on_map = _errors(n, covariance, None, np.random.default_rng(3))
+    pairs = _errors(n, covariance, np.zeros(5), np.random.default_rng(3))
+    unit = np.sqrt(np.diagonal(covariance))
+    for errors, later in ((on_map, 1.0), (pairs, 1.0 + 0.08 * lag)):
+        passed = (errors[lag::lag] - errors[:-lag:lag]) / unit
+        found = passed.T @ passed / len(passed)
+        # 800 independent differences give a variance to 5 %: three times that.
+        np.testing.assert_allclose(np.diagonal(found), later, rtol=0.15)
+        assert found[0, 3] / found[0, 0] == pytest.approx(0.95, abs=0.03)
+    step = np.diff(on_map, axis=0) / unit
+    np.testing.assert_allclose((step**2).mean(0), 1.0, rtol=0.05)
+    np.testing.assert_allclose((step[1:] * step[:-1]).mean(0), -0.5, atol=0.03)
+
+
+def test_errors_that_add_up_make_the_velocity_and_the_force_less_precise() -> None:
+    both = [rehearse(2 * pose_covariance(1.5e-6), replace(PULSED, on_map=on_map), CONTACT) for on_map in (True, False)]
+
+    def numbers(found: Rehearsal) -> np.ndarray:
+        return np.array([found.velocity_m_s[0, 0], found.force_error_N[1], found.force_parts_N.common[1, 0]])
+
+    assert (numbers(both[1]) > 1.1 * numbers(both[0])).all()
+
+
+@pytest.mark.parametrize("variance", [0.0, -1.0, np.nan])
+def test_a_covariance_without_noise_is_refused(variance: float) -> None:
+    covariance = np.diag([1e-6, 1e-6, 1e-9, 1e-9, variance])
+    with pytest.raises(ValueError, match=r"expected (finite, positive variances|1e-06 px or more)"):
+        rehearse(covariance, PULSED, CONTACT)
+
+
+def test_one_recording_has_an_error_without_a_standard_deviation() -> None:
+    found = rehearse(2 * pose_covariance(1.5e-6), PULSED, CONTACT, recordings=1)
+    assert found.recordings == 1
+    assert np.isnan(found.sd_force_error_N).all()
+    assert np.isfinite(found.force_error_N).all()

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchsphere.cli.console import progress_bar, say
+from torchsphere.cli.exit_codes import UsageError, usage
 from torchsphere.cli.options import add_command, add_out, add_quiet, add_settings, given_settings
 from torchsphere.planning.plan_request import PLAN_SETTINGS, PlanRequest, Vector
 
@@ -49,7 +51,8 @@ def run(options: dict[str, Any]) -> int:
     out, overwrite, quiet = options["out"], options["overwrite"], options["quiet"]
     atomic_output.recover(out)
     atomic_output.check_folder(out, overwrite)
-    request = PlanRequest(**given_settings(options, PLAN_SETTINGS))
+    with usage():
+        request = PlanRequest(**given_settings(options, PLAN_SETTINGS))
     made = _from_images(request, quiet) if request.flight is None else _from_flight(request, request.flight, quiet)
     with atomic_output.atomic_folder(out, overwrite) as folder:
         writer.write_summary(folder, presentation.as_table(made))
@@ -98,7 +101,15 @@ def _setup(request: PlanRequest) -> Setup:
         diameter_mm=request.diameter_mm,
         mass_g=request.mass_g,
         noise=request.noise,
+        on_map=_on_map(request),
     )
+
+
+def _on_map(request: PlanRequest) -> bool:
+    """Whether the test will be tracked on a map of the ball, as 'track' does by default."""
+    from torchsphere.settings.choices import MAPS
+
+    return MAPS[request.map] is not False
 
 
 def _examples(request: PlanRequest, setup: Setup) -> ExampleSource:
@@ -131,20 +142,28 @@ def _target(request: PlanRequest, setup: Setup) -> Target:
 
 
 def _from_flight(request: PlanRequest, path: Path, quiet: bool) -> Plan:
-    from torchsphere.planning import free_flight, plan
+    from torchsphere.planning import free_flight
 
     if (path / "summary.json").is_file():
         if request.circle:
-            raise ValueError(f"--circle: {path} has been tracked already, with its own; leave the option out")
+            raise UsageError(f"--circle: {path} has been tracked already, with its own; leave the option out")
         given = (request.fps, request.diameter_mm, request.mass_g, _shutter_s(request))
         flight = free_flight.from_result(path, free_flight.Calibration(*given))
-        return plan.from_flight(flight, _target(request, flight.setup), request.width)
+        return _plan_of(flight, request, request.width)
     if len(request.circle) > 1:
-        raise ValueError(
+        raise UsageError(
             f"{len(request.circle)} --circle were given for one recording; leave all but the first frame's out"
         )
     flight, width = _tracked(request, path, request.circle[0] if request.circle else None, quiet)
-    return plan.from_flight(flight, _target(request, flight.setup), request.width or width)
+    return _plan_of(flight, request, request.width or width)
+
+
+def _plan_of(flight: Flight, request: PlanRequest, width: int | None) -> Plan:
+    """The plan from a flight, with the impact measured as the request says."""
+    from torchsphere.planning import plan
+
+    flight = dataclasses.replace(flight, setup=dataclasses.replace(flight.setup, on_map=_on_map(request)))
+    return plan.from_flight(flight, _target(request, flight.setup), width)
 
 
 def _shutter_s(request: PlanRequest) -> float | None:

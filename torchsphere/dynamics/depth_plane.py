@@ -31,7 +31,7 @@ def in_depth_plane(track: Track) -> Track:
         return track
     camera = Camera(**track.settings["camera"])
     magnification = track.radius / track.circle.radius
-    position = _in_plane(track.position, magnification, camera)
+    position = plane_position(track.position, magnification, camera)
     scale = _local_scale(track.position, magnification, camera)[1:]
     increment, covariance = track.increment.copy(), track.covariance.copy()
     measured = np.isfinite(increment[:, :1])
@@ -43,7 +43,7 @@ def in_depth_plane(track: Track) -> Track:
     return dataclasses.replace(track, position=position, increment=increment, covariance=covariance)
 
 
-def _in_plane(position: Array, magnification: Array, camera: Camera) -> Array:
+def plane_position(position: Array, magnification: Array, camera: Camera) -> Array:
     """Projected centres (n, 2), px, without distortion and at the first ``magnification`` (n,)."""
     view = view_of(camera, torch.from_numpy(position), torch.zeros(1, dtype=torch.float64))
     focal = view.focal[:, None]
@@ -52,11 +52,11 @@ def _in_plane(position: Array, magnification: Array, camera: Camera) -> Array:
 
 
 def _local_scale(position: Array, magnification: Array, camera: Camera) -> Array:
-    """Derivative (n, 2, 2) of `_in_plane` with respect to the position."""
+    """Derivative (n, 2, 2) of `plane_position` with respect to the position."""
     columns = []
     for axis in np.eye(2):
         right, left = (
-            _in_plane(position + sign * axis, magnification, camera) for sign in (DIFFERENCE_PX, -DIFFERENCE_PX)
+            plane_position(position + sign * axis, magnification, camera) for sign in (DIFFERENCE_PX, -DIFFERENCE_PX)
         )
         columns.append((right - left) / (2 * DIFFERENCE_PX))
     return np.stack(columns, -1)

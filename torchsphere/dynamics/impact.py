@@ -10,14 +10,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.dynamics.ball import Ball
+from torchsphere.dynamics.ball import Ball, DrawnBall, drawn_ball
+from torchsphere.dynamics.ball_of_motion import ball_of_motion
+from torchsphere.dynamics.budget import OF_CONTACT, budget
+from torchsphere.dynamics.draws import Draws
+from torchsphere.dynamics.energy_balance import energy_balance
+from torchsphere.dynamics.friction import friction
 from torchsphere.dynamics.impact_estimate import Estimate, Impact
-from torchsphere.dynamics.kinematics import Draws, Kinematics
+from torchsphere.dynamics.kinematics import Kinematics
+from torchsphere.dynamics.peak_force import peak_force, peak_frame
 from torchsphere.dynamics.rebound import (
     Rebound,
     direction,
@@ -31,13 +38,11 @@ from torchsphere.dynamics.rebound import (
     surface_angle,
     tangential,
 )
+from torchsphere.estimation.spread import sd_of_errors
 from torchsphere.settings.limits import as_float
 
 Array = NDArray[np.float64]
 Quantity = Callable[[Rebound], Array]
-
-#: Share of a normal distribution within a standard deviation.
-ONE_SD = 0.6827
 
 #: Least duration of a contact whose force is resolved, frames (docs/constants.md).
 MIN_RESOLVED_FRAMES = 2.5
@@ -56,10 +61,17 @@ _ACCELERATED = (
 _DRIVEN_ON = (
     "In the contact that was found the ball is driven on the way it flies, not thrown back: no target at rest does so."
 )
+_STRUCK_FROM_BEHIND = (
+    "The ball was struck from behind, as by a target that moves after an earlier impact, so there is no restitution."
+)
 _IN_PLACE = "The ball stays in its place, so no contact was sought."
 _NO_CHANGE = (
     "The velocity after the contact that was found is that before it: this is no impact, but perhaps a few wrong or "
     "missing frames."
+)
+_LOADED = (
+    "The motion was loaded from a result folder, which keeps no drawn motions: take the impacts that were loaded with "
+    "it, or torchsphere.kinematics of the loaded track."
 )
 _NORMAL_AWAY = (
     "The target's normal was given as {:g} deg, which is the way that the ball flies; "
@@ -67,7 +79,7 @@ _NORMAL_AWAY = (
 )
 _NO_NORMAL = (
     "The target's normal was not given. The direction of the change of velocity is taken for it, so no tangential "
-    "change is stated."
+    "change and no coefficient of friction are stated."
 )
 _NO_BALL = "The ball's mass and diameter were not given, so there are no forces and energies."
 _NO_SPIN = "The spin was not measured, so neither its energy nor the energy given to the target is known."
@@ -105,7 +117,14 @@ _DIRECTIONS: dict[str, Quantity] = {
 
 
 def impact(
-    motion: Kinematics | None, ball: Ball | None = None, *, normal_deg: float | None = None
+    motion: Kinematics | None,
+    ball: Ball | None = None,
+    *,
+    normal_deg: float | None = None,
+    shell_m: float | None = None,
+    inertia_kg_m2: float | None = None,
+    log: bool = True,
+    **options: float | None,
 ) -> tuple[Impact | None, str]:
     """The strongest impact of a recording, or None and the reason in one sentence; `impacts` gives all.
 
@@ -114,39 +133,70 @@ def impact(
     motion : Kinematics or None
         None if frame rate or scale are not known: then no impact can be stated.
     ball : Ball, optional
-        Without it there are no forces, impulses and energies.
+        By default a solid ball of the motion's mass and diameter. Where the motion has no mass, there are no forces,
+        impulses and energies. A ball whose mass or diameter is another than the motion's is a warning.
     normal_deg : float, optional
         Direction of the target's normal, from target to ball, as an angle from the x axis towards the y axis of the
         results' frame. By default the direction of the change of velocity is taken.
+    shell_m, inertia_kg_m2 : float, optional
+        As for `torchsphere.ball`, where the ball is that of the motion.
+    log : bool
+        Hand each of `Impact.warnings` to the logger ``torchsphere``, too, at the level WARNING.
+    **options : float
+        ``shell_mm``, the name of the command line for `shell_m`.
 
     Raises
     ------
     ValueError
-        If the normal is not finite, or the motion is no `Kinematics`.
+        If the normal is not finite, the motion is no `Kinematics`, or a shell or an inertia fits no ball.
     """
+    ball, notes = ball_of_motion(motion, ball, shell_m, inertia_kg_m2, options, log=log)
     found, reason = _of_strongest_contact(motion, ball, normal_deg)
     if motion is None or len(motion.contacts) < 2:
-        return found, reason
+        return found and replace(found, warnings=notes, motion=motion), reason
     # Another contact may be an impact where the one with the largest acceleration is none.
-    every = impacts(motion, ball, normal_deg=normal_deg)
+    every = _of_all_contacts(motion, ball, normal_deg)
     if not every:
         return None, reason
     found = found or max(every, key=lambda one: float(norm(one.velocity_after.value - one.velocity_before.value)))
-    return replace(found, count=len(every)), ""
+    return replace(found, count=len(every), warnings=notes, motion=motion), ""
 
 
-def impacts(motion: Kinematics | None, ball: Ball | None = None, *, normal_deg: float | None = None) -> list[Impact]:
-    """All impacts of a recording in the order of their times; arguments and errors as `impact`."""
+def impacts(
+    motion: Kinematics | None,
+    ball: Ball | None = None,
+    *,
+    normal_deg: float | None = None,
+    shell_m: float | None = None,
+    inertia_kg_m2: float | None = None,
+    log: bool = True,
+    **options: float | None,
+) -> list[Impact]:
+    """All impacts of a recording in the order of their times; arguments and errors as `impact`.
+
+    After the first one, a target that moves may strike the ball from behind: such an impact has no restitution.
+    """
+    ball, notes = ball_of_motion(motion, ball, shell_m, inertia_kg_m2, options, log=log)
     if motion is None or not getattr(motion, "contacts", ()):
         found, _ = _of_strongest_contact(motion, ball, normal_deg)
-        return [found] if found is not None else []
-    each = [_of_strongest_contact(replace(motion, **vars(contact)), ball, normal_deg)[0] for contact in motion.contacts]
-    found_all = [found for found in each if found is not None]
+        found_all = [found] if found is not None else []
+    else:
+        found_all = _of_all_contacts(motion, ball, normal_deg)
+    return [replace(found, warnings=notes, motion=motion) for found in found_all]
+
+
+def _of_all_contacts(motion: Kinematics, ball: Ball | None, normal_deg: float | None) -> list[Impact]:
+    """The impacts among the contacts, in the order of their times."""
+    found_all: list[Impact] = []
+    for contact in motion.contacts:
+        one = replace(motion, **vars(contact))
+        found, _ = _of_strongest_contact(one, ball, normal_deg, may_drive_on=bool(found_all))
+        found_all += [] if found is None else [found]
     return [replace(found, count=len(found_all)) for found in found_all]
 
 
 def _of_strongest_contact(
-    motion: Kinematics | None, ball: Ball | None, normal_deg: float | None
+    motion: Kinematics | None, ball: Ball | None, normal_deg: float | None, *, may_drive_on: bool = False
 ) -> tuple[Impact | None, str]:
     """Impact at the strongest contact, or None and the reason."""
     if normal_deg is not None and not math.isfinite(as_float(normal_deg)):
@@ -162,6 +212,8 @@ def _of_strongest_contact(
         return None, f"The method {motion.about['method']!r} finds no contact; use the smoother."
     if motion.about.get("in_place"):
         return None, _IN_PLACE
+    if motion.about.get("loaded"):
+        return None, _LOADED
     if motion.contact_s is None or motion.sd_contact_s is None or motion.draws is None:
         return None, _ACCELERATED if is_accelerated(motion) else _NO_CONTACT
     draws = motion.draws
@@ -169,38 +221,73 @@ def _of_strongest_contact(
     if isinstance(frames, str):
         return None, frames
     smoothed = rebound(motion.velocity_m_s[frames], motion.spin_rad_s[frames], motion.contact_s, normal_deg)
-    if float((smoothed.velocity_before * smoothed.normal).sum()) >= 0:
+    is_driven_on = float((smoothed.velocity_before * smoothed.normal).sum()) >= 0
+    change = smoothed.velocity_after - smoothed.velocity_before
+    if is_driven_on and not (may_drive_on and float((change * smoothed.normal).sum()) > 0):
         return None, _DRIVEN_ON if normal_deg is None else _NORMAL_AWAY.format(normal_deg)
     if not is_velocity_changed(draws, frames):
         return None, _NO_CHANGE
     drawn_frames = [frame - draws.span.start for frame in frames]
-    drawn = rebound(draws.velocity_m_s[:, drawn_frames], draws.spin_rad_s[:, drawn_frames], draws.contact_s, normal_deg)
-    estimates = _estimates(smoothed, drawn, ball, has_normal=normal_deg is not None)
+    estimates = _estimates(smoothed, draws.at(drawn_frames), ball, normal_deg)
+    direction_of_force = None
     if ball is not None:
-        estimates["peak_force"], estimates["peak_time"] = _peak_force(motion, draws, ball.mass_kg)
+        frame, direction_of_force = peak_frame(motion, draws)
+        estimates["peak_force"], estimates["peak_time"] = peak_force(motion, draws, ball, (frame, direction_of_force))
+        drawn, its_ball = _drawn(draws.at(drawn_frames), ball, normal_deg)
+        balls = its_ball or ball
+        estimates["energy_balance"] = energy_balance(smoothed, drawn, ball, balls)
+        if normal_deg is not None:
+            estimates["friction"] = friction(smoothed, drawn, ball.radius_m, balls.radius_m)
+        drawn_frames.append(frame)
+    results = partial(_drawn_results, ball=ball, normal_deg=normal_deg, direction_of_force=direction_of_force)
+    shares = budget(results, draws, drawn_frames)
     missing = _missing(smoothed, ball, has_normal=normal_deg is not None)
-    return _without_unresolved_force(Impact(**estimates, ball=ball, missing=missing), motion), ""
+    found = Impact(**estimates, ball=ball, missing=missing, budget=shares)
+    return _without_unresolved_force(_without_restitution(found) if is_driven_on else found, motion), ""
 
 
-def _estimates(smoothed: Rebound, drawn: Rebound, ball: Ball | None, *, has_normal: bool) -> dict[str, Any]:
-    """Quantities that follow from the motion before and after, by their names in `Impact`."""
+def _drawn_results(
+    part: Draws, ball: Ball | None, normal_deg: float | None, direction_of_force: Array | None
+) -> dict[str, Array]:
+    """Results (s,) or (s, k) of drawn motions in the frames before and after the contact and that of the peak force."""
+    drawn, its_ball = _drawn(part, ball, normal_deg)
+    quantities = _quantities(its_ball, has_normal=normal_deg is not None)
+    results = {name: quantity(drawn) for name, (quantity, _) in quantities.items()}
+    if its_ball is not None and direction_of_force is not None:
+        results["peak_force"] = its_ball.mass_kg * (part.acceleration_m_s2[:, 2] @ direction_of_force)
+    return results
+
+
+def _drawn(part: Draws, ball: Ball | None, normal_deg: float | None) -> tuple[Rebound, DrawnBall | None]:
+    """Motions of which the first frame is before the contact and the second after it, and the ball of each."""
+    drawn = rebound(part.velocity_m_s[:, :2], part.spin_rad_s[:, :2], part.contact_s, normal_deg)
+    return drawn, None if ball is None else drawn_ball(ball, part.inputs.mass, part.inputs.length)
+
+
+def _quantities(ball: Ball | DrawnBall | None, *, has_normal: bool) -> dict[str, tuple[Quantity, str]]:
+    """Quantities that follow from the motion before and after, with their units, by their names in `Impact`."""
     quantities = _QUANTITIES | ({} if ball is None else _ball_quantities(ball))
-    if not has_normal:
-        quantities = {name: quantity for name, quantity in quantities.items() if name not in _NEED_NORMAL}
+    return {name: quantity for name, quantity in quantities.items() if has_normal or name not in _NEED_NORMAL}
 
-    def estimate(quantity: Quantity, unit: str, *, is_direction: bool = False) -> Estimate:
+
+def _estimates(smoothed: Rebound, part: Draws, ball: Ball | None, normal_deg: float | None) -> dict[str, Any]:
+    """Estimates of `_quantities` and directions; ``part`` has the frames before and after the contact."""
+    drawn, its_ball = _drawn(part, ball, normal_deg)
+    of_drawn = _quantities(its_ball, has_normal=normal_deg is not None)
+
+    def estimate(quantity: Quantity, unit: str, drawn_values: Array, *, is_direction: bool = False) -> Estimate:
         value = np.asarray(quantity(smoothed))
-        error = quantity(drawn) - value
+        error = drawn_values - value
         if is_direction:
             error = (error + 180) % 360 - 180
-        # A quantile, since a few motions with a softer contact would dominate a root mean square.
-        return Estimate(value, np.asarray(np.quantile(np.abs(error), ONE_SD, axis=0)), unit)
+        return Estimate(value, sd_of_errors(error), unit)
 
-    estimates = {name: estimate(quantity, unit) for name, (quantity, unit) in quantities.items()}
-    return estimates | {name: estimate(quantity, "deg", is_direction=True) for name, quantity in _DIRECTIONS.items()}
+    quantities = _quantities(ball, has_normal=normal_deg is not None)
+    estimates = {name: estimate(of, unit, of_drawn[name][0](drawn)) for name, (of, unit) in quantities.items()}
+    return estimates | {name: estimate(of, "deg", of(drawn), is_direction=True) for name, of in _DIRECTIONS.items()}
 
 
-def _ball_quantities(ball: Ball) -> dict[str, tuple[Quantity, str]]:
+def _ball_quantities(ball: Ball | DrawnBall) -> dict[str, tuple[Quantity, str]]:
     """Quantities that need the ball's mass or radius."""
     mass, radius, inertia = ball.mass_kg, ball.radius_m, ball.inertia_kg_m2
 
@@ -211,7 +298,7 @@ def _ball_quantities(ball: Ball) -> dict[str, tuple[Quantity, str]]:
         return np.asarray(0.5 * inertia * (spin**2).sum(-1))
 
     def impulse(r: Rebound) -> Array:
-        return mass * norm(r.velocity_after - r.velocity_before)
+        return np.asarray(mass * norm(r.velocity_after - r.velocity_before))
 
     def tangential_restitution(r: Rebound) -> Array:
         before = slip(r.velocity_before, r.spin_before, r.normal, radius)
@@ -222,7 +309,7 @@ def _ball_quantities(ball: Ball) -> dict[str, tuple[Quantity, str]]:
         return before - energy(r.velocity_after) - spin_energy(r.spin_after)
 
     return {
-        "impulse": (lambda r: mass * (r.velocity_after - r.velocity_before), "N s"),
+        "impulse": (lambda r: np.asarray(mass)[..., None] * (r.velocity_after - r.velocity_before), "N s"),
         "impulse_size": (impulse, "N s"),
         "mean_force": (lambda r: impulse(r) / r.duration_s, "N"),
         "energy_before": (lambda r: energy(r.velocity_before), "J"),
@@ -243,47 +330,6 @@ def _missing(smoothed: Rebound, ball: Ball | None, *, has_normal: bool) -> tuple
     elif not has_spin:
         sentences.append(_NO_SPIN)
     return tuple(sentences)
-
-
-def _peak_force(motion: Kinematics, draws: Draws, mass: float) -> tuple[Estimate, Estimate]:
-    """Largest force and its time, between the frames by a parabola through three frames.
-
-    To first order the error of the largest force is that of its frame. The largest forces of the drawn motions are no
-    measure of this error, because noise raises every maximum.
-    """
-    assert motion.contact_s is not None
-    start, end = motion.contact_s
-    time_s, acceleration = motion.time_s[draws.span], motion.acceleration_m_s2[draws.span]
-    force = mass * np.where(np.isfinite(acceleration).all(1), norm(acceleration), -np.inf)
-    outside = (time_s < start) | (time_s > end)
-    frame = int((force if outside.all() else np.where(outside, -np.inf, force)).argmax())
-    direction = acceleration[frame] / norm(acceleration[frame])
-    drawn = mass * draws.acceleration_m_s2 @ direction
-    peak, peak_time = float(force[frame]), float(time_s[frame])
-    if 0 < frame < len(force) - 1 and np.isfinite(force[[frame - 1, frame + 1]]).all():
-        three = slice(frame - 1, frame + 2)
-        vertex_time, vertex = _vertex(time_s[three], force[three])
-        peak, peak_time = max(peak, float(vertex)), float(vertex_time)
-    # The parabola again, because all drawn motions may have their largest force in the same frame.
-    drawn_frames = np.where(outside, -np.inf, drawn).argmax(1).clip(1, len(force) - 2)
-    threes = drawn_frames[:, None] + np.arange(-1, 2)
-    drawn_times, _ = _vertex(time_s[threes], np.take_along_axis(drawn, threes, 1))
-    sd, sd_time = float(np.std(drawn[:, frame])), float(np.nanstd(drawn_times))
-    times = Estimate(np.asarray(peak_time), np.asarray(sd_time), "s")
-    return Estimate(np.asarray(peak), np.asarray(sd), "N"), times
-
-
-def _vertex(time: Array, value: Array) -> tuple[Array, Array]:
-    """Time and value of the vertex of parabolas through three points (..., 3), or of the highest point if outside."""
-    slopes = np.diff(value) / np.diff(time)
-    curvature = (slopes[..., 1] - slopes[..., 0]) / (time[..., 2] - time[..., 0])
-    highest = value.argmax(-1)[..., None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        vertex = 0.5 * (time[..., 0] + time[..., 1]) - 0.5 * slopes[..., 0] / curvature
-    is_inside = (curvature < 0) & (vertex > time[..., 0]) & (vertex < time[..., 2])
-    found = np.where(is_inside, vertex, np.take_along_axis(time, highest, -1)[..., 0])
-    passed = found - time[..., 0]
-    return found, value[..., 0] + slopes[..., 0] * passed + curvature * passed * (found - time[..., 1])
 
 
 def contact_frames(impact: Impact, time_s: Array) -> float:
@@ -328,6 +374,19 @@ def _without_unresolved_force(impact: Impact, motion: Kinematics) -> Impact:
         peak_force=_unknown(impact.peak_force),
         mean_force=_unknown(impact.mean_force),
         peak_time=impact.peak_time and _widened(impact.peak_time, sd_edge),
+        budget={name: shares for name, shares in impact.budget.items() if name not in OF_CONTACT},
+    )
+
+
+def _without_restitution(impact: Impact) -> Impact:
+    """The impact of a target that strikes the ball from behind: it throws nothing back."""
+    names = ("restitution_normal", "restitution_tangential")
+    return replace(
+        impact,
+        restitution_normal=replace(impact.restitution_normal, value=np.asarray(np.nan), sd=np.asarray(np.nan)),
+        restitution_tangential=_unknown(impact.restitution_tangential),
+        budget={name: shares for name, shares in impact.budget.items() if name not in names},
+        missing=(*impact.missing, _STRUCK_FROM_BEHIND),
     )
 
 

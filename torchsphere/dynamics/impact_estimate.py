@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any
 
 from torchsphere.dynamics.ball import Ball
+from torchsphere.dynamics.energy_balance import EnergyBalance
+from torchsphere.dynamics.estimate import Estimate
+from torchsphere.dynamics.friction import Friction
+from torchsphere.dynamics.si_units import Kinematics
+from torchsphere.runtime.presentation import present
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-
-@dataclass(frozen=True)
-class Estimate:
-    """A number or vector, its standard deviation, and its unit."""
-
-    value: Array
-    sd: Array
-    unit: str
-
-    def __str__(self) -> str:
-        values, sds = np.atleast_1d(self.value), np.atleast_1d(self.sd)
-        texts = [f"{value:.5g} ± {sd:.2g}" for value, sd in zip(values.tolist(), sds.tolist(), strict=True)]
-        number = texts[0] if len(texts) == 1 else f"({', '.join(texts)})"
-        return f"{number} {self.unit}" if self.unit != "1" else number
+__all__ = ["Estimate", "Impact"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,10 +50,21 @@ class Impact:
     spin_energy_before, spin_energy_after : Estimate or None
     energy_given : Estimate or None
         Energy given to the target and lost: the difference of translation and spin together.
+    energy_balance : EnergyBalance or None
+        Translation, spin and total: before, after, lost, and share of the energy before.
+    friction : Friction or None
+        Ratio of tangential to normal impulse, and whether it is a lower bound.
     ball : Ball or None
     missing : tuple of str
     count : int
         Impacts of the recording.
+    budget : mapping
+        Name of a quantity -> source -> share of the quantity's variance. The shares of a quantity add up to 1; see
+        `budget`.
+    warnings : tuple of str
+        Sentences on contradictions between the ball and the motion.
+    motion : Kinematics or None
+        The motion that had the impact.
     """
 
     contact_start: Estimate
@@ -94,9 +96,14 @@ class Impact:
     spin_energy_before: Estimate | None = None
     spin_energy_after: Estimate | None = None
     energy_given: Estimate | None = None
+    energy_balance: EnergyBalance | None = None
+    friction: Friction | None = None
     ball: Ball | None = None
     missing: tuple[str, ...] = ()
     count: int = 1
+    budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    motion: Kinematics | None = field(default=None, repr=False, compare=False)
 
     def __repr__(self) -> str:
         force = "" if self.peak_force is None else f", largest force {self.peak_force}"
@@ -104,13 +111,28 @@ class Impact:
         among = "" if self.count == 1 else f" (of {self.count})"
         return f"<Impact{among} at {self.contact_start} for {self.duration}: {speeds}{force}>"
 
+    def _repr_html_(self) -> str:
+        return str(present("html", self))
+
+    def plot(self) -> Figure:
+        """Force against penetration, as in the report, as a matplotlib figure.
+
+        Raises
+        ------
+        ValueError
+            If the force is not known.
+        """
+        figure: Figure = present("plot", self, "force_path")
+        return figure
+
     def summary(self) -> dict[str, Any]:
         """Name -> value, sd, unit, for a table; quantities that are None are left out."""
         result: dict[str, Any] = {}
-        for field in fields(self):
-            item = getattr(self, field.name)
-            if isinstance(item, Estimate):
-                result[field.name] = {"value": item.value.tolist(), "sd": item.sd.tolist(), "unit": item.unit}
+        for one in fields(self):
+            item = getattr(self, one.name)
+            if isinstance(item, Estimate | EnergyBalance | Friction):
+                result[one.name] = item.summary()
         if self.ball is not None:
             result["ball"] = vars(self.ball)
-        return result | {"missing": list(self.missing)}
+        budget = {name: dict(shares) for name, shares in self.budget.items()}
+        return result | {"missing": list(self.missing), "budget": budget}

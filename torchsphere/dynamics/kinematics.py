@@ -5,68 +5,91 @@ The source is a smoother (`estimation.rts`) by default, or local polynomials; `s
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.dynamics.depth_plane import in_depth_plane
+from torchsphere.dynamics.draws import Draws
 from torchsphere.dynamics.scale import Scale, distance_error, scale
 from torchsphere.dynamics.shared_errors import SharedErrors
-from torchsphere.dynamics.si_units import Draws, FoundContact, Kinematics, Units, in_si_units
+from torchsphere.dynamics.si_units import FoundContact, Kinematics, in_si_units
+from torchsphere.dynamics.units import Units
 from torchsphere.estimation.measurements import measured_increments, poses
-from torchsphere.estimation.rates import polynomials
+from torchsphere.estimation.rates import Motion, polynomials
 from torchsphere.estimation.sections import smoothed
+from torchsphere.settings.calibration import Calibration, implausible_units, with_option_names
 from torchsphere.settings.choices import METHODS, ORDER, WINDOW
-from torchsphere.settings.limits import FRAME_RATES, as_float, as_positive
+from torchsphere.settings.limits import as_float, as_share
 from torchsphere.tracking.result import Track
 
 __all__ = ["Draws", "FoundContact", "Kinematics", "kinematics", "kinematics_of_many", "mean_motion"]
 
 Array = NDArray[np.float64]
 
+#: Where the warnings of a motion go.
+_LOG = logging.getLogger("torchsphere")
+
 
 def kinematics(
     track: Track,
     *,
-    frame_rate: float,
+    frame_rate: float | None = None,
     diameter_m: float | None = None,
     m_per_px: float | None = None,
     relative_sd_scale: float = 0.0,
     mass_kg: float | None = None,
+    relative_sd_mass: float = 0.0,
+    relative_sd_frame_rate: float = 0.0,
     lab_frame: bool = False,
-    first_frame: int = 0,
+    first_frame: int | None = None,
     times_s: Array | None = None,
     method: str = "smoother",
     window: int = WINDOW,
     order: int = ORDER,
+    log: bool = True,
+    **options: float | None,
 ) -> Kinematics:
     """Motion in SI units.
+
+    What is not given is that of ``track.calibration``: the frame rate of the recording, and what `track` was given.
+    What is given wins, and a contradiction is a warning.
 
     Parameters
     ----------
     track : Track
         Measured motion, px and frames; with a camera it is moved into the plane of the first depth.
-    frame_rate : float
+    frame_rate : float, optional
         Frames per second.
-    diameter_m, m_per_px : float
-        The ball's diameter or the size of a pixel, m; give one of them.
+    diameter_m, m_per_px : float, optional
+        The ball's diameter or the size of a pixel, m; give one of them, here or to `track`.
     relative_sd_scale : float
         Relative standard deviation of that diameter or size.
     mass_kg : float, optional
         The ball's mass, for the force.
+    relative_sd_mass, relative_sd_frame_rate : float
+        Relative standard deviations of mass and frame rate, as 0.01 for 1 %. All frames share these errors.
     lab_frame : bool
         Results in the lab frame (y up, z towards the camera) instead of the camera frame.
-    first_frame : int
-        Number of the track's first image in the recording, if only a part was tracked.
+    first_frame : int, optional
+        Number of the track's first image in the recording, if only a part was tracked; by default as in the track.
     times_s : ndarray, optional
         Times of the track's frames (n,), s, if their intervals differ.
     method : str
         "smoother", "savitzky-golay" or "differences".
     window, order : int
         Frames (odd) and order of the polynomials of Savitzky and Golay.
+    log : bool
+        Hand each of `Kinematics.warnings` that the track does not have to the logger ``torchsphere``, too, at the
+        level WARNING.
+    **options : float
+        The same by the names of the command line: ``fps``, ``diameter_mm``, ``mm_per_px``, ``mass_g``,
+        ``scale_sd_percent``, ``mass_sd_percent``, ``fps_sd_percent``.
 
     Returns
     -------
@@ -75,36 +98,54 @@ def kinematics(
     Raises
     ------
     ValueError
-        If a number is not finite and positive, both or neither of diameter and size of a pixel are given, the times do
-        not rise, or the method is not known.
+        If a number is not finite and positive, a relative standard deviation is not in [0, 1), both or neither of
+        diameter and size of a pixel are given, no frame rate is known, the times do not rise, or the method is not
+        known.
 
     Notes
     -----
     Velocity is increment over frame interval, force is mass times acceleration: sections 2.2 and 5 of the paper.
     """
     _check_track(track)
-    rate, mass_kg = _frame_rate(frame_rate), _mass(mass_kg)
-    pixel = _scale(track, diameter_m, m_per_px, relative_sd_scale)
-    track = in_depth_plane(track)
-    times = _times(track, rate, first_frame, times_s)
+    known = _inputs(
+        track,
+        {
+            "frame_rate": frame_rate,
+            "diameter_m": diameter_m,
+            "m_per_px": m_per_px,
+            "mass_kg": mass_kg,
+            "relative_sd_scale": relative_sd_scale,
+            "relative_sd_mass": relative_sd_mass,
+            "relative_sd_frame_rate": relative_sd_frame_rate,
+        },
+        options,
+    )
+    if first_frame is not None:
+        track = replace(track, first_frame=first_frame)
+    plane = in_depth_plane(track)
+    times = _times(plane, known.frame_rate, track.first_frame, times_s)
     if method not in METHODS:
         raise ValueError(f"method = {method!r}: expected one of {', '.join(METHODS)}")
     if method == "smoother":
-        motion = smoothed([track], [times])[0]
+        motion = smoothed([plane], [times])[0]
     else:
-        motion = polynomials(track, times, method, window, order)
-    return in_si_units(track, motion, times / rate, Units(pixel, rate, lab_frame), mass_kg)
+        motion = polynomials(plane, times, method, window, order)
+    return _result(track, plane, motion, times, known, lab_frame=lab_frame, log=log)
 
 
 def kinematics_of_many(
     tracks: Sequence[Track],
     *,
-    frame_rate: float,
+    frame_rate: float | None = None,
     diameter_m: float | None = None,
     m_per_px: float | None = None,
     relative_sd_scale: float = 0.0,
     mass_kg: float | None = None,
+    relative_sd_mass: float = 0.0,
+    relative_sd_frame_rate: float = 0.0,
     lab_frame: bool = False,
+    log: bool = True,
+    **options: float | None,
 ) -> list[Kinematics]:
     """Smoothed motion of recordings that share frame rate and calibration, all at once; arguments as `kinematics`.
 
@@ -117,15 +158,64 @@ def kinematics_of_many(
         raise ValueError("tracks: expected a sequence of tracks, got one Track; see torchsphere.kinematics")
     for track in tracks:
         _check_track(track)
-    rate, mass_kg = _frame_rate(frame_rate), _mass(mass_kg)
-    scales = [_scale(track, diameter_m, m_per_px, relative_sd_scale) for track in tracks]
-    tracks = [in_depth_plane(track) for track in tracks]
-    times = [_times(track, rate, 0, None) for track in tracks]
-    motions = smoothed(tracks, times) if tracks else []
+    given = {
+        "frame_rate": frame_rate,
+        "diameter_m": diameter_m,
+        "m_per_px": m_per_px,
+        "mass_kg": mass_kg,
+        "relative_sd_scale": relative_sd_scale,
+        "relative_sd_mass": relative_sd_mass,
+        "relative_sd_frame_rate": relative_sd_frame_rate,
+    }
+    if not tracks:
+        return []
+    known = [_inputs(track, given, options) for track in tracks]
+    planes = [in_depth_plane(track) for track in tracks]
+    times = [_times(track, each.frame_rate, track.first_frame, None) for track, each in zip(planes, known, strict=True)]
+    motions = smoothed(planes, times)
     return [
-        in_si_units(track, motion, moments / rate, Units(pixel, rate, lab_frame), mass_kg)
-        for track, motion, moments, pixel in zip(tracks, motions, times, scales, strict=True)
+        _result(track, plane, motion, moments, each, lab_frame=lab_frame, log=log)
+        for track, plane, motion, moments, each in zip(tracks, planes, motions, times, known, strict=True)
     ]
+
+
+@dataclass(frozen=True)
+class _Inputs:
+    """Checked numbers beside the track, and sentences on contradictions and units."""
+
+    calibration: Calibration
+    frame_rate: float
+    scale: Scale
+    sd_mass: float
+    sd_frame_rate: float
+    warnings: tuple[str, ...]
+
+
+def _inputs(track: Track, given: Mapping[str, Any], options: Mapping[str, Any]) -> _Inputs:
+    """What was given, by the names of Python or of the command line, over what the track knows."""
+    unset = {name: 0.0 for name in given if name.startswith("relative_sd_")}
+    values = with_option_names("kinematics", given, options, unset)
+    sd_scale, sd_mass, sd_rate = (values.pop(f"relative_sd_{name}") for name in ("scale", "mass", "frame_rate"))
+    known, notes = track.calibration.overridden(Calibration(**values), "The track")
+    if known.frame_rate is None:
+        raise ValueError("frame_rate = None: the recording does not tell it; give the camera's, frames per second")
+    sd_mass, sd_rate = as_share("relative_sd_mass", sd_mass), as_share("relative_sd_frame_rate", sd_rate)
+    pixel = _scale(track, known.diameter_m, known.m_per_px, sd_scale)
+    units = implausible_units(2 * track.circle.radius * pixel.m_per_px, known.mass_kg)
+    return _Inputs(known, known.frame_rate, pixel, sd_mass, sd_rate, (*notes, *units))
+
+
+def _result(
+    track: Track, plane: Track, motion: Motion, times: Array, known: _Inputs, *, lab_frame: bool, log: bool
+) -> Kinematics:
+    """The motion in SI units; ``plane`` is the track in the plane of the first depth, ``times`` are in frames."""
+    units = Units(known.scale, known.frame_rate, lab_frame, known.sd_frame_rate)
+    found = in_si_units(plane, motion, times / known.frame_rate, units, known.calibration.mass_kg, known.sd_mass)
+    if log:
+        for sentence in known.warnings:
+            if sentence not in track.warnings:
+                _LOG.warning("%s", sentence)
+    return replace(found, track=replace(track, calibration=known.calibration), warnings=known.warnings)
 
 
 def _scale(track: Track, diameter_m: float | None, m_per_px: float | None, relative_sd: float) -> Scale:
@@ -148,9 +238,9 @@ def mean_motion(track: Track, motion: Kinematics | None) -> dict[str, Array]:
     if motion is None:
         return means
     step, sd = _mean_step(in_depth_plane(track), motion.scale)
-    units = Units(motion.scale, motion.frame_rate, motion.lab_frame)
+    units = Units(motion.scale, motion.frame_rate, motion.lab_frame, motion.relative_sd_frame_rate)
     velocity, spin = units.rates(step)
-    sd_velocity, sd_spin = units.sd_rates(sd)
+    sd_velocity, sd_spin = units.sd_rates(step, sd)
     means |= {"velocity_m_s": velocity, "sd_velocity_m_s": sd_velocity}
     return means | {"spin_rad_s": spin, "sd_spin_rad_s": sd_spin}
 
@@ -173,7 +263,7 @@ def _mean_step(track: Track, scale: Scale) -> tuple[Array, Array]:
     edge = np.zeros((1, valid.shape[1]), dtype=bool)
     before, after = np.concatenate((edge, valid)), np.concatenate((valid, edge))
     end_variance = np.where(before != after, variance, 0.0).sum(0)
-    lasting_variance = np.where(valid, measured.drift[0].numpy(), 0.0).sum(0)
+    lasting_variance = np.where(valid, measured.drift_variance[0].numpy(), 0.0).sum(0)
     shared = SharedErrors.of(track, scale)
     own_sd = np.hypot(np.sqrt(end_variance + lasting_variance) / divisor, shared.steady)
     return mean, shared.total_sd(mean[None], own_sd[None])[0]
@@ -183,22 +273,8 @@ def _check_track(track: Any) -> None:
     """Raise ValueError unless it is a track: `track_many` returns errors among its tracks."""
     if not isinstance(track, Track):
         raise ValueError(f"track: expected what torchsphere.track returns, got {type(track).__name__}")
-
-
-def _frame_rate(frame_rate: float | None) -> float:
-    """The frame rate as a number; `Recording.frame_rate` is None if the file does not state it."""
-    if frame_rate is None:
-        raise ValueError("frame_rate = None: the recording does not tell it; give the camera's, frames per second")
-    rate = as_positive("frame_rate", frame_rate)
-    if not FRAME_RATES[0] <= rate <= FRAME_RATES[1]:
-        raise ValueError(
-            f"frame_rate = {frame_rate!r}: expected {FRAME_RATES[0]:g} to {FRAME_RATES[1]:g} frames per second"
-        )
-    return rate
-
-
-def _mass(mass_kg: float | None) -> float | None:
-    return None if mass_kg is None else as_positive("mass_kg", mass_kg)
+    if len(track.status) < 2:
+        raise ValueError("track: one frame shows no motion; expected two frames or more")
 
 
 def _times(track: Track, frame_rate: float, first_frame: int, times_s: Array | None) -> Array:

@@ -79,7 +79,7 @@ def rebound(velocity: Array, spin: Array, contact_s: Array, normal_deg: float | 
     return Rebound(before, after, spin[..., 0, :], spin[..., 1, :], contact_s, normal)
 
 
-def slip(velocity: Array, spin: Array, normal: Array, radius: float) -> Array:
+def slip(velocity: Array, spin: Array, normal: Array, radius: float | Array) -> Array:
     """Tangential velocity (...) of the point of contact, which lies at ``-radius`` times the normal."""
     return tangential(velocity, normal) - radius * spin[..., 2]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from torchsphere.geometry.circle import Circle
-from torchsphere.settings.limits import as_float, as_positive
+from torchsphere.settings.limits import as_positive, as_share
 
 #: From the camera frame (y down, z away from the camera) to the lab frame (y up, z towards the camera).
 LAB_AXES = np.diag([1.0, -1.0, -1.0])
@@ -24,11 +24,14 @@ class Scale:
         Size and its standard deviation, m; the standard deviation is 0 if the scale was given as exact.
     origin : str
         Source of the scale, in words.
+    relative_sd_given : float
+        Relative standard deviation of the diameter or pixel size that was given, a part of ``sd_m_per_px``.
     """
 
     m_per_px: float
     sd_m_per_px: float
     origin: str
+    relative_sd_given: float = 0.0
 
 
 def distance_error(nearness: float, sd_nearness: float) -> float:
@@ -54,9 +57,7 @@ def scale(
     lengths over the outline by `distance_error`. Raises ValueError unless exactly one of both is given, finite and
     positive, and ``relative_sd`` is in [0, 1).
     """
-    relative = as_float(relative_sd)
-    if not 0 <= relative < 1:
-        raise ValueError(f"relative_sd_scale = {relative_sd!r}: expected a share from 0 to below 1")
+    relative = as_share("relative_sd_scale", relative_sd)
     if (diameter_m is None) == (m_per_px is None):
         raise ValueError("scale: give either the ball's diameter or the size of a pixel")
     name, given = ("diameter_m", diameter_m) if m_per_px is None else ("m_per_px", m_per_px)
@@ -71,4 +72,4 @@ def scale(
         origin = f"ball of {1e3 * length:g} mm over an outline of radius {circle.radius:.3f} px"
     if relative:
         sd, origin = math.hypot(sd, size * relative), f"{origin}, itself known to {100 * relative:.2g} %"
-    return Scale(size, sd, origin)
+    return Scale(size, sd, origin, relative)

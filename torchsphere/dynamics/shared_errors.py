@@ -1,8 +1,10 @@
-"""Errors that all frames of a recording share: of the scale, of the circle, and the steady error of the steps."""
+"""Errors that all frames share: of scale, circle, frame rate and mass, and the steady error of the steps."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +24,19 @@ ROTATION_Z_PER_CENTRE = -0.85
 #: Change of the steady error from the start of a flight to its end, as a share of that error (docs/constants.md).
 STEADY_CHANGE = 1.4
 
+#: Sources of the errors that all frames share, by their names in a budget.
+SHARED = ("radius", "scale", "centre", "steady_error", "frame_rate", "mass")
+
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class InputErrors:
+    """Drawn errors (s,) of the numbers that were given with a recording."""
+
+    faster: Array  # factor on the frame rate
+    length: Array  # error of the given diameter or pixel size, in its standard deviations
+    mass: Array  # error of the mass, in its standard deviations
 
 
 @dataclass(frozen=True)
@@ -40,9 +54,13 @@ class SharedErrors:
     centre: Array  # of the followed point from the ball's centre (2,), px; the point turns with the ball about z
     rotation_z: float  # factor of the centre's error: rotation about z per px and per rad of rotation about x and y
     adds_up: bool  # whether positions are sums of steps, so that errors of the steps add up in them
+    given: float = 0.0  # part of ``scale`` by the given diameter or pixel size, relative
+    frame_rate: float = 0.0  # relative
+    length_sds: float = 1.0  # of the drawn errors of the length, in its own: 0 without them
+    mass_sds: float = 1.0  # likewise of the mass
 
     @staticmethod
-    def of(track: Track, scale: Scale) -> SharedErrors:
+    def of(track: Track, scale: Scale, relative_sd_frame_rate: float = 0.0) -> SharedErrors:
         """Shared errors of a track; a circle without an uncertainty adds no error, and the summary says so."""
         sd_radius = float(np.nan_to_num(track.circle.sd_radius))
         sd_centre = np.nan_to_num([track.circle.sd_x, track.circle.sd_y])
@@ -59,6 +77,25 @@ class SharedErrors:
             centre=np.hypot(sd_centre, drift),
             rotation_z=ROTATION_Z_PER_CENTRE / track.circle.radius,
             adds_up=adds_up,
+            given=scale.relative_sd_given,
+            frame_rate=relative_sd_frame_rate,
+        )
+
+    def by_sources(self, sources: Sequence[str]) -> SharedErrors:
+        """The errors of some sources of `SHARED` alone; a scale by the outline belongs to the radius."""
+        has = {source: float(source in sources) for source in SHARED}
+        by_outline = np.sqrt(max(self.scale**2 - self.given**2, 0.0))
+        return replace(
+            self,
+            steady=has["steady_error"] * self.steady,
+            scale=float(np.hypot(has["radius"] * by_outline, has["scale"] * self.given)),
+            step=has["radius"] * self.step,
+            rotation=has["radius"] * self.rotation,
+            centre=has["centre"] * self.centre,
+            given=has["scale"] * self.given,
+            frame_rate=has["frame_rate"] * self.frame_rate,
+            length_sds=has["scale"],
+            mass_sds=has["mass"],
         )
 
     def sd_of_path(self, frames: Array, rate: Array) -> Array:
@@ -117,23 +154,58 @@ class SharedErrors:
 
         ``frames`` (n,) are their times, and ``contact`` (s, 2) start and end of the contact in frames.
         """
-        generator = np.random.default_rng(0)
-        steady = self.steady * generator.normal(size=(2, len(rate), 1, 5))
+        normal = _normals(len(rate))
+        steady = self.steady * normal.steady
         # The steady error depends on the rotation, so that it changes in the contact.
         length = np.maximum(contact[:, 1:] - contact[:, :1], 1e-9)
         passed = np.nan_to_num(np.clip((frames - contact[:, :1]) / length, 0, 1))[..., None]
-        scale, step, rotation = generator.normal(size=(3, len(rate), 1, 1))
-        centre = self.centre * generator.normal(size=(len(rate), 1, 2))
+        centre = self.centre * normal.centre
         across = centre[..., ::-1] * [-1, 1]
 
         def disturbed(values: Array) -> Array:
-            by_radius = self.step * step * np.nan_to_num(values[..., [3, 2]])
+            by_radius = self.step * normal.step * np.nan_to_num(values[..., [3, 2]])
             by_centre = across * np.nan_to_num(values[..., 4:])
-            translation = (values[..., :2] + by_radius + by_centre) * (1 + self.scale * scale)
-            turn = values[..., 2:] * (1 + self.rotation * rotation)
+            translation = (values[..., :2] + by_radius + by_centre) * (1 + self.scale * normal.scale)
+            turn = values[..., 2:] * (1 + self.rotation * normal.rotation)
             turn[..., 2] += self.rotation_z * (centre * np.nan_to_num(values[..., 2:4])).sum(-1)
             return np.concatenate((translation, turn), -1)
 
         change = (steady[1] - steady[0]) / length[..., None] * ((passed > 0) & (passed < 1))
         change[..., :2] -= centre * np.nan_to_num(rate[..., 4:]) ** 2
         return disturbed(rate + steady[0] * (1 - passed) + steady[1] * passed), disturbed(acceleration + change)
+
+    def draw_inputs(self, count: int) -> InputErrors:
+        """Errors of frame rate, length and mass of ``count`` motions, those of `draw`."""
+        normal = _normals(count)
+        # The length has a part of the scale's error: its correlation with the scale is the ratio of both.
+        common = min(self.given / self.scale, 1.0) if self.given > 0 else 0.0
+        length = common * normal.scale[:, 0, 0] + np.sqrt(1 - common**2) * normal.length
+        # The exponential function keeps the rate positive.
+        faster = np.exp(self.frame_rate * normal.frame_rate)
+        return InputErrors(faster, self.length_sds * length, self.mass_sds * normal.mass)
+
+
+@dataclass(frozen=True)
+class _Normals:
+    """Standard normal errors of s motions."""
+
+    steady: Array  # (2, s, 1, 5), before and after the contact
+    scale: Array  # (s, 1, 1)
+    step: Array  # (s, 1, 1)
+    rotation: Array  # (s, 1, 1)
+    centre: Array  # (s, 1, 2)
+    length: Array  # (s,)
+    frame_rate: Array  # (s,)
+    mass: Array  # (s,)
+
+
+def _normals(count: int) -> _Normals:
+    """The same errors for every call with the same ``count``."""
+    generator = np.random.default_rng(0)
+    steady = generator.normal(size=(2, count, 1, 5))
+    scale, step, rotation = generator.normal(size=(3, count, 1, 1))
+    centre = generator.normal(size=(count, 1, 2))
+    # Numbers at even shares of the distribution have its standard deviation and quantiles without sampling error.
+    even = np.array([NormalDist().inv_cdf((k + 0.5) / count) for k in range(count)])
+    length, frame_rate, mass = (generator.permutation(even) for _ in range(3))
+    return _Normals(steady, scale, step, rotation, centre, length, frame_rate, mass)

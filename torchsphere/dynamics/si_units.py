@@ -1,46 +1,33 @@
-"""Conversion of px and frames to SI units, with uncertainty: the only place at which px become m.
+"""Kinematics: a motion of px and frames in SI units, with uncertainty; `units` converts the numbers.
 
-Errors that all frames share (scale, circle, steady errors of the steps) are not part of the rates' standard deviations
-and are added here.
+Errors that all frames share (scale, circle, steady errors of the steps, frame rate, mass) are not part of the rates'
+standard deviations and are added here.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.dynamics.scale import LAB_AXES, Scale
+from torchsphere.dynamics.draws import Draws, drawn_motions
+from torchsphere.dynamics.scale import Scale
 from torchsphere.dynamics.shared_errors import SharedErrors
-from torchsphere.estimation.rates import Motion, MotionContact, MotionSamples
+from torchsphere.dynamics.units import Units
+from torchsphere.estimation.rates import Motion, MotionContact
+from torchsphere.runtime.presentation import present
 from torchsphere.tracking.result import Track
 
+if TYPE_CHECKING:
+    import os
+
+    from matplotlib.figure import Figure
+
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Draws:
-    """Motions (s of them) around a contact, drawn within the errors of data and calibration.
-
-    Attributes
-    ----------
-    velocity_m_s, acceleration_m_s2 : ndarray
-        (s, m, 2).
-    spin_rad_s : ndarray
-        (s, m, 3).
-    contact_s : ndarray
-        Start and end of the contact (s, 2).
-    span : slice
-        The m of the n frames that they cover.
-    """
-
-    velocity_m_s: Array
-    acceleration_m_s2: Array
-    spin_rad_s: Array
-    contact_s: Array
-    span: slice
 
 
 @dataclass(frozen=True)
@@ -86,6 +73,15 @@ class Kinematics:
         All contacts, in the order of their times.
     is_measured : ndarray or None
         (n,), bool, False in frames whose position was not measured.
+    relative_sd_frame_rate, relative_sd_mass : float
+        Relative standard deviations of frame rate and mass. They are part of every ``sd_`` array but those of times:
+        the times of frames and contacts share the clock of the frames. An `Impact` states its times with them.
+    diameter_m : float or None
+        The ball's diameter, as given or by its outline; `torchsphere.impact` takes the ball from here.
+    warnings : tuple of str
+        Sentences on contradictions between what was given and what the track knew, and on units.
+    track : Track or None
+        The track that moved so, with the calibration that was used.
     """
 
     time_s: Array
@@ -111,6 +107,11 @@ class Kinematics:
     about: dict[str, Any]
     contacts: tuple[FoundContact, ...] = ()
     is_measured: NDArray[np.bool_] | None = None
+    relative_sd_frame_rate: float = 0.0
+    relative_sd_mass: float = 0.0
+    diameter_m: float | None = None
+    warnings: tuple[str, ...] = ()
+    track: Track | None = field(default=None, repr=False, compare=False)
 
     def __repr__(self) -> str:
         times = f"{1e3 * self.time_s[0]:.6g} to {1e3 * self.time_s[-1]:.6g} ms"
@@ -122,6 +123,66 @@ class Kinematics:
             contact = f"; contact from {1e3 * self.contact_s[0]:.4f} to {1e3 * self.contact_s[1]:.4f} ms"
         return f"<Kinematics of {len(self.time_s)} frames, {times}: up to {', '.join(parts)}{contact}>"
 
+    def _repr_html_(self) -> str:
+        return str(present("html", self))
+
+    def to_pandas(self) -> Any:
+        """The columns of ``kinematics.csv`` as a `pandas.DataFrame`, a row per frame; ``attrs["units"]`` has the units.
+
+        Raises
+        ------
+        OSError
+            If pandas is not installed.
+        """
+        return present("to_pandas", self)
+
+    def to_xarray(self) -> Any:
+        """The columns of ``kinematics.csv`` as an `xarray.Dataset`, with units in its attributes.
+
+        Raises
+        ------
+        OSError
+            If xarray is not installed.
+        """
+        return present("to_xarray", self)
+
+    def plot(self, kind: str = "motion") -> Figure:
+        """A figure of the report in SI units: "motion", "rotation" or "quality".
+
+        Raises
+        ------
+        ValueError
+            If there is no such figure.
+        """
+        figure: Figure = present("plot", self, kind)
+        return figure
+
+    def save(
+        self,
+        folder: str | os.PathLike[str],
+        *,
+        recording: Any = None,
+        normal_deg: float | None = None,
+        report: bool = True,
+        export: Sequence[str] = (),
+        overwrite: bool = False,
+    ) -> Path:
+        """Write a result folder with track, motion and impacts; arguments and errors as `Track.save`.
+
+        ``normal_deg`` is the target's normal as for `torchsphere.impact`.
+        """
+        place: Path = present(
+            "save",
+            self,
+            folder,
+            recording=recording,
+            normal_deg=normal_deg,
+            report=report,
+            export=export,
+            overwrite=overwrite,
+        )
+        return place
+
 
 def largest(vectors: Array) -> float:
     """Length of the longest of the vectors (n, k); NaN if none is known."""
@@ -129,46 +190,25 @@ def largest(vectors: Array) -> float:
     return float(np.nanmax(lengths)) if np.isfinite(lengths).any() else np.nan
 
 
-@dataclass(frozen=True)
-class Units:
-    """Conversion from px, rad and frames to SI units and the axes of the results."""
-
-    scale: Scale
-    frame_rate: float
-    lab_frame: bool
-
-    @property
-    def axes(self) -> Array:
-        """Signs (3,) of the results' axes in the camera frame."""
-        return np.diag(LAB_AXES) if self.lab_frame else np.ones(3)
-
-    def rates(self, values: Array, order: int = 1) -> tuple[Array, Array]:
-        """Derivatives (..., 5) of an order -> (..., 2) and (..., 3)."""
-        per_time = values * self.frame_rate**order
-        return per_time[..., :2] * self.scale.m_per_px * self.axes[:2], per_time[..., 2:] * self.axes
-
-    def sd_rates(self, sd: Array, order: int = 1) -> tuple[Array, Array]:
-        """Standard deviations (..., 5) of the derivatives of an order -> (..., 2) and (..., 3)."""
-        translation, rotation = self.rates(sd, order)
-        return np.abs(translation), np.abs(rotation)
-
-
-def in_si_units(track: Track, motion: Motion, time_s: Array, units: Units, mass_kg: float | None) -> Kinematics:
+def in_si_units(
+    track: Track, motion: Motion, time_s: Array, units: Units, mass_kg: float | None, relative_sd_mass: float = 0.0
+) -> Kinematics:
     """Motion in SI units with all of its uncertainty."""
-    shared, m_per_px = SharedErrors.of(track, units.scale), units.scale.m_per_px
+    shared, m_per_px = SharedErrors.of(track, units.scale, units.relative_sd_frame_rate), units.scale.m_per_px
     velocity, spin = units.rates(motion.rate)
     acceleration, angular = units.rates(motion.acceleration, 2)
-    sd_velocity, sd_spin = units.sd_rates(shared.total_sd(motion.rate, np.hypot(motion.sd_rate, shared.steady)))
+    total_sd = shared.total_sd(motion.rate, np.hypot(motion.sd_rate, shared.steady))
+    sd_velocity, sd_spin = units.sd_rates(motion.rate, total_sd)
     intervals: list[Array | None] = [contact.interval for contact in motion.contacts]
     frames = time_s * units.frame_rate
     change = np.max([shared.steady_change(frames, interval, motion.rate) for interval in intervals or [None]], axis=0)
     total_sd = shared.total_sd(motion.acceleration, np.hypot(motion.sd_acceleration, change), motion.rate[:, 4])
-    sd_acceleration, sd_angular = units.sd_rates(total_sd, 2)
+    sd_acceleration, sd_angular = units.sd_rates(motion.acceleration, total_sd, 2)
     position = (_interpolated(track.position) + motion.offset) * m_per_px * units.axes[:2]
     sd_circle = np.nan_to_num([track.circle.sd_x, track.circle.sd_y])
-    contacts = tuple(_found(contact, time_s, shared, units) for contact in motion.contacts)
+    contacts = tuple(_found(contact, motion, frames, shared, units) for contact in motion.contacts)
     strongest = next((own for own, c in zip(contacts, motion.contacts, strict=True) if c is motion.strongest), None)
-    sd_path = np.hypot(sd_circle, shared.sd_of_path(time_s * units.frame_rate, motion.rate))
+    sd_path = np.hypot(sd_circle, shared.sd_of_path(frames, motion.rate))
     sd_position = np.hypot(np.hypot(motion.sd_offset, sd_path) * m_per_px, position * shared.scale)
     return Kinematics(
         time_s=time_s,
@@ -181,7 +221,7 @@ def in_si_units(track: Track, motion: Motion, time_s: Array, units: Units, mass_
         sd_position_m=sd_position,
         sd_velocity_m_s=sd_velocity,
         sd_acceleration_m_s2=sd_acceleration,
-        sd_force_N=None if mass_kg is None else mass_kg * sd_acceleration,
+        sd_force_N=None if mass_kg is None else mass_kg * np.hypot(sd_acceleration, relative_sd_mass * acceleration),
         sd_spin_rad_s=sd_spin,
         sd_angular_acceleration_rad_s2=sd_angular,
         scale=units.scale,
@@ -194,21 +234,16 @@ def in_si_units(track: Track, motion: Motion, time_s: Array, units: Units, mass_
         about=_per_second(motion.about, units.frame_rate),
         contacts=contacts,
         is_measured=np.isfinite(track.position[:, 0]),
+        relative_sd_frame_rate=units.relative_sd_frame_rate,
+        relative_sd_mass=relative_sd_mass,
+        diameter_m=2 * track.circle.radius * m_per_px,
     )
 
 
-def _found(contact: MotionContact, time_s: Array, shared: SharedErrors, units: Units) -> FoundContact:
-    """A contact in SI units."""
+def _found(contact: MotionContact, motion: Motion, frames: Array, shared: SharedErrors, units: Units) -> FoundContact:
+    """A contact in SI units; ``frames`` (n,) are the times of the frames."""
     edges, sd = contact.interval / units.frame_rate, contact.sd_interval / units.frame_rate
-    return FoundContact(edges, sd, _draws(contact.samples, time_s, shared, units))
-
-
-def _draws(drawn: MotionSamples, time_s: Array, shared: SharedErrors, units: Units) -> Draws:
-    """Drawn motions in SI units, each with shared errors of its own."""
-    frames = time_s[drawn.span] * units.frame_rate
-    rate, acceleration = shared.draw(drawn.rate, drawn.acceleration, frames, drawn.interval)
-    velocity, spin = units.rates(rate)
-    return Draws(velocity, units.rates(acceleration, 2)[0], spin, drawn.interval / units.frame_rate, drawn.span)
+    return FoundContact(edges, sd, drawn_motions(contact, motion, frames, shared, units))
 
 
 def _interpolated(position: Array) -> Array:

@@ -30,6 +30,9 @@ MIN_CORRELATION = 0.7
 #: Most steps of the search for the delay, and the step at which it has converged, samples.
 MAX_STEPS, CONVERGED = 50, 1e-6
 
+#: Relative precision of a double.
+RESOLUTION = float(np.finfo(np.float64).eps)
+
 _ADVICE = (
     "give the part of both that holds the whole event, and invert one signal (or its direction) if it falls where the "
     "other rises"
@@ -65,7 +68,12 @@ def fit_delay(a: Array, b: Array, start: float) -> DelayFit:
         (gain, offset), *_ = np.linalg.lstsq(columns, b[inside], rcond=None)
         residual = b[inside] - gain * value - offset
         # The slopes of the two signals have independent noise, so that their product is free of its square.
-        curvature = -gain * float(slope @ np.gradient(b[inside]))
+        rise = np.gradient(b[inside])
+        curvature = -gain * float(slope @ rise)
+        # A signal that is flat where both overlap has no delay: the quotient would be of rounding alone.
+        least = RESOLUTION * abs(gain) * float(np.linalg.norm(slope) * np.linalg.norm(rise))
+        if not abs(curvature) > least or not np.ptp(value) > 0 or not np.ptp(b[inside]) > 0:
+            raise ValueError(f"No delay puts one signal over the other; {_ADVICE}")
         step = float(np.clip((slope * gain) @ residual / curvature, -1.0, 1.0))
         delay += step
         if abs(step) < CONVERGED:

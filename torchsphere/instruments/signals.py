@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
@@ -134,7 +134,7 @@ def read_signals(path: str | Path, *, time: str = "time_s", time_unit_s: float =
     if len(table) < MIN_SAMPLES:
         raise ValueError(f"{path}: expected {MIN_SAMPLES} or more rows of numbers below the names, got {len(table)}")
     times = table[:, names.index(time)] * time_unit_s
-    _even_interval(times, str(path))
+    even_interval(times, str(path))
     return Signals(times, {name: column for name, column in zip(names, table.T, strict=True) if name != time})
 
 
@@ -166,8 +166,12 @@ def light_gate(
         raise ValueError(f"spacing_m = {spacing_m!r}: expected a finite, positive length in m")
     if not (math.isfinite(sd_spacing_m) and sd_spacing_m >= 0):
         raise ValueError(f"sd_spacing_m = {sd_spacing_m!r}: expected a finite length in m, 0 or more")
-    interval = _even_interval(time_s, "time_s")
-    first, second = _checked(first, len(time_s), "first"), _checked(second, len(time_s), "second")
+    interval = even_interval(time_s, "time_s")
+    # In units of their heights, of which the delay is independent: squares of any signal remain numbers.
+    first, second = (
+        values / np.ptp(values)
+        for values in (checked(first, len(time_s), "first"), checked(second, len(time_s), "second"))
+    )
     width = smoothing_width(first, second)
     smooth = gaussian_filter1d(first, width), gaussian_filter1d(second, width)
     # From the slopes as well: with barriers that stay dark, or one that is cut, many delays put dark over dark.
@@ -220,29 +224,33 @@ def align(motion: Motion, time_s: Array, sensor_m_s2: Array, *, direction: Array
         If a signal is too short, not finite or constant, the times are not even, the sensor's rate is below the
         camera's, or the sensor does not show what the track does.
     """
-    interval = _even_interval(time_s, "time_s")
-    signal = _checked(sensor_m_s2, len(time_s), "sensor_m_s2")
-    frames, track = _acceleration_along(motion, direction)
+    interval = even_interval(time_s, "time_s")
+    signal = checked(sensor_m_s2, len(time_s), "sensor_m_s2")
+    frames, track = along(motion.time_s, motion.acceleration_m_s2, direction)
+    if float(np.ptp(track)) == 0:
+        raise ValueError("align: the track's acceleration is constant; give a recording of the event")
     frame_s = float(np.median(np.diff(frames)))
     if interval > frame_s:
         raise ValueError(f"align: the sensor's interval of {interval:g} s is longer than the camera's of {frame_s:g} s")
-    # A frame's acceleration is compared with the sensor's mean over a frame, on a grid of the sensor's interval.
-    smooth = gaussian_filter1d(signal, frame_s / interval / math.sqrt(12))
+    # A frame's acceleration is compared with the sensor's mean over a frame, on a grid of the sensor's interval. Both
+    # are in units of their heights, so that squares of any signal remain numbers.
+    height, unit = float(np.ptp(signal)), float(np.ptp(track))
+    smooth = gaussian_filter1d(signal / height, frame_s / interval / math.sqrt(12))
     count = int((frames[-1] - frames[0]) / interval) + 1
-    resampled = CubicSpline(frames, track)(frames[0] + interval * np.arange(count))
+    resampled = CubicSpline(frames, track / unit)(frames[0] + interval * np.arange(count))
     reference = np.pad(resampled, (0, max(len(smooth) - count, 0)), mode="edge")
     padded = np.pad(smooth, (0, max(count - len(smooth), 0)), mode="edge")
     fit = fit_delay(reference, padded, whole_sample_delay(reference, padded))
     delay = fit.delay * interval + float(time_s[0]) - float(frames[0])
-    sensor = CubicSpline(time_s, smooth)(np.clip(frames + delay, time_s[0], time_s[-1])) - fit.offset
+    sensor = height * (CubicSpline(time_s, smooth)(np.clip(frames + delay, time_s[0], time_s[-1])) - fit.offset)
     shared = (frames + delay >= time_s[0]) & (frames + delay <= time_s[-1])
     frames, track, sensor = frames[shared], track[shared], sensor[shared]
     return Alignment(
         delay_s=delay,
         sd_delay_s=fit.sd * interval,
         correlation=fit.correlation,
-        gain=fit.gain,
-        sd_gain=fit.sd_gain,
+        gain=fit.gain * height / unit,
+        sd_gain=fit.sd_gain * height / unit,
         time_s=frames,
         track_m_s2=track,
         sensor_m_s2=sensor,
@@ -254,20 +262,20 @@ def align(motion: Motion, time_s: Array, sensor_m_s2: Array, *, direction: Array
     )
 
 
-def _acceleration_along(motion: Motion, direction: Array) -> tuple[Array, Array]:
-    """Times and acceleration (n,) of the track along a direction, from its first to its last value without gaps."""
+def along(time_s: Array, acceleration: Array, direction: ArrayLike) -> tuple[Array, Array]:
+    """Times and acceleration (n,) along a direction, from the first to the last value of (m, 2) without gaps."""
     axis = np.asarray(direction, dtype=np.float64)
     if axis.shape != (2,) or not np.isfinite(axis).all() or not axis.any():
         raise ValueError(f"direction = {direction!r}: expected two numbers, not both 0")
-    acceleration = motion.acceleration_m_s2 @ (axis / np.linalg.norm(axis))
-    known = np.flatnonzero(np.isfinite(acceleration))
+    values = acceleration @ (axis / np.linalg.norm(axis))
+    known = np.flatnonzero(np.isfinite(values))
     if len(known) < MIN_SAMPLES:
         raise ValueError(f"align: {len(known)} frames have an acceleration, expected {MIN_SAMPLES} or more")
-    times = motion.time_s[known[0] : known[-1] + 1]
-    return times, np.interp(times, motion.time_s[known], acceleration[known])
+    times = time_s[known[0] : known[-1] + 1]
+    return times, np.interp(times, time_s[known], values[known])
 
 
-def _even_interval(times: Array, name: str) -> float:
+def even_interval(times: Array, name: str) -> float:
     """The interval of times (n,); raises unless they rise evenly."""
     steps = np.diff(np.asarray(times, dtype=np.float64))
     if steps.ndim != 1:
@@ -280,7 +288,7 @@ def _even_interval(times: Array, name: str) -> float:
     return float((times[-1] - times[0]) / len(steps))
 
 
-def _checked(signal: Array, count: int, name: str) -> Array:
+def checked(signal: Array, count: int, name: str) -> Array:
     """The signal as an array (count,); raises unless it is finite and not constant."""
     values = np.asarray(signal, dtype=np.float64)
     if values.shape != (count,):

@@ -35,6 +35,9 @@ SUCCESSIVE_CORRELATION = -0.45
 #: Least eigenvalue of the texture's operator, over the mean of the noise's operator.
 MIN_EIGENVALUE = 1e-3
 
+#: Least standard deviation of a step, px, and of a turn times the radius (docs/constants.md).
+MIN_STEP_SD_PX = 1e-6
+
 Array = NDArray[np.float64]
 
 
@@ -51,10 +54,11 @@ class Setup:
     noise: float | None = None  # sd of a pixel from image to image, grey levels, with rounding; None if not known
     direction_deg: float = 0.0  # of the flight in the image, from x (right) towards y (down)
     spin_rev_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # about x, y, z of the camera frame
+    on_map: bool = True  # poses on a map of the ball, the tracker's default; False: steps from pairs, which add up
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if value is None:
+            if value is None or name == "on_map":
                 continue
             may_be_negative = name in ("direction_deg", "spin_rev_s")
             values = np.atleast_1d(value)
@@ -117,7 +121,7 @@ def increment_covariance(examples: Sequence[Example], setup: Setup, *, is_blurre
     """Expected covariance (5, 5) of an increment (dx, dy, wx, wy, wz), px and rad: the mean over the examples.
 
     The examples are rescaled to the test and, unless ``is_blurred``, blurred by its motion. Raises ValueError if the
-    noise is not known, or if the texture does not determine all modes.
+    noise is not known or hardly any, or if the texture does not determine all modes.
 
     With the noise ``n_f - n_g`` of both images, the converged increment is off by ``A^-1 J^T (n_f - n_g)``, with the
     Jacobian ``J`` of the recorded reference and ``A = J^T J`` of the noise-free one (equations 7 to 10 of the paper).
@@ -125,7 +129,22 @@ def increment_covariance(examples: Sequence[Example], setup: Setup, *, is_blurre
     of the gradients blurred once more. The gradients of an example include its noise. The operator of its companion
     removes this part, and the operator of the test's noise is added to ``N``.
     """
-    return np.mean([_covariance(example, setup, is_blurred) for example in examples], axis=0)
+    covariance = np.mean([_covariance(example, setup, is_blurred) for example in examples], axis=0)
+    require_noise(covariance, setup.radius_px, f"{examples[0].origin}, noise of {setup.noise:g} grey levels")
+    return np.asarray(covariance)
+
+
+def require_noise(covariance: Array, radius_px: float, origin: str) -> None:
+    """Raise ValueError unless steps of that covariance (5, 5), px and rad, scatter as those of a camera may."""
+    variances = np.diagonal(covariance)
+    if not (np.isfinite(covariance).all() and (variances >= 0).all()):
+        raise ValueError(f"{origin}: the covariance of a step: expected finite, positive variances, got {variances}")
+    sd = np.sqrt(variances) * [1.0, 1.0, radius_px, radius_px, radius_px]
+    if sd.min() < MIN_STEP_SD_PX:
+        raise ValueError(
+            f"{origin}: a standard deviation of {sd.min():.2g} px from frame to frame, expected {MIN_STEP_SD_PX:g} px "
+            "or more: no camera is so quiet; give images, or a noise, of a real camera"
+        )
 
 
 def _covariance(example: Example, setup: Setup, is_blurred: bool) -> Array:

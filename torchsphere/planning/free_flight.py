@@ -77,8 +77,12 @@ class Flight:
 
 
 def mean_and_sd(values: Array) -> tuple[Array, Array]:
-    """Mean and standard deviation (k,) of values (n, k) without their NaN entries."""
-    return np.nanmean(values, 0), np.nanstd(values, 0, ddof=1)
+    """Mean and standard deviation (k,) of values (n, k) without their NaN entries; NaN of none, and of one alone."""
+    known = np.isfinite(values)
+    count = known.sum(0)
+    mean = np.where(known, values, 0.0).sum(0) / np.where(count > 0, count, np.nan)
+    squares = (np.where(known, values - mean, 0.0) ** 2).sum(0)
+    return mean, np.sqrt(squares / np.where(count > 1, count - 1, np.nan))
 
 
 class Calibration(NamedTuple):
@@ -101,8 +105,8 @@ class Calibration(NamedTuple):
 def from_track(track: Track, origin: str, given: Calibration) -> Flight:
     """The flight of a track.
 
-    Raises ValueError if frame rate, diameter or mass are missing, too few increments were measured, or the ball does
-    not fly freely.
+    Raises ValueError if frame rate, diameter or mass are missing, too few increments were measured, or the ball
+    stands still or does not fly freely.
     """
     _require_rotation(origin, track.settings.get("model"))
     sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))
@@ -171,6 +175,8 @@ def _flight(increment: Array, sd: Array, radius: float, origin: str, known: Cali
     px_per_mm = 2 * radius / diameter_mm
     mean = increment[valid].mean(0)
     spin = mean[2:] * frame_rate / (2 * math.pi)
+    if not mean[:2].any():
+        raise ValueError(f"{origin}: the ball does not move; take a recording of its free flight")
     setup = Setup(
         speed_m_s=float(np.hypot(*mean[:2])) * 1e-3 / px_per_mm * frame_rate,
         direction_deg=math.degrees(math.atan2(mean[1], mean[0])),

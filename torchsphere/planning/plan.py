@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.planning.example_image import Example, blurred, rescaled
-from torchsphere.planning.expected import Differences, Setup, differences, increment_covariance
+from torchsphere.planning.expected import Differences, Setup, differences, increment_covariance, require_noise
 from torchsphere.planning.free_flight import Flight
 from torchsphere.planning.rehearsal import Rehearsal, Target, rehearse
 
@@ -62,10 +62,10 @@ class Assessment:
 
     @property
     def error_N(self) -> float:  # noqa: N802  (N is newton)
-        """Error of the force in contact, the larger of the stated and the true error of the rehearsal."""
+        """Typical true error of the force in contact in the rehearsal; infinite if the mode is of no use."""
         if self.rehearsal is None or self.reason:
             return math.inf
-        return float(max(self.rehearsal.force_N[1, 0], self.rehearsal.force_error_N[1]))
+        return float(self.rehearsal.typical_force_error_N[1])
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,8 @@ def from_images(
 
 
 def from_flight(flight: Flight, target: Target, width_px: int | None = None) -> Plan:
-    """Plan a test from a recording of a free flight by the same set-up."""
+    """Plan a test from a recording of a free flight by the same set-up; raises ValueError if it does not scatter."""
+    require_noise(flight.covariance, flight.setup.radius_px, flight.origin)
     plan = _plan(flight.setup, target, flight.covariance, flight.origin)
     return dataclasses.replace(plan, width_px=width_px, flight=flight)
 

@@ -7,8 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from torchsphere.settings.limits import SettingError, require_finite, require_positive, within
-from torchsphere.settings.setting import NUMBER, PATH, SWITCH, WHOLE, Group, Setting, check_ranges, numbers, settings_of
+from torchsphere.settings.choices import MAPS
+from torchsphere.settings.limits import SettingError, require_finite, require_one_of, require_positive, within
+from torchsphere.settings.setting import (
+    NUMBER,
+    PATH,
+    SWITCH,
+    WHOLE,
+    Group,
+    Setting,
+    check_ranges,
+    choice,
+    numbers,
+    settings_of,
+)
 
 TEST = Group("the test")
 CAMERA = Group("the camera")
@@ -59,6 +71,16 @@ class PlanRequest:
     field_mm: Annotated[float | None, _positive(CAMERA, "W", "width that all modes show, mm (they keep px per mm)")] = (
         None
     )
+    map: Annotated[
+        str,
+        Setting(
+            choice(tuple(MAPS)),
+            CAMERA,
+            "",
+            "as in 'track': the impact is measured on a map of the ball, or (off) by steps from pairs",
+            require_one_of(tuple(MAPS)),
+        ),
+    ] = "auto"
     image: Annotated[
         Sequence[Path], Setting(PATH, LOOK, "FILE", "sharp image; again for other sides", repeats=True)
     ] = ()

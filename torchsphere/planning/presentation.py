@@ -110,7 +110,7 @@ def _precision_remarks(plan: Plan) -> list[str]:
         return ["The contact lasts too many frames for the rehearsal; smooth or film at a lower rate."]
     if not rehearsal.found or rehearsal.contact_frames < MIN_CONTACT_FRAMES:
         return []
-    share = max(rehearsal.force_N[1, 0], rehearsal.force_error_N[1]) / rehearsal.peak_N
+    share = rehearsal.typical_force_error_N[1] / rehearsal.peak_N
     is_good = share <= PAPER_SHARE
     return [
         f"The set-up {'suits' if is_good else 'does not suit'} the test: the force in contact is known to "
@@ -150,7 +150,8 @@ def _flight_lines(flight: Flight) -> list[str]:
     for name, unit, values in (("velocity", "m/s", flight.velocity_m_s), ("force", "kN", 1e-3 * flight.force_N)):
         mean, sd = mean_and_sd(values)
         for k, axis in enumerate("xy"):
-            lines.append(f"{f'{name} {axis} ({unit})':<28} {mean[k]:>10.4g} {sd[k]:>10.3g}   {next(paper)}")
+            measured = f"{mean[k]:>10.4g} {sd[k]:>10.3g}" if np.isfinite(sd[k]) else f"{'not measured':>21}"
+            lines.append(f"{f'{name} {axis} ({unit})':<28} {measured}   {next(paper)}")
     mean, sd = mean_and_sd(flight.spin_rad_s)
     return lines + [f"{f'spin {a} (rad/s)':<28} {mean[k]:>10.4g} {sd[k]:>10.3g}" for k, a in enumerate("xyz")]
 
@@ -173,7 +174,11 @@ def _uncertainty_lines(plan: Plan) -> list[str]:
         for k, (a, b) in reversed([*enumerate(AXES)])
     ]
     if rehearsal is not None:
-        rows.append(("its true error in rehearsal (kN)", np.nan, *(1e-3 * rehearsal.force_error_N)))
+        random, common = rehearsal.force_parts_N.random, rehearsal.force_parts_N.common
+        rows.append(("  part of the single frames", np.nan, *(1e-3 * random[:, 0])))
+        rows.append(("  part common to all frames", np.nan, *(1e-3 * common[:, 0])))
+        rows.append((f"  true error, rms of {rehearsal.recordings}", np.nan, *(1e-3 * rehearsal.force_error_N)))
+        rows.append(("  true error, median", np.nan, *(1e-3 * rehearsal.typical_force_error_N)))
     for name, *values in rows:
         cells = ("" if np.isnan(value) else f"{value:.3g}" for value in values)
         lines.append("{:<32} {:>12} {:>18} {:>10}".format(name, *cells).rstrip())
@@ -229,7 +234,8 @@ def as_table(plan: Plan) -> dict[str, Any]:
 def _rehearsal_table(rehearsal: Rehearsal) -> dict[str, Any]:
     curves = ("time_s", "true_force_N", "force_along_N", "sd_force_along_N")
     numbers = {key: value for key, value in dataclasses.asdict(rehearsal).items() if key not in curves}
-    return {"rows": "flight, contact; columns along and across the flight, spin x, y, z"} | numbers
+    about = "flight, contact; columns along and across the flight, spin x, y, z; the squares of both parts add up"
+    return {"rows": about} | numbers
 
 
 def _mode_table(assessment: Assessment) -> dict[str, Any]:
