@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -148,18 +148,31 @@ def outline_distance(circles: Tensor, angles: Tensor, camera: Camera) -> Tensor:
     sine2 = (1 / distance.clamp_min(1 + 1e-9)).square()
     direction = torch.stack((angles.cos(), angles.sin()), -1)
     reach = circles[:, 2:].expand(-1, len(angles)).clone()
+    # Without distortion the fixed-point steps change nothing, and take four fifths of the time.
+    undistort = undistorted if any(camera.distortion) else _unchanged
     for _ in range(ROUNDS):
-        value, slope = _cone_distance(reach, view, direction, axis, sine2)
+        value, slope = _cone_distance(reach, view, direction, axis, sine2, undistort)
         reach = reach - value / slope
     return reach
 
 
-def _cone_distance(reach: Tensor, view: View, direction: Tensor, axis: Tensor, sine2: Tensor) -> tuple[Tensor, Tensor]:
+def _unchanged(seen: Tensor, _distortion: Tensor) -> Tensor:
+    return seen
+
+
+def _cone_distance(
+    reach: Tensor,
+    view: View,
+    direction: Tensor,
+    axis: Tensor,
+    sine2: Tensor,
+    undistort: Callable[[Tensor, Tensor], Tensor],
+) -> tuple[Tensor, Tensor]:
     """Distance of rays at ``reach`` (n, a), px, from the tangent cone, as a sine, and its derivative."""
 
     def distance(at: Tensor) -> Tensor:
         seen = (view.centre[:, None] + at[..., None] * direction) / view.focal[:, None, None]
-        rays = undistorted(seen, view.distortion[:, None])
+        rays = undistort(seen, view.distortion[:, None])
         # Sine of the angle between ray and axis by the cross product: it stays exact for a far camera.
         offset = rays - axis[:, None, :2]
         along_z = axis[:, None, 0] * offset[..., 1] - axis[:, None, 1] * offset[..., 0]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from torchsphere.runtime.presentation import present
+
 #: Radius below which a circle may be a screw or a lamp, px: speckle of 3 px determines no rotation there.
 SMALL_PX = 10.0
 
@@ -38,6 +40,14 @@ class Circle:
     frame: int = 0
     sd_guessed: bool = False
     others: tuple[tuple[float, float, float], ...] = ()
+
+    def __repr__(self) -> str:
+        sd = "" if math.isnan(self.sd_radius) else f", {self.sd_text}"
+        others = f"; {len(self.others)} others of this size" if self.others else ""
+        return f"<Circle {self.text()} px in frame {self.frame}{sd}{others}>"
+
+    def _repr_html_(self) -> str:
+        return str(present("html", self))
 
     def text(self, decimals: int = 2) -> str:
         """Centre and radius in the form of ``--circle``."""

@@ -26,7 +26,7 @@ UNKNOWN_SD = 0.03
 
 #: Systematic error of a nearness that was measured, and the part of it that looks like a near camera where there is
 #: none (docs/constants.md).
-SYSTEMATIC_SD, APPARENT_SD = 0.002, 0.0005
+SYSTEMATIC_SD, APPARENT_SD = 0.0007, 0.0005
 
 #: Share of the squared residuals that a near camera must explain where the images hardly tell (docs/constants.md).
 MIN_GAIN = 0.005

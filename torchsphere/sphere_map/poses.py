@@ -67,7 +67,10 @@ OPTICS_BLUR_PX, RADIUS_ERROR_PER_BLUR = 0.3, 0.8
 
 #: Systematic error of the radius as a share of it, where the model explains the images down to white noise, and more
 #: where it does not, by the factor in the steps' errors less 1, up to `MAX_EXCESS` (docs/constants.md).
-RADIUS_ERROR_SHARE, RADIUS_ERROR_SHARE_MORE, MAX_EXCESS = 0.0002, 0.001, 1.0
+RADIUS_ERROR_SHARE, RADIUS_ERROR_SHARE_MORE, MAX_EXCESS = 0.00015, 0.001, 1.0
+
+#: Standard deviation of the nearness of the camera per unit of that excess (docs/constants.md).
+SD_NEARNESS_MORE = 0.003
 
 #: Factor in the steps' errors from which the images tell nothing of the camera's distance: what the model lacks may be
 #: a near camera, or look like one (docs/constants.md).
@@ -226,8 +229,10 @@ def _widened(found: MapPoses, factors: Array) -> MapPoses:
         sd_radius=float(np.hypot(circle.sd_radius, by_model)),
     )
     covariance, sd_nearness = found.step_covariance * np.outer(factors, factors), found.sd_nearness
-    if sd_nearness and factors.max() > MAX_FACTOR_OF_NEARNESS:
-        sd_nearness = max(sd_nearness, UNKNOWN_SD)
+    if sd_nearness:
+        sd_nearness = math.hypot(sd_nearness, SD_NEARNESS_MORE * excess)
+        if factors.max() > MAX_FACTOR_OF_NEARNESS:
+            sd_nearness = max(sd_nearness, UNKNOWN_SD)
     return replace(found, step_covariance=covariance, circle=outline, widening=factors, sd_nearness=sd_nearness)
 
 
