@@ -28,7 +28,7 @@ def test_a_cluster_loses_only_the_recordings_that_kill_its_workers(tmp_path: Pat
     source, out = tmp_path / "in", tmp_path / "out"
     write_archive(source, NAMES)
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+        n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=logging.CRITICAL
     ) as cluster:
         killer = kill_holder(source / "a" / "held2.pid")
         engine = functools.partial(dask_engine.run, address=cluster.scheduler_address, measure=measured)
@@ -42,7 +42,11 @@ def test_a_cluster_loses_only_the_recordings_that_kill_its_workers(tmp_path: Pat
 
 def test_a_cluster_of_workers_with_several_threads_is_refused(tmp_path: Path) -> None:
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None, silence_logs=logging.CRITICAL
+        n_workers=1,
+        threads_per_worker=2,
+        processes=False,
+        dashboard_address="127.0.0.1:0",
+        silence_logs=logging.CRITICAL,
     ) as cluster:
         engine = dask_engine.run(iter(()), cluster.scheduler_address, measured)
         with pytest.raises(ValueError, match="start them with --nthreads 1"):

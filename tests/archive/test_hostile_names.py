@@ -1,6 +1,7 @@
 """Recordings that nothing should stop an archive for: names and kinds of file that a program does not expect."""
 
 import csv
+import errno
 import os
 import sys
 from pathlib import Path
@@ -45,6 +46,23 @@ def test_a_recording_whose_name_is_not_utf_8_is_measured_and_shown_with_escapes(
     assert set(table) == {"a.npy", "caf\\xe9.npy"}
     assert (out / table["caf\\xe9.npy"]["result"] / "summary.json").is_file()
     assert done(source, out) == Counts(done=2, measured=0)
+
+
+def test_a_folder_that_cannot_be_looked_into_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = tmp_path / "in"
+    for name in ("a.npy", "closed/b.npy"):
+        write_array(source / name, 1)
+    scandir = os.scandir
+
+    def refuse(path: str) -> object:
+        if Path(path).name == "closed":
+            raise PermissionError(errno.EACCES, "Permission denied", path)
+        return scandir(path)
+
+    monkeypatch.setattr(os, "scandir", refuse)
+    archive = manifest.read(source, {}, tmp_path / "out")
+    assert [item.recording for item in archive.items] == ["a.npy"]
+    assert archive.notes == (f"{source / 'closed'}: cannot be looked into (permission denied).",)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes")

@@ -214,9 +214,9 @@ def test_an_invalid_toml_is_refused(case: str, tmp_path: Path) -> None:
         manifest.read(sheet, {}, tmp_path / "out")
 
 
-@pytest.mark.parametrize("name", ["nowhere", "shot.tif", "empty"])
+@pytest.mark.parametrize("name", ["nowhere", "notes.txt", "empty"])
 def test_sources_other_than_archives_are_refused(name: str, tmp_path: Path) -> None:
-    (tmp_path / "shot.tif").touch()
+    (tmp_path / "notes.txt").touch()
     (tmp_path / "empty").mkdir()
     with pytest.raises((ValueError, OSError), match="expected a folder of recordings, or a manifest"):
         manifest.read(tmp_path / name, {}, tmp_path / "out")

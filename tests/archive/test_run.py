@@ -11,6 +11,7 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 from archive_shots import BAD, calls, pretended, rows, serial, write_array
+from scipy.io import loadmat
 
 from torchsphere.archive import manifest, records, summary
 from torchsphere.archive.run import Counts, in_shard, run
@@ -45,6 +46,41 @@ def test_every_recording_has_a_folder_that_mirrors_its_path_and_a_row_of_the_tab
     assert [row["recording"] for row in parquet] == list(table)
     assert [row["state"] for row in parquet] == ["done", "done", "failed", "done"]
     assert [row["frames"] for row in parquet] == [3, 3, None, 3]
+
+
+def test_the_table_is_exported_with_its_units_where_a_recording_asks_for_it(shots: Path, tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py", reason="h5py is not installed (extra 'export')")
+    out = tmp_path / "out"
+    again(shots, out, {"fps": 50.0, "export": ["hdf5", "mat"]})
+    table = rows(out)
+    struct = loadmat(out / "summary.mat", simplify_cells=True)["recordings"]
+    with h5py.File(out / "summary.h5") as file:
+        group = file["recordings"]
+        assert list(group.attrs["columns"]) == list(summary.COLUMNS)
+        for name, unit in (("frame_rate", "1/s"), ("mean_speed_m_s", "m/s"), ("radius_px", "px")):
+            assert group[name].attrs["unit"] == struct["units"][name] == unit
+        assert [text.decode() for text in group["recording"][()]] == list(struct["recording"]) == list(table)
+        for frames in (group["frames"][()], struct["frames"]):
+            assert [number for number in frames if not math.isnan(number)] == [3, 3, 3]
+    # A run without exports leaves no trace of them.
+    again(shots, tmp_path / "plain")
+    assert not list((tmp_path / "plain").glob("summary.[hm]*"))
+
+
+def test_a_recording_without_a_usable_result_is_counted_apart_and_not_measured_again(
+    shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    monkeypatch.setattr("archive_shots.UNUSABLE", {"b": "nothing usable was measured"})
+    counts = again(shots, out)
+    assert counts == Counts(done=2, unusable=1, failed=1, pending=0, measured=4)
+    assert counts.total == 4
+    assert counts.without_motion == (("b.npy", "nothing usable was measured"),)
+    assert (rows(out)["b.npy"]["state"], rows(out)["b.npy"]["reason"]) == ("unusable", "nothing usable was measured")
+    assert "2 done, 1 unusable, 1 failed" in (out / "index.html").read_text()
+    # The result is there: the same settings would give the same one.
+    assert again(shots, out) == Counts(done=2, unusable=1, failed=1, pending=0, measured=0)
+    assert again(shots, out, retry_failed=True) == Counts(done=2, unusable=1, failed=1, pending=0, measured=1)
 
 
 def test_a_second_run_measures_nothing(shots: Path, tmp_path: Path) -> None:
@@ -181,6 +217,21 @@ def test_a_full_disk_stops_the_run_and_fails_no_recording(shots: Path, tmp_path:
         run(manifest.read(shots, {}, out), out, lambda jobs: (run_job(job, full) for job in jobs))
     assert [row["state"] for row in rows(out).values()] == ["done", "pending", "pending", "pending"]
     assert again(shots, out) == Counts(done=3, failed=1, pending=0, measured=3)
+
+
+def test_a_table_that_a_full_disk_does_not_take_hides_no_cause(
+    shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(request: Any, progress: None, extra: Any) -> None:
+        monkeypatch.setattr(summary, "write", refuse)
+        raise OSError(errno.ENOSPC, "No space left on device", "track.csv")
+
+    def refuse(*arguments: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", "summary.csv")
+
+    out = tmp_path / "out"
+    with pytest.raises(OSError, match=r"track.csv: no space left on device; the run stops here"):
+        run(manifest.read(shots, {}, out), out, lambda jobs: (run_job(job, full) for job in jobs))
 
 
 def test_a_recording_whose_process_died_twice_fails_and_a_new_run_measures_it_again(

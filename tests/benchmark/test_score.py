@@ -312,6 +312,20 @@ def test_scores_are_read_as_they_were_written(tmp_path: Path) -> None:
         assert list(row.values.values()) == pytest.approx(list(other.values.values()), nan_ok=True)
 
 
+def test_the_name_of_a_tracker_is_no_formula_of_a_spreadsheet(tmp_path: Path) -> None:
+    score_rows.write(tmp_path / "scores.csv", rows("=HYPERLINK(1)", {"plain": 0.5}))
+    assert "\n'=HYPERLINK(1),plain" in (tmp_path / "scores.csv").read_text()
+    assert score_rows.read(tmp_path / "scores.csv")[0].tracker == "=HYPERLINK(1)"
+
+
+def test_cells_longer_than_any_table_has_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "plain.csv"
+    path.write_text("tracker,frame,x_px\n" + "x" * 140_000 + ",0,1\n")
+    for reader in (score_rows.read, prediction_table.read):
+        with pytest.raises(ValueError, match=r"plain\.csv: is no .* in UTF-8 \(field larger than"):
+            reader(path)
+
+
 def test_a_file_without_scores_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("frame,x_px\n0,1\n")
     with pytest.raises(ValueError, match=r"a\.csv: has no column 'tracker'"):

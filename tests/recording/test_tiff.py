@@ -1,5 +1,6 @@
 """Multi-page TIFF."""
 
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from torchsphere.recording import open_recording
+from torchsphere.recording import open_recording, tiff
 
 IMAGES = np.random.default_rng(5).integers(0, 4096, (6, 16, 24)).astype(np.uint16)
 
@@ -221,3 +222,26 @@ def test_a_frame_interval_that_no_camera_has_is_noted(
     with open_recording(tmp_path / "a.tif") as recording:
         assert recording.frame_rate is None
         assert "which no camera has" in " ".join(recording.notes)
+
+
+@pytest.mark.parametrize("options", [{}, {"compression": "zlib"}], ids=["plain", "compressed"])
+def test_pages_are_walked_once(tmp_path: Path, options: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    write_pages(tmp_path / "a.tif", **options)
+    walks, walk = [], tiff._page_tags
+    monkeypatch.setattr(tiff, "_page_tags", lambda path: walks.append(path) or walk(path))
+    assert len(open_recording(tmp_path / "a.tif")) == 6
+    assert len(walks) == 1
+
+
+def test_pages_whose_tags_lie_in_each_other_are_refused_before_they_are_all_read(tmp_path: Path) -> None:
+    # 2000 pages of 2000 tags each in 28 kB: the next page begins two bytes behind the last.
+    path, tags, pages = tmp_path / "a.tif", 2000, 2000
+    data = bytearray(8 + 2 * pages + 12 * tags + 6 + 4 * pages)
+    struct.pack_into("<2sHI", data, 0, b"II", 42, 8)
+    for k in range(pages):
+        struct.pack_into("<H", data, 8 + 2 * k, tags)
+    for k in range(0, pages, 2):
+        struct.pack_into("<I", data, 8 + 2 * k + 2 + 12 * tags, 8 + 2 * (k + 2))
+    path.write_bytes(data)
+    with pytest.raises(OSError, match=r"pages take .* bytes, more than the file has"):
+        open_recording(path)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from torchsphere.recording import open_recording, video
+from torchsphere.recording.matroska import contents
 
 av = pytest.importorskip("av", reason="PyAV is not installed")
 RNG = np.random.default_rng(9)
@@ -209,6 +210,43 @@ def test_a_cut_matroska_video_that_states_no_duration_is_damaged(
     path.write_bytes(path.read_bytes()[:-5])
     with pytest.raises(OSError, match="5 bytes at the end are missing"):
         open_recording(path)
+
+
+@pytest.mark.parametrize(("suffix", "codec", "pixels"), CONTAINERS)
+@pytest.mark.parametrize("damage", ["overwritten", "inserted", "removed"])
+def test_images_lost_to_damage_of_a_matroska_video_that_states_no_duration_are_missed(
+    tmp_path: Path, suffix: str, codec: str, pixels: str, damage: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = write_video(tmp_path / f"a.{suffix}", drift(60), pixels, codec).read_bytes()
+    monkeypatch.setattr(video, "_stated_duration", lambda container, stream: None)
+    path, refused = tmp_path / f"b.{suffix}", 0
+    for at in range(40, len(data) - 8, len(data) // 40):
+        piece = {"overwritten": b"\xa3" * 8, "inserted": b"\x81" * 5 + data[at : at + 8], "removed": b""}[damage]
+        path.write_bytes(data[:at] + piece + data[at + 8 :])
+        try:
+            with open_recording(path) as recording:
+                assert len(recording) == 60
+        except (OSError, ValueError):
+            refused += 1
+    assert refused > (0 if damage == "overwritten" else 35)
+
+
+def test_laced_images_and_groups_of_a_matroska_file_are_counted(tmp_path: Path) -> None:
+    def element(code: str, body: bytes) -> bytes:
+        return bytes.fromhex(code) + (0x4000 | len(body)).to_bytes(2, "big") + body
+
+    tracks = element("1654ae6b", element("ae", element("d7", b"\1") + element("83", b"\1")))
+    laced, plain = b"\x81\0\0\x04\x02" + bytes(9), b"\x81\0\0\0" + bytes(3)
+    blocks = element("a3", laced) + element("a0", element("9b", b"\1") + element("a1", plain)) + element("a3", plain)
+    unknown_size = bytes.fromhex("1f43b675ff") + element("e7", b"\0") + blocks
+    body = tracks + element("ec", b"") + unknown_size + element("1f43b675", blocks)
+    path = tmp_path / "a.mkv"
+    path.write_bytes(element("1a45dfa3", b"") + element("18538067", body))
+    found = contents(path)
+    assert (found.images, found.end, found.damaged_at) == (10, path.stat().st_size, None)
+    # A block of a track that is not there.
+    path.write_bytes(path.read_bytes()[:-7] + b"\x82" + path.read_bytes()[-6:])
+    assert contents(path).damaged_at is not None
 
 
 def test_images_missing_in_the_middle_are_noted(tmp_path: Path) -> None:

@@ -13,6 +13,8 @@ from torchsphere.archive.scan import STATE
 from torchsphere.results.atomic_output import short_name
 
 SUMMARIES = ("summary.csv", "summary.parquet")
+#: The same table by ``--export``.
+EXPORTED = ("summary.h5", "summary.mat")
 #: Name of an unfinished result folder, as `atomic_output.atomic_folder` gives it: ".shot.k3_x9a1b".
 _UNFINISHED = re.compile(r"\.(?P<name>.+)\.[a-z0-9_]{8}")
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from torchsphere.archive import scan
-from torchsphere.archive.folder import SUMMARIES
+from torchsphere.archive.folder import EXPORTED, SUMMARIES
 from torchsphere.recording.ignore_mask import located
 from torchsphere.request import PER_RECORDING, check_settings, merged
 from torchsphere.runtime.shown_text import shown
@@ -19,7 +20,7 @@ from torchsphere.settings.setting import find, from_table, read_toml
 #: Names of the column of the recordings, and name of the column of the result folders.
 RECORDING, RESULT = ("recording", "input"), "result"
 #: Files that the run writes beside the result folders; none of these may be a result.
-RESERVED = (*SUMMARIES, "index.html")
+RESERVED = (*SUMMARIES, *EXPORTED, "index.html")
 EXAMPLE = "expected a folder of recordings, or a manifest .csv or .toml with a row per recording"
 
 
@@ -42,6 +43,28 @@ class Archive:
     notes: tuple[str, ...] = ()
 
 
+def read_all(sources: Sequence[Path], common: Mapping[str, Any], out: Path) -> Archive:
+    """The archive of one or several folders, manifests and recordings, as `read`.
+
+    Among several sources, the results of a folder lie in a folder of its name.
+    """
+    if len(sources) == 1:
+        return read(sources[0], common, out)
+    placed: list[tuple[str, Item]] = []
+    notes: list[str] = []
+    for source in sources:
+        part = read(source, common, out)
+        notes += part.notes
+        for item in part.items:
+            if source.is_dir() and item.input != source:
+                name = shown(source.resolve().name)
+                recording, result = (f"{name}/{inside}" for inside in (item.recording, item.result))
+                item = dataclasses.replace(item, recording=recording, result=result)
+            placed.append((str(source), item))
+    _require_own_folders(sources[0], placed)
+    return Archive(tuple(item for _, item in placed), tuple(notes))
+
+
 def read(source: Path, common: Mapping[str, Any], out: Path) -> Archive:
     """The archive of a folder or a manifest; ``common`` settings hold where a recording has none of its own.
 
@@ -61,6 +84,8 @@ def read(source: Path, common: Mapping[str, Any], out: Path) -> Archive:
         placed = list(_from_rows(source, _csv_rows(source), common))
     elif source.suffix.lower() == ".toml":
         placed = _from_toml(source, common)
+    elif source.suffix.lower() in scan.SUFFIXES:
+        placed = [(str(source), _found(source.parent, source, common))]
     else:
         raise ValueError(f"{source}: is no archive; {EXAMPLE}")
     if not placed:

@@ -19,7 +19,8 @@ from torchsphere.request import PER_RECORDING
 from torchsphere.results.atomic_output import atomic_path, short_name
 from torchsphere.runtime.file_hash import hash_files
 
-DONE, FAILED, PENDING = "done", "failed", "pending"
+#: UNUSABLE: the result is written, and nothing usable was measured.
+DONE, UNUSABLE, FAILED, PENDING = "done", "unusable", "failed", "pending"
 
 #: Longest path of a result folder that its record mirrors, bytes; the system's limit of a whole path is 4096.
 _LONGEST_PATH = 1000
@@ -38,8 +39,8 @@ class Record:
     """How the measurement of a recording ended."""
 
     recording: str  # path as in the manifest
-    state: str  # "done" or "failed"
-    reason: str = ""  # of a failure, in a sentence
+    state: str  # "done", "unusable" or "failed"
+    reason: str = ""  # of a failure, or why nothing usable was measured, in a sentence
     stat: str  # as in `Key`
     settings: str  # as in `Key`
     content: str | None  # SHA-256 of the contents of the input
@@ -123,7 +124,7 @@ def _is_sound(record: Record) -> bool:
     row, content = values.pop("row"), values.pop("content")
     is_text = all(isinstance(value, str) for value in values.values())
     is_row = isinstance(row, dict) and summary.is_row(row)
-    return is_text and is_row and isinstance(content, str | None) and record.state in (DONE, FAILED)
+    return is_text and is_row and isinstance(content, str | None) and record.state in (DONE, UNUSABLE, FAILED)
 
 
 def write(out: Path, result: str, record: Record) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import time
@@ -14,9 +15,10 @@ from typing import Any
 from torchsphere.archive import folder, records, summary
 from torchsphere.archive.claims import claims_of
 from torchsphere.archive.manifest import Archive
-from torchsphere.archive.records import DONE, FAILED, PENDING, key_of
+from torchsphere.archive.records import DONE, FAILED, PENDING, UNUSABLE, key_of
 from torchsphere.archive.work import STOP, Job, Outcome, is_valid
 from torchsphere.report import pages
+from torchsphere.results.exports import check_exports
 
 #: Measures jobs: `processes.run` or `dask_engine.run` with all arguments but the jobs given.
 Engine = Callable[[Iterator[Job]], Iterator[Outcome]]
@@ -32,22 +34,25 @@ class Counts:
     done: int = 0
     failed: int = 0
     pending: int = 0
-    measured: int = 0  # in this run, done or failed
-    # failed recordings in the order of the archive, each with its reason; empty until the run ends
+    measured: int = 0  # in this run, with whatever outcome
+    unusable: int = 0
+    # recordings that failed, and those without a usable result, in the order of the archive, each with its reason;
+    # empty until the run ends
     failures: tuple[tuple[str, str], ...] = dataclasses.field(default=(), compare=False)
+    without_motion: tuple[tuple[str, str], ...] = dataclasses.field(default=(), compare=False)
 
     @property
     def total(self) -> int:
         """All recordings of the share."""
-        return self.done + self.failed + self.pending
+        return self.done + self.unusable + self.failed + self.pending
 
     def after(self, outcome: Outcome) -> Counts:
-        """The counts after a pending recording is done or failed."""
-        done = outcome.state == DONE
+        """The counts after a pending recording was measured or failed."""
         return dataclasses.replace(
             self,
-            done=self.done + done,
-            failed=self.failed + (not done),
+            done=self.done + (outcome.state == DONE),
+            unusable=self.unusable + (outcome.state == UNUSABLE),
+            failed=self.failed + (outcome.state not in (DONE, UNUSABLE)),
             pending=self.pending - 1,
             measured=self.measured + outcome.measured,
         )
@@ -68,6 +73,8 @@ class _Table:
         self._out, self._jobs = out, jobs
         self._rows: list[dict[str, Any]] = [{} for _ in jobs]
         self._due = 0.0
+        # A recording that wants a kind of file has the whole table in it, too.
+        self._exports = sorted({kind for job in jobs for kind in job.item.settings.get("export", ())})
         for i in range(len(jobs)):
             self.read(i)
 
@@ -84,10 +91,10 @@ class _Table:
     def state(self, i: int) -> str:
         return str(self._rows[i]["state"])
 
-    def failures(self, numbers: Sequence[int]) -> tuple[tuple[str, str], ...]:
-        """Failed recordings among these numbers, each with its reason."""
-        failed = [self._rows[i] for i in numbers if self.state(i) == FAILED]
-        return tuple((row["recording"], row["reason"] or "") for row in failed)
+    def reasons(self, numbers: Sequence[int], state: str) -> tuple[tuple[str, str], ...]:
+        """Recordings of a state among these numbers, each with its reason."""
+        found = [self._rows[i] for i in numbers if self.state(i) == state]
+        return tuple((row["recording"], row["reason"] or "") for row in found)
 
     def write_if_due(self) -> None:
         if time.monotonic() >= self._due:
@@ -100,7 +107,7 @@ class _Table:
             for i in range(len(self._rows)):
                 if is_last or self.state(i) == PENDING:
                     self.read(i)
-            summary.write(self._out, self._rows)
+            summary.write(self._out, self._rows, self._exports if is_last else ())
             if is_last:
                 pages.write_index(self._out, self._rows)
         ended = time.monotonic()
@@ -122,6 +129,7 @@ def run(
     used or the engine cannot go on, and Interrupted on Ctrl-C; finished results stay.
     """
     folder.prepare(out)
+    check_exports(sorted({kind for item in archive.items for kind in item.settings.get("export", ())}))
     name = uuid.uuid4().hex
     jobs = [Job(item, key_of(item.input, item.settings), out, name, retry_failed) for item in archive.items]
     table = _Table(out, jobs)
@@ -131,7 +139,7 @@ def run(
     states = {i: PENDING if retry_failed and table.state(i) == FAILED else table.state(i) for i in share}
     numbers = {results[i]: i for i, state in states.items() if state == PENDING}
     tally = Counter(states.values())
-    counts = Counts(tally[DONE], tally[FAILED], tally[PENDING])
+    counts = Counts(tally[DONE], tally[FAILED], tally[PENDING], unusable=tally[UNUSABLE])
     try:
         table.write(is_last=False)
         if changed is not None:
@@ -144,12 +152,18 @@ def run(
             if changed is not None:
                 changed(counts)
             table.write_if_due()
-    except KeyboardInterrupt:
-        raise Interrupted(counts) from None
-    finally:
-        folder.sweep(out, results)
-        table.write(is_last=True)
-    return dataclasses.replace(counts, failures=table.failures(share))
+    except BaseException as error:
+        # The cause of the end is to be told, also where a full disk does not take the table.
+        with contextlib.suppress(OSError):
+            folder.sweep(out, results)
+            table.write(is_last=True)
+        if isinstance(error, KeyboardInterrupt):
+            raise Interrupted(counts) from None
+        raise
+    folder.sweep(out, results)
+    table.write(is_last=True)
+    failures, without_motion = (table.reasons(share, state) for state in (FAILED, UNUSABLE))
+    return dataclasses.replace(counts, failures=failures, without_motion=without_motion)
 
 
 def in_shard(result: str, shard: tuple[int, int]) -> bool:

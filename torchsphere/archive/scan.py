@@ -36,7 +36,11 @@ def scan(root: Path, leave_out: Path | None = None) -> Found:
     recordings: list[Path] = []
     notes: list[str] = []
     out = None if leave_out is None else leave_out.resolve()
-    for place, folders, names in os.walk(root):
+
+    def closed(error: OSError) -> None:
+        notes.append(f"{error.filename}: cannot be looked into ({(error.strerror or str(error)).lower()}).")
+
+    for place, folders, names in os.walk(root, onerror=closed):
         folder = Path(place)
         is_result = STATE in folders or {"summary.json", "track.csv"} <= set(names)
         if is_result or (out is not None and folder.resolve() == out):

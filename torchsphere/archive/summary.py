@@ -8,11 +8,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from torchsphere.results.atomic_output import atomic_path
+from torchsphere.results.columns import Columns
+from torchsphere.results.exports import SUFFIXES, write_export
 from torchsphere.results.spreadsheet import neutral_cell
+from torchsphere.runtime.warning_levels import SEVERE
 
 #: Radians per revolution: ``summary.json`` has the spin of an impact in rev/s, the table all spin in rad/s.
 _PER_REV = 2 * math.pi
@@ -36,7 +40,7 @@ COLUMNS: dict[str, pa.DataType] = {
     **dict.fromkeys(("frames", "ok"), pa.int64()),
     "frame_rate": pa.float64(),
     **{name: pa.float64() for column in (*MEANS, *IMPACT) for name in (column, f"sd_{column}")},
-    **dict.fromkeys(("impacts", "warnings"), pa.int64()),
+    **dict.fromkeys(("impacts", "warnings", "severe_warnings"), pa.int64()),
     "seconds": pa.float64(),
     **dict.fromkeys(("finished", "result"), pa.string()),
 }
@@ -60,6 +64,7 @@ def measured(table: Mapping[str, Any]) -> dict[str, Any]:
         "sd_mean_spin_rad_s": spin[1],
         "impacts": len(table.get("impacts") or ()),
         "warnings": len(table.get("warnings") or ()),
+        "severe_warnings": list(table.get("warning_levels") or ()).count(SEVERE),
         "seconds": table.get("seconds"),
     }
     for column, (name, factor) in IMPACT.items():
@@ -103,8 +108,11 @@ def _list(value: Any) -> list[Any]:
     return list(value) if isinstance(value, list) else [] if value is None else [value]
 
 
-def write(out: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write ``summary.csv`` and ``summary.parquet``, each whole or not at all."""
+def write(out: Path, rows: Sequence[Mapping[str, Any]], exports: Sequence[str] = ()) -> None:
+    """Write ``summary.csv``, ``summary.parquet`` and the files of ``exports``, each whole or not at all."""
+    for kind in exports:
+        with atomic_path(out / f"summary{SUFFIXES[kind]}") as part:
+            write_export(part, kind, {"recordings": _arrays(rows)})
     columns = {name: pa.array([row.get(name) for row in rows], kind) for name, kind in COLUMNS.items()}
     with atomic_path(out / "summary.csv") as table, atomic_path(out / "summary.parquet") as parquet:
         pq.write_table(pa.table(columns), parquet, compression="zstd")
@@ -112,6 +120,16 @@ def write(out: Path, rows: Sequence[Mapping[str, Any]]) -> None:
             writer = csv.writer(stream)
             writer.writerow(COLUMNS)
             writer.writerows([_cell(row.get(name)) for name in COLUMNS] for row in rows)
+
+
+def _arrays(rows: Sequence[Mapping[str, Any]]) -> Columns:
+    """Columns as arrays: an unknown number is NaN, an unknown text empty."""
+    return {
+        name: np.array([row.get(name) or "" for row in rows], dtype=object)
+        if pa.types.is_string(kind)
+        else np.array([row.get(name) for row in rows], dtype=np.float64)
+        for name, kind in COLUMNS.items()
+    }
 
 
 def _cell(value: Any) -> Any:

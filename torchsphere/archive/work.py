@@ -17,7 +17,7 @@ import torch
 from torchsphere.archive import records, summary
 from torchsphere.archive.claims import claims_of
 from torchsphere.archive.manifest import Item
-from torchsphere.archive.records import DONE, FAILED, Key, Record
+from torchsphere.archive.records import DONE, FAILED, UNUSABLE, Key, Record
 from torchsphere.request import Request
 from torchsphere.runtime.shown_text import shown
 
@@ -53,7 +53,7 @@ class Job:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a job ended: ``state`` is "done", "failed", "busy" or "stop"; ``measured`` if this job measured it."""
+    """How a job ended: "done", "unusable", "failed", "busy" or "stop"; ``measured`` if this job measured it."""
 
     result: str
     state: str
@@ -92,7 +92,7 @@ def is_valid(record: Record, job: Job) -> bool:
     """Whether the record is of the same input and settings, so that no measurement is needed."""
     if not records.is_current(record, job.key):
         return False
-    if record.state == DONE:
+    if record.state != FAILED:
         return _has_summary(job.folder)
     return not job.retry_failed or record.run == job.run
 
@@ -114,7 +114,7 @@ def _valid_record(job: Job) -> Record | None:
     origin = records.read_table(job.folder / KEY_FILE)
     if origin is not None and (origin.get("stat"), origin.get("settings")) == (job.key.stat, job.key.settings):
         table = records.read_table(job.folder / "summary.json")
-        if table is not None and (record is None or record.state == DONE or not records.is_current(record, job.key)):
+        if table is not None and (record is None or record.state != FAILED or not records.is_current(record, job.key)):
             # A damaged result is measured again.
             with contextlib.suppress(TypeError, ValueError, AttributeError, OverflowError):
                 return _done(job, table, str(origin.get("run")))
@@ -148,8 +148,8 @@ def _measured(job: Job, measure: Measure, worker: int) -> Outcome:
         table = records.read_table(job.folder / "summary.json")
         if table is None:
             return _failed(job, "the measurement left no summary.json", time.perf_counter() - began)
-        _done(job, table, job.run)
-        return Outcome(job.item.result, DONE, measured=True)
+        record = _done(job, table, job.run)
+        return Outcome(job.item.result, record.state, record.reason, measured=True)
     except Exception as error:
         if isinstance(error, OSError) and error.errno in _NOT_WRITABLE:
             raise
@@ -172,7 +172,10 @@ def _done(job: Job, table: Mapping[str, Any], run: str) -> Record:
     row = {**summary.measured(table), "result": job.item.result, "finished": _now()}
     if not summary.is_row(row):
         raise ValueError(f"{job.folder / 'summary.json'}: holds values of other types than its columns")
-    return _write_record(job, state=DONE, content=table.get("input", {}).get("sha256"), run=run, row=row)
+    # Results of earlier versions do not say so.
+    reason = str(table.get("unusable") or "")
+    state, content = UNUSABLE if reason else DONE, table.get("input", {}).get("sha256")
+    return _write_record(job, state=state, reason=reason, content=content, run=run, row=row)
 
 
 def _failed(job: Job, reason: str, seconds: float, trace: str = "") -> Outcome:

@@ -163,8 +163,11 @@ def read_images(path: Path) -> NDArray[Any]:
 
 def read_truth(path: Path) -> dict[str, Array]:
     """The `TRUTH_COLUMNS` (n,) of a ``truth.csv`` by name; ValueError unless all are finite numbers."""
-    with path.open(newline="", encoding="utf-8") as stream:
-        rows = list(csv.reader(stream))
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.reader(stream))
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: is no CSV file in UTF-8 ({error}); make the benchmark again") from error
     head, body = (rows[0], rows[1:]) if rows else ([], [])
     missing = [name for name in TRUTH_COLUMNS if name not in head]
     if missing:

@@ -27,7 +27,7 @@ from torchsphere.benchmark.folder import (
     suite_checksum,
 )
 from torchsphere.benchmark.suites import Recipe, recipes
-from torchsphere.results.atomic_output import atomic_folder, check_folder
+from torchsphere.results.atomic_output import atomic_folder, check_folder, recover
 
 #: Decimals of the outline in frame 0, px: finer than any tracker, coarser than differences between processors.
 _DECIMALS = 6
@@ -59,6 +59,7 @@ def make(
     if workers is not None and workers < 1:
         raise ValueError(f"workers = {workers}: expected at least 1")
     earlier = ("benchmark", (INDEX,))
+    recover(out, earlier[1])
     check_folder(out, overwrite, *earlier)
     _check_renderer()
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

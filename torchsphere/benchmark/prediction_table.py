@@ -47,11 +47,11 @@ def read(path: Path) -> Table:
     """Read a file of predictions; ValueError, in one sentence, if a name, a value or a frame is invalid."""
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: is no text in UTF-8; expected a CSV with a row per frame") from error
-    numbered = [(k, line) for k, line in enumerate(lines, start=1) if line.strip()]
-    keys = dict(_key(line) for _, line in numbered if line.startswith("#") and ":" in line)
-    rows = [(k, next(csv.reader([line]))) for k, line in numbered if not line.startswith("#")]
+        numbered = [(k, line) for k, line in enumerate(lines, start=1) if line.strip()]
+        keys = dict(_key(line) for _, line in numbered if line.startswith("#") and ":" in line)
+        rows = [(k, next(csv.reader([line]))) for k, line in numbered if not line.startswith("#")]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(f"{path}: is no text in UTF-8 ({error}); expected a CSV with a row per frame") from error
     if not rows:
         raise ValueError(f"{path}: is empty; expected a line of column names and a row per frame")
     names = [name.strip() for name in rows[0][1]]

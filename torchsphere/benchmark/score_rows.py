@@ -16,6 +16,7 @@ from torchsphere.benchmark.predictions import Prediction
 from torchsphere.benchmark.score import KINDS, Score, score
 from torchsphere.results.atomic_output import atomic_file
 from torchsphere.results.reader import INCREMENTS
+from torchsphere.results.spreadsheet import neutral_cell, plain_text
 
 #: Values of the column ``rotation``; `NOT_VISIBLE` for a ball without a pattern.
 MEASURED, NOT_MEASURED, NOT_VISIBLE = "measured", "not measured", "not to be seen"
@@ -35,7 +36,8 @@ VALUES = (
     *("sd_ratio_px", "within_95_px_percent", "sd_ratio_deg", "within_95_deg_percent"),
     *("ms_per_pair", "frames"),
 )
-COLUMNS = ("tracker", "suite", "checksum", "rotation", *VALUES, "notes")
+_TEXTS = ("tracker", "suite", "checksum", "rotation")
+COLUMNS = (*_TEXTS, *VALUES, "notes")
 
 
 @dataclass(frozen=True)
@@ -107,13 +109,17 @@ def write(path: Path, rows: Sequence[ScoreRow]) -> None:
         for row in rows:
             numbers = (row.values[name] for name in VALUES)
             cells = ("" if math.isnan(value) else format(value, ".6g") for value in numbers)
-            writer.writerow((row.tracker, row.suite, row.checksum, row.rotation, *cells, row.notes))
+            texts = map(neutral_cell, (row.tracker, row.suite, row.checksum, row.rotation))
+            writer.writerow((*texts, *cells, neutral_cell(row.notes)))
 
 
 def read(path: Path) -> list[ScoreRow]:
     """Read a file that `write` wrote; ValueError for any other file."""
-    with path.open(newline="", encoding="utf-8") as stream:
-        rows = list(csv.DictReader(stream))
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(stream))
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: is no CSV file in UTF-8 ({error}); score again") from error
     missing = [name for name in COLUMNS if not rows or rows[0].get(name) is None]
     if missing:
         raise ValueError(f"{path}: has no column {missing[0]!r}; expected a file of 'torchsphere benchmark score'")
@@ -121,9 +127,10 @@ def read(path: Path) -> list[ScoreRow]:
         values = [{name: float(row[name] or "nan") for name in VALUES} for row in rows]
     except ValueError as error:
         raise ValueError(f"{path}: holds a word where a number belongs ({error}); score again") from error
+    texts = [{name: plain_text(row[name] or "") for name in (*_TEXTS, "notes")} for row in rows]
     return [
-        ScoreRow(row["tracker"], row["suite"], row["checksum"], row["rotation"], numbers, row["notes"])
-        for row, numbers in zip(rows, values, strict=True)
+        ScoreRow(text["tracker"], text["suite"], text["checksum"], text["rotation"], numbers, text["notes"])
+        for text, numbers in zip(texts, values, strict=True)
     ]
 
 

@@ -13,6 +13,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.runtime.presentation import present
+
 Reader = Callable[[int, int], NDArray[Any]]
 
 #: Largest image, px, and its size as stored with all channels, bytes; larger images come from damaged headers, not from
@@ -77,6 +79,9 @@ class Recording:
         n, height, width = self.shape
         rate = "frame rate not stated" if self.frame_rate is None else f"{self.frame_rate:g} frames/s"
         return f"<Recording {str(self.path)!r}: {self.kind}, {n} images of {width} x {height} px, {rate}>"
+
+    def _repr_html_(self) -> str:
+        return str(present("html", self))
 
     def __len__(self) -> int:
         return self.shape[0]

@@ -60,7 +60,7 @@ def open_tiff(path: Path) -> Recording:
     The frame rate is known only where ImageJ's ``finterval`` states it with a unit of time.
     """
     size = path.stat().st_size
-    count = count_pages(path)
+    count, places = _image_places(path)
     with library_failures(path, "a TIFF"):
         # OME files may name other files, which stay closed.
         tif = tifffile.TiffFile(path, _multifile=False)
@@ -69,7 +69,7 @@ def open_tiff(path: Path) -> Recording:
         with library_failures(path, "a TIFF"):
             imagej = dict(tif.imagej_metadata or {})
             axes = stated_axes(tif, page.samples, page.height * page.width * page.samples)
-        n, read, used = _stack(path, tif, page, count, size)
+        n, read, used = _stack(path, tif, page, count, size, places)
         axes.require_plain(path, n)
     except BaseException:
         tif.close()
@@ -157,8 +157,10 @@ def _unused_bytes(count: int, size: int, used: int) -> tuple[str, ...]:
     )
 
 
-def _stack(path: Path, tif: tifffile.TiffFile, first: Page, count: int, size: int) -> tuple[int, Reader, int]:
-    """Number of images, their reader, and the bytes that the images take in the file."""
+def _stack(
+    path: Path, tif: tifffile.TiffFile, first: Page, count: int, size: int, alike: NDArray[np.int64] | None
+) -> tuple[int, Reader, int]:
+    """Number of images, their reader, and the bytes that the images take in the file; ``alike`` of `_image_places`."""
     image_bytes = first.height * first.width * first.samples * np.dtype(first.dtype).itemsize
     dtype = np.dtype(tif.byteorder + first.dtype)
     with library_failures(path, "a TIFF"):
@@ -173,8 +175,7 @@ def _stack(path: Path, tif: tifffile.TiffFile, first: Page, count: int, size: in
         return len(offsets), _plain_reader(path, first, dtype, offsets), whole
     with library_failures(path, "a TIFF"):
         plain = tif.pages[0].aspage().is_memmappable
-    alike = _image_places(path) if plain else None
-    if alike is not None and len(alike) == count and int(alike.max()) + image_bytes <= size:
+    if plain and alike is not None and int(alike.max()) + image_bytes <= size:
         return count, _plain_reader(path, first, dtype, alike), count * image_bytes
     places, used = [], 0
     for number in range(count):
@@ -270,6 +271,7 @@ def _page_tags(path: Path) -> Iterator[tuple[bytes, _Format]]:
     """
     size = path.stat().st_size
     seen: set[int] = set()
+    walked = 0
     with path.open("rb") as file:
         head = file.read(16)
         if head[:4] not in TIFF_SIGNATURES:
@@ -287,7 +289,13 @@ def _page_tags(path: Path) -> Iterator[tuple[bytes, _Format]]:
                 file.seek(offset)
                 count_bytes = struct.calcsize("=" + layout.tag_count)
                 (tags,) = struct.unpack(layout.order + layout.tag_count, file.read(count_bytes))
-                block = file.read(min(tags, size) * layout.tag_bytes)
+                walked += tags * layout.tag_bytes
+                if walked > size:
+                    raise OSError(
+                        f"{path}: the tags of {len(seen)} pages take {walked} bytes, more than the file has; "
+                        "it is damaged, copy it again"
+                    )
+                block = file.read(tags * layout.tag_bytes)
                 following = file.read(struct.calcsize("=" + layout.pointer))
                 (offset,) = struct.unpack(layout.order + layout.pointer, following)
                 yield block, layout
@@ -302,18 +310,23 @@ def count_pages(path: Path) -> int:
     return sum(1 for _ in _page_tags(path))
 
 
-def _image_places(path: Path) -> NDArray[np.int64] | None:
-    """First byte of each page's image; None unless all pages are stored alike, each in one piece."""
+def _image_places(path: Path) -> tuple[int, NDArray[np.int64] | None]:
+    """Number of pages, and first byte of each page's image; None unless all are stored alike, each in one piece."""
     first: dict[int, bytes] = {}
-    places = []
+    places: list[int] | None = []
+    count = 0
     for block, layout in _page_tags(path):
+        count += 1
+        if places is None:
+            continue
         tags = _tags(block, layout)
         place = _single_place(tags.pop(_STRIP_OFFSETS, b""), layout)
         first = first or tags
         if place is None or tags != first:
-            return None
-        places.append(place)
-    return np.array(places, np.int64)
+            places = None
+        else:
+            places.append(place)
+    return count, None if places is None else np.array(places, np.int64)
 
 
 def _tags(block: bytes, layout: _Format) -> dict[int, bytes]:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.recording.levels import GREY_NOTE, to_grey
-from torchsphere.recording.matroska import segment_end
+from torchsphere.recording.matroska import Contents, contents
 from torchsphere.recording.recording import Recording
 from torchsphere.recording.refusal import LibraryMissingError, library_failures, looks_like
 
@@ -137,6 +137,7 @@ class Cursor:
         # What the container says, s: the length of the whole video, the unit of the times, the step of playback.
         self._stated_s: float | None = None
         self._tick_s = self._playback_s = 0.0
+        self._contents = Contents()
         self._lock = threading.Lock()  # threads share the position
 
     def survey(self) -> tuple[int, float | None]:
@@ -159,6 +160,10 @@ class Cursor:
             # AVI and MP4 state the number of their images; for other containers it is 0.
             if stream.frames > whole:
                 raise EOFError(f"{whole} of {stream.frames} images are present")
+            if self._reader == "matroska":
+                self._contents = contents(self._path)
+            if self._contents.images > whole:
+                raise EOFError(f"{whole} of {self._contents.images} images can be read")
             self._stated_s = _stated_duration(container, stream)
             self._tick_s = float(stream.time_base or 0)
             self._playback_s = float(1 / rate) if rate else 0.0
@@ -169,34 +174,43 @@ class Cursor:
             return len(times), float(rate) if rate else None
 
     def completeness(self, count: int) -> tuple[str, ...]:
-        """Compare ``count`` images with what the container states; notes on gaps, EOFError if the end is missing.
+        """Compare ``count`` images with what the container states; notes on gaps, EOFError if images are missing.
 
         AVI and MP4 state the number of their images. Matroska and WebM state their length in time and in bytes: without
-        this comparison, a file that is cut opens with fewer images.
+        this comparison, a file that is cut or damaged opens with fewer images.
         """
         times = self._tick_s * np.array(self._times)
         # A single image has no step but that of the rate of playback.
         step = float(np.median(np.diff(times))) if len(times) > 1 else self._playback_s
-        end = segment_end(self._path) if self._reader == "matroska" else None
-        lacking = 0 if end is None else max(0, end - self._path.stat().st_size)
-        late = 0.0 if self._stated_s is None or not step or not len(times) else (self._stated_s - times[-1]) / step - 1
-        if late > 0.5 or (lacking and (self._stated_s is None or not step or not len(times))):
-            missing = f"about {round(late)} images" if late > 0.5 else f"{lacking} bytes"
-            raise EOFError(f"{count} images are present, and {missing} at the end are missing")
-        notes = []
-        if lacking:
-            notes.append(f"The last {lacking} bytes of the file are missing; all images that it states are there.")
         # Matroska counts from the first image; other containers may begin at any time.
         before = [-step] if self._reader == "matroska" else []
         steps = np.diff([*before, *times])
         gaps = int((np.rint(steps / step) - 1).clip(0).sum()) if step else 0
+        notes = self._damage(count, float(times[-1]) if len(times) else None, step, gaps)
         if gaps:
             first = int(np.argmax(steps > 1.5 * step)) + 1 - len(before)
-            notes.append(
+            notes += (
                 f"The times of the images leave room for {gaps} more, the first before image {first}: images are "
-                "missing, or were taken unevenly; they count as successive, so motion across a gap comes out too fast."
+                "missing, or were taken unevenly; they count as successive, so motion across a gap comes out too fast.",
             )
-        return tuple(notes)
+        return notes
+
+    def _damage(self, count: int, last_s: float | None, step: float, gaps: int) -> tuple[str, ...]:
+        """Notes on damage that cost no image; EOFError unless the stated length shows that all images are there."""
+        end, damaged_at = self._contents.end, self._contents.damaged_at
+        lacking = 0 if end is None else max(0, end - self._path.stat().st_size)
+        late = None if self._stated_s is None or not step or last_s is None else (self._stated_s - last_s) / step - 1
+        if late is not None and late > 0.5:
+            raise EOFError(f"{count} images are present, and about {round(late)} images at the end are missing")
+        if lacking and late is None:
+            raise EOFError(f"{count} images are present, and {lacking} bytes at the end are missing")
+        if lacking:
+            return (f"The last {lacking} bytes of the file are missing; all images that it states are there.",)
+        if damaged_at is None:
+            return ()
+        if gaps or late is None or late < -0.5:
+            raise EOFError(f"{count} images are present, and others may be missing: it is damaged at byte {damaged_at}")
+        return (f"The file is damaged at byte {damaged_at}; all images that it states are there.",)
 
     def first(self) -> av.VideoFrame:
         """Decode the first image."""
