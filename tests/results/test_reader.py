@@ -3,7 +3,7 @@
 import dataclasses
 import json
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from torchsphere.cli.main import main
 from torchsphere.measure import Measurement
 from torchsphere.report.pages import report_html
 from torchsphere.results.reader import ResultFolder, read
+from torchsphere.results.sampled_frames import load
 
 
 def test_a_result_folder_reads_back_as_the_measurement(
@@ -144,3 +145,46 @@ def test_a_summary_nested_without_end_is_refused(measured: tuple[Path, Measureme
     (tmp_path / "copy" / "summary.json").write_text(text)
     with pytest.raises(ValueError, match="the result is damaged"):
         read(tmp_path / "copy")
+
+
+def refusal_of(reader: Callable[[Path], Any], path: Path) -> str | None:
+    """The sentence in which a file is refused; None where it is read."""
+    try:
+        reader(path)
+    except ValueError as refusal:
+        return str(refusal)
+    return None
+
+
+CELLS = ("", "x", "nan", "-1", "1e308", "9" * 400, "\0", '"', "é", "x" * 140_000)
+
+
+@pytest.mark.parametrize("name", ["track.csv", "kinematics.csv", "force_path.csv"])
+def test_any_cell_of_a_table_is_drawn_or_refused_in_a_sentence(
+    measured: tuple[Path, Measurement], tmp_path: Path, name: str, capsys
+) -> None:
+    shutil.copytree(measured[0], tmp_path / "copy")
+    rows = [line.split(",") for line in (measured[0] / name).read_text(encoding="utf-8").splitlines()]
+    random = np.random.default_rng(2)
+    for number, cell in enumerate(2 * CELLS):
+        row = int(random.integers(len(rows))) if number < len(CELLS) else 0
+        damaged = replaced(rows, (row, int(random.integers(len(rows[row])))), cell)
+        (tmp_path / "copy" / name).write_text("\r\n".join(map(",".join, damaged)) + "\r\n", encoding="utf-8")
+        sentence = refusal_of(read, tmp_path / "copy")
+        assert sentence is None or sentence.startswith(f"{tmp_path / 'copy'}: the result is damaged (")
+
+
+def test_damaged_images_are_refused_whatever_their_archive_raises(
+    measured: tuple[Path, Measurement], tmp_path: Path
+) -> None:
+    data = (measured[0] / "frames.npz").read_bytes()
+    directory = data.rindex(b"PK\x01\x02")
+    random, refused = np.random.default_rng(3), 0
+    for number in range(60):
+        # The version that reading needs stands at byte 6 of an entry of the directory.
+        at = directory + 6 if number == 0 else int(random.integers(len(data) - 900, len(data)))
+        (tmp_path / "frames.npz").write_bytes(data[:at] + b"\x9d" + data[at + 1 :])
+        sentence = refusal_of(load, tmp_path / "frames.npz")
+        refused += sentence is not None
+        assert sentence is None or "the kept images are damaged" in sentence
+    assert refused > 10

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 import subprocess
 import sys
 import threading
@@ -9,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from torchsphere.results import replacement
-from torchsphere.results.atomic_output import atomic_folder, atomic_path, recover
+from torchsphere.cli.main import _sentence as main_sentence
+from torchsphere.results import atomic_output, replacement
+from torchsphere.results.atomic_output import FullDiskError, atomic_folder, atomic_path, full_disk_named, recover
 
 #: Replaces a folder, and stops where it is told to, until it is killed.
 WRITER = """
@@ -132,18 +134,53 @@ def test_output_has_the_permissions_that_the_umask_leaves(tmp_path: Path) -> Non
     assert (tmp_path / "table.csv").stat().st_mode & 0o777 == 0o640
 
 
-def fill_the_disk(out: Path) -> None:
+def fill_the_disk(out: Path, code: int = errno.ENOSPC) -> None:
     with atomic_folder(out, overwrite=True) as folder:
         (folder / "track.csv").write_bytes(bytes(2_000_000))
-        raise OSError(errno.ENOSPC, "No space left on device")
+        try:
+            raise OSError(code, "No space left on device")
+        finally:
+            # As a library of figures does that ends a file after a full disk.
+            raise AttributeError("'Stream' object has no attribute 'pos'")
 
 
-def test_a_full_disk_is_named_with_the_file_and_the_room_and_loses_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("code", "sentence"),
+    [
+        (errno.ENOSPC, r"out/track.csv: no space left on device; the result needs more than 2.5 MB"),
+        (errno.EDQUOT, r"out/track.csv: no space left on the quota; the result needs more than 2 MB"),
+    ],
+)
+def test_a_full_disk_is_named_with_the_file_and_the_room_and_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int, sentence: str
+) -> None:
     out = tmp_path / "out"
     write(out, "old")
-    sentence = r"out/track.csv: no space left on device; the result needs more than 2.0 MB"
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(atomic_output.shutil, "disk_usage", lambda path: usage._replace(free=500_000))
     with pytest.raises(OSError, match=sentence) as full:
-        fill_the_disk(out)
-    assert full.value.errno == errno.ENOSPC
+        fill_the_disk(out, code)
+    assert full.value.errno == code
     assert (out / "summary.json").read_text() == "old"
     assert list(tmp_path.iterdir()) == [out]
+
+
+def test_a_full_disk_within_a_folder_that_is_removed_is_named_by_its_own_file(tmp_path: Path) -> None:
+    def draw(folder: Path) -> None:
+        new = folder / ".drawing"
+        new.mkdir()
+        with full_disk_named(new, folder, "report"):
+            (new / "report.html").write_text("half")
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    with (
+        pytest.raises(FullDiskError, match=rf"{tmp_path}/out/report.html: no space left on device; the report needs"),
+        atomic_folder(tmp_path / "out", overwrite=True) as folder,
+    ):
+        draw(folder)
+
+
+def test_the_file_that_a_full_disk_does_not_take_is_named(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="No space left") as full, atomic_path(tmp_path / "table.csv"):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert main_sentence(full.value) == f"{tmp_path}/table.csv: no space left on device; make room"

@@ -48,7 +48,7 @@ def test_small_balls_stay_on_one_thread_and_large_ones_get_as_many_as_their_pixe
 
 def test_each_share_has_its_own_thread_with_one_torch_thread_and_the_number_is_restored(threads: int) -> None:
     # Shares of one wait for each other, so that no thread can take two.
-    meeting = threading.Barrier(threads, timeout=30)
+    meeting = threading.Barrier(threads, timeout=600)
 
     def part(start: int, stop: int) -> tuple[int, int]:
         meeting.wait()
@@ -83,7 +83,7 @@ def test_single_threaded_torch_leaves_the_shares_as_many_threads_as_before(threa
 
 def test_results_come_in_order_from_threads_with_one_torch_thread(threads: int) -> None:
     # Calls wait for each other in groups as large as the number of threads, so that all of them are needed.
-    meeting = threading.Barrier(threads, timeout=30)
+    meeting = threading.Barrier(threads, timeout=600)
 
     def product(a: int, b: int) -> tuple[int, int, int]:
         meeting.wait()
@@ -98,7 +98,7 @@ def test_results_come_in_order_from_threads_with_one_torch_thread(threads: int) 
 
 def test_the_same_threads_serve_every_call(threads: int) -> None:
     def names() -> set[int]:
-        meeting = threading.Barrier(threads, timeout=30)
+        meeting = threading.Barrier(threads, timeout=600)
         return set(
             parallel.parallel_map(lambda _: (meeting.wait(), threading.get_ident())[1], range(threads), at_most=None)
         )
@@ -112,7 +112,7 @@ def test_a_forked_process_has_threads_of_its_own(threads: int) -> None:
     forked = os.fork()
     if forked == 0:
         # The child would not end if it waited for threads of its parent.
-        signal.alarm(30)
+        signal.alarm(600)
         os._exit(0 if list(parallel.parallel_map(abs, [-3, -4], at_most=None)) == [3, 4] else 1)
     assert os.waitpid(forked, 0)[1] == 0
 
@@ -122,7 +122,7 @@ def test_after_an_error_no_share_is_running() -> None:
 
     def part(number: int) -> None:
         if number == 0:
-            begun.wait(30)
+            begun.wait(600)
             raise ArithmeticError("the first share failed")
         begun.set()
         time.sleep(0.2)

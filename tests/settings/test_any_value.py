@@ -46,7 +46,7 @@ def test_a_configuration_without_sense_is_refused_in_a_sentence(
     path.write_text(text)
     with contextlib.suppress(ValueError):
         read_toml(path)
-    assert main(["track", "a.npy", "--out", str(tmp_path / "out"), "--config", str(path)]) == 1
+    assert main(["track", "a.npy", "--out", str(tmp_path / "out"), "--config", str(path)]) == 2
     printed = capsys.readouterr().err
     assert printed.startswith("torchsphere: ")
     assert len(printed) < 1000

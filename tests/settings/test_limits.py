@@ -37,6 +37,8 @@ REFUSALS = {
         "--window 4 with --order 3: expected an order of 2 or more and an odd window longer than that",
     ),
     "scale's share": ({"scale_sd_percent": 500.0}, "--scale-sd-percent 500: expected 0 to below 100"),
+    "mass's share": ({"mass_sd_percent": -1.0}, "--mass-sd-percent -1: expected 0 to below 100"),
+    "rate's share": ({"fps_sd_percent": 100.0}, "--fps-sd-percent 100: expected 0 to below 100"),
     "shell": (
         {"diameter_mm": 30.0, "mass_g": 110.0, "shell_mm": 16.0},
         "--shell-mm 16: thicker than the ball's radius of 15 mm",
@@ -100,6 +102,11 @@ def test_the_refusal_of_a_value_like_an_option_says_how_to_give_the_value(tmp_pa
         (["--fps", "1000", "--mm-per-px", "1", "--normal-deg", "9"], "--normal-deg, as no impact is reported"),
         (["--fps", "1000", "--mm-per-px", "1", "--method", "savitzky-golay", "--window", "5"], ""),
         (["--fps", "1000", "--mm-per-px", "1", "--lab-frame"], ""),
+        (["--fps", "1000", "--mm-per-px", "1", "--fps-sd-percent", "1"], ""),
+        (
+            ["--fps", "1000", "--mm-per-px", "1", "--mass-sd-percent", "1"],
+            "--mass-sd-percent, as no mass was given",
+        ),
         (
             ["--fps", "1000", "--mm-per-px", "1", "--shutter-us", "100", "--map", "off"],
             "--shutter-us, as pairs do not model the exposure",

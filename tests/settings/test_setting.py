@@ -69,7 +69,7 @@ def test_the_refusal_of_a_toml_value_states_a_valid_form(name: str, value: objec
 
 def test_the_refusal_of_an_unknown_key_lists_the_settings() -> None:
     assert find(SETTINGS, "mm-per-px").name == "mm_per_px"
-    with pytest.raises(ValueError, match=r"'speed' is no setting; expected one of circle, .*window"):
+    with pytest.raises(ValueError, match=r"'speed' is no setting; expected one of cfc, circle, .*window"):
         find(SETTINGS, "speed")
     with pytest.raises(ValueError, match="'no_report' is no setting; write report = false"):
         find(SETTINGS, "no_report")

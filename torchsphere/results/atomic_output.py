@@ -78,7 +78,7 @@ def atomic_folder(
     new = unfinished_folder(folder)
     try:
         with replacement.being_filled(new):
-            with _full_disk_named(new, folder, kind):
+            with full_disk_named(new, folder, kind):
                 yield new
             check_folder(folder, overwrite, kind, files)
             if folder.exists():
@@ -96,24 +96,46 @@ def recover(folder: Path, files: tuple[str, ...] = RESULT_FILES) -> None:
     replacement.recover(folder, short_name(folder.absolute().name), files)
 
 
+class FullDiskError(OSError):
+    """A disk is full; names the file, and the room that the output needs."""
+
+
+def _full_disk_behind(error: BaseException | None) -> OSError | None:
+    """The error of a full disk that an error is or follows: libraries may fail anew when they clean up."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in FULL:
+            return error
+        error = error.__cause__ or error.__context__
+    return None
+
+
 @contextlib.contextmanager
-def _full_disk_named(new: Path, folder: Path, kind: str) -> Iterator[None]:
-    """Raise the error of a full disk in the block with the file, and the room that the output has and needs."""
+def full_disk_named(new: Path, folder: Path, kind: str) -> Iterator[None]:
+    """Raise the error of a full disk in the block as `FullDiskError`; ``new`` is written, and shown as ``folder``."""
     try:
         yield
-    except OSError as error:
-        if error.errno not in FULL:
+    except Exception as error:
+        full = _full_disk_behind(error)
+        if full is None:
             raise
-        written = [path for path in new.rglob("*") if path.is_file()]
-        last = max(written, key=lambda path: path.stat().st_mtime_ns, default=new)
-        megabytes = 1e-6 * sum(path.stat().st_size for path in written)
-        named = OSError(
-            f"{folder / last.relative_to(new)}: no space left on device; the {kind} needs more than "
-            f"{megabytes:.1f} MB, and {1e-6 * shutil.disk_usage(new).free:.1f} MB were free beside it; make room, "
-            "nothing was replaced"
+        named = FullDiskError(
+            str(error).replace(str(new), str(folder))
+            if isinstance(error, FullDiskError)
+            else _full_disk_text(new, folder, kind, is_quota=full.errno != errno.ENOSPC)
         )
-        named.errno = error.errno
+        named.errno = full.errno
         raise named from error
+
+
+def _full_disk_text(new: Path, folder: Path, kind: str, is_quota: bool) -> str:
+    written = [path for path in new.rglob("*") if path.is_file()]
+    last = max(written, key=lambda path: path.stat().st_mtime_ns, default=new)
+    # How much of a quota is left is not known.
+    room = sum(path.stat().st_size for path in written) + (0 if is_quota else shutil.disk_usage(new).free)
+    return (
+        f"{folder / last.relative_to(new)}: no space left on {'the quota' if is_quota else 'device'}; the {kind} needs "
+        f"more than {1e-6 * room:.2g} MB, and no more was free; make room, nothing was replaced"
+    )
 
 
 @contextlib.contextmanager
@@ -137,5 +159,10 @@ def atomic_path(path: Path) -> Iterator[Path]:
     try:
         yield part
         part.replace(path)
+    except OSError as error:
+        if error.errno in FULL:
+            # The system does not say which file it could not write.
+            error.filename = str(path)
+        raise
     finally:
         part.unlink(missing_ok=True)

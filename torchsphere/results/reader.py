@@ -37,6 +37,12 @@ KINEMATICS_COLUMNS = {
     "spin_rad_s": ("wx_rad_s", "wy_rad_s", "wz_rad_s"),
 }
 
+#: Columns of ``force_path.csv``.
+FORCE_PATH_COLUMNS = (
+    *("impact", "frame", "time_s", "branch"),
+    *("penetration_m", "force_N", "sd_penetration_m", "sd_force_N"),
+)
+
 #: Sections that every ``summary.json`` has, with the keys that each section has at least.
 _REQUIRED = {
     "input": ("path", "kind", "frames", "first_frame", "last_frame", "width_px", "height_px"),
@@ -66,6 +72,17 @@ class SIMotion:
 
 
 @dataclass(frozen=True)
+class ForcePathTable:
+    """Rows of ``force_path.csv`` of one impact."""
+
+    is_loading: NDArray[np.bool_]  # (m,)
+    penetration_m: Array
+    force_N: Array  # noqa: N815
+    sd_penetration_m: Array
+    sd_force_N: Array  # noqa: N815
+
+
+@dataclass(frozen=True)
 class ResultFolder:
     """A result of n frames, px and rad, camera frame; NaN where a value was not measured."""
 
@@ -79,9 +96,10 @@ class ResultFolder:
     increment: Array  # motion (n, 5) from the frame before as (dx, dy, wx, wy, wz)
     sd_increment: Array
     zncc: Array  # (n,)
-    quaternion: Array  # orientation (n, 4) since the first frame as (w, x, y, z)
+    quaternion: Array  # orientation (n, 4) since the first frame as (w, x, y, z); NaN if no rotation was measured
     motion: SIMotion | None  # None unless frame rate and scale are known
     sampled: Sampled | None  # some images and residual maps; None if the result keeps none
+    force_path: ForcePathTable | None = None  # of the strongest impact; None if it has none
 
     @property
     def lab_frame(self) -> bool:
@@ -156,7 +174,7 @@ def read(path: Path) -> ResultFolder:
         return ResultFolder(
             path=path,
             summary=summary,
-            frame=table["frame"].astype(np.int64),
+            frame=_frame_numbers(table["frame"]),
             time_s=table["time_s"],
             status=table["status"].astype(np.str_),
             position=_stacked(table, ("x_px", "y_px")),
@@ -164,9 +182,10 @@ def read(path: Path) -> ResultFolder:
             increment=_stacked(table, INCREMENTS),
             sd_increment=_stacked(table, INCREMENTS, "sd_"),
             zncc=table["zncc"],
-            quaternion=_stacked(table, ("qw", "qx", "qy", "qz")),
+            quaternion=_measured(_stacked(table, ("qw", "qx", "qy", "qz"))),
             motion=motion,
             sampled=load(path / "frames.npz") if (path / "frames.npz").is_file() else None,
+            force_path=_force_path(path / "force_path.csv", summary),
         )
     except (_DamageError, json.JSONDecodeError, UnicodeDecodeError, RecursionError, pa.ArrowInvalid) as error:
         raise ValueError(f"{path}: the result is damaged ({error}); track the recording again") from error
@@ -197,6 +216,12 @@ def _check_complete(summary: Any, table: dict[str, NDArray[Any]], motion: SIMoti
             raise _DamageError(f"{name} has {length} of the {count} frames")
 
 
+def _frame_numbers(column: Array) -> NDArray[np.int64]:
+    if not (np.isfinite(column) & (np.abs(column) < 2**53)).all():
+        raise _DamageError("a frame in track.csv has no number")
+    return column.astype(np.int64)
+
+
 def _columns(path: Path, texts: tuple[str, ...] = ()) -> dict[str, NDArray[Any]]:
     """Columns by name: strings for ``texts``, otherwise float64 with NaN for an empty cell."""
     with path.open(encoding="utf-8") as stream:
@@ -210,6 +235,11 @@ def _stacked(table: dict[str, NDArray[Any]], names: tuple[str, ...], prefix: str
     return np.stack([table[prefix + name] for name in names], 1)
 
 
+def _measured(quaternion: Array) -> Array:
+    """The orientations (n, 4); that of the first frame alone, which is 1 by definition, is no measurement."""
+    return quaternion if np.isfinite(quaternion[:, 0]).sum() > 1 else np.full_like(quaternion, np.nan)
+
+
 def _motion(path: Path) -> SIMotion:
     table = _columns(path)
     vectors: dict[str, Any] = {
@@ -218,3 +248,17 @@ def _motion(path: Path) -> SIMotion:
         for prefix in ("", "sd_")
     }
     return SIMotion(time_s=table["time_s"], **vectors)
+
+
+def _force_path(path: Path, summary: dict[str, Any]) -> ForcePathTable | None:
+    """The rows of the strongest impact."""
+    strongest = summary.get("impact")
+    if not path.is_file() or not strongest:
+        return None
+    starts = [impact.get("contact_start") for impact in summary.get("impacts", [])]
+    if strongest.get("contact_start") not in starts:
+        return None
+    table = _columns(path, ("branch",))
+    rows = table["impact"] == starts.index(strongest["contact_start"]) + 1
+    numbers: dict[str, Any] = {name: table[name][rows] for name in FORCE_PATH_COLUMNS[4:]}
+    return ForcePathTable(is_loading=table["branch"][rows] == "loading", **numbers) if rows.any() else None

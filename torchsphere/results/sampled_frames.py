@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -98,5 +97,6 @@ def load(path: Path) -> Sampled:
             left, top, width, height = (float(v) for v in file["box"])
             step, side = float(file["residual_step"]), int(file["residual_bin"])
             return Sampled(file["row"], images, (left, top, width, height), file["residual"], step, side)
-    except (KeyError, OSError, EOFError, ValueError, zipfile.BadZipFile) as error:
+    except Exception as error:
+        # A damaged archive raises nearly every type: BadZipFile, NotImplementedError, zlib.error, KeyError.
         raise ValueError(f"{path}: the kept images are damaged ({error}); track the recording again") from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,15 +17,28 @@ import pyarrow.parquet as pq
 import torch
 from numpy.typing import NDArray
 
+from torchsphere.dynamics.contact_law import ContactForce
+from torchsphere.dynamics.filtered_motion import FilteredMotion
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics, mean_motion
 from torchsphere.dynamics.shared_errors import ROTATION_PER_RADIUS, STEP_PER_RADIUS
-from torchsphere.geometry.orientation import quaternions
+from torchsphere.estimation.measurements import DRIFT_SHARE, on_map
 from torchsphere.recording import Recording
+from torchsphere.recording.facts import Facts
 from torchsphere.request import Request
-from torchsphere.results.reader import KINEMATICS_COLUMNS, TRACK_COLUMNS
+from torchsphere.results.columns import (
+    covariances,
+    filtered_columns,
+    force_path_columns,
+    motion_columns,
+    track_columns,
+    unit_of,
+)
+from torchsphere.results.exports import SUFFIXES, write_export
+from torchsphere.results.reader import INCREMENTS
 from torchsphere.runtime.shown_text import shown
-from torchsphere.tracking.result import Track, status_counts
+from torchsphere.runtime.warning_levels import level_of
+from torchsphere.tracking.result import Track, status_counts, why_unusable
 
 #: Rows of a block of a CSV file.
 CSV_ROWS = 1000
@@ -36,10 +49,11 @@ class Measurement:
     """The measurement of one recording.
 
     ``sha256`` is the hash of its files. ``extra_files`` (name -> source) are copied into the result folder. ``name``
-    stands in the summary in place of a temporary path. ``impact`` is the strongest of all ``impacts``.
+    stands in the summary in place of a temporary path. ``impact`` is the strongest of all ``impacts``, each of which
+    has its own of the ``contact_forces``. ``filtered`` is None unless a channel frequency class was asked for.
     """
 
-    recording: Recording
+    recording: Recording | Facts
     track: Track
     motion: Kinematics | None
     impact: Impact | None
@@ -50,47 +64,73 @@ class Measurement:
     extra_files: Mapping[str, Path] = field(default_factory=dict)
     name: str | None = None
     impacts: tuple[Impact, ...] = ()
+    contact_forces: tuple[ContactForce, ...] = ()
+    filtered: FilteredMotion | None = None
 
 
 def write_track(folder: Path, track: Track, frame_rate: float | None, first_frame: int) -> None:
     """Write ``track.csv`` and, with the full covariances, ``track.parquet``."""
-    n = len(track.status)
-    frame = first_frame + np.arange(n)
-    time = np.full(n, np.nan) if frame_rate is None else frame / frame_rate
-    sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))
-    radius = np.where(np.isfinite(track.position[:, 0]), track.radius, np.nan)
-    # The first frame has no increment.
-    first = np.full((1, 5), np.nan)
-    values: tuple[NDArray[Any], ...] = (
-        *(frame, time, track.status, *track.position.T, radius),
-        *np.concatenate((first, track.increment)).T,
-        *np.concatenate((first, sd)).T,
-        *(track.zncc, track.iterations, *quaternions(track.orientation).T),
-    )
-    columns = dict(zip(TRACK_COLUMNS, values, strict=True))
-    _write_csv(folder / "track.csv", columns if frame_rate is not None else columns | {"time_s": np.full(n, "")})
-    covariance = np.concatenate((np.full(25, np.nan), track.covariance.ravel()))
+    columns = track_columns(track, frame_rate, first_frame)
+    empty = {} if frame_rate is not None else {"time_s": np.full(len(track.status), "")}
+    _write_csv(folder / "track.csv", columns | empty)
     table = {name: pa.array(v.tolist() if v.dtype.kind == "U" else v) for name, v in columns.items()}
-    table["covariance"] = pa.FixedSizeListArray.from_arrays(pa.array(covariance), 25)
+    # The relative growth of the radius has a standard deviation only with the model pinhole6.
+    table["sd_growth"] = pa.array(np.concatenate(([np.nan], track.sd_growth)))
+    table["covariance"] = pa.FixedSizeListArray.from_arrays(pa.array(covariances(track).ravel()), 25)
+    schema = pa.schema([_field(name, values.type) for name, values in table.items()])
     # Numbers rarely repeat, so that a dictionary would be a second copy of each column.
-    pq.write_table(pa.table(table), folder / "track.parquet", compression="zstd", use_dictionary=["status"])
+    whole = pa.table(table, schema=schema)
+    pq.write_table(whole, folder / "track.parquet", compression="zstd", use_dictionary=["status"])
+
+
+def _field(name: str, kind: pa.DataType) -> pa.Field:
+    """The description of a column, with its unit."""
+    unit = "px and rad, row by row" if name == "covariance" else unit_of(name)
+    return pa.field(name, kind, metadata={"unit": unit} if unit else None)
 
 
 def write_kinematics(folder: Path, motion: Kinematics, first_frame: int) -> None:
     """Write ``kinematics.csv``: times, known vectors, their standard deviations, numbers of the frames."""
-    vectors = {name: names for name, names in KINEMATICS_COLUMNS.items() if getattr(motion, name) is not None}
-    columns: dict[str, NDArray[Any]] = {"time_s": motion.time_s}
-    for prefix in ("", "sd_"):
-        for name, names in vectors.items():
-            values = getattr(motion, prefix + name)
-            columns |= {prefix + column: values[:, k] for k, column in enumerate(names)}
-    columns["frame"] = first_frame + np.arange(len(motion.time_s))
-    _write_csv(folder / "kinematics.csv", columns)
+    _write_csv(folder / "kinematics.csv", motion_columns(motion, first_frame))
+
+
+def write_filtered(folder: Path, motion: FilteredMotion, first_frame: int) -> None:
+    """Write ``kinematics_cfc.csv``: filtered acceleration and force with the columns of ``kinematics.csv``."""
+    _write_csv(folder / "kinematics_cfc.csv", filtered_columns(motion, first_frame))
+
+
+def write_force_paths(folder: Path, forces: Sequence[ContactForce], first_frame: int) -> None:
+    """Write ``force_path.csv``, a row per frame in a contact, unless no impact has a force."""
+    columns = force_path_columns(forces, first_frame)
+    if columns:
+        _write_csv(folder / "force_path.csv", columns)
+
+
+def write_measurement(
+    folder: Path, request: Request, done: Measurement, frame_rate: float | None, export: Sequence[str] = ()
+) -> None:
+    """Write the tables, ``summary.json``, and for each of ``export`` a file "result" with all of them."""
+    write_track(folder, done.track, frame_rate, done.first_frame)
+    tables = {"track": track_columns(done.track, frame_rate, done.first_frame)}
+    tables["track"]["covariance"] = covariances(done.track)
+    if done.motion is not None:
+        write_kinematics(folder, done.motion, done.first_frame)
+        tables["kinematics"] = motion_columns(done.motion, done.first_frame)
+    if done.filtered is not None:
+        write_filtered(folder, done.filtered, done.first_frame)
+        tables["kinematics_cfc"] = filtered_columns(done.filtered, done.first_frame)
+    write_force_paths(folder, done.contact_forces, done.first_frame)
+    tables["force_path"] = force_path_columns(done.contact_forces, done.first_frame)
+    contents = plain(summary(request, done, frame_rate))
+    write_summary(folder, contents)
+    known = {name: columns for name, columns in tables.items() if columns}
+    for kind in dict.fromkeys(export):
+        write_export(folder / f"result{SUFFIXES[kind]}", kind, known, contents["impacts"], contents)
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
     """Write ``summary.json``; NaN and infinity become null."""
-    text = json.dumps(_jsonable(summary), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(plain(summary), indent=2, ensure_ascii=False, allow_nan=False)
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
 
 
@@ -107,13 +147,14 @@ def _write_csv(path: Path, columns: dict[str, NDArray[Any]]) -> None:
             stream.writelines(row % values for values in zip(*block, strict=True))
 
 
-def _jsonable(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """The value with what JSON has: lists, texts, and None for NaN and infinity."""
     if isinstance(value, dict):
-        return {str(k): _jsonable(v) for k, v in value.items()}
+        return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_jsonable(v) for v in value]
+        return [plain(v) for v in value]
     if isinstance(value, np.ndarray):
-        return _jsonable(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, (np.floating, np.integer)):
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):
@@ -132,7 +173,7 @@ def summary(request: Request, done: Measurement, frame_rate: float | None) -> di
             "path": done.name or shown(str(request.input)),
             "sha256": done.sha256,
             "kind": recording.kind,
-            "frames": len(recording),
+            "frames": recording.shape[0],
             "first_frame": done.first_frame,
             "last_frame": done.first_frame + len(tracked.status) - 1,
             "width_px": recording.shape[2],
@@ -146,19 +187,37 @@ def summary(request: Request, done: Measurement, frame_rate: float | None) -> di
         "frame_rate_origin": "given" if request.fps is not None else recording.origins.get("frame_rate"),
         "circle": {**vars(circle), "frame": done.first_frame + circle.frame, "unit": "px"},
         "radius_effect": _radius_effect(tracked),
+        "drift_share": 0.0 if on_map(tracked) else DRIFT_SHARE,
+        "sd_steady": dict(zip(INCREMENTS, tracked.sd_steady.tolist(), strict=True)),
         "scale": None if done.motion is None else vars(done.motion.scale),
         "frames_per_status": status_counts(tracked),
+        "unusable": why_unusable(tracked.status),
         "mean_motion": mean_motion(tracked, done.motion),
         "axes": "lab frame: x right, y up, z to the camera" if in_lab else "camera frame: x right, y down",
         "settings": {k: v for k, v in vars(request).items() if k not in ("input", "out")} | tracked.settings,
         "differentiation": None if done.motion is None else done.motion.about,
-        "impact": None if done.impact is None else done.impact.summary(),
-        "impacts": [found.summary() for found in done.impacts],
+        "impact": _impact(done),
+        "impacts": _impacts(done),
         "contact_s": None if done.motion is None else done.motion.contact_s,
         "warnings": list(done.warnings),
+        "warning_levels": [level_of(sentence) for sentence in done.warnings],
         "seconds": round(done.seconds, 3),
         "versions": versions(),
     }
+
+
+def _impacts(done: Measurement) -> list[dict[str, Any]]:
+    """All impacts with what their forces against penetration give."""
+    forces = done.contact_forces or (ContactForce(None, None),) * len(done.impacts)
+    return [found.summary() | force.summary() for found, force in zip(done.impacts, forces, strict=True)]
+
+
+def _impact(done: Measurement) -> dict[str, Any] | None:
+    """The strongest impact, as it is among all."""
+    if done.impact is None:
+        return None
+    own = done.impact.summary()
+    return next((each for each in _impacts(done) if each["contact_start"] == own["contact_start"]), own)
 
 
 def _radius_effect(tracked: Track) -> dict[str, float]:

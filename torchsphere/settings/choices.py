@@ -12,8 +12,14 @@ METHODS = ("smoother", "savitzky-golay", "differences")
 #: Default window (frames) and order of the local polynomials (docs/constants.md).
 WINDOW, ORDER = 7, 3
 
+#: Channel frequency classes of ISO 6487 and SAE J211, for `channel_filter`.
+CHANNEL_CLASSES = (60, 180, 600, 1000)
+
 #: Choices for the map, and the argument of `torchsphere.track`.
 MAPS: dict[str, bool | None] = {"auto": None, "on": True, "off": False}
+
+#: Kinds of files in which all tables of a result are written together: keys of `exports.SUFFIXES`.
+EXPORTS = ("hdf5", "mat")
 
 #: Supported devices.
 DEVICES = ("cpu", "cuda")

@@ -9,6 +9,8 @@ from collections.abc import Callable, Sequence
 from numbers import Integral, Real
 from typing import Any
 
+from torchsphere.settings.choices import CHANNEL_CLASSES
+
 #: Smallest and largest radius of the region of interest, shares of the ball's radius (docs/constants.md).
 ROI = (0.1, 1.0)
 
@@ -78,6 +80,14 @@ def require_one_of(names: Sequence[str]) -> Callable[[str, Any], None]:
     return require
 
 
+def require_channel_class(name: str, value: Any) -> None:
+    """Raise SettingError unless the value is a channel frequency class of ISO 6487 and SAE J211."""
+    if value not in CHANNEL_CLASSES:
+        classes = ", ".join(map(str, CHANNEL_CLASSES))
+        shown = shown_value(value)
+        raise SettingError(f"`{name}` = {shown}: expected one of the channel frequency classes {classes}")
+
+
 def require_switch(name: str, value: Any, allowed: str = "True or False") -> None:
     """Raise SettingError for a text in place of a switch, as even the text "off" is true."""
     if isinstance(value, str):
@@ -109,6 +119,14 @@ def as_positive(name: str, value: Any, expected: str = "a finite, positive numbe
     found = as_float(value)
     if not (math.isfinite(found) and found > 0):
         raise ValueError(f"{name} = {shown_value(value)}: expected {expected}")
+    return found
+
+
+def as_share(name: str, value: Any) -> float:
+    """The value as a float; ValueError unless it is in [0, 1)."""
+    found = as_float(value)
+    if not 0 <= found < 1:
+        raise ValueError(f"{name} = {shown_value(value)}: expected a share from 0 to below 1")
     return found
 
 

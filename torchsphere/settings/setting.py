@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from torchsphere.settings.limits import SettingError, shown_value
+from torchsphere.settings.suggestion import did_you_mean
 
 _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -173,7 +174,10 @@ def find(settings: Mapping[str, Setting], key: str) -> Setting:
     """The setting of a column or key, which may have hyphens; ValueError for unknown names."""
     name = key.strip().replace("-", "_")
     if name not in settings:
-        hint = f"; write {name[3:]} = false" if name.startswith("no_") and name[3:] in settings else ""
+        question = did_you_mean(name, settings)
+        hint = f" ({question.removeprefix('; ')})" if question else ""
+        if name.startswith("no_") and name[3:] in settings:
+            hint = f"; write {name[3:]} = false"
         raise ValueError(f"{key!r} is no setting{hint}; expected one of {', '.join(sorted(settings))}")
     return settings[name]
 

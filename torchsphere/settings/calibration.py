@@ -1,0 +1,135 @@
+"""What is known of camera and ball beside the images, carried from a recording and a track to what follows from them.
+
+The command line has names of its own for these quantities, in mm, g and %. Python takes both, see `with_option_names`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from torchsphere.settings.limits import (
+    DENSITIES_KG_M3,
+    DIAMETERS_MM,
+    FRAME_RATES,
+    as_float,
+    as_positive,
+    shown_value,
+)
+
+#: Names of the command line: the name in Python, and the factor to its unit.
+OPTION_NAMES: dict[str, tuple[str, float]] = {
+    "fps": ("frame_rate", 1.0),
+    "diameter_mm": ("diameter_m", 1e-3),
+    "mm_per_px": ("m_per_px", 1e-3),
+    "mass_g": ("mass_kg", 1e-3),
+    "shell_mm": ("shell_m", 1e-3),
+    "scale_sd_percent": ("relative_sd_scale", 1e-2),
+    "mass_sd_percent": ("relative_sd_mass", 1e-2),
+    "fps_sd_percent": ("relative_sd_frame_rate", 1e-2),
+}
+
+#: Relative difference of two numbers that are the same but for rounding.
+_SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Frame rate (1/s), the ball's diameter (m) or the size of a pixel (m), and its mass (kg); None where not known."""
+
+    frame_rate: float | None = None
+    diameter_m: float | None = None
+    m_per_px: float | None = None
+    mass_kg: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.diameter_m is not None and self.m_per_px is not None:
+            raise ValueError("scale: give either the ball's diameter or the size of a pixel")
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None:
+                # Numbers of arrays and tensors become plain numbers.
+                object.__setattr__(self, field.name, _CHECKS[field.name](value))
+
+    def overridden(self, given: Calibration, source: str) -> tuple[Calibration, tuple[str, ...]]:
+        """The calibration with what was ``given`` in its place, and a sentence for each contradiction.
+
+        ``source`` is what knew this calibration. A given scale of either kind takes the place of the known one.
+        """
+        sentences = []
+        for name in ("frame_rate", "diameter_m", "m_per_px", "mass_kg"):
+            known, new = getattr(self, name), getattr(given, name)
+            if known is not None and new is not None and not math.isclose(known, new, rel_tol=_SAME):
+                sentences.append(f"{source} states {name} = {known:g}; {new:g} was given and used.")
+        kept = self
+        if given.diameter_m is not None or given.m_per_px is not None:
+            for name, other in (("diameter_m", "m_per_px"), ("m_per_px", "diameter_m")):
+                known, new = getattr(self, name), getattr(given, other)
+                if known is not None and new is not None:
+                    sentences.append(f"{source} states {name} = {known:g}; {other} = {new:g} was given and used.")
+            kept = replace(self, diameter_m=None, m_per_px=None)
+        news = {field.name: getattr(given, field.name) for field in fields(given)}
+        return replace(kept, **{name: value for name, value in news.items() if value is not None}), tuple(sentences)
+
+
+def as_frame_rate(frame_rate: Any) -> float:
+    """The frame rate as a number; ValueError where no camera has it."""
+    rate = as_positive("frame_rate", frame_rate)
+    if not FRAME_RATES[0] <= rate <= FRAME_RATES[1]:
+        raise ValueError(
+            f"frame_rate = {shown_value(frame_rate)}: expected {FRAME_RATES[0]:g} to {FRAME_RATES[1]:g} frames per "
+            "second"
+        )
+    return rate
+
+
+_LENGTH = "a finite, positive length in m"
+_CHECKS: dict[str, Callable[[Any], float]] = {
+    "frame_rate": as_frame_rate,
+    "diameter_m": lambda value: as_positive("diameter_m", value, _LENGTH),
+    "m_per_px": lambda value: as_positive("m_per_px", value, _LENGTH),
+    "mass_kg": lambda value: as_positive("mass_kg", value),
+}
+
+
+def with_option_names(
+    function: str, arguments: Mapping[str, Any], options: Mapping[str, Any], unset: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """The ``arguments`` of a function with ``options`` by the names of the command line, in the units of Python.
+
+    ``unset`` has the values of arguments that were not given, by default None. Raises TypeError for other names, and
+    ValueError where a quantity was given by both names or is no number.
+    """
+    found = dict(arguments)
+    for name, value in options.items():
+        own, factor = OPTION_NAMES.get(name, ("", 1.0))
+        if own not in found:
+            known = sorted([*arguments, *(option for option, (of, _) in OPTION_NAMES.items() if of in arguments)])
+            raise TypeError(f"{function} has no argument {name!r}: these are {', '.join(known)}")
+        if value is None:
+            continue
+        if found[own] != (unset or {}).get(own):
+            raise ValueError(f"{own} and {name} were both given; they are one quantity, leave one out")
+        number = as_float(value)
+        if not math.isfinite(number):
+            raise ValueError(f"{name} = {shown_value(value)}: expected a finite number")
+        found[own] = factor * number
+    return found
+
+
+def implausible_units(diameter_m: float | None, mass_kg: float | None) -> tuple[str, ...]:
+    """A sentence if the diameter or the mass is likely in another unit, as `limits.unit_warnings` of the options."""
+    advice = "check the units: diameter_m is in m, mass_kg in kg, and diameter_mm and mass_g in mm and g"
+    if diameter_m is None:
+        return ()
+    if not DIAMETERS_MM[0] <= 1e3 * diameter_m <= DIAMETERS_MM[1]:
+        return (f"The ball's diameter is {diameter_m:.3g} m, which is implausible; {advice}.",)
+    density = None if mass_kg is None else mass_kg / (math.pi / 6 * diameter_m**3)
+    if density is None or DENSITIES_KG_M3[0] <= density <= DENSITIES_KG_M3[1]:
+        return ()
+    return (
+        f"The ball's diameter is {diameter_m:.3g} m and its mass {mass_kg:.3g} kg, which makes {density:.2g} kg/m3 and "
+        f"is implausible; {advice}.",
+    )
