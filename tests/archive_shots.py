@@ -35,8 +35,9 @@ RADIUS, FRAMES = 12.0, 5
 #: Settings of all recordings; a map would take a second each.
 COMMON: dict[str, Any] = {"circle": (22.0, 32.3, RADIUS), "fps": 1000.0, "diameter_mm": 30.0, "map": "off"}
 CALLS = "calls.txt"
-#: Grey level of a recording that `pretended` refuses.
+#: Grey level of a recording that `pretended` refuses, and reasons of recordings without a usable result.
 BAD = 255
+UNUSABLE: dict[str, str] = {}
 #: Limit of every wait for an event, s, far above the time under heavy load.
 PATIENCE_S = 900.0
 
@@ -99,6 +100,7 @@ def write_result(request: Request, extra: Mapping[str, Path], tracked: Track | N
         if tracked is not None:
             writer.write_track(folder, tracked, request.fps, 0)
         table = {"input": {"sha256": hash_files([request.input])}, "frames_per_status": counts}
+        table |= {"unusable": UNUSABLE.get(request.input.stem, "")}
         table |= {"mean_motion": {"increment_px_rad": step}, "frame_rate": request.fps}
         writer.write_summary(folder, table)
     with (request.input.parent / CALLS).open("a") as file:
@@ -161,7 +163,7 @@ def kill_holder(mark: Path) -> threading.Thread:
 def arguments(source: Path, out: Path, **more: Any) -> dict[str, Any]:
     """Options of the command for an archive of these recordings."""
     none = dict.fromkeys(PER_RECORDING)
-    fixed = {"source": source, "out": out, "config": None, "scheduler": None, "workers": 2}
+    fixed = {"source": [source], "out": out, "config": None, "scheduler": None, "workers": 2, "verbose": False}
     return {**none, **COMMON, **fixed, "shard": None, "retry_failed": False, "quiet": True, **more}
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import logging
 import shutil
 import time
 from collections.abc import Mapping
@@ -13,27 +15,38 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from torchsphere.diagnostics.impact_warnings import impact_warnings
+from torchsphere.diagnostics.contradictions import contradictions
+from torchsphere.diagnostics.impact_warnings import filter_warnings, impact_warnings
 from torchsphere.diagnostics.track_warnings import bandwidth_warnings, track_warnings, window_warnings
 from torchsphere.diagnostics.unused_settings import unused_settings
 from torchsphere.dynamics.ball import ball
+from torchsphere.dynamics.channel_filter import require_class
+from torchsphere.dynamics.contact_law import ContactForce, contact_force
+from torchsphere.dynamics.filtered_motion import FilteredMotion, filtered_motion
 from torchsphere.dynamics.impact import impact, impacts
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics, kinematics
 from torchsphere.recording import Recording, open_recording
+from torchsphere.recording.facts import Facts
 from torchsphere.recording.frame_range import resolve_range, restrict
 from torchsphere.recording.ignore_mask import hides_ball, read_ignore, without_effect
 from torchsphere.report import draw, frame_sampling, overlay, paraview
 from torchsphere.report.explanations import NO_IMPACT
 from torchsphere.request import Request, require_shell_within
 from torchsphere.results import atomic_output, sampled_frames, writer
+from torchsphere.results.exports import check_exports
 from torchsphere.results.reader import read
-from torchsphere.results.writer import Measurement, summary, versions
+from torchsphere.results.writer import Measurement, versions
 from torchsphere.runtime import threads
 from torchsphere.runtime.file_hash import hash_files
+from torchsphere.runtime.warning_levels import by_level, note, severe
+from torchsphere.settings.calibration import Calibration
 from torchsphere.settings.choices import MAPS
-from torchsphere.tracking.follow import Progress
+from torchsphere.tracking.follow import Progress, Watch
+from torchsphere.tracking.result import status_counts
 from torchsphere.tracking.track import Track, track
+
+_LOG = logging.getLogger("torchsphere")
 
 __all__ = ["Measurement", "Request", "measure", "versions"]
 
@@ -44,10 +57,11 @@ def measure(
     extra: Mapping[str, Path] | None = None,
     *,
     name: str | None = None,
+    watch: Watch | None = None,
 ) -> Measurement:
     """Track the recording and write the result folder; files of ``extra`` (name -> source) are copied into it.
 
-    ``name`` replaces the path of a temporary input in the summary.
+    ``name`` replaces the path of a temporary input in the summary. ``progress`` and ``watch`` are those of `track`.
 
     Raises
     ------
@@ -57,6 +71,7 @@ def measure(
     atomic_output.check_folder(request.out, request.overwrite)
     if request.overlay:
         overlay.check_library()
+    check_exports(request.export)
     if request.device.startswith("cuda") and not torch.cuda.is_available():
         raise ValueError(
             "--device cuda was asked for, but torch finds no CUDA device here; leave it out to use the CPU"
@@ -64,30 +79,45 @@ def measure(
     began = time.perf_counter()
     with open_recording(request.input) as recording:
         start, stop = resolve_range(request.frames, len(recording))
+        _check_class(request, request.fps or recording.frame_rate)
         with draw.drawing_process(_draws_in_parallel(request, stop - start)) as pool, threads.single_threaded_torch():
             hashed = draw.begin(pool, hash_files, recording.files)
             chosen = restrict(recording, start, stop)
             ignore = read_ignore(request.ignore, recording.shape[1:]) if request.ignore else None
-            tracked = _track(request, chosen, ignore, progress, start)
+            _LOG.info("opened %s: %s, frames %d to %d", recording.path, recording.kind, start, stop - 1)
+            tracked = _track(request, recording, chosen, ignore, start, progress=progress, watch=watch)
+            _LOG.info("tracked: %s", ", ".join(f"{n} {name}" for name, n in status_counts(tracked).items()))
             frame_rate = request.fps or recording.frame_rate
             motion = _kinematics(request, tracked, frame_rate, start)
             found, every, impact_notes = _impacts(request, tracked, motion)
+            filtered = _filtered(request, tracked, motion)
+            _LOG.info("kinematics: %s; impacts: %d", "none" if motion is None else motion.about["method"], len(every))
             circle = tracked.circle
-            warnings = (
-                *track_warnings(request, recording, tracked, frame_rate),
-                *window_warnings(tracked, motion),
-                *bandwidth_warnings(motion),
-                *impact_notes,
-                *unused_settings(request, motion, found, has_rate=frame_rate is not None),
-                *without_effect(request.ignore, recording.shape[1:]),
-                *hides_ball(ignore, circle.x, circle.y, circle.radius, start + circle.frame),
+            warnings = by_level(
+                (
+                    *track_warnings(request, recording, tracked, frame_rate),
+                    *contradictions(tracked, motion),
+                    *window_warnings(tracked, motion),
+                    *bandwidth_warnings(motion),
+                    *impact_notes,
+                    *(() if motion is None else filter_warnings(motion, found, filtered)),
+                    *unused_settings(request, motion, found, has_rate=frame_rate is not None),
+                    *map(note, without_effect(request.ignore, recording.shape[1:])),
+                    *map(severe, hides_ball(ignore, circle.x, circle.y, circle.radius, start + circle.frame)),
+                )
             )
             seconds = time.perf_counter() - began
             sha256 = hashed.result() if hashed is not None and not draw.failed(hashed) else hash_files(recording.files)
             done = Measurement(
-                recording, tracked, motion, found, start, warnings, seconds, sha256, extra or {}, name, every
+                *(recording, tracked, motion, found, start, warnings, seconds, sha256, extra or {}, name, every),
+                contact_forces=_contact_forces(request, motion, every),
+                filtered=None
+                if motion is None or request.cfc is None
+                else filtered_motion(tracked, motion, request.cfc),
             )
+            _LOG.info("writing %s", request.out)
             _write(request, done, frame_rate, chosen, ignore, pool)
+            _LOG.info("written")
     return done
 
 
@@ -101,12 +131,17 @@ def _draws_in_parallel(request: Request, count: int) -> bool:
 
 
 def _track(
-    request: Request, chosen: Recording, ignore: NDArray[np.bool_] | None, progress: Progress | None, start: int
+    request: Request,
+    recording: Recording,
+    chosen: Recording,
+    ignore: NDArray[np.bool_] | None,
+    start: int,
+    **calls: Any,
 ) -> Track:
     # Without this argument `track` chooses a region of interest for the ball.
     roi: dict[str, Any] = {} if request.roi is None else {"roi": request.roi}
     exposure = _exposure(request, request.fps or chosen.frame_rate)
-    return track(
+    found = track(
         chosen,
         request.circle,
         ignore=ignore,
@@ -115,14 +150,21 @@ def _track(
         in_place=request.in_place,
         sphere_map=MAPS[request.map],
         exposure=exposure,
-        progress=progress,
         model=request.motion_model(),
         telecentric=request.telecentric,
         camera=request.camera(),
         first_frame=start,
         log=False,  # the command line prints the warnings
         **roi,
+        **calls,
     )
+    known = Calibration(
+        request.fps or recording.frame_rate,
+        _milli(request.diameter_mm),
+        _milli(request.mm_per_px),
+        _milli(request.mass_g),
+    )
+    return dataclasses.replace(found, calibration=known, facts=Facts.of(recording, recording.shape))
 
 
 def _exposure(request: Request, frame_rate: float | None) -> float | None:
@@ -140,6 +182,26 @@ def _exposure(request: Request, frame_rate: float | None) -> float | None:
     return min(share, 1.0)
 
 
+def _check_class(request: Request, frame_rate: float | None) -> None:
+    """Raise ValueError for a channel frequency class that the frame rate is too low for."""
+    if request.cfc is not None and frame_rate is not None:
+        require_class(request.cfc, frame_rate)
+
+
+def _filtered(request: Request, tracked: Track, motion: Kinematics | None) -> FilteredMotion | None:
+    """Acceleration and force by the channel frequency class, if one was asked for."""
+    return None if motion is None or request.cfc is None else filtered_motion(tracked, motion, request.cfc)
+
+
+def _contact_forces(
+    request: Request, motion: Kinematics | None, impacts: tuple[Impact, ...]
+) -> tuple[ContactForce, ...]:
+    """Force against penetration of each impact."""
+    if motion is None:
+        return ()
+    return tuple(contact_force(motion, each, normal_deg=request.normal_deg) for each in impacts)
+
+
 def _kinematics(request: Request, tracked: Track, frame_rate: float | None, start: int) -> Kinematics | None:
     if frame_rate is None or (request.diameter_mm is None and request.mm_per_px is None):
         return None
@@ -152,6 +214,9 @@ def _kinematics(request: Request, tracked: Track, frame_rate: float | None, star
         lab_frame=request.lab_frame,
         first_frame=start,
         relative_sd_scale=request.scale_sd_percent / 100,
+        relative_sd_mass=request.mass_sd_percent / 100,
+        relative_sd_frame_rate=request.fps_sd_percent / 100,
+        log=False,  # the command line prints the warnings
         method=request.method,
         window=request.window,
         order=request.order,
@@ -171,19 +236,26 @@ def _impacts(
         return None, (), ()
     if not np.isfinite(tracked.increment[:, 0]).any():
         # `impact` would say that one steady motion explains all frames.
-        return None, (), (f"{NO_IMPACT}no motion was measured.",)
+        return None, (), (note(f"{NO_IMPACT}no motion was measured."),)
     solid = None
     if request.mass_g is not None:
         radius_m = tracked.circle.radius * motion.scale.m_per_px
         if request.shell_mm is not None and request.diameter_mm is None:
             require_shell_within(request.shell_mm, 1e3 * radius_m)
-        shell_m, inertia = _milli(request.shell_mm), request.inertia_kg_m2
-        solid = ball(1e-3 * request.mass_g, 2 * radius_m, shell_m=shell_m, inertia_kg_m2=inertia)
-    found, reason = impact(motion, solid, normal_deg=request.normal_deg)
+        solid = ball(
+            1e-3 * request.mass_g,
+            2 * radius_m,
+            shell_m=_milli(request.shell_mm),
+            inertia_kg_m2=request.inertia_kg_m2,
+            relative_sd_mass=request.mass_sd_percent / 100,
+            relative_sd_diameter=request.scale_sd_percent / 100,
+            log=False,
+        )
+    found, reason = impact(motion, solid, normal_deg=request.normal_deg, log=False)
     if found is None:
-        return None, (), (f"{NO_IMPACT}{reason[0].lower()}{reason[1:]}",)
-    every = impacts(motion, solid, normal_deg=request.normal_deg)
-    return found, tuple(every), (*impact_warnings(motion, found), *found.missing)
+        return None, (), (note(f"{NO_IMPACT}{reason[0].lower()}{reason[1:]}"),)
+    every = impacts(motion, solid, normal_deg=request.normal_deg, log=False)
+    return found, tuple(every), (*impact_warnings(motion, found), *map(note, found.missing))
 
 
 def _write(
@@ -195,12 +267,9 @@ def _write(
     pool: Executor | None,
 ) -> None:
     with atomic_output.atomic_folder(request.out, request.overwrite) as folder:
-        writer.write_track(folder, done.track, frame_rate, done.first_frame)
-        if done.motion is not None:
-            writer.write_kinematics(folder, done.motion, done.first_frame)
+        writer.write_measurement(folder, request, done, frame_rate, request.export)
         for name, source in done.extra_files.items():
             shutil.copyfile(source, folder / name)
-        writer.write_summary(folder, summary(request, done, frame_rate))
         if request.report:
             begun = draw.begin_figures(folder, pool)
             mask = None if ignore is None else torch.from_numpy(ignore)

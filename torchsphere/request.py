@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from torchsphere.settings.choices import DEVICES, MAPS, METHODS, MODELS, ORDER, WINDOW
+from torchsphere.settings.choices import DEVICES, EXPORTS, MAPS, METHODS, MODELS, ORDER, WINDOW
 from torchsphere.settings.limits import (
     FRAME_RATES,
     ROI,
     SettingError,
+    require_channel_class,
     require_finite,
     require_one_of,
     require_positive,
@@ -147,9 +148,25 @@ class Request:
     mass_g: Annotated[
         float | None, Setting(NUMBER, KINEMATICS, "M", "mass of the ball, g, for the force", require_positive)
     ] = None
+    mass_sd_percent: Annotated[
+        float, Setting(NUMBER, KINEMATICS, "P", "standard deviation of that mass, %", _require_percent)
+    ] = 0.0
+    fps_sd_percent: Annotated[
+        float, Setting(NUMBER, KINEMATICS, "P", "standard deviation of the frame rate, %", _require_percent)
+    ] = 0.0
     method: Annotated[
         str, Setting(choice(METHODS), KINEMATICS, "", "how to differentiate", require_one_of(METHODS))
     ] = "smoother"
+    cfc: Annotated[
+        int | None,
+        Setting(
+            WHOLE,
+            KINEMATICS,
+            "N",
+            "also filter raw differences by a class of ISO 6487 and SAE J211: 60, 180, 600 or 1000",
+            require_channel_class,
+        ),
+    ] = None
     lab_frame: Annotated[bool, Setting(SWITCH, KINEMATICS, "", "kinematics with y up and z to the camera")] = False
     window: Annotated[int, Setting(WHOLE, POLYNOMIALS, "N", "frames around each frame, odd")] = WINDOW
     order: Annotated[int, Setting(WHOLE, POLYNOMIALS, "N", "order of the polynomials")] = ORDER
@@ -168,6 +185,16 @@ class Request:
     ] = True
     overlay: Annotated[bool, Setting(SWITCH, OUTPUT, "", "make overlay.mp4, too (extra 'video')")] = False
     paraview: Annotated[bool, Setting(SWITCH, OUTPUT, "", "make a series for ParaView, too")] = False
+    export: Annotated[
+        Sequence[str],
+        Setting(
+            choice(EXPORTS),
+            OUTPUT,
+            "",
+            "also all tables in one file, result.h5 (extra 'export') or result.mat; may be repeated",
+            repeats=True,
+        ),
+    ] = ()
     overwrite: Annotated[bool, Setting(SWITCH, OUTPUT, "", "replace an earlier result", per_recording=False)] = False
 
     def __post_init__(self) -> None:

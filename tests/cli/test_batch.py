@@ -193,7 +193,7 @@ def test_a_file_system_without_locks_is_noted_and_the_run_goes_on(
 
 REFUSED = {
     "nowhere": ["nowhere"],
-    "no archive": ["shots/a.npy"],
+    "no archive": ["thesis/chapter.txt"],
     "empty folder": ["void"],
     "unknown column": ["sheet.csv"],
     "no such config": ["shots", "--config", "no.toml"],

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from torchsphere.cli.main import main
 
@@ -14,6 +15,25 @@ def test_info_finds_the_ball_for_a_preview_alone_and_the_help_says_so(short: Pat
     with pytest.raises(SystemExit):
         main(["info", "--help"])
     assert "with --preview, also where the ball is" in " ".join(capsys.readouterr().out.split())
+
+
+def test_without_a_ball_the_preview_is_the_image_with_a_grid_and_the_exit_code_says_so(tmp_path: Path, capsys) -> None:
+    path, preview = tmp_path / "noise.npy", tmp_path / "preview.png"
+    noise = np.random.default_rng(0).integers(90, 110, (4, 60, 200), dtype=np.uint8)
+    np.save(path, noise)
+    assert main(["info", str(path), "--preview", str(preview)]) == 4
+    printed = capsys.readouterr().out
+    assert "no ball was found in 4 frames" in printed
+    assert "give its outline with --circle" in printed
+    with Image.open(preview) as image:
+        colours = np.asarray(image.convert("RGB")).reshape(-1, 3)
+    # Lines in blue over grey levels.
+    assert (colours[:, 2].astype(int) - colours[:, 0] > 60).sum() > 1000
+
+
+def test_a_preview_that_is_no_png_is_refused_first(tmp_path: Path, short: Path, capsys) -> None:
+    assert main(["info", str(short), "--preview", str(tmp_path / "preview.jpg")]) == 2
+    assert capsys.readouterr().out == ""
 
 
 def test_info_prints_the_facts_of_the_file_and_draws_the_circle(tmp_path: Path, short: Path, capsys) -> None:

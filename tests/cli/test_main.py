@@ -19,7 +19,7 @@ def test_the_module_runs_as_a_program(tmp_path: Path) -> None:
 
 
 def test_every_command_shows_an_example(capsys) -> None:
-    for command in ("demo", "info", "track"):
+    for command in ("demo", "info", "pick", "track"):
         with pytest.raises(SystemExit) as stop:
             main([command, "--help"])
         assert stop.value.code == 0

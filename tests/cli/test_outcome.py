@@ -49,7 +49,7 @@ def test_the_answer_has_the_impact_with_units_and_standard_deviations(tmp_path: 
     assert found["contact begins"] == "0.72740 ± 0.00050 ms"
     assert found["largest force"] == "53.89 ± 0.15 kN"
     assert found["restitution"] == "0.45590 ± 0.00040"
-    assert found["note"] == "A sentence."
+    assert found["caution"] == "A sentence."
     # Quantities that were not measured have no line.
     assert "spin before" not in found
 
@@ -60,6 +60,14 @@ def test_without_an_impact_the_answer_has_the_mean_motion_that_was_measured(tmp_
     assert "mean turn x, y, z" not in found
 
 
+def test_what_makes_numbers_wrong_stands_before_them_and_remarks_stand_last(tmp_path: Path) -> None:
+    warnings = {"warnings": ["Wrong.", "Mind.", "Given."], "warning_levels": ["severe", "caution", "note"]}
+    lines = outcome_lines({**SUMMARY, **warnings}, tmp_path)
+    assert lines[0].split(maxsplit=1) == ["WARNING", "Wrong."]
+    assert lines[-1].split(maxsplit=1) == ["note", "Given."]
+    assert lines[-3].split(maxsplit=1) == ["caution", "Mind."]
+
+
 def test_noise_under_a_given_circle_ends_with_code_4_and_one_sentence_first(blind: list[str], capsys) -> None:
     assert main([*blind, "--quiet"]) == 4
     printed = capsys.readouterr()
@@ -67,6 +75,11 @@ def test_noise_under_a_given_circle_ends_with_code_4_and_one_sentence_first(blin
     assert printed.out == ""
     page = (Path(blind[-1]) / "report.html").read_text()
     assert 'class="verdict bad"' in page
+    assert "What makes numbers wrong" in page
+    summary = json.loads((Path(blind[-1]) / "summary.json").read_text())
+    assert summary["unusable"] == "nothing usable was measured: the motion is known in 0 of 11 frames after the first"
+    assert summary["warning_levels"][0] == "severe"
+    assert "was not confirmed" in summary["warnings"][0]
 
 
 def test_json_is_the_summary_and_nothing_else(blind: list[str], capsys) -> None:

@@ -1,13 +1,15 @@
 """Warnings on an impact: contacts cut off or too short, other impacts, and restitutions that no target gives."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
-from pulses import M_PER_PX, MASS_KG, NOISES_M, RATE, pulse
+from pulses import M_PER_PX, MASS_KG, NOISES_M, PEAK_N, RATE, pulse
 
 import torchsphere as ts
-from torchsphere.diagnostics.impact_warnings import impact_warnings
+from torchsphere.diagnostics.impact_warnings import filter_warnings, impact_warnings
+from torchsphere.dynamics.filtered_motion import filtered_motion
 from torchsphere.dynamics.impact import impact
 from torchsphere.dynamics.impact_estimate import Estimate, Impact
 from torchsphere.dynamics.kinematics import Kinematics
@@ -33,6 +35,21 @@ def estimate(value: float) -> Estimate:
 
 def test_an_impact_between_two_long_flights_gives_no_warning(motion: Kinematics, sound: Impact) -> None:
     assert impact_warnings(motion, sound) == ()
+
+
+def test_a_class_that_takes_part_of_the_force_gives_a_warning_with_the_share(motion: Kinematics, sound: Impact) -> None:
+    truth = pulse(11, NOISES_M[0])
+    filtered = filtered_motion(truth.track, motion, 1000)
+    (sentence,) = filter_warnings(motion, sound, filtered)
+    kept = np.abs(ts.channel_filter(truth.force_N[:, 0], RATE, 1000)).max() / PEAK_N
+    assert 0.6 < kept < 0.7
+    (shown,) = re.findall(r"class 1000 takes (\d+) %", sentence)
+    # Noise and differences over three frames change the largest values by 1 %.
+    assert int(shown) == pytest.approx(100 * (1 - kept), abs=1.5)
+    whole = dataclasses.replace(filtered, acceleration_m_s2=motion.acceleration_m_s2)
+    assert filter_warnings(motion, sound, whole) == ()
+    assert filter_warnings(motion, sound, None) == ()
+    assert filter_warnings(motion, None, filtered) == ()
 
 
 @pytest.mark.parametrize(("side", "word"), [("before", "starts"), ("after", "ends")])

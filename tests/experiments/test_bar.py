@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import gamma
 
-from experiments.paper.bar.beam import beam, free_roots, frequencies_hz, plastic_moment, symmetric_shape
+from experiments.paper.bar.beam import beam, free_roots, frequencies_hz, plastic_moment, symmetric_shape, timoshenko_hz
 from experiments.paper.bar.contact import Contact
 from experiments.paper.bar.history import History, peaks
 from experiments.paper.bar.impact import simulate
@@ -56,6 +56,13 @@ def test_the_bars_own_numbers_give_903_and_4879_hz_and_the_papers_need_a_density
     np.testing.assert_allclose(frequencies_hz(roots, Setup()), [902.8, 4878.8], atol=0.1)  # as printed
     papers = frequencies_hz(roots, Setup(bar_density_kg_m3=3340.0))
     np.testing.assert_allclose(papers, [827, 4468], atol=1.0)  # its two numbers agree to 0.04 %
+
+
+def test_shear_and_rotary_inertia_lower_the_frequencies_of_a_thick_bar_and_hardly_those_of_a_thin_one() -> None:
+    # 4645 Hz by the characteristic equation, by hand.
+    np.testing.assert_allclose(timoshenko_hz(3, Setup())[[0, 2]], [894.4, 4645.0], rtol=1e-3)
+    thin = Setup(bar_diameter_m=1e-3)
+    np.testing.assert_allclose(timoshenko_hz(3, thin), frequencies_hz(free_roots(3), thin), rtol=1e-3)
 
 
 def test_each_mode_has_the_mass_of_the_bar_and_none_of_another() -> None:

@@ -8,7 +8,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from experiments.experiment import Row
+from experiments.experiment import Row, claims, decided
 from experiments.paper import all as everything
 from experiments.paper.bar.history import Peak
 from experiments.paper.fig05 import accelerometer, lobe
@@ -120,3 +120,21 @@ def test_an_unknown_name_is_refused_with_the_known_ones(capsys: pytest.CaptureFi
     with pytest.raises(SystemExit):
         everything.main(["fig99"])
     assert "'fig99' is no experiment of the paper; expected one of fig02" in capsys.readouterr().err
+
+
+def test_a_row_of_another_condition_counts_neither_for_nor_against_the_paper() -> None:
+    remark = Row("fig01", "It is so.", "1", "2", False, other_condition="with rounding")
+    open_ = Row("fig01", "It grows.", "1.5 times", "1.49", decided(1.49, 1.5, 0.05))
+    refuted = Row("fig01", "It is not.", "1", "2", False, reason="The two differ.")
+    assert everything.count([ROW, remark, open_, refuted]) == (
+        "1 of 3 claims hold; too close to the limit to say: 1; rows of another condition than the paper's: 1."
+    )
+    text = claims([remark, open_, refuted])
+    assert "**not the paper's condition**: with rounding" in text
+    assert "**undecided**" in text
+    assert "**no**: The two differ." in text
+
+
+@pytest.mark.parametrize(("value", "expected"), [(1.0, False), (1.45, None), (1.55, None), (2.0, True)])
+def test_a_verdict_near_its_limit_is_left_open(value: float, expected: bool | None) -> None:
+    assert decided(value, 1.5, 0.05) is expected

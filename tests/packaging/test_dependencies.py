@@ -53,7 +53,7 @@ def modules(distributions: set[str]) -> set[str]:
     return {MODULES.get(name, name).replace("-", "_") for name in distributions}
 
 
-RUNTIME = ("video", "render", "dask", "baselines")
+RUNTIME = ("video", "render", "dask", "baselines", "export")
 
 
 @pytest.mark.parametrize(

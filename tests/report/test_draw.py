@@ -120,7 +120,7 @@ def test_report_draws_the_same_files_from_the_folder_alone_and_changes_no_number
     assert {path.name for path in drawn} == {
         "report.html",
         "thumbnail.webp",
-        *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf")),
+        *(f"{name}.{kind}" for name in (*FIGURES, "force_path") for kind in ("png", "pdf")),
     }
     before = {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()}
     for path in drawn:

@@ -44,6 +44,30 @@ def test_a_strip_below_each_panel_shows_its_standard_deviation_in_the_same_unit(
         assert 0 < above.get_position().y0 - below.get_position().y1 < 0.02
 
 
+def test_raw_differences_are_points_below_the_curves_and_leave_the_limits(result: ResultFolder) -> None:
+    figure = motion_figures.motion_figure(result)
+    assert result.motion is not None
+    time, m_per_px = result.motion.time_s, result.summary["scale"]["m_per_px"]
+    velocity = np.diff(result.position, axis=0) * m_per_px / np.diff(time)[:, None]
+    curves, points = figure.axes[1].lines[:2], figure.axes[1].lines[2:]
+    assert len(points) == 2
+    for axis, line in enumerate(points):
+        where, values = line.get_xydata().T
+        assert line.get_linestyle() == "None"
+        assert line.get_zorder() < curves[axis].get_zorder()
+        assert len(values) > 0.8 * len(velocity)
+        middle = np.searchsorted(1e3 * time, where) - 1
+        np.testing.assert_allclose(values, velocity[middle, axis])
+    # Wild points change no limit.
+    wild = result.position.copy()
+    wild[::3] += 5.0
+    noisy = motion_figures.motion_figure(dataclasses.replace(result, position=wild))
+    for one, other in zip(figure.axes, noisy.axes, strict=True):
+        assert one.get_ylim() == other.get_ylim()
+    low, high = noisy.axes[2].get_ylim()
+    assert all(low <= value <= high for line in noisy.axes[2].lines[2:] for value in line.get_ydata())
+
+
 def test_the_measured_contact_is_shaded(result: ResultFolder) -> None:
     assert result.contact_s is not None
     for axis in motion_figures.motion_figure(result).axes:
@@ -69,7 +93,7 @@ def test_one_legend_above_the_first_panel_names_lines_and_shades(result: ResultF
     axes = motion_figures.motion_figure(result).axes
     legends = [axis.get_legend() for axis in axes]
     assert [legend is not None for legend in legends] == [True] + [False] * 7
-    assert [text.get_text() for text in legends[0].get_texts()] == ["x", "y", "z", "contact"]
+    assert [text.get_text() for text in legends[0].get_texts()] == ["x", "y", "z", "raw differences", "contact"]
 
 
 def test_frames_that_were_not_measured_are_shaded(result: ResultFolder) -> None:

@@ -45,6 +45,6 @@ def test_the_command_line_prints_the_warnings_of_the_track_and_logs_none(
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"]
     printed = capsys.readouterr()
     assert [sentence for sentence in summary if sentence in said] == list(said)
-    assert all(printed.out.count(f"note{16 * ' '}{sentence}\n") == 1 for sentence in said)
+    assert all(printed.out.count(f"  {sentence}\n") == 1 for sentence in said)
     assert not any(sentence in printed.err for sentence in said)
     assert not caplog.records

@@ -7,13 +7,22 @@ import functools
 import os
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchsphere.cli.console import progress_bar, say
-from torchsphere.cli.options import add_command, add_out, add_quiet, add_settings, given_settings
-from torchsphere.request import PER_RECORDING, merged, read_config
+from torchsphere.cli.console import progress_bar, say, told_steps
+from torchsphere.cli.exit_codes import DONE, INTERRUPTED, SOME_FAILED, UNUSABLE, UsageError, usage
+from torchsphere.cli.options import (
+    add_command,
+    add_config,
+    add_out,
+    add_quiet,
+    add_settings,
+    add_verbose,
+    given_settings,
+)
+from torchsphere.request import PER_RECORDING, check_settings, merged, read_config
 from torchsphere.runtime.shown_text import shown
 
 if TYPE_CHECKING:
@@ -21,10 +30,7 @@ if TYPE_CHECKING:
     from torchsphere.archive.run import Counts, Engine
     from torchsphere.archive.work import Measure
 
-#: Exit code where recordings failed; their reasons are in summary.csv.
-SOME_FAILED = 3
-
-#: Largest number of failed recordings that the closing sentences name; summary.csv has all.
+#: Largest number of recordings of a kind that the closing sentences name; summary.csv has all.
 FAILURES_NAMED = 5
 
 
@@ -39,16 +45,24 @@ def add(commands: Any) -> None:
     parser = add_command(commands, "batch", run, text, epilog)
     parser.description += (
         " The settings below hold for all recordings; they win over --config, and a recording's own win over both. "
-        "The exit code is 0 where all are done and 3 where some failed (summary.csv says why)."
+        "The exit code is 0 where all are done, 3 where some failed, and 4 where none failed and some are unusable: "
+        "their results are written, and nothing usable was measured (summary.csv says why)."
     )
-    parser.add_argument("source", type=Path, metavar="MANIFEST_OR_FOLDER", help="manifest .csv, .toml, or a folder")
+    parser.add_argument(
+        "source",
+        type=Path,
+        nargs="+",
+        metavar="MANIFEST_OR_FOLDER",
+        help="manifest .csv, .toml, folder, or recording; or several of these",
+    )
     add_out(parser, "folder for the results")
     parser.add_argument("--workers", type=_count, metavar="N", help="processes (one per core, or per GPU)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="or the workers of a Dask scheduler, tcp://host:8786")
     parser.add_argument("--shard", type=_shard, metavar="K/N", help="only part K of N, for job arrays")
     parser.add_argument("--retry-failed", action="store_true", help="measure again what failed in an earlier run")
-    parser.add_argument("--config", type=Path, metavar="FILE.toml", help="settings for all recordings")
+    add_config(parser, "batch", PER_RECORDING, "settings for all recordings")
     add_quiet(parser, "no progress bar, no notes, no closing sentence")
+    add_verbose(parser)
     add_settings(parser, PER_RECORDING)
 
 
@@ -66,7 +80,8 @@ def _shard(text: str) -> tuple[int, int]:
 
 
 def run(options: dict[str, Any], measure: Measure | None = None) -> int:
-    """Run over the archive; 0 where all recordings of the share are done, 3 where some failed, 130 on Ctrl-C.
+    """Run over the archive; 0 where all recordings of the share are done, 3 where some failed, 4 where some have no
+    usable result and none failed, 130 on Ctrl-C.
 
     ``measure`` measures one recording, by default as `torchsphere.measure.measure`. Raises ValueError or OSError for an
     invalid manifest, output folder or engine.
@@ -74,12 +89,14 @@ def run(options: dict[str, Any], measure: Measure | None = None) -> int:
     from torchsphere.archive import folder, manifest
 
     # Workers on other machines have other working folders, hence absolute paths.
-    source, out = options["source"].absolute(), options["out"].absolute()
-    common = {} if options["config"] is None else read_config(options["config"], PER_RECORDING)
-    common = _absolute(merged(common, given_settings(options, PER_RECORDING)))
+    sources, out = [source.absolute() for source in options["source"]], options["out"].absolute()
     if options["scheduler"] is not None and options["workers"] is not None:
-        raise ValueError("--workers and --scheduler were both given; a scheduler has workers of its own, leave one out")
-    archive = manifest.read(source, common, out)
+        raise UsageError("--workers and --scheduler were both given; a scheduler has workers of its own, leave one out")
+    with usage():
+        common = {} if options["config"] is None else read_config(options["config"], PER_RECORDING)
+        common = _absolute(merged(common, given_settings(options, PER_RECORDING)))
+        check_settings(common)
+    archive = manifest.read_all(sources, common, out)
     engine = _engine(options, any(item.settings.get("device") == "cuda" for item in archive.items), measure)
     claims = folder.prepare(out)
     if not options["quiet"]:
@@ -97,33 +114,34 @@ def _run(archive: Archive, out: Path, engine: Engine, options: Mapping[str, Any]
 
     shard, retry, quiet = options["shard"] or (1, 1), options["retry_failed"], options["quiet"]
     try:
-        with progress_bar(quiet, "", "recording") as show:
+        with told_steps(quiet, options["verbose"]), progress_bar(quiet, "", "recording") as show:
 
             def changed(counts: Counts) -> None:
                 if show is not None:
-                    show(counts.done + counts.failed, counts.total, f"{counts.failed} failed")
+                    show(counts.total - counts.pending, counts.total, f"{counts.failed} failed")
 
             counts = archive_run.run(archive, out, engine, shard=shard, retry_failed=retry, changed=changed)
     except archive_run.Interrupted as stop:
         say(quiet, f"interrupted; {_counts_text(stop.counts)}; the same command goes on")
-        return 130
+        return INTERRUPTED
     table = out / SUMMARIES[0]
     say(quiet, f"{_counts_text(counts)}; see {table}")
-    for sentence in _failures(counts, table):
+    for sentence in (*_named("failed", counts.failures, table), *_named("unusable", counts.without_motion, table)):
         say(quiet, sentence)
-    return SOME_FAILED if counts.failed else 0
+    return SOME_FAILED if counts.failed else UNUSABLE if counts.unusable else DONE
 
 
 def _counts_text(counts: Counts) -> str:
     pending = f", {counts.pending} pending" if counts.pending else ""
-    of = f"{counts.done} of {counts.total} recordings done, {counts.failed} failed{pending}"
+    unusable = f", {counts.unusable} unusable" if counts.unusable else ""
+    of = f"{counts.done} of {counts.total} recordings done{unusable}, {counts.failed} failed{pending}"
     return f"{of} ({counts.measured} measured in this run)"
 
 
-def _failures(counts: Counts, table: Path) -> list[str]:
-    """Sentences on the first failed recordings with their reasons, and on the number of the others."""
-    named = [f"failed  {name}: {reason.removeprefix(f'{name}: ')}" for name, reason in counts.failures[:FAILURES_NAMED]]
-    more = len(counts.failures) - len(named)
+def _named(state: str, reasons: Sequence[tuple[str, str]], table: Path) -> list[str]:
+    """Sentences on the first recordings of a state with their reasons, and on the number of the others."""
+    named = [f"{state}  {name}: {reason.removeprefix(f'{name}: ')}" for name, reason in reasons[:FAILURES_NAMED]]
+    more = len(reasons) - len(named)
     return [*named, f"and {more} more; their reasons stand in {table}"] if more else named
 
 

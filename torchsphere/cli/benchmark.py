@@ -8,16 +8,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchsphere.cli.console import progress_bar, say
+from torchsphere.cli.console import print_lines, progress_bar, say
+from torchsphere.cli.exit_codes import SOME_FAILED
 from torchsphere.cli.options import add_command, add_out, add_quiet
+from torchsphere.runtime.shown_text import shown
 from torchsphere.settings.choices import SIZES, TRACKERS
 
 if TYPE_CHECKING:
     from torchsphere.benchmark.folder import Benchmark
     from torchsphere.benchmark.score_rows import ScoreRow
-
-#: Exit code where a tracker failed on a suite; its other results are written.
-SOME_FAILED = 3
 
 
 def add(commands: Any) -> None:
@@ -120,7 +119,8 @@ def _run(options: dict[str, Any]) -> int:
     kept, failed = sum(o.kept for o in outcomes), [o for o in outcomes if o.failed]
     say(quiet, f"{len(outcomes) - kept} run, {kept} kept from before, {len(failed)} failed; see {out / 'scores.csv'}")
     for outcome in failed:
-        print(f"torchsphere: {outcome.tracker} failed on {outcome.suite}: {outcome.failed}", file=sys.stderr)
+        sentence = f"torchsphere: {outcome.tracker} failed on {outcome.suite}: {outcome.failed}"
+        print(shown(sentence), file=sys.stderr)
     return SOME_FAILED if failed else 0
 
 
@@ -153,7 +153,7 @@ def _table(options: dict[str, Any]) -> int:
     rows = [row for path in options["scores"] for row in score_rows.read(path)]
     text = "# Leaderboard\n\n" + leaderboard.markdown(leaderboard.board(rows))
     if options["out"] is None:
-        print(text, end="")
+        print_lines(text)
     else:
         with atomic_file(options["out"]) as stream:
             stream.write(text)
@@ -173,5 +173,5 @@ def _print_scores(rows: Sequence[ScoreRow], quiet: bool) -> None:
         return
     for row in rows:
         if row.notes:
-            print(f"torchsphere: {row.tracker} on {row.suite}: {row.notes}", file=sys.stderr)
-    print(leaderboard.summary(leaderboard.board(rows)), end="")
+            print(shown(f"torchsphere: {row.tracker} on {row.suite}: {row.notes}"), file=sys.stderr)
+    print_lines(leaderboard.summary(leaderboard.board(rows)))

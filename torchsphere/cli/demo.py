@@ -7,10 +7,12 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchsphere.cli.options import add_command, add_quiet
+from torchsphere.cli.options import add_command, add_quiet, add_verbose
 from torchsphere.cli.outcome import status_text
 from torchsphere.cli.track import measure_with_progress
 from torchsphere.request import Request
+from torchsphere.results import atomic_output
+from torchsphere.runtime.shown_text import shown
 
 if TYPE_CHECKING:
     from torchsphere.measure import Measurement
@@ -26,12 +28,14 @@ def add(commands: Any) -> None:
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier result")
     add_quiet(parser, "no progress bar")
+    add_verbose(parser)
 
 
 def run(options: dict[str, Any]) -> int:
     """Make the shot, measure it and print both motions; raises ValueError or OSError for a bad result folder."""
     from torchsphere.synthetic import demo_shot
 
+    atomic_output.recover(options["out"])
     shot = demo_shot.make_shot()
     with tempfile.TemporaryDirectory() as folder:
         images, truth = demo_shot.write_shot(Path(folder), shot)
@@ -47,9 +51,9 @@ def run(options: dict[str, Any]) -> int:
             paraview=True,
         )
         files = {"shot.tif": images, "truth.csv": truth}
-        done = measure_with_progress(request, options["quiet"], files, demo_shot.NAME)
+        done = measure_with_progress(request, options["quiet"], files, demo_shot.NAME, verbose=options["verbose"])
     _print_comparison(shot, done)
-    print(f"result: {options['out']}")
+    print(f"result: {shown(str(options['out']))}")
     return 0
 
 

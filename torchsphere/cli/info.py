@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchsphere.cli.options import add_command
+from torchsphere.cli.console import told_steps
+from torchsphere.cli.exit_codes import DONE, UNUSABLE, UsageError
+from torchsphere.cli.options import add_command, add_verbose
 from torchsphere.runtime.shown_text import shown
+from torchsphere.settings.limits import SettingError
 
 if TYPE_CHECKING:
     from torchsphere.recording import Recording
@@ -17,19 +20,29 @@ def add(commands: Any) -> None:
     text = "Say what a recording is; with --preview, also where the ball is in it."
     parser = add_command(commands, "info", run, text, "example:  torchsphere info shot.cine --preview p.png")
     parser.add_argument("input", type=Path, metavar="INPUT", help="file or folder of images")
-    parser.add_argument("--preview", type=Path, metavar="FILE.png", help="find the ball, print its circle and draw it")
+    parser.add_argument(
+        "--preview",
+        type=Path,
+        metavar="FILE.png",
+        help="find the ball, print its circle and draw it; without a ball, draw the image with a grid",
+    )
+    add_verbose(parser)
 
 
 def run(options: dict[str, Any]) -> int:
-    """Print the facts and draw the preview; raises ValueError or OSError for a bad file, or if no ball is found."""
+    """Print the facts and draw the preview, also without a ball; raises ValueError or OSError for a bad file."""
     from torchsphere.recording import open_recording
 
+    preview = options["preview"]
+    if preview is not None and preview.suffix.lower() != ".png":
+        raise UsageError(f"--preview {preview}: expected a name that ends in .png")
     with open_recording(options["input"]) as recording:
         for name, text in _facts(recording):
             print(f"{name:<11} {shown(text)}")
-        if options["preview"] is not None:
-            _preview(recording, options["preview"])
-    return 0
+        if preview is None:
+            return DONE
+        with told_steps(quiet=False, verbose=options["verbose"]):
+            return _preview(recording, preview)
 
 
 def _facts(recording: Recording) -> list[tuple[str, str]]:
@@ -51,17 +64,21 @@ def _facts(recording: Recording) -> list[tuple[str, str]]:
     return facts + [("note", note) for note in recording.notes]
 
 
-def _preview(recording: Recording, path: Path) -> None:
+def _preview(recording: Recording, path: Path) -> int:
+    """Draw the circle that is found, with all that may be the ball, or else the first image with a grid."""
     from torchsphere.correlation.options import Options
-    from torchsphere.detection.detect import find
     from torchsphere.recording.frame_source import Source
-    from torchsphere.report.image_figures import preview_figure
-    from torchsphere.tracking.initial_circle import calibrate_circle
+    from torchsphere.report.preview_figure import grid_figure, preview_figure
+    from torchsphere.tracking.initial_circle import find_initial_circle
 
-    if path.suffix.lower() != ".png":
-        raise ValueError(f"--preview {path}: expected a name that ends in .png")
     source = Source.open(recording, "cpu")
-    circle = calibrate_circle(source, find(source.images, source.count), None, Options())
+    try:
+        circle, _ = find_initial_circle(source, None, None, False, Options())
+    except SettingError as error:
+        grid_figure(path, recording.images(0, 1)[0], "frame 0: no ball was found; read its --circle X,Y,R off the grid")
+        print(f"{'circle':<11} {error.as_options()}")
+        print(f"{'preview':<11} {path}   (frame 0 with a grid)")
+        return UNUSABLE
     image, text = recording.images(circle.frame, circle.frame + 1)[0], circle.text()
     preview_figure(path, image, circle, f"frame {circle.frame}: --circle {text}")
     print(f"{'circle':<11} --circle {text}   ({circle.sd_text}; frame {circle.frame})")
@@ -72,4 +89,5 @@ def _preview(recording: Recording, path: Path) -> None:
         print(f"{'note':<11} {choice}")
     if circle.doubt:
         print(f"{'note':<11} {circle.warning('in the preview')}")
-    print(f"{'preview':<11} {path}")
+    print(f"{'preview':<11} {shown(str(path))}")
+    return DONE

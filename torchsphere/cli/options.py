@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from torchsphere.cli.config_template import TemplateAction
 from torchsphere.settings.limits import SettingError
 from torchsphere.settings.setting import SWITCH, Group, Setting
 
@@ -56,6 +57,22 @@ def given_settings(options: Mapping[str, Any], settings: Mapping[str, Setting]) 
 def add_quiet(parser: argparse.ArgumentParser, help_text: str = "no progress bar, no summary") -> None:
     """Add ``--quiet``."""
     parser.add_argument("--quiet", action="store_true", help=help_text)
+
+
+def add_config(parser: argparse.ArgumentParser, command: str, settings: Mapping[str, Setting], help_text: str) -> None:
+    """Add ``--config`` and ``--config-template``."""
+    parser.add_argument("--config", type=Path, metavar="FILE.toml", help=help_text)
+    parser.add_argument(
+        "--config-template",
+        action=TemplateAction,
+        const=(command, settings),
+        help="print such a file with every setting, and end",
+    )
+
+
+def add_verbose(parser: argparse.ArgumentParser) -> None:
+    """Add ``--verbose``."""
+    parser.add_argument("--verbose", action="store_true", help="say on the standard error what is done, and when")
 
 
 def add_out(parser: argparse.ArgumentParser, help_text: str = "folder for the result") -> None:

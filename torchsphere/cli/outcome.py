@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 import os
+import shutil
 import sys
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
+
+from torchsphere.runtime.warning_levels import CAUTION, LEVELS, NOTE, SEVERE, levels_of
 
 #: Numbers of an impact: label, key in the summary, unit, factor to that unit.
 IMPACT = (
@@ -31,19 +35,37 @@ MEAN_STEP = (
     ("mean turn x, y, z", "increment_px_rad", slice(2, 5), "deg per frame", math.degrees(1)),
 )
 
+#: Width of the labels with the gap after them.
+LABEL_WIDTH = 20
+
 #: Escape sequences of a terminal: bold red, and back.
 RED, PLAIN = "\x1b[1;31m", "\x1b[0m"
 
 
+#: Labels of warnings by their level; what makes numbers wrong stands before the numbers.
+LABELS = {SEVERE: "WARNING", CAUTION: "caution", NOTE: "note"}
+
+
 def outcome_lines(summary: Mapping[str, Any], out: Path) -> list[str]:
-    """Lines of the answer: frames, circle, motion or impact with standard deviations, warnings, and the folder."""
+    """Lines of the answer: what makes numbers wrong, the numbers, what limits them, the folder, and remarks."""
+    said = dict[str, list[tuple[str, str]]]((level, []) for level in LEVELS)
+    for level, sentence in levels_of(summary):
+        said[level].append((LABELS[level], sentence))
     rows = [("frames", status_text(summary["frames_per_status"])), ("circle", _circle(summary["circle"]))]
     rows += [(label, value) for label, value in _motion(summary) if value]
-    rows += [("note", sentence) for sentence in summary["warnings"]]
+    rows += said[CAUTION]
     rows.append(("result", str(out)))
     if (out / "report.html").is_file():
         rows.append(("report", str(out / "report.html")))
-    return [f"{label:<18}  {value}" for label, value in rows]
+    severe = [in_red(line, sys.stdout) for line in _lines(said[SEVERE])]
+    return [*severe, *_lines(rows), *_lines(said[NOTE])]
+
+
+def _lines(rows: Sequence[tuple[str, str]]) -> list[str]:
+    """Labels and values in two columns; in a terminal, long values go on below their beginnings."""
+    width = shutil.get_terminal_size().columns - LABEL_WIDTH if sys.stdout.isatty() else 0
+    wrapped = ((label, textwrap.wrap(value, width) if width > 20 else [value]) for label, value in rows)
+    return [f"{label if i == 0 else '':<18}  {part}" for label, parts in wrapped for i, part in enumerate(parts)]
 
 
 def status_text(counts: Mapping[str, int]) -> str:
@@ -51,9 +73,9 @@ def status_text(counts: Mapping[str, int]) -> str:
     return f"{sum(counts.values())} ({', '.join(f'{count} {name}' for name, count in counts.items())})"
 
 
-def in_red(sentence: str) -> str:
-    """The sentence in red on a terminal that shows colours; as it is elsewhere, or where NO_COLOR is set."""
-    shows_colours = sys.stderr.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+def in_red(sentence: str, stream: TextIO) -> str:
+    """The sentence in red if the stream is a terminal with colours; as it is elsewhere, or where NO_COLOR is set."""
+    shows_colours = stream.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
     return f"{RED}{sentence}{PLAIN}" if shows_colours else sentence
 
 

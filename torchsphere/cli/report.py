@@ -1,9 +1,11 @@
-"""The command ``torchsphere report``: draw figures and report again from a result folder alone."""
+"""The command ``torchsphere report``: draw figures and report again from a result folder alone, or compare results."""
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import traceback
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +15,59 @@ from torchsphere.cli.options import add_command, add_quiet
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
-    text = "Draw figures and report again from a result folder, or from a folder of results."
-    parser = add_command(commands, "report", run, text, "example:  torchsphere report result")
-    parser.add_argument("folder", type=Path, metavar="DIR", help="what 'track' or 'batch' wrote")
+    text = (
+        "Draw figures and report again from a result folder, or from a folder of results; of several results, compare."
+    )
+    example = (
+        "example:  torchsphere report result   to compare:  torchsphere report shot1 shot2 shot3 --out comparison.html"
+    )
+    parser = add_command(commands, "report", run, text, example)
+    parser.add_argument(
+        "folder",
+        type=Path,
+        nargs="+",
+        metavar="DIR",
+        help="what 'track' or 'batch' wrote; of several that 'track' wrote, a page compares the shots",
+    )
+    parser.add_argument("--out", type=Path, metavar="FILE.html", help="page of the comparison (comparison.html)")
     parser.add_argument("--overlay", action="store_true", help="make overlay.mp4, too (extra 'video')")
     parser.add_argument("--paraview", action="store_true", help="make a series for ParaView, too")
     add_quiet(parser, "no progress bar, no word where all is well")
 
 
 def run(options: dict[str, Any]) -> int:
-    """Draw one result or all results of a folder; raises ValueError at the end if results could not be drawn."""
+    """Draw one result or all results of a folder, or compare several results.
+
+    Raises ValueError at the end if results could not be drawn. Results that cannot be compared are refused before
+    anything is written.
+    """
+    folders = options["folder"]
+    if len(folders) > 1:
+        return _compare(folders, options)
+    if options["out"] is not None:
+        raise ValueError("--out names the page of a comparison, which takes two results or more; leave it out")
+    return _draw_again(folders[0], options)
+
+
+def _compare(folders: list[Path], options: dict[str, Any]) -> int:
+    from torchsphere.report.comparison import PAGE, write_comparison
+
+    for name in ("overlay", "paraview"):
+        if options[name]:
+            raise ValueError(f"--{name} is made of one result; give it with one folder alone")
+    page = Path(PAGE) if options["out"] is None else options["out"]
+    with _damage_named(f"one of {len(folders)} results"):
+        say(options["quiet"], f"comparison  {write_comparison(folders, page)}")
+    return 0
+
+
+def _draw_again(folder: Path, options: dict[str, Any]) -> int:
+    """Draw one result or all results of a folder."""
     from tqdm import tqdm
 
     from torchsphere.report import pages
 
-    folder, quiet = options["folder"], options["quiet"]
+    quiet = options["quiet"]
     if not (folder / "summary.csv").is_file():
         _draw(folder, options)
         say(quiet, f"report  {folder / 'report.html'}")
@@ -50,27 +90,33 @@ def run(options: dict[str, Any]) -> int:
 
 
 def _draw(folder: Path, options: dict[str, Any]) -> None:
+    with _damage_named(folder):
+        _draw_all(folder, options)
+
+
+@contextlib.contextmanager
+def _damage_named(where: Path | str) -> Iterator[None]:
+    """Turn the errors of damaged numbers within the block into one sentence."""
     import numpy as np
 
     try:
         # A damaged number may overflow, which NumPy would say in two lines of its own.
         with np.errstate(over="ignore", invalid="ignore"):
-            _draw_all(folder, options)
+            yield
     except (TypeError, AttributeError, LookupError, ArithmeticError, RecursionError) as error:
         # A file of the result holds a value of another type than this program writes; the place helps if it did not.
         frame = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(frame.filename).name}, line {frame.lineno}"
         why = f"{type(error).__name__}: {' '.join(str(error).split())[:160]}; {place}"
-        raise ValueError(f"{folder}: the result is damaged ({why}); track the recording again") from error
+        raise ValueError(f"{where}: the result is damaged ({why}); track the recording again") from error
 
 
 def _draw_all(folder: Path, options: dict[str, Any]) -> None:
     from torchsphere.report.draw import draw
     from torchsphere.results.reader import read
 
-    draw(folder)
+    # The report links to overlay and series, which are made first. These take torch, which loads in 1.5 s.
     if options["overlay"]:
-        # Overlay and series take torch, which loads in 1.5 s; the report does not.
         from torchsphere.report import overlay
 
         overlay.write_overlay(read(folder))
@@ -78,3 +124,4 @@ def _draw_all(folder: Path, options: dict[str, Any]) -> None:
         from torchsphere.report import paraview
 
         paraview.write_paraview(read(folder))
+    draw(folder)

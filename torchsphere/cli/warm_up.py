@@ -22,12 +22,15 @@ def add(commands: Any) -> None:
 def run(options: dict[str, Any]) -> int:
     """Measure a few frames of the synthetic shot, which needs all loops that a usual recording needs."""
     import torchsphere as ts
+    from torchsphere.kernels import jit
     from torchsphere.synthetic import demo_shot
 
     began = time.perf_counter()
     images = demo_shot.make_shot().images[:FRAMES]
-    ts.track(images, log=False)
+    tracked = ts.track(images, log=False)
+    ts.kinematics(tracked, frame_rate=demo_shot.FRAME_RATE, diameter_m=1e-3 * demo_shot.DIAMETER_MM)
     # A mask takes other loops, which look at each pixel's share.
     ts.track(images, ignore=images[0] > 250, sphere_map=False, log=False)
-    say(options["quiet"], f"the loops are compiled and kept on disk ({time.perf_counter() - began:.0f} s)")
+    kept = "kept on disk" if jit.are_kept() else "NOT kept on disk"
+    say(options["quiet"], f"the loops are compiled and {kept} ({time.perf_counter() - began:.0f} s)")
     return 0

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.dynamics.filtered_motion import FilteredMotion
 from torchsphere.dynamics.impact import MIN_RESOLVED_FRAMES, contact_frames
 from torchsphere.dynamics.impact_estimate import Estimate, Impact
 from torchsphere.dynamics.kinematics import Kinematics
+from torchsphere.runtime.warning_levels import severe
 
 #: Fewest frames of flight on either side that separate flight from contact (docs/constants.md).
 MIN_FLIGHT_FRAMES = 6
@@ -27,6 +29,9 @@ OTHER_IMPACT = 0.05
 #: Distance beyond which a force is no part of the contact, frames (docs/constants.md).
 CLEARANCE_FRAMES = 2
 
+#: Share of the largest acceleration that a channel frequency class may take without a warning (docs/constants.md).
+MAX_FILTERED_SHARE = 0.05
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -34,10 +39,29 @@ Mask = NDArray[np.bool_]
 def impact_warnings(motion: Kinematics, impact: Impact) -> tuple[str, ...]:
     """Sentences on an impact whose numbers may be wrong."""
     return (
-        *_flight_warnings(motion, impact),
-        *_restitution_warnings(impact.restitution_normal),
-        *_force_warnings(motion, impact),
+        *map(severe, _flight_warnings(motion, impact)),
+        *map(severe, _restitution_warnings(impact.restitution_normal)),
+        *map(severe, _force_warnings(motion, impact)),
         *_duration_warnings(motion, impact),
+    )
+
+
+def filter_warnings(motion: Kinematics, impact: Impact | None, filtered: FilteredMotion | None) -> tuple[str, ...]:
+    """A sentence if the channel frequency class takes much of the largest acceleration in the contact."""
+    if impact is None or filtered is None:
+        return ()
+    inside = (motion.time_s >= impact.contact_start.value) & (motion.time_s <= impact.contact_end.value)
+    largest = [
+        float(np.nanmax(np.linalg.norm(values[inside], axis=1), initial=0.0))
+        for values in (motion.acceleration_m_s2, filtered.acceleration_m_s2)
+    ]
+    share = 1 - largest[1] / largest[0] if largest[0] > 0 else 0.0
+    if share <= MAX_FILTERED_SHARE:
+        return ()
+    return (
+        f"The channel frequency class {filtered.cfc} takes {100 * share:.0f} % of the largest acceleration in the "
+        "contact, which is short for this class: compare kinematics_cfc.csv only with what was filtered by the same "
+        "class, and take forces from kinematics.csv.",
     )
 
 

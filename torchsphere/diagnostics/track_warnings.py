@@ -9,6 +9,7 @@ from torchsphere.estimation.measurements import measured_increments
 from torchsphere.estimation.savitzky_golay import runs
 from torchsphere.recording import Recording
 from torchsphere.request import Request
+from torchsphere.runtime.warning_levels import note, severe
 from torchsphere.settings.limits import option_name, unit_warnings
 from torchsphere.tracking.result import Track
 
@@ -20,7 +21,7 @@ def track_warnings(request: Request, recording: Recording, track: Track, frame_r
     """Warnings of a track, and those on its calibration."""
     return (
         # A given frame rate replaces that of the file.
-        *(note for note in recording.notes if request.fps is None or "no frame rate" not in note),
+        *(note(text) for text in recording.notes if request.fps is None or "no frame rate" not in text),
         *track.warnings,
         *_calibration_warnings(request, recording, frame_rate),
         *_scale_warnings(request, track),
@@ -66,11 +67,13 @@ def _calibration_warnings(request: Request, recording: Recording, frame_rate: fl
     """A frame rate that is not known or contradicts the file, and a scale that is not known."""
     sentences = []
     if frame_rate is None:
-        sentences.append("The frame rate is not known, so there are no times and no kinematics; give --fps.")
+        sentences.append(note("The frame rate is not known, so there are no times and no kinematics; give --fps."))
     elif recording.frame_rate is not None and request.fps is not None and request.fps != recording.frame_rate:
-        sentences.append(f"The file states {recording.frame_rate:g} frames/s; {request.fps:g} was given and used.")
+        sentences.append(
+            note(f"The file states {recording.frame_rate:g} frames/s; {request.fps:g} was given and used.")
+        )
     if request.diameter_mm is None and request.mm_per_px is None:
-        sentences.append("No scale was given, so there are no kinematics; give --diameter-mm or --mm-per-px.")
+        sentences.append(note("No scale was given, so there are no kinematics; give --diameter-mm or --mm-per-px."))
     return sentences
 
 
@@ -78,11 +81,11 @@ def _scale_warnings(request: Request, track: Track) -> list[str]:
     """A scale or a mass that may have been meant in another unit, and an uncertainty that is not known."""
     if request.diameter_mm is not None:
         given = f"{option_name('diameter_mm')} {request.diameter_mm:g}"
-        return [*unit_warnings(request.diameter_mm, request.mass_g, given)]
+        return [severe(text) for text in unit_warnings(request.diameter_mm, request.mass_g, given)]
     if request.mm_per_px is None:
         return []
     given = f"{option_name('mm_per_px')} {request.mm_per_px:g}"
     return [
-        "The scale was given and taken as exact; its uncertainty is not included.",
-        *unit_warnings(2 * track.circle.radius * request.mm_per_px, request.mass_g, given),
+        note("The scale was given and taken as exact; its uncertainty is not included."),
+        *map(severe, unit_warnings(2 * track.circle.radius * request.mm_per_px, request.mass_g, given)),
     ]

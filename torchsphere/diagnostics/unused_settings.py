@@ -5,6 +5,7 @@ from __future__ import annotations
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.request import IMPACT, KINEMATICS, POLYNOMIALS, SETTINGS, Request
+from torchsphere.runtime.warning_levels import note
 from torchsphere.settings.limits import option_name
 from torchsphere.settings.setting import Group
 
@@ -41,6 +42,8 @@ def _of_motion(
         sentences += _sentences(
             _given(request, POLYNOMIALS), f"the method {method} has neither; see --method savitzky-golay"
         )
+    if request.mass_g is None and request.mass_sd_percent:
+        sentences += _sentences(["mass_sd_percent"], "no mass was given")
     if impact is None:
         sentences += _sentences(_given(request, IMPACT), "no impact is reported")
     return tuple(sentences)
@@ -57,4 +60,4 @@ def _given(request: Request, *groups: Group) -> list[str]:
 
 def _sentences(names: list[str], reason: str) -> tuple[str, ...]:
     """One sentence on the settings, or none without settings."""
-    return (f"Given and not used: {', '.join(map(option_name, names))}, as {reason}.",) if names else ()
+    return (note(f"Given and not used: {', '.join(map(option_name, names))}, as {reason}."),) if names else ()

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import logging
+import multiprocessing
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -17,6 +20,8 @@ from torch import Tensor
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+_LOG = logging.getLogger(__name__)
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -74,12 +79,54 @@ def compiled(function: Callable[..., Any]) -> Any:
     try:
         dispatcher = numba.njit(cache=True, **options)(function)
     except RuntimeError:
-        # No folder for the cache is writable: each process compiles anew.
+        _tell_not_kept("neither the folder of the package nor that of the user can be written")
         return numba.njit(**options)(function)
     # A loop holds the functions of other files that it calls, and numba looks at the loop's own file alone: after an
     # update of another file an old loop would give wrong numbers.
     dispatcher._cache._cache_file._source_stamp = sources_stamp()
+    _forgive_disk(dispatcher._cache)
     return dispatcher
+
+
+def _forgive_disk(cache: Any) -> None:
+    """Let a disk that is full, and files that a crash left half-written, cost time and not the measurement."""
+    load, save = cache.load_overload, cache.save_overload
+
+    def load_or_none(*arguments: Any) -> Any:
+        try:
+            return load(*arguments)
+        except Exception:
+            with contextlib.suppress(OSError):
+                cache.flush()
+            return None
+
+    def save_or_tell(*arguments: Any) -> None:
+        try:
+            save(*arguments)
+        except OSError as error:
+            _tell_not_kept(f"{cache.cache_path}: {(error.strerror or str(error)).lower()}")
+
+    cache.load_overload, cache.save_overload = load_or_none, save_or_tell
+
+
+#: Why compiled loops cannot be kept on disk, once known.
+_NOT_KEPT: list[str] = []
+
+
+def _tell_not_kept(why: str) -> None:
+    """Say once, and not in each worker, that compiled loops cannot be kept."""
+    if not _NOT_KEPT and multiprocessing.parent_process() is None:
+        _LOG.warning(
+            "compiled loops cannot be kept (%s); each process compiles them again, which takes about a minute: name a "
+            "folder that can be written in NUMBA_CACHE_DIR",
+            why,
+        )
+    _NOT_KEPT.append(why)
+
+
+def are_kept() -> bool:
+    """Whether all loops that were compiled so far are kept on disk."""
+    return not _NOT_KEPT
 
 
 @functools.cache

@@ -13,8 +13,9 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from torchsphere.report import image_figures, motion_figures, pages
+from torchsphere.report import force_figure, image_figures, motion_figures, pages
 from torchsphere.report.figure_style import new_figure
+from torchsphere.results.atomic_output import full_disk_named
 from torchsphere.results.reader import ResultFolder, read
 from torchsphere.runtime import imports
 
@@ -26,6 +27,7 @@ NUMBER_FIGURES: dict[str, Callable[[ResultFolder], Figure]] = {
     "motion": motion_figures.motion_figure,
     "rotation": motion_figures.rotation_figure,
     "quality": motion_figures.quality_figure,
+    "force_path": force_figure.force_figure,
 }
 IMAGE_FIGURES: dict[str, Callable[[ResultFolder], Figure]] = {
     "path": image_figures.path_figure,
@@ -83,17 +85,27 @@ def draw(folder: Path, pool: Executor | None = None, begun: Future[None] | None 
         result = read(folder)
         with tempfile.TemporaryDirectory(prefix=".drawing.", dir=folder) as name:
             new = Path(name)
+            # The folder is removed on leaving: a full disk is named before.
+            with full_disk_named(new, folder, "report"):
+                _draw_into(new, folder, result, pool, begun)
             figures = new / "figures"
-            figures.mkdir()
-            beside = begin(pool, draw_figures, folder, figures, tuple(IMAGE_FIGURES))
-            (new / "report.html").write_text(pages.report_html(result), encoding="utf-8")
-            if result.sampled is not None:
-                (figures / "thumbnail.webp").write_bytes(image_figures.thumbnail(result))
-            calls = ((NUMBER_FIGURES, begun), (IMAGE_FIGURES, beside))
-            draw_figures(folder, figures, [name for names, call in calls if failed(call) for name in names])
             (folder / "figures").mkdir(exist_ok=True)
             for path in [*figures.iterdir(), new / "report.html"]:
                 path.replace(folder / path.relative_to(new))
+
+
+def _draw_into(
+    new: Path, folder: Path, result: ResultFolder, pool: Executor | None, begun: Future[None] | None
+) -> None:
+    """Draw figures and report of the result in ``folder`` into the folder ``new``."""
+    figures = new / "figures"
+    figures.mkdir()
+    beside = begin(pool, draw_figures, folder, figures, tuple(IMAGE_FIGURES))
+    (new / "report.html").write_text(pages.report_html(result), encoding="utf-8")
+    if result.sampled is not None:
+        (figures / "thumbnail.webp").write_bytes(image_figures.thumbnail(result))
+    calls = ((NUMBER_FIGURES, begun), (IMAGE_FIGURES, beside))
+    draw_figures(folder, figures, [name for names, call in calls if failed(call) for name in names])
 
 
 def failed(call: Future[Any] | None) -> bool:
@@ -102,11 +114,16 @@ def failed(call: Future[Any] | None) -> bool:
 
 
 def draw_figures(result_folder: Path, folder: Path, names: Sequence[str]) -> None:
-    """Draw figures of a result into ``folder`` as PNG and PDF; a result without images has no figures of images."""
+    """Draw figures of a result into ``folder`` as PNG and PDF.
+
+    A result without images has no figures of images, and without a force path no figure of it.
+    """
     from matplotlib import rc_context
 
     result = read(result_folder)
     available = NUMBER_FIGURES | (IMAGE_FIGURES if result.sampled is not None else {})
+    if result.force_path is None:
+        available.pop("force_path")
     for name in available.keys() & set(names):
         figure = available[name](result)
         figure.savefig(folder / f"{name}.png", pil_kwargs={"compress_level": COMPRESSION})

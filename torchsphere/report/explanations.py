@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.results.reader import ALL_KNOWN, ResultFolder
+from torchsphere.runtime.warning_levels import levels_of
 from torchsphere.tracking.result import why_unusable
 
 #: Meaning and remedy of each status.
@@ -125,11 +126,11 @@ def missing_inputs(result: ResultFolder) -> list[str]:
     return sentences
 
 
-def warnings(result: ResultFolder) -> list[str]:
-    """Warnings of the summary, except those that `verdict`, `problems` and `missing_inputs` repeat."""
+def warnings(result: ResultFolder, level: str) -> list[str]:
+    """Warnings of a level in the summary, except those that `verdict`, `problems` and `missing_inputs` repeat."""
     repeated = ("The frame rate is not known", "No scale was given", *(() if result.has_steps else (NO_IMPACT,)))
-    sentences = (text for text in result.summary.get("warnings", []) if not text.startswith(repeated))
-    return [text for text in sentences if "frames were not fully measured" not in text]
+    own = (text for of, text in levels_of(result.summary) if of == level and not text.startswith(repeated))
+    return [text for text in own if "frames were not fully measured" not in text]
 
 
 def why_empty(result: ResultFolder, key: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from torchsphere.geometry.circle import Circle
 
 #: Most circles along the path, as in figure 8 of the paper, and least path between two circles, radii: closer circles
 #: hide the image.
@@ -232,30 +230,3 @@ def kept_images(result: ResultFolder) -> Sampled:
     if result.sampled is None:
         raise ValueError(f"{result.path}: the result keeps no images; track again without --no-report")
     return result.sampled
-
-
-def _number(axis: Any, number: int, x: float, y: float, colour: str) -> None:
-    """Write a number at (x, y) on a white disc, to be read on any texture."""
-    disc = {"boxstyle": "circle", "facecolor": "white", "edgecolor": colour, "alpha": 0.85}
-    axis.text(x, y, str(number), color=colour, ha="center", va="center", fontsize=12, fontweight="bold", bbox=disc)
-
-
-def preview_figure(path: Path, image: NDArray[np.float32], circle: Circle, title: str) -> None:
-    """Write a PNG of the image with its circle; the title has the numbers of the circle for ``--circle``."""
-    height, width = image.shape
-    figure = new_figure(figsize=(8.0, 8.0 * height / width + 0.9), dpi=120)
-    axis = figure.subplots()
-    low, high = np.percentile(image, (0.5, 99.5))
-    axis.imshow(image, cmap="gray", vmin=low, vmax=max(high, low + 1e-6))
-    angle = np.linspace(0, 2 * np.pi, 361)
-    x, y = circle.x + circle.radius * np.cos(angle), circle.y + circle.radius * np.sin(angle)
-    axis.plot(x, y, color=COLOURS[1], lw=1.2)
-    axis.plot(circle.x, circle.y, "+", color=COLOURS[1], ms=12)
-    for number, (u, v, radius) in enumerate(circle.others, 2):
-        axis.plot(u + radius * np.cos(angle), v + radius * np.sin(angle), color=COLOURS[2], lw=1.2, ls="--")
-        _number(axis, number, u, v, COLOURS[2])
-    if circle.others:
-        _number(axis, 1, circle.x, circle.y, COLOURS[1])
-    axis.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="x (px)", ylabel="y (px)")
-    axis.set_title(title, fontsize=9)
-    figure.savefig(path)

@@ -1,10 +1,11 @@
-"""The figure of an accelerometer over the acceleration of a track."""
+"""Figures of an accelerometer, and of the force by a bar's strain gauges, over a track."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from torchsphere.instruments.signals import Alignment
+from torchsphere.instruments.strain_gauge import BarForce
 from torchsphere.report.figure_style import COLOURS, new_figure
 
 if TYPE_CHECKING:
@@ -22,6 +23,31 @@ def alignment_figure(found: Alignment) -> Figure:
     above.legend()
     below.axhline(0, color="0.6", lw=0.8)
     below.plot(time, found.sensor_m_s2 - found.track_m_s2, color="0.3", lw=1)
+    below.set_ylabel("difference")
+    below.set_xlabel("time (ms)")
+    return figure
+
+
+def bar_figure(found: BarForce) -> Figure:
+    """Both forces with bands of two standard deviations above, and their difference below, over the track's time."""
+    figure = new_figure(figsize=(8.0, 5.0), dpi=130)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    time = 1e3 * found.time_s
+    curves = (
+        (found.bar_N, found.sd_bar_N, "-", COLOURS[1], "bar, mean over a frame"),
+        (found.track_N, found.sd_track_N, ".", COLOURS[0], "track"),
+    )
+    for force, sd, style, colour, label in curves:
+        above.fill_between(time, 1e-3 * (force - 2 * sd), 1e-3 * (force + 2 * sd), color=colour, alpha=0.25, lw=0)
+        above.plot(time, 1e-3 * force, style, color=colour, ms=4, lw=1.2, label=label)
+    if found.valid_until_s is not None:
+        for axis in (above, below):
+            axis.axvline(1e3 * found.valid_until_s, color="0.4", ls="--", lw=1)
+        above.plot([], [], color="0.4", ls="--", lw=1, label="reflection arrives")
+    above.set_ylabel("force on the ball (kN)")
+    above.legend()
+    below.axhline(0, color="0.6", lw=0.8)
+    below.plot(time, 1e-3 * (found.bar_N - found.track_N), color="0.3", lw=1)
     below.set_ylabel("difference")
     below.set_xlabel("time (ms)")
     return figure

@@ -33,6 +33,9 @@ GRID: dict[str, Any] = {"color": "#b0b0b0", "alpha": 0.3, "lw": 0.8, "zorder": 0
 #: Position of a label left of its axis, axis widths. A fixed position is faster than alignment.
 LABEL_X = -0.102
 
+#: Raw differences: small grey points below the curves, over bands and shades.
+RAW: dict[str, Any] = {"color": "0.5", "ms": 4.0, "mew": 0, "zorder": 1.1}
+
 #: Height of a row of status marks, and left margin of the quality figure for the longest name of a status, inches;
 #: position of the label of the correlation, axis widths.
 STATUS_ROW, STATUS_LEFT, CORRELATION_LABEL_X = 0.3, 1.45, -0.145
@@ -131,6 +134,7 @@ def _stacked_figure(result: ResultFolder, series: Sequence[TimeSeries], title: s
             _write_reason(axis, why_empty(result, quantity.key), axis_label(quantity))
         else:
             _curves(axis, time, quantity)
+            _raw_points(axis, time, quantity)
             _shade(axis, result, time)
             _set_label(axis, axis_label(quantity))
     for axis, quantity in zip(strips, (quantity for quantity in series if quantity.has_sd), strict=True):
@@ -139,7 +143,8 @@ def _stacked_figure(result: ResultFolder, series: Sequence[TimeSeries], title: s
     filled = [(axis, quantity) for axis, quantity in zip(panels, series, strict=True) if not quantity.is_empty]
     if filled:
         _set_time_axis([*panels, *strips], time)
-        _legend(filled[0][0], result, max(len(quantity.components) for _, quantity in filled))
+        has_raw = any(quantity.raw is not None for _, quantity in filled)
+        _legend(filled[0][0], result, max(len(quantity.components) for _, quantity in filled), has_raw=has_raw)
     _set_title(figure, title + ("; bands: 2 sd; strips: sd, in the same unit" if strips else ""))
     return figure
 
@@ -225,6 +230,17 @@ def _curves(axis: Axes, time: Abscissa, series: TimeSeries) -> None:
             axis.fill_between(time.values, value - sd, value + sd, color=COLOURS[k], alpha=0.25, lw=0)
 
 
+def _raw_points(axis: Axes, time: Abscissa, series: TimeSeries) -> None:
+    """Draw raw differences as points below the curves, within the limits that curves and bands have set."""
+    if series.raw is None or time.per_second is None:
+        return
+    low, high = axis.get_ylim()
+    for values in series.raw.values.T:
+        shown = (values >= low) & (values <= high)
+        axis.plot(time.per_second * series.raw.time_s[shown], values[shown], ".", **RAW)
+    axis.set_ylim(low, high)
+
+
 def _deviations(axis: Axes, time: Abscissa, series: TimeSeries) -> None:
     assert series.sd is not None
     for k, sd in enumerate(series.sd.T):
@@ -235,18 +251,20 @@ def _deviations(axis: Axes, time: Abscissa, series: TimeSeries) -> None:
     _set_label(axis, "sd")
 
 
-def _legend(axis: Axes, result: ResultFolder, components: int) -> None:
-    """A legend above the first panel, for all panels: components by line, and the meaning of the shades."""
+def _legend(axis: Axes, result: ResultFolder, components: int, *, has_raw: bool) -> None:
+    """A legend above the first panel, for all panels: components by line, raw points, and the meaning of the shades."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     lines = zip("xyz"[:components], STYLES, COLOURS, strict=False)
     handles: list[Any] = [Line2D([], [], ls=style, color=colour, lw=1.2, label=n) for n, style, colour in lines]
+    if has_raw:
+        handles.append(Line2D([], [], ls="", marker=".", label="raw differences", **RAW | {"ms": 6.0}))
     if result.contact_s is not None and abscissa(result).per_second is not None:
         handles.append(Patch(color=CONTACT, alpha=0.35, lw=0, label="contact"))
     if _not_measured(result).any():
         handles.append(Patch(color=MISSING, lw=0, label="not measured"))
-    axis.legend(handles=handles, loc="lower right", bbox_to_anchor=(1, 1), ncols=5, **LEGEND)
+    axis.legend(handles=handles, loc="lower right", bbox_to_anchor=(1, 1), ncols=6, **LEGEND)
 
 
 def _not_measured(result: ResultFolder) -> NDArray[np.bool_]:

@@ -23,13 +23,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.report import explanations, summary_tables
+from torchsphere.report.budget_table import budget_table
 from torchsphere.report.figure_style import STATUS_COLOURS
+from torchsphere.report.file_links import file_links
+from torchsphere.report.force_figure import force_unit, law_curve
 from torchsphere.report.image_figures import residual_limit
 from torchsphere.report.time_series import TimeSeries, abscissa, time_series
 from torchsphere.results.atomic_output import atomic_file
 from torchsphere.results.reader import ResultFolder
 from torchsphere.results.sampled_frames import NO_RESIDUAL, Sampled, encode_webp, rows_to_keep
 from torchsphere.results.spreadsheet import plain_text
+from torchsphere.runtime.warning_levels import CAUTION, NOTE, SEVERE
 from torchsphere.tracking.result import why_unusable
 
 if TYPE_CHECKING:
@@ -52,20 +56,25 @@ FIRST_COLUMNS = ("recording", "state", "reason", "frames", "ok")
 RESULT_COLUMNS = ("result", "out")
 
 
-def page(template: str, **values: Any) -> str:
+#: Folder with the templates that all pages share.
+TEMPLATES = Path(__file__).parent / "templates"
+
+
+def page(template: str, folder: Path = TEMPLATES, **values: Any) -> str:
     """The page of a ``template``, which escapes all ``values``, in its scripts as well.
 
-    Raises ValueError if ``data`` for a script holds NaN or infinity, which JSON does not have.
+    Templates come from the ``folder`` or from the `TEMPLATES` that all pages share. Raises ValueError if ``data`` for a
+    script holds NaN or infinity, which JSON does not have.
     """
-    return _environment().get_template(template).render(values)
+    return _environment(folder).get_template(template).render(values)
 
 
 @functools.cache
-def _environment() -> Environment:
+def _environment(folder: Path) -> Environment:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        loader=FileSystemLoader([folder, TEMPLATES]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -88,8 +97,14 @@ def report_html(result: ResultFolder) -> str:
         verdict=explanations.verdict(result),
         problems=explanations.problems(result),
         missing_inputs=explanations.missing_inputs(result),
-        warnings=explanations.warnings(result),
+        severe=explanations.warnings(result, SEVERE),
+        cautions=explanations.warnings(result, CAUTION),
+        remarks=explanations.warnings(result, NOTE),
         sections=summary_tables.sections(result),
+        budget=budget_table(result),
+        energy=summary_tables.energy_table(result),
+        has_force_path=result.force_path is not None,
+        files=file_links(result),
         settings=_settings(summary),
         version=summary.get("versions", {}).get("torchsphere", ""),
         data=_script_data(result),
@@ -119,18 +134,19 @@ def _script_data(result: ResultFolder) -> dict[str, Any]:
     spin = result.increment[:, 2:] if result.motion is None else result.motion.spin_rad_s * result.axis_signs
     statuses = list(STATUS_COLOURS)
     return {
+        "forcePath": _force_path(result),
         "frame": result.frame[rows].tolist(),
-        "where": _numbers(time.values[rows], 9),
+        "where": numbers(time.values[rows], 9),
         "abscissa": {"title": time.title, "unit": time.unit},
         "contact": None if contact is None or time.per_second is None else [time.per_second * t for t in contact],
         "status": [statuses.index(status) for status in result.status[rows]],
         "statuses": [_status(result, name) for name in statuses],
-        "position": _numbers(result.position[rows], 7),
-        "radius": _numbers(result.radius[rows], 7),
-        "quaternion": _numbers(result.quaternion[rows], 7),
-        "zncc": _numbers(result.zncc[rows], 6),
+        "position": numbers(result.position[rows], 7),
+        "radius": numbers(result.radius[rows], 7),
+        "quaternion": numbers(result.quaternion[rows], 7),
+        "zncc": numbers(result.zncc[rows], 6),
         # In the camera frame, rad/s or rad per frame: the page shows the direction alone.
-        "spin": _numbers(spin[rows], 6),
+        "spin": numbers(spin[rows], 6),
         "lab": result.lab_frame,
         "panels": [_panel(result, series, rows) for series in time_series(result)],
         # Rows at which the page can stop: the rows with an image, or all rows if no images were kept.
@@ -156,9 +172,36 @@ def _panel(result: ResultFolder, series: TimeSeries, rows: NDArray[np.int64]) ->
         "unit": series.unit,
         "names": series.components,
         "why": explanations.why_empty(result, series.key) if series.is_empty else "",
-        "values": _numbers(series.values[rows].T, 7),
-        "sd": None if series.sd is None else _numbers(series.sd[rows].T, 3),
+        "values": numbers(series.values[rows].T, 7),
+        "raw": _raw(series, rows, abscissa(result).per_second),
+        "sd": None if series.sd is None else numbers(series.sd[rows].T, 3),
     }
+
+
+def _force_path(result: ResultFolder) -> dict[str, Any] | None:
+    """Force against penetration of the strongest impact, mm and the figure's unit of force."""
+    path = result.force_path
+    if path is None:
+        return None
+    unit, factor = force_unit(path)
+    law = law_curve(path, result.summary["impact"])
+    return {
+        "unit": unit,
+        "loading": path.is_loading.tolist(),
+        "depth": numbers(1e3 * path.penetration_m, 5),
+        "force": numbers(factor * path.force_N, 5),
+        "sdForce": numbers(factor * path.sd_force_N, 3),
+        "law": None if law is None else [numbers(1e3 * law[0][::5], 5), numbers(factor * law[1][::5], 5)],
+    }
+
+
+def _raw(series: TimeSeries, rows: NDArray[np.int64], per_second: float | None) -> dict[str, Any] | None:
+    """Raw differences at the plotted ``rows``, or at the interval after each."""
+    raw = series.raw
+    if raw is None or per_second is None:
+        return None
+    kept = np.unique(rows.clip(max=len(raw.time_s) - 1))
+    return {"where": numbers(per_second * raw.time_s[kept], 9), "values": numbers(raw.values[kept].T, 5)}
 
 
 def _images(sampled: Sampled) -> dict[str, Any]:
@@ -191,29 +234,29 @@ def _uri(webp: bytes) -> str:
     return "data:image/webp;base64," + base64.b64encode(webp).decode("ascii")
 
 
-def _numbers(values: NDArray[Any], digits: int) -> list[Any]:
+def numbers(values: NDArray[Any], digits: int) -> list[Any]:
     """Nested lists of numbers with so many digits; None for NaN and infinity."""
     if values.ndim > 1:
-        return [_numbers(row, digits) for row in values]
+        return [numbers(row, digits) for row in values]
     return [float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in values.tolist()]
 
 
 def write_index(out_dir: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
     """Write ``index.html`` for the results of a batch, whole or not at all, and return its path.
 
-    A row per recording has "recording", "state" ("done", "failed" or "pending"), "reason", "frames", "ok", "result"
-    (the result folder, relative to ``out_dir`` or absolute), and further numbers with units in their names. The page
-    shows "not measured" in a cell that is None, empty or NaN.
+    A row per recording has "recording", "state" ("done", "unusable", "failed" or "pending"), "reason", "frames", "ok",
+    "result" (the result folder, relative to ``out_dir`` or absolute), and further numbers with units in their names.
+    The page shows "not measured" in a cell that is None, empty or NaN.
     """
     names = dict.fromkeys(name for row in rows for name in row)
     columns = [name for name in FIRST_COLUMNS if name in names]
     columns += [name for name in names if name not in (*FIRST_COLUMNS, *RESULT_COLUMNS)]
     states = Counter(str(row.get("state", "")) for row in rows)
-    counts = ", ".join(f"{states[name]} {name}" for name in ("done", "failed", "pending") if states[name])
+    counts = ", ".join(f"{states[name]} {name}" for name in ("done", "unusable", "failed", "pending") if states[name])
     html = page(
         "index.html",
         title="Recordings",
-        grade="bad" if states["failed"] else "part" if states["pending"] else "good",
+        grade="bad" if states["failed"] or states["unusable"] else "part" if states["pending"] else "good",
         verdict=f"{len(rows)} recordings: {counts}." if rows else "There are no recordings yet.",
         data={"columns": columns, "rows": [_cells(out_dir, row, columns) for row in rows]},
     )
@@ -224,8 +267,14 @@ def write_index(out_dir: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
 
 def read_rows(out_dir: Path) -> list[dict[str, str]]:
     """Rows of the ``summary.csv`` of a batch."""
-    with (out_dir / "summary.csv").open(newline="", encoding="utf-8") as stream:
-        return [{name: plain_text(cell or "") for name, cell in row.items()} for row in csv.DictReader(stream)]
+    path = out_dir / "summary.csv"
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(stream))
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: is no CSV file in UTF-8 ({error}); run the batch again") from error
+    # Cells beyond the columns have no name; a row that ends early has cells of None.
+    return [{name: plain_text(cell or "") for name, cell in row.items() if name is not None} for row in rows]
 
 
 def result_folder(out_dir: Path, row: Mapping[str, Any]) -> Path | None:

@@ -209,6 +209,11 @@ def _flight(upper: Axes, lower: Axes, flight: Flight) -> None:
 
 def _scatter(axis: Axes, time: Values, values: Values, names: Sequence[str], unit: str) -> None:
     """Two components that should be zero, with their standard deviations in the legend."""
+    if np.isfinite(values).all(1).sum() < 2:
+        axis.set(xlabel="time (ms)", yticks=[])
+        why = "not measured: no two steps follow each other"
+        axis.text(0.5, 0.5, why, ha="center", va="center", fontsize=9, color="0.25", transform=axis.transAxes)
+        return
     for k, name in enumerate(names):
         label = f"{name}: sd {np.nanstd(values[:, k], ddof=1):.2g} {unit}"
         axis.plot(time, values[:, k], STYLES[k], color=COLOURS[k], lw=1.2, label=label)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ IMPACT: tuple[tuple[str, str, str, float], ...] = (
     ("peak_time", "Largest force at", "ms", 1e3),
     ("mean_force", "Mean force in contact", "kN", 1e-3),
     ("impulse_size", "Impulse", "N s", 1),
+    ("largest_penetration", "Largest penetration", "mm", 1e3),
+    ("energy_lost_normal", "Energy lost along the normal", "J", 1),
     ("restitution_normal", "Restitution (normal speed after / before)", "", 1),
     ("restitution_tangential", "Tangential restitution", "", 1),
     ("angle_of_impact", "Angle of impact to the surface", "deg", 1),
@@ -32,15 +35,29 @@ IMPACT: tuple[tuple[str, str, str, float], ...] = (
     ("spin_rate_after", "Spin after", "rev/s", 1),
     ("spin_before", "Spin before (x, y, z)", "rev/s", 1),
     ("spin_after", "Spin after (x, y, z)", "rev/s", 1),
-    ("energy_before", "Energy of translation before", "J", 1),
-    ("energy_after", "Energy of translation after", "J", 1),
     ("energy_given", "Energy given to the target", "J", 1),
 )
 
 #: Numbers of an impact that are "not measured" without the ball's mass; the table omits other missing numbers.
 ALWAYS_SHOWN = ("peak_force", "energy_given")
 
+#: Factor of a contact stiffness from N/m^1.5 to MN/m^1.5.
+STIFFNESS_FACTOR = 1e-6
+
+#: Kinds of energy and columns of the energy balance: key in the summary and name.
+ENERGIES = (("translation", "Translation"), ("spin", "Spin"), ("total", "Together"))
+ENERGY_COLUMNS = (("before", "before"), ("after", "after"), ("lost", "given to the target or lost"))
+
 Row = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of several columns; each row begins with its name."""
+
+    heading: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
 
 
 def sections(result: ResultFolder) -> list[tuple[str, list[Row]]]:
@@ -57,7 +74,46 @@ def _impact(result: ResultFolder) -> list[Row]:
         if key in impact or key in ALWAYS_SHOWN:
             number = impact.get(key) or {}
             rows.append((name, with_sd(number.get("value"), number.get("sd"), unit, factor)))
-    return rows
+    return rows + _contact_law(impact) + _friction(impact)
+
+
+def _contact_law(impact: dict[str, Any]) -> list[Row]:
+    """Stiffness of the contact, and whether the law describes it."""
+    law = impact.get("contact_law")
+    if not law:
+        reason = impact.get("contact_law_missing")
+        return [("Contact stiffness", f"{NOT_MEASURED}: {reason[:1].lower()}{reason[1:]}")] if reason else []
+    stiffness = law["stiffness"]
+    text = with_sd(stiffness["value"], stiffness["sd"], "MN/m^1.5", STIFFNESS_FACTOR)
+    return [("Contact stiffness (law of Hertz)", text), ("Law of Hertz", law["sentence"])]
+
+
+def _friction(impact: dict[str, Any]) -> list[Row]:
+    """Ratio of the impulses, slip, and the meaning of the ratio."""
+    found = impact.get("friction")
+    if not found:
+        return []
+    rows = (
+        ("coefficient", "Tangential / normal impulse", ""),
+        ("slip_before", "Slip before", "m/s"),
+        ("slip_after", "Slip after", "m/s"),
+    )
+    texts = [(name, with_sd(found[key]["value"], found[key]["sd"], unit)) for key, name, unit in rows]
+    return [*texts, ("Friction", found["sentence"])]
+
+
+def energy_table(result: ResultFolder) -> Table | None:
+    """The energy balance of the impact; None without an impact or a mass."""
+    balance = (result.summary.get("impact") or {}).get("energy_balance")
+    if not balance:
+        return None
+
+    def cells(row: dict[str, Any]) -> tuple[str, ...]:
+        energies = (with_sd(row[key]["value"], row[key]["sd"], "J") for key, _ in ENERGY_COLUMNS)
+        return *energies, with_sd(row["share"]["value"], row["share"]["sd"], "%", 100)
+
+    rows = tuple((name, *cells(balance[key])) for key, name in ENERGIES)
+    return Table("Energy", (*(name for _, name in ENERGY_COLUMNS), "share of all energy before"), rows)
 
 
 def _no_impact(result: ResultFolder) -> str:

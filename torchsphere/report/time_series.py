@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.report.raw_differences import Raw, raw_differences
+from torchsphere.report.turned_angles import sd_turned_rad
 from torchsphere.results.reader import ResultFolder, SIMotion
 
 Array = NDArray[np.float64]
@@ -24,6 +26,7 @@ class TimeSeries:
     components: tuple[str, ...]
     values: Array  # (n, k), NaN where not measured
     sd: Array | None = None  # standard deviations (n, k); None if none are stated
+    raw: Raw | None = None  # raw differences of the measured values, in this unit; None if there are none
 
     @property
     def is_empty(self) -> bool:
@@ -61,10 +64,10 @@ def abscissa(result: ResultFolder) -> Abscissa:
 
 def time_series(result: ResultFolder) -> list[TimeSeries]:
     """All quantities of a result: in SI units if they are known, otherwise in px and degrees per frame."""
-    turned = np.degrees(result.turned_rad) * result.axis_signs
+    turned, sd_turned = np.degrees(result.turned_rad) * result.axis_signs, sd_turned_rad(result)
     return [
-        *(_in_px(result) if result.motion is None else _in_si(result.motion)),
-        TimeSeries("turned", "turned angle", "deg", XYZ, turned),
+        *(_in_px(result) if result.motion is None else _with_raw(_in_si(result.motion), result)),
+        TimeSeries("turned", "turned angle", "deg", XYZ, turned, None if sd_turned is None else np.degrees(sd_turned)),
         TimeSeries("zncc", "correlation", "", ("ZNCC",), result.zncc[:, None]),
     ]
 
@@ -90,6 +93,20 @@ def _in_si(m: SIMotion) -> list[TimeSeries]:
         second,
         TimeSeries("spin", "spin", "rad/s", XYZ, m.spin_rad_s, m.sd_spin_rad_s),
     ]
+
+
+def _with_raw(series: list[TimeSeries], result: ResultFolder) -> list[TimeSeries]:
+    """The time series with their raw differences in their units."""
+    raw = raw_differences(result)
+
+    def in_unit(quantity: TimeSeries) -> TimeSeries:
+        found = raw.get(quantity.key)
+        if found is None:
+            return quantity
+        factor = 1e-3 if quantity.unit.startswith("k") else 1.0
+        return replace(quantity, raw=Raw(found.time_s, factor * found.values))
+
+    return [in_unit(quantity) for quantity in series]
 
 
 def _prefixed(key: str, unit: str, values: Array, sd: Array) -> TimeSeries:

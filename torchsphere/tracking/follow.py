@@ -57,6 +57,9 @@ RESTART_AFTER = 3
 
 Progress = Callable[[int, int], None]
 
+#: Called as ``watch(record, done)``: the record, of which the first ``done`` frames are filled and may only be read.
+Watch = Callable[[Record, int], None]
+
 
 class Follower:
     """One pass over a recording: its ``record`` so far, and the last frame that shows the ball."""
@@ -69,12 +72,14 @@ class Follower:
         options: Options,
         *,
         progress: Progress | None = None,
+        watch: Watch | None = None,
         in_place: bool = False,
         searches: float = math.inf,
     ) -> None:
         """Start from the circle ``first``; after ``searches`` failed searches over rotations no further one is made."""
         self.record = Record.empty(source.count, first)
-        self._source, self._progress, self._first, self._searches = source, progress, first.frame, searches
+        self._source, self._progress, self._watch = source, progress, watch
+        self._first, self._searches = first.frame, searches
         self._is_alone = not first.others
         self._setup = PairSetup(options, ignore, in_place, shared=lambda part, rows: [part(0, rows)])
         image = source.images(first.frame, first.frame + 1)
@@ -106,6 +111,8 @@ class Follower:
                     # After a frame that failed there is no pair of successive images to continue from.
                     size = 2 if self.record.status[at] == "ok" else 1
                 at += confirmed
+                if self._watch is not None:
+                    self._watch(self.record, at)
                 if self._progress is not None:
                     self._progress(at, stop)
         return self.record

@@ -8,6 +8,7 @@ combined by their uncertainties. Later frames improve the radius alone: the path
 from __future__ import annotations
 
 import dataclasses
+import logging
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -32,6 +33,8 @@ from torchsphere.settings.arrays import check_circle
 from torchsphere.settings.limits import SettingError, is_whole
 from torchsphere.tracking.follow import Follower
 from torchsphere.tracking.record import Record
+
+_LOG = logging.getLogger("torchsphere")
 
 #: Largest number of followed frames, and of those chosen for radius and background (docs/constants.md).
 FRAMES, MAX_CHOSEN = 65, 16
@@ -73,7 +76,9 @@ def find_initial_circle(
     """The ball in the first tracked frame, and the options with a camera whose focal length is known."""
     if given is not None:
         return _check_given_circle(source, given, refine, options)
+    _LOG.info("looking for the ball in %d frames", source.count, extra={"takes_long": True})
     outline = detect.find(source.images, source.count, mask)
+    _LOG.info("found the circle %s px in frame %d; following it to measure its radius", outline.text(), outline.frame)
     circle, options = _sphere_from_outline(outline, source, options)
     if options.camera is not None:
         circle = _fit_in_perspective(source, outline, circle, options.camera)

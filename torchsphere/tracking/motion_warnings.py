@@ -9,6 +9,7 @@ import numpy as np
 
 from torchsphere.detection.detect import given_circle_warning, refined_circle_warning
 from torchsphere.recording.frame_source import Source
+from torchsphere.runtime.warning_levels import by_level, note, severe
 from torchsphere.tracking import edge_leakage
 from torchsphere.tracking.camera_shake import camera_shake
 from torchsphere.tracking.frame_memory import lag_of
@@ -27,20 +28,22 @@ MIN_TURN_DEG = 1.0
 def motion_warnings(source: Source, track: Track, start: int, roi_given: bool) -> tuple[str, ...]:
     """Warnings on the ``track`` of the images of ``source``.
 
-    ``start`` is the number of its first frame in the recording; ``roi_given`` says that the region of interest was
-    given, not chosen.
+    The severe ones come first. ``start`` is the number of its first frame in the recording; ``roi_given`` says that the
+    region of interest was given, not chosen.
     """
-    return (
-        *_frame_warnings(track, start),
-        *_circle_warnings(source, track, start),
-        *_place_warnings(track),
-        *_map_warnings(track),
-        *_growth_warnings(track),
-        *_video_warnings(track),
-        *_distance_warnings(track),
-        *_leakage_warnings(track, roi_given),
-        *_shake_warnings(source, track, start),
-        *_model_warnings(track.settings["model"]),
+    return by_level(
+        (
+            *_frame_warnings(track, start),
+            *_circle_warnings(source, track, start),
+            *_place_warnings(track),
+            *_map_warnings(track),
+            *_growth_warnings(track),
+            *_video_warnings(track),
+            *_distance_warnings(track),
+            *_leakage_warnings(track, roi_given),
+            *_shake_warnings(source, track, start),
+            *_model_warnings(track.settings["model"]),
+        )
     )
 
 
@@ -63,9 +66,11 @@ def _frame_warnings(track: Track, start: int) -> list[str]:
     if gaps:
         numbers = ", ".join(f"{count} before frame {start + i}" for i, count in gaps[:MAX_NAMED_GAPS])
         sentences.append(
-            "Images seem to be missing, as the ball moves and turns a whole number of times as far in one step as in "
-            f"the steps next to it: {numbers}{', ...' if len(gaps) > MAX_NAMED_GAPS else ''}. Times, velocities and "
-            "forces are wrong there; measure the parts between with --frames."
+            severe(
+                "Images seem to be missing, as the ball moves and turns a whole number of times as far in one step as "
+                f"in the steps next to it: {numbers}{', ...' if len(gaps) > MAX_NAMED_GAPS else ''}. Times, velocities "
+                "and forces are wrong there; measure the parts between with --frames."
+            )
         )
     return sentences
 
@@ -79,8 +84,10 @@ def _growth_warnings(track: Track) -> list[str]:
     percent = 100 * ((track.radius[last] / track.radius[first]) ** (1 / (last - first)) - 1)
     grows, comes = ("grows", "comes nearer") if percent > 0 else ("shrinks", "goes away")
     return [
-        f"The image of the ball {grows} by {abs(percent):.2g} % per frame, as of a ball that {comes}: it was measured "
-        "with the model 'pinhole6', from frame to frame, without a map."
+        note(
+            f"The image of the ball {grows} by {abs(percent):.2g} % per frame, as of a ball that {comes}: it was "
+            "measured with the model 'pinhole6', from frame to frame, without a map."
+        )
     ]
 
 
@@ -89,8 +96,10 @@ def _video_warnings(track: Track) -> list[str]:
     sentences, memory = [], track.settings["noise_memory"]
     if track.settings["interlaced"]:
         sentences.append(
-            "The video is interlaced: odd rows show the ball at another instant. The even rows alone were used; all "
-            "times are theirs."
+            note(
+                "The video is interlaced: odd rows show the ball at another instant. The even rows alone were used; "
+                "all times are theirs."
+            )
         )
     if memory:
         sentences.append(
@@ -112,21 +121,27 @@ def _video_warnings(track: Track) -> list[str]:
 def _circle_warnings(source: Source, track: Track, start: int) -> list[str]:
     """Whether the image shows the ball's outline at the circle."""
     sentences, circle = [], track.circle
+    if track.settings.get("untried_frames"):
+        sentences.append(
+            severe(
+                f"Nothing confirms the circle at {circle.text(1)} px: the frames right after it hardly "
+                f"show the same, so the last {track.settings['untried_frames']} frames were not tried."
+            )
+        )
     if math.isnan(circle.sd_radius):
-        sentences.append("The circle was given without an uncertainty: no standard deviation includes its error.")
+        sentences.append(note("The circle was given without an uncertainty: no standard deviation includes its error."))
         if track.settings["camera"] is None:
             image = source.images(circle.frame, circle.frame + 1)[0]
             doubt = given_circle_warning(image.float().cpu(), circle)
-            sentences += [doubt] if doubt else []
+            sentences += [severe(doubt)] if doubt else []
     choice = dataclasses.replace(circle, frame=start + circle.frame).choice(
         "with 'torchsphere info INPUT --preview FILE.png'"
     )
     sentences += [choice] if choice else []
     if track.settings["circle_refined"] and circle.doubt:
         in_preview = "with 'torchsphere info INPUT --preview FILE.png'"
-        sentences.append(
-            refined_circle_warning(circle) if track.settings["circle_given"] else circle.warning(in_preview)
-        )
+        given = bool(track.settings["circle_given"])
+        sentences.append(severe(refined_circle_warning(circle) if given else circle.warning(in_preview)))
     return sentences
 
 
@@ -139,19 +154,25 @@ def _place_warnings(track: Track) -> list[str]:
     if place["recognised"]:
         within = max(place["limbs_sd_px"][:2])
         sentences.append(
-            f"The ball turns without leaving its place: its outline stays within {within:.2f} px "
-            f"in {limbs} frames, and the steps that lead away from it are errors. All frames have one position; "
-            "--in-place says so beforehand."
+            note(
+                f"The ball turns without leaving its place: its outline stays within {within:.2f} px in {limbs} "
+                "frames, and the steps that lead away from it are errors. All frames have one position; --in-place "
+                "says so beforehand."
+            )
         )
     elif limbs is not None and not place["limbs_stay"]:
         sentences.append(
-            "The ball was said to stay in its place, but its outline moves: the positions and rotations are wrong if "
-            "it does; leave --in-place out."
+            severe(
+                "The ball was said to stay in its place, but its outline moves: the positions and rotations are wrong "
+                "if it does; leave --in-place out."
+            )
         )
     if place["limbs_stay"] and abs(shown - radius) > SIGNIFICANT_SD * place["limbs_sd_px"][2]:
         sentences.append(
-            f"The outlines of {limbs} frames show a radius of {shown:.2f} px in place of the first {radius:.2f} px, "
-            "and were used."
+            note(
+                f"The outlines of {limbs} frames show a radius of {shown:.2f} px in place of the first {radius:.2f} "
+                "px, and were used."
+            )
         )
     drift = np.array(place["steps_sum_px"])
     steps = np.isfinite(track.increment[:, 0])
@@ -162,10 +183,12 @@ def _place_warnings(track: Track) -> list[str]:
     if (np.abs(drift) > np.maximum(SIGNIFICANT_SD * sd, MIN_DRIFT_PX)).any():
         by_limbs = f"; the outlines show {shown:.2f} px" if place["limbs_stay"] else ""
         sentences.append(
-            f"The ball was held in its place against steps that add up to {np.hypot(*drift):.1f} px. Likely causes: a "
-            f"wrong radius (here {track.circle.radius:.2f} px{by_limbs}), a camera so near that its perspective "
-            "matters (give --focal-px or --distance-mm), or a ball that does leave its place. The rotations are wrong, "
-            "too, by more than they state."
+            severe(
+                f"The ball was held in its place against steps that add up to {np.hypot(*drift):.1f} px. Likely "
+                f"causes: a wrong radius (here {track.circle.radius:.2f} px{by_limbs}), a camera so near that its "
+                "perspective matters (give --focal-px or --distance-mm), or a ball that does leave its place. The "
+                "rotations are wrong, too, by more than they state."
+            )
         )
     return sentences
 
@@ -233,16 +256,20 @@ def _shake_warnings(source: Source, track: Track, start: int) -> list[str]:
         return []
     size = f"{shake.px:.1f} px" if shake.px < 1 else "a px or more"
     return [
-        f"The background has moved by {size} in frame {start + shake.frame}: the camera was shaken or moved, or a "
-        "target that fills the image. Positions, velocities and forces are those in the image, with that motion in "
-        "them; mount the camera apart from the target, or take the frames before it moves with --frames."
+        severe(
+            f"The background has moved by {size} in frame {start + shake.frame}: the camera was shaken or moved, or a "
+            "target that fills the image. Positions, velocities and forces are those in the image, with that motion in "
+            "them; mount the camera apart from the target, or take the frames before it moves with --frames."
+        )
     ]
 
 
 def _model_warnings(model: str) -> list[str]:
     """What a model does not measure, or measures with a bias."""
     if model == "published":
-        return ["The published modes are no rigid rotation: they bias translation and rotation; see the README."]
+        return [
+            severe("The published modes are no rigid rotation: they bias translation and rotation; see the README.")
+        ]
     if model == "translation":
         return [
             "The translation model takes any rotation of the ball for translation and measures none: rotation and spin "

@@ -6,6 +6,7 @@ Some phases are run again: with another model, on another path or with another r
 from __future__ import annotations
 
 import dataclasses
+import logging
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,15 +24,24 @@ from torchsphere.tracking import in_place as place_of_ball
 from torchsphere.tracking.background_blocks import background_blocks
 from torchsphere.tracking.drift import AbsoluteMotion, absolute_motion
 from torchsphere.tracking.edge_leakage import adapt_options, background_contrast, leakage_share
-from torchsphere.tracking.follow import Follower, Progress
+from torchsphere.tracking.follow import Follower, Progress, Watch
 from torchsphere.tracking.in_place import Limbs
 from torchsphere.tracking.initial_circle import find_initial_circle, is_interlaced, shows_outline
+from torchsphere.tracking.proof import needs_proof
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.result import Track
 from torchsphere.tracking.steady_error import sd_steady, texture_fineness
 
+_LOG = logging.getLogger("torchsphere")
+
 #: Change of the radius by the map, as a share of it, from which failed frames are tried again (docs/constants.md).
 WRONG_RADIUS = 0.004
+
+#: Pairs by which a circle in doubt is tested, and share of these that must be measured (docs/constants.md).
+TRIAL_PAIRS, TRIAL_SHARE = 12, 0.25
+
+#: Failed searches over rotations after which the rest of these pairs is tried without (docs/constants.md).
+TRIAL_SEARCHES = 2
 
 #: Share of the measured frames that a ball held in its place must keep (docs/constants.md).
 MIN_KEPT_SHARE = 0.8
@@ -50,7 +60,8 @@ class Task:
     sphere_map: bool | None
     exposure: float | None
     stated_exposure: float | None
-    progress: Progress | None
+    progress: Progress | None = None
+    watch: Watch | None = None
 
 
 @dataclass(frozen=True)
@@ -194,19 +205,44 @@ def _follow_as_it_grows(task: Task, start: _Start) -> tuple[_Start, Record]:
 def _follow(task: Task, start: _Start) -> Record:
     """Phase 2: the motion from frame to frame."""
     first, options = start.circle, start.options
-    follower = Follower(task.source, first, task.ignore, options, progress=task.progress, in_place=task.in_place)
-    measured = follower.run(task.source.count)
-    is_confirmed = measured.is_confirmed(first.frame)
-    if task.circle is not None and not is_confirmed and not shows_outline(task.source, first, options):
+    is_seen = task.circle is None or shows_outline(task.source, first, options)
+    measured = None if is_seen and not first.doubt else _failed_trial(task, start)
+    if measured is None:
+        _LOG.info("following the circle %s px of frame %d with the model %s", first.text(), first.frame, options.model)
+        calls: dict[str, Any] = {"progress": task.progress, "watch": task.watch}
+        follower = Follower(task.source, first, task.ignore, options, in_place=task.in_place, **calls)
+        measured = follower.run(task.source.count)
+    if not is_seen and not measured.is_confirmed(first.frame):
         # Neither its own image nor any other supports the given circle.
         measured = measured.without(first.frame)
     return measured.without_rotation() if options.model == "translation" else measured
+
+
+def _failed_trial(task: Task, start: _Start) -> Record | None:
+    """The record of a few pairs after a circle in doubt, if hardly one of these was measured; else None.
+
+    Each frame that fails takes a search: a circle that no image supports is not looked for in all of them.
+    """
+    first, count = start.circle, task.source.count
+    stop = min(first.frame + 1 + TRIAL_PAIRS, count)
+    _LOG.info("testing the circle %s px, which its image leaves in doubt", first.text(), extra={"takes_long": True})
+    follower = Follower(task.source, first, task.ignore, start.options, in_place=task.in_place, searches=TRIAL_SEARCHES)
+    measured = follower.run(stop)
+    tried = measured.status[first.frame + 1 : stop]
+    # A map proves a circle that was found, and needs its texture; a lamp has an outline, too.
+    needs_texture = task.circle is None and not task.in_place and needs_proof(first)
+    if np.isin(tried, ("ok",) if needs_texture else ("ok", "weak_texture")).sum() >= TRIAL_SHARE * len(tried):
+        return None
+    return dataclasses.replace(measured, untried=count - stop)
 
 
 def _absolute_motion(task: Task, start: _Start, measured: Record) -> AbsoluteMotion:
     """Phase 3: the poses on a map of the ball where a map is made, else the sum of the increments."""
     fineness = texture_fineness(start.image, start.circle, task.ignore)
     asked, options = task.sphere_map, start.options
+    good = int((measured.status == "ok").sum())
+    onward = "" if asked is False else "; next the poses on a map of the ball"
+    _LOG.info("followed: %d of %d frames are ok%s", good, len(measured.status), onward)
     return absolute_motion(
         task.source,
         measured,
@@ -271,6 +307,7 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
             "sphere_map": motion.about_map,
             "sd_radius_over_distance": sd_nearness,
             "repeated_frames": measured.repeated,
+            "untried_frames": measured.untried,
             "leaked": leakage,
             "device": str(task.source.device),
             "dtype": str(task.source.dtype).removeprefix("torch."),

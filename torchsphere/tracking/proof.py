@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from torchsphere.geometry.circle import Circle
 from torchsphere.settings.limits import SettingError
 from torchsphere.tracking.result import Track
 
 #: Standard deviation of a doubtful circle's radius, as a share of it, from which it needs a proof (docs/constants.md).
 MAX_UNPROVEN_SD = 0.1
+
+
+def needs_proof(circle: Circle) -> bool:
+    """Whether its image leaves a circle that was found in doubt, so that other images must prove it."""
+    is_measured = not circle.sd_guessed and circle.sd_radius < MAX_UNPROVEN_SD * circle.radius
+    return bool(circle.doubt) and not is_measured
 
 
 def require_proof(found: Track) -> None:
@@ -15,9 +22,8 @@ def require_proof(found: Track) -> None:
     A map of the ball proves it, or the outlines of a ball that stays in its place.
     """
     circle, place = found.circle, found.settings["place"]
-    is_measured = not circle.sd_guessed and circle.sd_radius < MAX_UNPROVEN_SD * circle.radius
     is_proven = found.settings["sphere_map"]["used"] or (place is not None and place["limbs_stay"])
-    if circle.doubt and not is_measured and not is_proven:
+    if needs_proof(circle) and not is_proven:
         raise SettingError(
             f"the circle found, {circle.text(1)} px in frame {circle.frame}, may not be the ball: {circle.doubt}, and "
             "no map of a ball could be made around it: give its outline with `circle` as x, y, radius in px of the "

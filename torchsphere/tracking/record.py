@@ -34,6 +34,7 @@ class Record:
     uneven_light: NDArray[np.bool_]  # (n,), True for a frame into which an object took light from one side of the ball
     rotation: Array  # rotation vector (n, 3) of each frame since the last frame that showed the ball, rad
     repeated: list[int] = field(default_factory=list)  # frames that repeat the image before although the ball moves
+    untried: int = 0  # last frames that were not tried, as nothing confirms the first circle
 
     @classmethod
     def empty(cls, count: int, first: Circle) -> Record:

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.geometry.circle import Circle
+from torchsphere.recording.facts import Facts
+from torchsphere.runtime.presentation import present
+from torchsphere.settings.calibration import Calibration
+
+if TYPE_CHECKING:
+    import os
+
+    from matplotlib.figure import Figure
 
 #: Least share of frames with a measured motion in a usable result, of those with the ball in view (docs/constants.md).
 LEAST_MEASURED = 0.1
@@ -52,7 +62,14 @@ class Track:
     settings : dict
         Every setting used.
     warnings : tuple of str
-        Sentences that a reader of the numbers must know.
+        Sentences that a reader of the numbers must know, those first that make numbers wrong.
+    calibration : Calibration
+        Frame rate, diameter or size of a pixel, and mass, as far as the recording states them or `track` was given
+        them; `torchsphere.kinematics` takes them from here.
+    first_frame : int
+        Number of the first image in the whole recording.
+    facts : Facts or None
+        What the recording states.
     """
 
     position: NDArray[np.float64]
@@ -68,6 +85,9 @@ class Track:
     circle: Circle
     settings: dict[str, Any]
     warnings: tuple[str, ...] = ()
+    calibration: Calibration = field(default_factory=Calibration)
+    first_frame: int = 0
+    facts: Facts | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{count} {name}" for name, count in status_counts(self).items())
@@ -75,8 +95,81 @@ class Track:
         steps = np.where(known, self.increment, 0.0).sum(0) / np.maximum(known.sum(0), 1)
         turn = np.degrees(np.linalg.norm(steps[2:])) if known[:, 2:].any() else np.nan
         motion = f"mean step {steps[0]:.3f}, {steps[1]:.3f} px and {turn:.3f} deg" if known[:, 0].any() else "no motion"
-        warned = f"; {len(self.warnings)} warnings" if self.warnings else ""
+        count = len(self.warnings)
+        warned = f"; {count} warning{'s' if count > 1 else ''}" if count else ""
         return f"<Track of {len(self.status)} frames: {counts}; circle {self.circle.text()} px; {motion}{warned}>"
+
+    def _repr_html_(self) -> str:
+        return str(present("html", self))
+
+    def to_pandas(self) -> Any:
+        """The columns of ``track.csv`` as a `pandas.DataFrame`, a row per frame; ``attrs["units"]`` has their units.
+
+        Raises
+        ------
+        OSError
+            If pandas is not installed.
+        """
+        return present("to_pandas", self)
+
+    def to_xarray(self) -> Any:
+        """The columns of ``track.csv`` and the covariances as an `xarray.Dataset`, with units in its attributes.
+
+        Raises
+        ------
+        OSError
+            If xarray is not installed.
+        """
+        return present("to_xarray", self)
+
+    def plot(self, kind: str = "motion") -> Figure:
+        """A figure of the report in px and degrees: "motion", "rotation" or "quality".
+
+        Raises
+        ------
+        ValueError
+            If there is no such figure.
+        """
+        figure: Figure = present("plot", self, kind)
+        return figure
+
+    def save(
+        self,
+        folder: str | os.PathLike[str],
+        *,
+        recording: Any = None,
+        report: bool = True,
+        export: Sequence[str] = (),
+        overwrite: bool = False,
+    ) -> Path:
+        """Write a result folder as ``torchsphere track`` does; `torchsphere.load` reads it back.
+
+        Parameters
+        ----------
+        folder : str or path
+        recording : Recording or array_like, optional
+            The images, to keep some of them and their residuals in the folder and in the report.
+        report : bool
+            Draw figures and ``report.html``.
+        export : sequence of str
+            "hdf5", "mat": further files with all tables.
+        overwrite : bool
+            Replace an earlier result.
+
+        Returns
+        -------
+        Path
+            The folder.
+
+        Raises
+        ------
+        ValueError, OSError
+            If the folder cannot be written or holds other files; nothing is written then.
+        """
+        place: Path = present(
+            "save", self, folder, recording=recording, report=report, export=export, overwrite=overwrite
+        )
+        return place
 
 
 def status_counts(track: Track) -> dict[str, int]:

@@ -10,12 +10,13 @@ from typing import Any
 import torch
 
 from torchsphere.correlation.options import options_for
+from torchsphere.recording.facts import Facts
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
 from torchsphere.settings.arrays import as_mask
-from torchsphere.settings.limits import require_switch, require_within
-from torchsphere.tracking import phases
-from torchsphere.tracking.follow import Progress
+from torchsphere.settings.limits import require_switch
+from torchsphere.tracking import arguments, phases
+from torchsphere.tracking.follow import Progress, Watch
 from torchsphere.tracking.motion_warnings import motion_warnings
 from torchsphere.tracking.proof import require_proof
 from torchsphere.tracking.result import Track
@@ -39,8 +40,15 @@ def track(
     sphere_map: bool | None = None,
     exposure: float | None = None,
     progress: Progress | None = None,
+    watch: Watch | None = None,
     dtype: torch.dtype = torch.float32,
     first_frame: int = 0,
+    frames: tuple[int | None, int | None] | slice | None = None,
+    frame_rate: float | None = None,
+    diameter_m: float | None = None,
+    m_per_px: float | None = None,
+    mass_kg: float | None = None,
+    map: str | None = None,  # noqa: A002  (the name of the command line)
     log: bool = True,
     **options: Any,
 ) -> Track:
@@ -81,15 +89,27 @@ def track(
         per frame or more.
     progress : callable, optional
         Called as ``progress(done, total)`` with numbers of frames; once more from 0 while a map of the ball is made.
+    watch : callable, optional
+        Called as ``watch(record, done)`` while the ball is followed, with a `torchsphere.tracking.record.Record` whose
+        first ``done`` frames are filled. An exception of ``progress`` or ``watch`` ends the measurement.
     dtype : torch.dtype
         ``torch.float32`` or ``torch.float64``.
     first_frame : int
-        Number of the first image in the whole recording, by which the warnings name frames.
+        Number of the first image in the whole recording, by which the warnings name frames and times count.
+    frames : tuple of int or slice, optional
+        Measure frames A to B - 1 only, by (A, B), as ``--frames A:B``; `circle` is then the outline in frame A.
+    frame_rate, diameter_m, m_per_px, mass_kg : float, optional
+        Frames per second, the ball's diameter or the size of a pixel, m, and its mass, kg. They are carried by
+        `Track.calibration` to `kinematics` and `impact`. By default the frame rate is the recording's.
+    map : str, optional
+        "auto", "on" or "off", as ``--map``: another name for `sphere_map` None, True or False.
     log : bool
         Hand each of `Track.warnings` to the logger ``torchsphere``, too, at the level WARNING.
     **options
         Fields of `torchsphere.correlation.options.Options`: ``model``, ``camera``, ``roi``, ``pre_blur`` ... With a
-        camera and no model, the model is `pinhole`.
+        camera and no model, the model is `pinhole`. Also names of the command line: ``fps``, ``diameter_mm``,
+        ``mm_per_px``, ``mass_g``, ``shutter_us`` for the exposure, and ``focal_px``, ``distance_mm``,
+        ``principal_px``, ``distortion`` for the camera.
 
     Returns
     -------
@@ -107,19 +127,29 @@ def track(
     require_switch("in_place", in_place)
     require_switch("telecentric", telecentric)
     require_switch("sphere_map", sphere_map, "True, False or None")
-    if exposure is not None:
-        require_within("exposure", exposure, (0.0, 1.0))
+    sphere_map = arguments.sphere_map(sphere_map, map)
+    own = {"frame_rate": frame_rate, "diameter_m": diameter_m, "m_per_px": m_per_px, "mass_kg": mass_kg}
+    calibration, notes = arguments.calibration(recording, own, options)
+    options = arguments.with_camera(options, calibration.diameter_m)
+    exposure = arguments.given_exposure(exposure, options.pop("shutter_us", None), calibration.frame_rate)
     settings = options_for(track, options)
     if telecentric and settings.camera is not None:
         raise ValueError("telecentric: a camera with a focal length or a distance is not telecentric; give one of both")
-    source = Source.open(recording, device, dtype)
-    mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
     stated = _stated_exposure(recording)
-    task = phases.Task(source, circle, mask, refine, in_place, telecentric, sphere_map, exposure, stated, progress)
+    part, start = arguments.part_of(recording, frames)
+    source = Source.open(part, device, dtype)
+    first_image = source.images(0, 1)
+    facts = Facts.of(recording, (len(recording), *first_image.shape[-2:]))
+    mask = None if ignore is None else as_mask(ignore, first_image)
+    task = phases.Task(source, circle, mask, refine, in_place, telecentric, sphere_map, exposure, stated)
+    task = dataclasses.replace(task, progress=progress, watch=watch)
     source, found = phases.run(task, settings, options)
     if circle is None:
         require_proof(found)
-    found = dataclasses.replace(found, warnings=motion_warnings(source, found, first_frame, "roi" in options))
+    first_frame += start
+    warnings = (*motion_warnings(source, found, first_frame, "roi" in options), *notes)
+    known: dict[str, Any] = {"calibration": calibration, "first_frame": first_frame, "facts": facts}
+    found = dataclasses.replace(found, warnings=warnings, **known)
     if log:
         for sentence in found.warnings:
             _LOG.warning("%s", sentence)

@@ -24,7 +24,7 @@ function drawDeviations(context, panel, across, bottom, x) {
   context.textAlign = "left";
   context.fillText("sd", 2, floor - DEVIATIONS.height / 2);
   context.lineWidth = 1.2;
-  panel.sd.forEach((values, k) => {
+  within(context, across, bottom, floor, () => panel.sd.forEach((values, k) => {
     context.strokeStyle = colour("series-" + k);
     context.setLineDash(DASHES[k]);
     for (const [start, stop] of knownRuns(values)) {
@@ -32,7 +32,7 @@ function drawDeviations(context, panel, across, bottom, x) {
       for (let i = start; i < stop; i++) context.lineTo(x(data.where[i]), y(values[i]));
       context.stroke();
     }
-  });
+  }));
   context.setLineDash([]);
   return { top: floor - DEVIATIONS.height, bottom: floor, most };
 }

@@ -9,7 +9,9 @@ function drawAll() {
   drawFrame();
   drawResidual();
   drawStrip();
+  drawZoom();
   drawPlots();
+  drawForcePath();
   drawOrbit();
   drawNumbers();
   drawMoment();
@@ -30,6 +32,12 @@ function onKey(event) {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const tag = event.target.tagName;
   const last = data.shown.length - 1;
+  const zoom = { "+": () => zoomBy(0.5), "-": () => zoomBy(2), 0: zoomWhole }[event.key];
+  if (zoom) {
+    event.preventDefault();
+    zoom();
+    return;
+  }
   const goal = {
     ArrowLeft: state.stop - 1, ArrowRight: state.stop + 1, PageUp: state.stop - 10, PageDown: state.stop + 10,
     Home: 0, End: last,
@@ -50,8 +58,11 @@ function start() {
   playButton.addEventListener("click", () => play(!state.playing));
   for (const box of document.querySelectorAll(".overlays input")) box.addEventListener("change", drawFrame);
   document.addEventListener("keydown", onKey);
-  makePlots();
+  for (const label of document.querySelectorAll(".turns")) label.hidden = data.quaternion.every((q) => q[0] === null);
+  makeZoom();
+  makePlots(zoomTo);
   makeLegend();
+  seekByPointer(stripCanvas, () => drawn.strip);
   makeOrbit();
   writeNotes();
   onChange(drawAll);

@@ -49,8 +49,9 @@ function writeNotes() {
   const shaded = (data.contact ? " Yellow: contact." : "")
     + (data.status.some((s) => s > 1) ? " Grey: not measured." : "");
   const thinned = data.where.length < data.total ? ` ${data.where.length} of ${data.total} frames are plotted.` : "";
+  const points = data.panels.some((panel) => panel.raw) ? " Grey points: raw differences." : "";
   const frame = data.lab && data.panels[0].unit !== "px" ? "Lab frame: x right, y up, z to the camera."
     : "Camera frame: x right, y down, z away.";
   document.getElementById("plots-note").textContent =
-    `${frame} Bands: 2 standard deviations (sd); below each plot: the sd.${shaded}${thinned} Click or drag to go there.`;
+    `${frame} Bands: 2 standard deviations (sd); below each plot: the sd.${points}${shaded}${thinned} Click or drag to go there; drag with Shift to zoom, double click for the whole.`;
 }

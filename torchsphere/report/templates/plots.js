@@ -1,88 +1,90 @@
 // A plot per quantity; a click or a drag goes to its time.
 
-const MARGIN = { left: 58, right: 12, top: 24, bottom: 20 };
 const PLOT_HEIGHT = 130;
 const DASHES = [[], [6, 3], [2, 3]];
 
-function range(lists) {
-  let low = Infinity, high = -Infinity;
-  for (const list of lists) {
-    for (const v of list) {
-      if (v !== null && v < low) low = v;
-      if (v !== null && v > high) high = v;
-    }
-  }
-  return low <= high ? [low, high] : null;
+// The part of the abscissa that the plots show.
+function wholeRange() {
+  const from = data.where[0], to = data.where[data.where.length - 1];
+  const spare = 0.5 * (to - from) / Math.max(data.where.length - 1, 1);
+  return [from - spare, to + spare];
 }
 
-// Limits of a panel: its values with bands of two standard deviations. Bands add at most the span of the values on each
-// side.
+function shownRange() {
+  return state.range || wholeRange();
+}
+
+// Limits of a panel: its values in the range that is shown, with bands of two standard deviations. Bands add at most the
+// span of the values on each side.
 function limits(panel) {
-  const values = range(panel.values);
-  if (!values) return null;
+  if (!range(panel.values)) return null;
+  const [from, to] = shownRange();
+  const inView = (list) => list.map((v, i) => (data.where[i] >= from && data.where[i] <= to ? v : null));
+  const values = range(panel.values.map(inView));
+  // A gap in the values has the limits of the whole.
+  if (!values) return panel.limits || [-1, 1];
   let [low, high] = values;
   const span = high - low || Math.abs(high) * 0.01 || 1;
   if (panel.sd) {
-    const edges = range(panel.values.flatMap((list, k) => [-2, 2].map(
-      (n) => list.map((v, i) => (v === null || panel.sd[k][i] === null ? null : v + n * panel.sd[k][i])))));
+    const edges = range(panel.values.flatMap((list, k) => [-2, 2].map((n) => inView(
+      list.map((v, i) => (v === null || panel.sd[k][i] === null ? null : v + n * panel.sd[k][i]))))));
     if (edges) [low, high] = [Math.max(edges[0], low - span), Math.min(edges[1], high + span)];
   }
   return [low - 0.06 * span, high + 0.06 * span];
 }
 
-function ticks(low, high, count) {
-  const rough = (high - low) / count;
-  const power = 10 ** Math.floor(Math.log10(rough));
-  const step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= rough);
-  const found = [];
-  for (let i = Math.ceil(low / step); i * step <= high + 1e-9 * step; i++) found.push(Number((i * step).toPrecision(12)));
-  return found;
-}
-
-function tickText(value) {
-  return String(value).replace("-", "\u2212");
-}
-
-function makePlots() {
+// `select` takes the range of a drag with Shift.
+function makePlots(select) {
   const holder = document.getElementById("plots");
-  data.panels.forEach((panel, i) => {
+  for (const panel of data.panels) {
+    // The page of `pick` replaces the panels when a measurement begins.
+    const present = () => data.panels.find(({ key }) => key === panel.key);
     const canvas = document.createElement("canvas");
     canvas.className = "plot";
     canvas.id = "plot-" + panel.key;
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", `${axisLabel(panel)} against ${axisLabel(data.abscissa)}; click to go there`);
     holder.append(canvas);
-    seekByPointer(canvas, () => drawn.plots[panel.key]);
-    panel.limits = limits(panel);
-    panel.last = i === data.panels.length - 1;
-  });
+    seekByPointer(canvas, () => drawn.plots[panel.key], select);
+    canvas.addEventListener("pointermove", (event) => showTip(present(), canvas, event));
+    canvas.addEventListener("pointerdown", (event) => showTip(present(), canvas, event));
+    canvas.addEventListener("pointerleave", hideTip);
+  }
   drawn.plots = {};
 }
 
-function axisLabel({ title, unit }) {
-  return unit ? `${title} (${unit})` : title;
-}
-
-// Press, drag and release in a canvas; its horizontal scale is {left, width, from, to}.
-function seekByPointer(canvas, scale) {
-  const go = (event) => {
+// Press, drag and release in a canvas; its horizontal scale is {left, width, from, to}. A drag with Shift selects a range.
+function seekByPointer(canvas, scale, select) {
+  let start = null;
+  const at = (event) => {
     const { left, width, from, to } = scale();
-    const share = (event.clientX - canvas.getBoundingClientRect().left - left) / width;
-    seekTo(from + share * (to - from));
+    return from + ((event.clientX - canvas.getBoundingClientRect().left - left) / width) * (to - from);
   };
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
-    go(event);
+    if (event.shiftKey && select) start = at(event);
+    else seekTo(at(event));
   });
   canvas.addEventListener("pointermove", (event) => {
-    if (event.buttons & 1) go(event);
+    if (!(event.buttons & 1)) return;
+    if (start === null) seekTo(at(event));
+    else { state.selected = [start, at(event)].sort((a, b) => a - b); drawPlots(); }
+  });
+  canvas.addEventListener("pointerup", () => {
+    const selected = state.selected;
+    start = state.selected = null;
+    if (selected) select(...selected);
   });
 }
 
 function horizontal(width) {
-  const from = data.where[0], to = data.where[data.where.length - 1];
-  const spare = 0.5 * (to - from) / Math.max(data.where.length - 1, 1);
-  return { left: MARGIN.left, width: width - MARGIN.left - MARGIN.right, from: from - spare, to: to + spare };
+  const [from, to] = shownRange();
+  return { left: MARGIN.left, width: width - MARGIN.left - MARGIN.right, from, to };
+}
+
+// The last plot names the abscissa.
+function isLast(panel) {
+  return panel === data.panels[data.panels.length - 1];
 }
 
 function drawPlots() {
@@ -91,30 +93,39 @@ function drawPlots() {
 
 function drawPlot(panel) {
   const canvas = document.getElementById("plot-" + panel.key);
+  panel.limits = limits(panel);
   const width = widthFor(canvas);
   const deviations = deviationsHeight(panel);
-  const height = PLOT_HEIGHT + deviations + (panel.last ? 18 : 0);
+  const height = PLOT_HEIGHT + deviations + (isLast(panel) ? 18 : 0);
   const context = prepared(canvas, width, height);
   const across = horizontal(width);
   const bottom = PLOT_HEIGHT - MARGIN.bottom, floor = bottom + deviations;
   const [low, high] = panel.limits || [-1, 1];
   const x = (v) => across.left + ((v - across.from) / (across.to - across.from)) * across.width;
   const y = (v) => bottom - ((v - low) / (high - low)) * (bottom - MARGIN.top);
-  if (panel.limits) shade(context, x, floor);
+  if (panel.limits) within(context, across, MARGIN.top, floor, () => shade(context, x, floor));
   grid(context, panel, across, bottom, y);
   if (panel.limits) abscissa(context, panel, across, floor, x);
   else drawWhy(context, panel.why, across, bottom);
-  context.save();
-  context.beginPath();
-  context.rect(across.left, MARGIN.top, across.width, bottom - MARGIN.top);
-  context.clip();
-  panel.values.forEach((_, k) => drawSeries(context, panel, k, x, y));
-  context.restore();
+  within(context, across, MARGIN.top, bottom, () => {
+    drawRaw(context, panel, x, y, bottom);
+    panel.values.forEach((_, k) => drawSeries(context, panel, k, x, y));
+  });
   const below = deviations ? drawDeviations(context, panel, across, bottom, x) : null;
   heading(context, panel, width);
-  if (panel.limits) cursor(context, x, floor);
+  if (panel.limits) within(context, across, 0, floor, () => cursors(context, x, floor));
   drawn.plots[panel.key] = { ...across, cursor: x(data.where[row()]), below };
   canvas.dataset.drawn = JSON.stringify(drawn.plots[panel.key]);
+}
+
+// Draws within the axes alone: a zoomed plot has more on either side.
+function within(context, across, top, bottom, draw) {
+  context.save();
+  context.beginPath();
+  context.rect(across.left, top, across.width, bottom - top);
+  context.clip();
+  draw();
+  context.restore();
 }
 
 // Shades the contact, and the frames whose motion was not measured.
@@ -153,10 +164,22 @@ function abscissa(context, panel, across, bottom, x) {
   context.fillStyle = colour("quiet");
   context.textAlign = "center";
   context.textBaseline = "top";
-  for (const tick of ticks(across.from, across.to, Math.max(across.width / 90, 2))) {
+  for (const tick of ticks(across.from, across.to, Math.max(across.width / 70, 2))) {
     context.fillText(tickText(tick), x(tick), bottom + 5);
   }
-  if (panel.last) context.fillText(axisLabel(data.abscissa), across.left + across.width / 2, bottom + 21);
+  if (isLast(panel)) context.fillText(axisLabel(data.abscissa), across.left + across.width / 2, bottom + 21);
+}
+
+// Raw differences, as grey points below bands and curves.
+function drawRaw(context, panel, x, y, bottom) {
+  if (!panel.raw) return;
+  context.fillStyle = colour("quiet");
+  context.globalAlpha = 0.6;
+  panel.raw.values.forEach((values) => values.forEach((v, i) => {
+    const at = y(v);
+    if (v !== null && at >= MARGIN.top && at <= bottom) context.fillRect(x(panel.raw.where[i]) - 1, at - 1, 2, 2);
+  }));
+  context.globalAlpha = 1;
 }
 
 function drawSeries(context, panel, k, x, y) {
@@ -185,17 +208,6 @@ function drawSeries(context, panel, k, x, y) {
   }
 }
 
-function knownRuns(values) {
-  const runs = [];
-  let start = -1;
-  for (let i = 0; i <= values.length; i++) {
-    const known = i < values.length && values[i] !== null;
-    if (known && start < 0) start = i;
-    if (!known && start >= 0) { runs.push([start, i]); start = -1; }
-  }
-  return runs;
-}
-
 function heading(context, panel, width) {
   context.textBaseline = "middle";
   context.textAlign = "left";
@@ -219,11 +231,23 @@ function heading(context, panel, width) {
   }
 }
 
-function cursor(context, x, bottom) {
-  context.strokeStyle = colour("accent");
+// The frame that is shown, the frame under the pointer, and the range that is being selected.
+function cursors(context, x, bottom) {
+  context.strokeStyle = context.fillStyle = colour("accent");
+  const line = (where) => {
+    context.beginPath();
+    context.moveTo(x(where), MARGIN.top - 4);
+    context.lineTo(x(where), bottom);
+    context.stroke();
+  };
   context.lineWidth = 1.5;
-  context.beginPath();
-  context.moveTo(x(data.where[row()]), MARGIN.top - 4);
-  context.lineTo(x(data.where[row()]), bottom);
-  context.stroke();
+  line(data.where[row()]);
+  context.lineWidth = 1;
+  context.setLineDash([2, 2]);
+  if (state.hover !== null) line(data.where[state.hover]);
+  context.setLineDash([]);
+  if (!state.selected) return;
+  context.globalAlpha = 0.2;
+  context.fillRect(x(state.selected[0]), MARGIN.top, x(state.selected[1]) - x(state.selected[0]), bottom - MARGIN.top);
+  context.globalAlpha = 1;
 }

@@ -1,9 +1,9 @@
-"use strict";
 // The data of the page, and the frame that all parts show. A row is a frame in the data. A stop is a row at which the
 // page can stop: a row with an image, or any row if the result keeps no images.
 
 const data = JSON.parse(document.getElementById("data").textContent);
-const state = { stop: 0, playing: false };
+// The plots show a range of the abscissa, or all; the pointer is over a row, or none.
+const state = { stop: 0, playing: false, range: null, hover: null };
 const listeners = [];
 // Positions of what was drawn, CSS px of each canvas, for tests.
 const drawn = {};
@@ -33,37 +33,4 @@ function seekTo(where) {
     if (Math.abs(data.where[r] - where) < Math.abs(data.where[data.shown[best]] - where)) best = stop;
   });
   seek(best);
-}
-
-function colour(name) {
-  return getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
-}
-
-// Gives a canvas its size in CSS px, sharp on every screen, and returns its cleared context.
-function prepared(canvas, width, height) {
-  const ratio = window.devicePixelRatio || 1;
-  canvas.width = Math.round(width * ratio);
-  canvas.height = Math.round(height * ratio);
-  canvas.style.width = width + "px";
-  canvas.style.height = height + "px";
-  const context = canvas.getContext("2d");
-  context.setTransform(ratio, 0, 0, ratio, 0, 0);
-  context.clearRect(0, 0, width, height);
-  context.font = "12px system-ui, 'DejaVu Sans', sans-serif";
-  return context;
-}
-
-function widthFor(canvas) {
-  const box = canvas.parentElement;
-  const style = getComputedStyle(box);
-  return Math.floor(box.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight));
-}
-
-function number(value, sd) {
-  if (value === null || value === undefined) return "not measured";
-  const digits = sd > 0 ? Math.min(Math.max(1 - Math.floor(Math.log10(sd)), 0), 9) : null;
-  // More than five decimals are written as a power of ten.
-  const text = digits > 5 ? value.toExponential(Math.max(digits + Math.floor(Math.log10(Math.abs(value) || sd)), 0))
-    : digits === null ? String(Number(value.toPrecision(5))) : value.toFixed(digits);
-  return text.replaceAll("-", "\u2212");
 }

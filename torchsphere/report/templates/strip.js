@@ -52,13 +52,13 @@ function drawStrip() {
 
 function makeLegend() {
   const legend = document.getElementById("legend");
+  legend.replaceChildren();
   data.statuses.forEach((status, i) => {
     if (status.count === 0) return;
     const item = document.createElement("li");
     const swatch = document.createElement("canvas");
-    item.append(swatch, `${status.name} (${status.count}): ${status.meaning}`);
+    item.append(swatch, `${status.name} (${status.count})${status.meaning ? `: ${status.meaning}` : ""}`);
     legend.append(item);
     statusMark(prepared(swatch, 18, 14), i, 0, 18, 14);
   });
-  seekByPointer(stripCanvas, () => drawn.strip);
 }

@@ -2,7 +2,6 @@
 
 const frameCanvas = document.getElementById("frame");
 const residualCanvas = document.getElementById("residual");
-const AXIS_LENGTH = 1.3;
 const pictures = new Map();
 const maps = new Map();
 
@@ -41,77 +40,19 @@ function drawFrame() {
     context.fillStyle = "#333a42";
     context.fillRect(0, 0, width * scale, height * scale);
   }
-  drawn.frame = { scale, circle: null, axes: null, front: null };
-  drawPath(context, here);
+  drawPath(context, here, data.position);
   const at = data.position[row()];
-  if (at[0] !== null) drawBall(context, here(...at), data.radius[row()] * scale, matrix(data.quaternion[row()]));
-  else frameNote(context, width * scale, height * scale);
+  const isPlaced = at[0] !== null;
+  const seen = isPlaced ? drawBall(context, here(...at), data.radius[row()] * scale, matrix(data.quaternion[row()]))
+    : { circle: null, axes: null, front: null };
+  if (!isPlaced) frameNote(context, width * scale, height * scale);
+  drawn.frame = { scale, ...seen };
   frameCanvas.dataset.drawn = JSON.stringify(drawn.frame);
 }
 
 function frameNote(context, width, height) {
   context.font = "14px system-ui, 'DejaVu Sans', sans-serif";
   label(context, "the place of the ball is not measured here", width / 2, height - 16, "#ffffff");
-}
-
-function wanted(name) {
-  return document.getElementById("show-" + name).checked;
-}
-
-function drawPath(context, here) {
-  if (!wanted("path")) return;
-  context.strokeStyle = "#ffffffa0";
-  context.lineWidth = 1.2;
-  context.setLineDash([4, 3]);
-  context.beginPath();
-  let on = false;
-  for (const place of data.position) {
-    if (place[0] !== null) on ? context.lineTo(...here(...place)) : context.moveTo(...here(...place));
-    on = place[0] !== null;
-  }
-  context.stroke();
-  context.setLineDash([]);
-}
-
-function drawBall(context, centre, radius, m) {
-  drawn.frame.circle = [...centre, radius];
-  if (m && wanted("graticule")) {
-    context.strokeStyle = "#ffd84dcc";
-    context.lineWidth = 1;
-    for (const line of graticule(m, true)) {
-      context.beginPath();
-      for (const [x, y] of line) context.lineTo(centre[0] + radius * x, centre[1] + radius * y);
-      context.stroke();
-    }
-  }
-  if (wanted("circle")) {
-    context.strokeStyle = "#ff5ca8";
-    context.lineWidth = 1.6;
-    context.beginPath();
-    context.arc(...centre, radius, 0, 2 * Math.PI);
-    context.stroke();
-  }
-  if (m && wanted("axes")) drawAxes(context, centre, radius, m);
-}
-
-function drawAxes(context, centre, radius, m) {
-  drawn.frame.axes = {};
-  drawn.frame.front = {};
-  const seen = AXES.map((axis) => ({ axis, v: turned(m, axis.direction) })).sort((a, b) => b.v[2] - a.v[2]);
-  for (const { axis, v } of seen) {
-    const tip = [0, 1].map((k) => centre[k] + AXIS_LENGTH * radius * v[k]);
-    const front = v[2] < 0;
-    context.strokeStyle = context.fillStyle = axis.colour;
-    context.lineWidth = front ? 2.5 : 1.6;
-    context.setLineDash(front ? [] : [3, 3]);
-    arrow(context, centre, tip);
-    const away = Math.hypot(v[0], v[1]);
-    const beside = away > 0.1 ? [v[0] / away, v[1] / away] : [0.7, -0.7];
-    context.font = "bold 12px system-ui, 'DejaVu Sans', sans-serif";
-    label(context, axis.name, tip[0] + 9 * beside[0], tip[1] + 9 * beside[1], axis.colour);
-    drawn.frame.axes[axis.name] = tip;
-    drawn.frame.front[axis.name] = front;
-  }
 }
 
 function drawResidual() {

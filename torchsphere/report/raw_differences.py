@@ -1,0 +1,60 @@
+"""Raw differences of what was measured, in the units of the smoothed curves: the points under these curves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torchsphere.dynamics.scale import LAB_AXES
+from torchsphere.results.reader import ResultFolder
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Raw:
+    """Values (r, k) at times (r,), s; NaN where a frame was not measured."""
+
+    time_s: Array
+    values: Array
+
+
+def raw_differences(result: ResultFolder) -> dict[str, Raw]:
+    """Raw velocity (m/s), acceleration (m/s^2), force (N) and spin (rad/s) by their names; empty without SI units.
+
+    Velocity and spin are differences of successive positions and the rotations between successive frames, at the middle
+    of the interval. Accelerations are second differences of positions, at the middle frame.
+    """
+    scale, motion = result.summary.get("scale"), result.motion
+    if motion is None or not scale or len(motion.time_s) < 3:
+        return {}
+    time, signs = motion.time_s, np.diag(LAB_AXES) if result.lab_frame else np.ones(3)
+    position = _position(result) * scale["m_per_px"] * signs[:2]
+    interval = np.diff(time)[:, None]
+    velocity = np.diff(position, axis=0) / interval
+    middle = 0.5 * (time[1:] + time[:-1])
+    acceleration = np.diff(velocity, axis=0) / np.diff(middle)[:, None]
+    found = {
+        "velocity": Raw(middle, velocity),
+        "acceleration": Raw(time[1:-1], acceleration),
+        "spin": Raw(middle, result.increment[1:, 2:] / interval * signs),
+    }
+    mass = result.summary["settings"].get("mass_g")
+    if mass is not None:
+        found["force"] = Raw(time[1:-1], 1e-3 * mass * acceleration)
+    return found
+
+
+def _position(result: ResultFolder) -> Array:
+    """Positions (n, 2), px; with a camera in the plane of the first depth, as those of the motion."""
+    settings: dict[str, Any] | None = result.summary["settings"].get("camera")
+    if settings is None:
+        return result.position
+    # Torch takes 1.2 s to import, and figures without a camera do not need it.
+    from torchsphere.dynamics.depth_plane import plane_position
+    from torchsphere.geometry.camera import Camera
+
+    return plane_position(result.position, result.radius / result.summary["circle"]["radius"], Camera(**settings))
