@@ -1,14 +1,17 @@
-"""Pictures of the tutorial and of the page about archives: ``python -m experiments.docs_pictures``.
+"""Pictures of the tutorial and of the pages about archives and `pick`: ``python -m experiments.docs_pictures``.
 
-Renders and tracks the tutorial's shot, and photographs report and index in headless Chromium. The PNGs in
+Renders and tracks the tutorial's shot, and photographs report, index and `pick` in headless Chromium. The PNGs in
 ``docs/pictures/`` have 128 colours, so that each is smaller than 200 kB. Needs the extras render and dev, and Chromium.
 """
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import shutil
 import tempfile
+import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,6 +23,13 @@ from PIL import Image, ImageChops
 from experiments.experiment import DOCS
 from render import cli as render_cli
 from torchsphere.cli.main import main as cli
+from torchsphere.measure import Measurement, measure
+from torchsphere.pick.server import PickServer
+from torchsphere.pick.session import Places, Session
+from torchsphere.recording import open_recording
+from torchsphere.request import Request
+from torchsphere.tracking.follow import Watch
+from torchsphere.tracking.record import Record
 
 OUT = DOCS / "pictures"
 
@@ -88,6 +98,44 @@ def photograph(address: str, act: Callable[[Any], None], target: Path) -> None:
         browser.close()
 
 
+def photograph_pick(folder: Path) -> None:
+    """Save a screenshot of `torchsphere pick` on the tutorial's shot while it is measured, as ``pick.png``."""
+    images = folder / "shot" / "frames.tif"
+    with open_recording(images) as recording:
+        base = {"diameter_mm": 30.0, "mass_g": 110.0, "fps": 36_000.0}
+        session = Session(
+            recording, Places(Path("shot.tif"), folder / "picked", Path("shot.toml")), base, _slowly(images)
+        )
+        with PickServer(session) as server:
+            threading.Thread(target=server.serve_forever, daemon=True).start()
+
+            def act(page: Any) -> None:
+                page.wait_for_selector("body[data-circle=found]")
+                page.click("#fit")
+                page.wait_for_selector("body[data-circle=fitted]")
+                page.click("#track")
+                while page.evaluate(f"torchsphere.state.frame < {SHOWN}"):
+                    page.wait_for_timeout(50)
+                page.evaluate("window.scrollTo(0, 0)")
+
+            photograph(server.address, act, folder / "pick.png")
+            server.shutdown()
+            session.close()
+
+
+def _slowly(images: Path) -> Callable[..., Measurement]:
+    """`measure` of ``images`` with a pause per call, so that a picture can be taken meanwhile."""
+
+    def run(request: Request, progress: Callable[[int, int], None], *, watch: Watch) -> Measurement:
+        def watched(record: Record, done: int) -> None:
+            watch(record, done)
+            time.sleep(0.5 if done < SHOWN else 2.0)
+
+        return measure(dataclasses.replace(request, input=images), progress, watch=watched)
+
+    return run
+
+
 def main() -> None:
     """Make all pictures."""
     OUT.mkdir(exist_ok=True)
@@ -110,7 +158,8 @@ def main() -> None:
         photograph(report, seek, folder / "report.png")
         photograph(report, of_orbit, folder / "orbit.png")
         photograph(index, lambda page: None, folder / "index.png")
-        for picture in ("ball", "report", "orbit", "index"):
+        photograph_pick(folder)
+        for picture in ("ball", "report", "orbit", "index", "pick"):
             save(Image.open(folder / f"{picture}.png"), picture)
         for picture in ("motion", "path"):
             save(Image.open(folder / "result" / "figures" / f"{picture}.png"), picture)

@@ -40,6 +40,10 @@ YELLOW = "#F0E442"
 STYLE = {"axes.grid": True, "grid.alpha": 0.3, "legend.fontsize": 8}
 
 
+#: Verdict on a row that is a remark.
+OTHER_CONDITION = "not the paper's condition"
+
+
 @dataclass(frozen=True)
 class Row:
     """The result of one experiment for one claim."""
@@ -48,7 +52,17 @@ class Row:
     claim: str  #: of the paper, in one sentence
     paper: str  #: numbers with their units, or a few words
     ours: str
-    holds: bool  #: whether our numbers confirm the claim
+    holds: bool | None  #: whether our numbers confirm the claim; None where they lie too close to the limit to say
+    #: In which way this row is not the paper's condition, in a few words: it is then a remark, and neither yes nor no.
+    other_condition: str = ""
+    reason: str = ""  #: of a claim that does not hold, in one sentence
+
+    @property
+    def verdict(self) -> str:
+        """The word for it: "yes", "no", "undecided" or "not the paper's condition"."""
+        if self.other_condition:
+            return OTHER_CONDITION
+        return "undecided" if self.holds is None else "yes" if self.holds else "no"
 
 
 def key_of(kind: str, settings: Any) -> str:
@@ -87,8 +101,19 @@ def table(head: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
 
 def claims(rows: Iterable[Row]) -> str:
     """Rows as a Markdown table."""
-    cells = ((row.experiment, row.claim, row.paper, row.ours, "yes" if row.holds else "**no**") for row in rows)
+    cells = ((row.experiment, row.claim, row.paper, row.ours, _verdict(row)) for row in rows)
     return table(("experiment", "claim", "paper", "ours", "holds"), cells)
+
+
+def _verdict(row: Row) -> str:
+    word = row.verdict if row.verdict == "yes" else f"**{row.verdict}**"
+    explained = row.other_condition or row.reason
+    return f"{word}: {explained}" if explained else word
+
+
+def decided(value: float, limit: float, margin: float) -> bool | None:
+    """Whether a value exceeds a limit; None within the relative ``margin`` of it, where another machine may differ."""
+    return None if abs(value / limit - 1) < margin else value > limit
 
 
 def publish(name: str, module: str, *parts: str) -> None:

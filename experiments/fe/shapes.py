@@ -63,9 +63,15 @@ def quarter_bar(radius_mm: float, half_length_mm: float, size_mm: float, coarse_
 
 
 def half_plate(
-    length_mm: float, width_mm: float, thickness_mm: float, fine_mm: tuple[float, float], size_mm: float, long_mm: float
+    length_mm: float,
+    width_mm: float,
+    thickness_mm: float,
+    fine_mm: tuple[float, float],
+    size_mm: float,
+    long_mm: float,
+    layers: int = 1,
 ) -> Mesh:
-    """The part z >= 0 of a plate with its upper face at y = 0 (side 1, 1), one element thick.
+    """The part z >= 0 of a plate with its upper face at y = 0 (side 1, 1), ``layers`` elements thick.
 
     Elements of ``size_mm`` where x lies in the interval ``fine_mm`` and z = 0, growing to ``long_mm`` at the edges.
     """
@@ -75,4 +81,4 @@ def half_plate(
     after = graded(length_mm / 2 - high, size_mm, long_mm)
     x = np.concatenate((low - before[::-1], low + middle[1:], high + after[1:]))
     z = graded(width_mm / 2, size_mm, long_mm)
-    return block(x, np.array((-thickness_mm, 0.0)), z)
+    return block(x, np.linspace(-thickness_mm, 0.0, layers + 1), z)

@@ -4,7 +4,7 @@ Claim: the path may be curved, and the method is robust if the target hides a pa
 
 Paper: the path, with the circle at 0.65 ms in contact; no numbers.
 
-Here: the impact of `fig14`, whose plate hides up to a fifth of the ball's image. The tracker does not know the plate.
+Here: the impact of `fig14`, whose plate hides a part of the ball's image. The tracker does not know the plate.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ def hidden_share(depth: Array) -> Array:
 
 def hidden(found: Oblique) -> Array:
     """Share (n,) of the ball's image behind the plate, whose face it touches at first touch."""
-    normal = np.array(found.motion.normal)
-    below = (np.array(found.motion.touch_m) - found.footage.true("x_m", "y_m", "z_m")) @ (
+    normal = np.array(found.setting.normal)
+    below = (np.array(found.setting.touch_m) - found.footage.true("x_m", "y_m", "z_m")) @ (
         normal / np.linalg.norm(normal)
     )
     return hidden_share(below / found.footage.shot.setup.ball.radius_m)
