@@ -3,7 +3,7 @@
 PYTHON ?= python3
 # What the demo needs, and what the checks and the tests need, beyond the plain installation.
 DEMO_EXTRAS ?= video
-TEST_EXTRAS ?= dev,docs,video,render,baselines,dask
+TEST_EXTRAS ?= dev,docs,video,render,baselines,dask,export
 DEMO_OUT ?= demo-result
 
 VENV := .venv

@@ -90,7 +90,7 @@ def _examples(epilog: str) -> list[str]:
     for part in re.split(r"\s{2,}", epilog.strip()):
         if part.startswith(("torchsphere ", "torchsphere-render ")):
             commands.append(f"   {part}")
-        elif part.rstrip(":") not in ("", "example", "examples", "or"):
+        elif part not in ("", "or") and not part.endswith(":"):
             rest.append(_words(part))
     block = [".. code-block:: text", "", *commands, ""] if commands else []
     return [*block, *rest]
