@@ -71,8 +71,12 @@ LIMITS = {
 LEAST_INSIDE = 0.88
 
 
-@pytest.mark.parametrize("shape", LIMITS, ids=lambda shape: shape.__name__)
-@pytest.mark.parametrize("number", [0, 1], ids=["1.5 um", "7.5 um"])
+@pytest.mark.parametrize(
+    ("shape", "number"),
+    # Without noise to speak of only a tip and a force of no form are a trial; the study has all.
+    [*((shape, 1) for shape in LIMITS), (triangle, 0), (two_peaks, 0)],
+    ids=lambda value: getattr(value, "__name__", f"{value}"),
+)
 def test_forces_of_other_shapes_lie_within_their_bands(shape: Shape, number: int) -> None:
     made = [shaped(shape, seed, NOISES_M[number]) for seed in range(SHOTS)]
     found = kinematics_of_many([p.track for p in made], frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
