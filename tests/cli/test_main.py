@@ -42,6 +42,8 @@ def test_the_refusal_of_an_unknown_option_names_the_help_of_the_command(
     assert capsys.readouterr().err.endswith(f"; see '{command} --help'\n")
 
 
-def test_the_loops_are_compiled_on_request(capsys) -> None:
+def test_the_loops_are_compiled_on_request(capsys, monkeypatch) -> None:
+    # Another test of this process may have had no place for them.
+    monkeypatch.setattr("torchsphere.kernels.jit._NOT_KEPT", [])
     assert main(["warm-up"]) == 0
     assert "the loops are compiled and kept on disk" in capsys.readouterr().out

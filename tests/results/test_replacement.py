@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from torchsphere.cli.main import _sentence as main_sentence
+from torchsphere.cli.exit_codes import sentence as main_sentence
 from torchsphere.results import atomic_output, replacement
 from torchsphere.results.atomic_output import FullDiskError, atomic_folder, atomic_path, full_disk_named, recover
 
