@@ -1,5 +1,6 @@
 """Fixtures for all tests."""
 
+import functools
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from result_folders import measured_impact
 from shots import ExampleTrack, example_track
 
 from torchsphere.measure import Measurement
+from torchsphere.planning import plan, rehearsal
 from torchsphere.results.reader import ResultFolder, read
 from torchsphere.synthetic import demo_shot as demo
 
@@ -23,6 +25,12 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("the sample recordings (../shared/data) are not here")
     return folder
+
+
+@pytest.fixture
+def few_recordings(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Simulate four recordings of an impact for a plan: enough where the test is not about their errors."""
+    monkeypatch.setattr(plan, "rehearse", functools.partial(rehearsal.rehearse, recordings=4))
 
 
 @pytest.fixture(scope="session")

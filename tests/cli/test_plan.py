@@ -15,6 +15,8 @@ from plan_setups import (
 )
 from refusals import refused
 
+pytestmark = pytest.mark.usefixtures("few_recordings")
+
 
 def test_the_command_writes_figure_numbers_and_advice(tmp_path: Path, capsys) -> None:
     modes = tmp_path / "modes.csv"

@@ -21,6 +21,8 @@ from torchsphere.planning.presentation import as_table, remarks, text
 from torchsphere.planning.rehearsal import Target
 from torchsphere.report import plan_figure
 
+pytestmark = pytest.mark.usefixtures("few_recordings")
+
 KNOWN = Calibration(36_000.0, 30.0, 110.0)
 
 

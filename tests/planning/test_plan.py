@@ -9,6 +9,8 @@ from plan_setups import SMALL, sides
 from torchsphere.planning import plan
 from torchsphere.planning.rehearsal import Target
 
+pytestmark = pytest.mark.usefixtures("few_recordings")
+
 
 def test_a_mode_that_cannot_show_the_ball_or_the_contact_is_left_out_with_its_reason() -> None:
     setup, target = replace(SMALL, noise=2.0), Target(3e-4, 0.3, "given")

@@ -9,9 +9,10 @@ from plan_setups import SMALL
 from pulses import LENGTH, M_PER_PX, MASS_KG, NOISES_M, PEAK_N, RATE, pulse
 from scipy.integrate import solve_ivp
 
+import torchsphere as ts
 from torchsphere.dynamics.kinematics import kinematics_of_many
 from torchsphere.planning.expected import Setup, differences
-from torchsphere.planning.rehearsal import Rehearsal, Target, _errors, hertz_contact_s, rehearse
+from torchsphere.planning.rehearsal import FLIGHT_FRAMES, Rehearsal, Target, _errors, hertz_contact_s, rehearse
 
 #: The ball of `pulses`: its radius is 75 px, and its force is that of a rebound with this speed and restitution.
 RESTITUTION = 0.3
@@ -69,20 +70,34 @@ def test_the_error_of_the_rehearsed_force_is_within_its_stated_uncertainty() -> 
 def test_the_planned_error_of_the_force_is_that_of_other_simulated_recordings(noise_m: float) -> None:
     planned = rehearse(2 * pose_covariance(noise_m), PULSED, CONTACT)
     assert planned.peak_N == pytest.approx(PEAK_N, rel=1e-9)
-    shots = [pulse(seed, noise_m) for seed in range(16)]
-    motions = kinematics_of_many([s.track for s in shots], frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
-    found = rms([rms(m.force_N[s.touching, 0] - s.force_N[s.touching, 0]) for m, s in zip(motions, shots, strict=True)])
-    stated = rms([rms(m.sd_force_N[s.touching, 0]) for m, s in zip(motions, shots, strict=True)])
-    # A recording in which noise hides the form of the force has several times the error, and states it: one of 12 or 16
-    # decides a root mean square. 1.8 (error) and 3.4 (stated) are seen; the typical error below is the closer trial.
-    assert 0.5 < planned.force_error_N[1] / found < 2.3
-    assert 0.5 < planned.force_N[1, 0] / stated < 5
-    assert 0.5 < planned.force_N[1, 0] / found < 5
-    typical = np.median(
-        [rms(m.force_N[s.touching, 0] - s.force_N[s.touching, 0]) for m, s in zip(motions, shots, strict=True)]
+    # As long a flight on either side as in a rehearsal: a longer one tells more of the force's form.
+    part = slice(33 - FLIGHT_FRAMES, 33 + int(LENGTH) + FLIGHT_FRAMES + 1)
+    shots = [pulse(seed, noise_m) for seed in range(24)]
+    motions = kinematics_of_many(
+        [cut(s.track, part) for s in shots], frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG, log=False
     )
-    # Medians of 12 and 16: 1.6 is seen, and 0.75 to 1.98 in `experiments.validation.plan_force`.
-    assert 0.6 < planned.typical_force_error_N[1] / typical < 2.1
+    inside = [s.touching[part] for s in shots]
+    errors = [
+        rms((m.force_N - s.force_N[part])[touching, 0]) for m, s, touching in zip(motions, shots, inside, strict=True)
+    ]
+    stated = rms([rms(m.sd_force_N[touching, 0]) for m, touching in zip(motions, inside, strict=True)])
+    # Medians of 12 and 24.
+    assert 0.7 < planned.typical_force_error_N[1] / np.median(errors) < 1.5
+    # A root mean square is decided by the recordings in which noise hides the form of the force. There are more of them
+    # here, where the ball is spun up about an oblique axis: 0.65 and 0.93, 0.57 and 0.95, 1.3 and 1.7 are seen.
+    assert 0.55 < planned.force_error_N[1] / rms(errors) < 1.5
+    assert 0.5 < planned.force_N[1, 0] / stated < 1.5
+    assert 0.7 < planned.force_N[1, 0] / rms(errors) < 1.9
+    assert planned.sd_force_error_N[1] < 0.3 * planned.force_error_N[1]
+
+
+def cut(track: ts.Track, part: slice) -> ts.Track:
+    """The frames of a track in a part of it."""
+    steps = {
+        name: getattr(track, name)[part.start : part.stop - 1] for name in ("increment", "covariance", "sd_growth")
+    }
+    names = ("position", "orientation", "zncc", "iterations", "status", "radius")
+    return replace(track, **steps, **{name: getattr(track, name)[part] for name in names})
 
 
 def test_the_two_parts_of_a_stated_standard_deviation_are_its_squares() -> None:

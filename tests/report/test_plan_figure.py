@@ -14,6 +14,8 @@ from torchsphere.planning.presentation import text
 from torchsphere.planning.rehearsal import Target, rehearse
 from torchsphere.report import plan_figure
 
+pytestmark = pytest.mark.usefixtures("few_recordings")
+
 SETUP = Setup(speed_m_s=72, frame_rate=36_000, shutter_s=1e-6, px_per_mm=3.6, diameter_mm=30, mass_g=110, noise=2)
 TARGET = Target(2.3e-4, 0.3, "given")
 
