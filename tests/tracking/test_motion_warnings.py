@@ -11,6 +11,8 @@ import tifffile
 
 import torchsphere as ts
 from torchsphere.cli.main import main
+from torchsphere.runtime import warning_levels
+from torchsphere.sphere_map import radius_error
 
 
 @pytest.fixture(scope="module")
@@ -48,3 +50,16 @@ def test_the_command_line_prints_the_warnings_of_the_track_and_logs_none(
     assert all(printed.out.count(f"  {sentence}\n") == 1 for sentence in said)
     assert not any(sentence in printed.err for sentence in said)
     assert not caplog.records
+
+
+def test_a_radius_that_the_outline_contradicts_is_a_severe_warning_with_its_effect(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(radius_error, "by_outline", lambda radius, orientation, start: 2.0)
+    track = ts.track(shots.shot(0, n=14, radius=25.0, start=(60.0, 60.0)).images[:, :130, :150], log=False)
+    said = [sentence for sentence in track.warnings if "The radius on the map of the ball" in sentence]
+    assert len(said) == 1
+    assert "may be 2.00 px off" in said[0]
+    assert "wrong by 8.0 %" in said[0]
+    assert warning_levels.level_of(said[0]) == "severe"
+    assert track.circle.sd_radius > 2.0

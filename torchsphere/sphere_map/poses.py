@@ -22,7 +22,7 @@ from torchsphere.imaging.background import background
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import bundle_adjustment, exposure, residual_scatter
+from torchsphere.sphere_map import bundle_adjustment, exposure, radius_error, residual_scatter
 from torchsphere.sphere_map.ball import Poses
 from torchsphere.sphere_map.bundle_adjustment import NEW_MAP_STEPS, Adjustment
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
@@ -61,10 +61,6 @@ MAX_MISFIT = 4.0
 #: (docs/constants.md).
 MAX_EDGE_BLUR_PX = 2.0
 
-#: Blur that optics alone make, px, and error per px of further blur of a radius whose start has no known error
-#: (docs/constants.md).
-OPTICS_BLUR_PX, RADIUS_ERROR_PER_BLUR = 0.3, 0.8
-
 #: Systematic error of the radius as a share of it, where the model explains the images down to white noise, and more
 #: where it does not, by the factor in the steps' errors less 1, up to `MAX_EXCESS` (docs/constants.md).
 RADIUS_ERROR_SHARE, RADIUS_ERROR_SHARE_MORE, MAX_EXCESS = 0.00015, 0.001, 1.0
@@ -98,6 +94,7 @@ class MapPoses:
     frame_misfit: Array  # (n,): mean square of each frame's weighted residual; NaN for a frame that is not on the map
     nearness: float = 0.0  # radius over the camera's distance, and its standard deviation
     sd_nearness: float = 0.0
+    off_outline: float = 0.0  # error of the radius by what the outline tells, px: `radius_error.by_outline`
     # (5,): factors in the steps' standard deviations by an error that neighbouring pixels share
     widening: Array = field(default_factory=lambda: np.ones(5))
 
@@ -155,15 +152,19 @@ def poses_on_map(
             far = orthographic(tuple(frames.background.shape), source.device)
             adjustment = bundle_adjustment.find_nearness(adjustment, far, cell_px, shared)
             frames, initial = _seen_alike(frames, initial, adjustment.state.windows.optics)
-        blurred = bundle_adjustment.with_radius_error(adjustment, _error_by_blur(adjustment, circle))
+        ball, turned = adjustment.state.ball, adjustment.state.poses.orientation
+        off_outline = radius_error.by_outline(float(ball.radius), turned, circle)
+        error_px = math.hypot(radius_error.by_blur(float(ball.edge_blur), circle), off_outline)
+        less_certain = bundle_adjustment.with_radius_error(adjustment, error_px)
         # The equations of the last step are the largest arrays, and are not needed any more.
-        adjustment = replace(adjustment, covariance=blurred, last=None)
+        adjustment = replace(adjustment, covariance=less_certain, last=None)
         misfit = float(adjustment.state.profile.variance[0]) / noise
         refusal = _refusal(adjustment, circle.radius, blur.optics_px, misfit)
         if refusal:
             return refusal
         numbers, found, widened = _on_map(frames, keys, initial, adjustment, shared, report)
-    assembled = _widened(_assemble(len(position), numbers, found, keys, adjustment, circle, misfit), widened)
+    assembled = _assemble(len(position), numbers, found, keys, adjustment, circle, misfit)
+    assembled = _widened(replace(assembled, off_outline=off_outline), widened)
     return assembled if optics is None else _through_lens(assembled, optics)
 
 
@@ -250,13 +251,6 @@ def _through_lens(found: MapPoses, optics: Optics) -> MapPoses:
     first = np.flatnonzero(np.isfinite(position[:, 0]))[0]
     circle = replace(found.circle, x=float(position[first, 0]), y=float(position[first, 1]))
     return replace(found, position=position, step_covariance=covariance, circle=circle)
-
-
-def _error_by_blur(adjustment: Adjustment, start: Circle) -> float:
-    """Systematic error of the radius by a blurred outline, px: the radius hardly leaves that of the ``start``."""
-    beyond = max(float(adjustment.state.ball.edge_blur) - OPTICS_BLUR_PX, 0.0)
-    known = start.sd_radius if math.isfinite(start.sd_radius) and not start.sd_guessed else math.inf
-    return min(RADIUS_ERROR_PER_BLUR * beyond, known)
 
 
 def _refusal(adjustment: Adjustment, radius: float, optics_px: float, misfit: float) -> str:

@@ -171,6 +171,7 @@ def _merged(measured: Record, chained: Array, found: MapPoses, open_share: float
         "open_share": open_share,
         "residual_over_noise": found.misfit**0.5,
         "widened": float(found.widening.max()),
+        "radius_off_outline_px": found.off_outline,
         "radius_over_distance": found.nearness,
         "sd_radius_over_distance": found.sd_nearness,
     }

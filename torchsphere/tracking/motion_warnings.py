@@ -21,6 +21,9 @@ from torchsphere.tracking.steady_error import ROTATION_PER_STEP, sd_of_apparent_
 #: Most gaps that a sentence names.
 MAX_NAMED_GAPS = 5
 
+#: Error of the map's radius by the outline, as a share of the radius, from which a sentence names it.
+MAX_OFF_OUTLINE = 0.005
+
 #: Least median turn of a ball that turns in place, deg per frame (docs/constants.md).
 MIN_TURN_DEG = 1.0
 
@@ -202,6 +205,16 @@ def _map_warnings(track: Track) -> list[str]:
         )
     if not sphere_map["used"] and not sphere_map["reason"].startswith("not needed"):
         sentences.append(f"Poses rest on the frame-to-frame steps, whose errors add up: {sphere_map['reason']}.")
+    off, radius = sphere_map.get("radius_off_outline_px", 0.0), track.circle.radius
+    if off > MAX_OFF_OUTLINE * radius:
+        sentences.append(
+            severe(
+                f"The radius on the map of the ball, {radius:.2f} px, may be {off:.2f} px off: its outline shows "
+                "another one, or does not tell it, and the ball hardly turns. Scale, speeds and rotations may be "
+                f"wrong by {100 * off / radius:.1f} %, which their errors include. Look at the circle in the preview, "
+                "and give it with circle."
+            )
+        )
     return sentences
 
 
