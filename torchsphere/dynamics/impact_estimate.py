@@ -11,7 +11,7 @@ from torchsphere.dynamics.energy_balance import EnergyBalance
 from torchsphere.dynamics.estimate import Estimate
 from torchsphere.dynamics.friction import Friction
 from torchsphere.dynamics.si_units import Kinematics
-from torchsphere.runtime.presentation import present
+from torchsphere.runtime.presentation import Presented, present
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,7 +20,7 @@ __all__ = ["Estimate", "Impact"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Impact:
+class Impact(Presented):
     """An impact of a recording; a quantity that the data do not give is None, and ``missing`` says why.
 
     Attributes
@@ -110,9 +110,6 @@ class Impact:
         speeds = f"speed {self.speed_before} before, {self.speed_after} after"
         among = "" if self.count == 1 else f" (of {self.count})"
         return f"<Impact{among} at {self.contact_start} for {self.duration}: {speeds}{force}>"
-
-    def _repr_html_(self) -> str:
-        return str(present("html", self))
 
     def plot(self) -> Figure:
         """Force against penetration, as in the report, as a matplotlib figure.

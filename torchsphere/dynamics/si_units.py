@@ -19,13 +19,11 @@ from torchsphere.dynamics.scale import Scale
 from torchsphere.dynamics.shared_errors import SharedErrors
 from torchsphere.dynamics.units import Units
 from torchsphere.estimation.rates import Motion, MotionContact
-from torchsphere.runtime.presentation import present
+from torchsphere.runtime.presentation import Tabulated, present
 from torchsphere.tracking.result import Track
 
 if TYPE_CHECKING:
     import os
-
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -40,7 +38,7 @@ class FoundContact:
 
 
 @dataclass(frozen=True)
-class Kinematics:
+class Kinematics(Tabulated):
     """Motion of the ball in SI units, at the times of the frames; NaN in frames that were not measured.
 
     The smoother bridges gaps, with an uncertainty that grows inside them. Local polynomials do not, and differences
@@ -122,40 +120,6 @@ class Kinematics:
         if self.contact_s is not None:
             contact = f"; contact from {1e3 * self.contact_s[0]:.4f} to {1e3 * self.contact_s[1]:.4f} ms"
         return f"<Kinematics of {len(self.time_s)} frames, {times}: up to {', '.join(parts)}{contact}>"
-
-    def _repr_html_(self) -> str:
-        return str(present("html", self))
-
-    def to_pandas(self) -> Any:
-        """The columns of ``kinematics.csv`` as a `pandas.DataFrame`, a row per frame; ``attrs["units"]`` has the units.
-
-        Raises
-        ------
-        OSError
-            If pandas is not installed.
-        """
-        return present("to_pandas", self)
-
-    def to_xarray(self) -> Any:
-        """The columns of ``kinematics.csv`` as an `xarray.Dataset`, with units in its attributes.
-
-        Raises
-        ------
-        OSError
-            If xarray is not installed.
-        """
-        return present("to_xarray", self)
-
-    def plot(self, kind: str = "motion") -> Figure:
-        """A figure of the report in SI units: "motion", "rotation" or "quality".
-
-        Raises
-        ------
-        ValueError
-            If there is no such figure.
-        """
-        figure: Figure = present("plot", self, kind)
-        return figure
 
     def save(
         self,

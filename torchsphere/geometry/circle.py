@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from torchsphere.runtime.presentation import present
+from torchsphere.runtime.presentation import Presented
 
 #: Radius below which a circle may be a screw or a lamp, px: speckle of 3 px determines no rotation there.
 SMALL_PX = 10.0
 
 
 @dataclass(frozen=True)
-class Circle:
+class Circle(Presented):
     """Outline of the ball in one image.
 
     Attributes
@@ -45,9 +45,6 @@ class Circle:
         sd = "" if math.isnan(self.sd_radius) else f", {self.sd_text}"
         others = f"; {len(self.others)} others of this size" if self.others else ""
         return f"<Circle {self.text()} px in frame {self.frame}{sd}{others}>"
-
-    def _repr_html_(self) -> str:
-        return str(present("html", self))
 
     def text(self, decimals: int = 2) -> str:
         """Centre and radius in the form of ``--circle``."""

@@ -25,7 +25,7 @@ from torchsphere.geometry.orientation import matrices
 from torchsphere.notebook.figures import drawn
 from torchsphere.recording.facts import Facts
 from torchsphere.results.reader import INCREMENTS, ResultFolder, SIMotion, read
-from torchsphere.runtime.presentation import present
+from torchsphere.runtime.presentation import Presented
 from torchsphere.settings.calibration import Calibration
 from torchsphere.tracking.result import Track
 
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Result:
+class Result(Presented):
     """A result folder.
 
     Attributes
@@ -67,9 +67,6 @@ class Result:
     def __repr__(self) -> str:
         parts = [repr(part) for part in (self.track, self.motion, self.impact) if part is not None]
         return f"<Result {str(self.folder)!r}: {' '.join(parts)}>"
-
-    def _repr_html_(self) -> str:
-        return str(present("html", self))
 
     def plot(self, kind: str = "motion") -> Figure:
         """A figure of the report: "motion", "rotation", "quality", "force_path", "path" or "residuals".

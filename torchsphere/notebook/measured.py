@@ -48,7 +48,7 @@ def measurement(
         notes += [] if found is None else impact_warnings(motion, found)
     forces = () if motion is None else tuple(contact_force(motion, one, normal_deg=normal_deg) for one in every)
     warnings = dict.fromkeys((*track.warnings, *(() if motion is None else motion.warnings), *notes))
-    facts = track.facts or Facts(Path(), "array", (track.first_frame + len(track.status), 0, 0))
+    facts = track.facts or Facts(path=Path(), kind="array", shape=(track.first_frame + len(track.status), 0, 0))
     return Measurement(
         recording=facts,
         track=track,
@@ -158,7 +158,7 @@ def with_force(found: Impact) -> Measurement:
     if force.path is None:
         raise ValueError(f"the impact has no force to plot: {force.missing[:1].lower()}{force.missing[1:]}")
     track = track_of(motion)
-    facts = track.facts or Facts(Path(), "array", (len(track.status), 0, 0))
+    facts = track.facts or Facts(path=Path(), kind="array", shape=(len(track.status), 0, 0))
     return Measurement(
         *(facts, track, motion, found, track.first_frame, (), 0.0, ""), impacts=(found,), contact_forces=(force,)
     )

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import operator
 import weakref
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.runtime.presentation import present
+from torchsphere.recording.facts import Facts
+from torchsphere.runtime.presentation import Presented
 
 Reader = Callable[[int, int], NDArray[Any]]
 
@@ -23,45 +23,12 @@ MAX_PIXELS, MAX_IMAGE_BYTES = 2**26, 2**28
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, weakref_slot=True)
-class Recording:
+class Recording(Facts, Presented):
     """Images of one camera, in order, with the facts that the file states about them.
 
-    Facts that the file does not state are ``None``.
-
-    Attributes
-    ----------
-    path : Path
-        The file or folder that was opened.
-    kind : str
-        The format in words, for example ``"Photron MRAW, 12 bit packed"``.
-    shape : tuple of int
-        Number of images, height and width in px, ``(n, h, w)``.
-    bit_depth : int or None
-        Bits of the grey levels that :meth:`images` returns: 12 means levels from 0 to 4095.
-    frame_rate : float or None
-        Images per second of the recording (not of a player).
-    exposure_s : float or None
-        Exposure time in s.
-    trigger_offset_frames : int or None
-        Number of the first image counted from the trigger; negative before it.
-    origins : Mapping of str to str
-        Sources of the known values of ``bit_depth``, ``frame_rate``, ``exposure_s`` and ``trigger_offset_frames``.
-    notes : tuple of str
-        Sentences for the user: conversions, doubts, ignored contents.
-    files : tuple of Path
-        All files of the recording.
+    The attributes are those of `Facts`.
     """
 
-    path: Path
-    kind: str
-    shape: tuple[int, int, int]
-    bit_depth: int | None = None
-    frame_rate: float | None = None
-    exposure_s: float | None = None
-    trigger_offset_frames: int | None = None
-    origins: Mapping[str, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    files: tuple[Path, ...] = ()
     _reader: Reader = field(repr=False, compare=False)
     _closer: Callable[[], None] = field(default=lambda: None, repr=False, compare=False)
 
@@ -79,9 +46,6 @@ class Recording:
         n, height, width = self.shape
         rate = "frame rate not stated" if self.frame_rate is None else f"{self.frame_rate:g} frames/s"
         return f"<Recording {str(self.path)!r}: {self.kind}, {n} images of {width} x {height} px, {rate}>"
-
-    def _repr_html_(self) -> str:
-        return str(present("html", self))
 
     def __len__(self) -> int:
         return self.shape[0]

@@ -13,20 +13,18 @@ from numpy.typing import NDArray
 
 from torchsphere.geometry.circle import Circle
 from torchsphere.recording.facts import Facts
-from torchsphere.runtime.presentation import present
+from torchsphere.runtime.presentation import Tabulated, present
 from torchsphere.settings.calibration import Calibration
 
 if TYPE_CHECKING:
     import os
-
-    from matplotlib.figure import Figure
 
 #: Least share of frames with a measured motion in a usable result, of those with the ball in view (docs/constants.md).
 LEAST_MEASURED = 0.1
 
 
 @dataclass(frozen=True)
-class Track:
+class Track(Tabulated):
     """Motion of the ball over n frames, px and rad, image and camera frame.
 
     Attributes
@@ -98,40 +96,6 @@ class Track:
         count = len(self.warnings)
         warned = f"; {count} warning{'s' if count > 1 else ''}" if count else ""
         return f"<Track of {len(self.status)} frames: {counts}; circle {self.circle.text()} px; {motion}{warned}>"
-
-    def _repr_html_(self) -> str:
-        return str(present("html", self))
-
-    def to_pandas(self) -> Any:
-        """The columns of ``track.csv`` as a `pandas.DataFrame`, a row per frame; ``attrs["units"]`` has their units.
-
-        Raises
-        ------
-        OSError
-            If pandas is not installed.
-        """
-        return present("to_pandas", self)
-
-    def to_xarray(self) -> Any:
-        """The columns of ``track.csv`` and the covariances as an `xarray.Dataset`, with units in its attributes.
-
-        Raises
-        ------
-        OSError
-            If xarray is not installed.
-        """
-        return present("to_xarray", self)
-
-    def plot(self, kind: str = "motion") -> Figure:
-        """A figure of the report in px and degrees: "motion", "rotation" or "quality".
-
-        Raises
-        ------
-        ValueError
-            If there is no such figure.
-        """
-        figure: Figure = present("plot", self, kind)
-        return figure
 
     def save(
         self,
