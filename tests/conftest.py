@@ -1,7 +1,10 @@
 """Fixtures for all tests."""
 
 import functools
+import shutil
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import tifffile
@@ -63,3 +66,16 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Measuremen
 def result(measured: tuple[Path, Measurement]) -> ResultFolder:
     """Give the result of the demo's impact, read from its folder."""
     return read(measured[0])
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Give Chromium, driven by Playwright."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (extra 'dev')")
+    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if program is None:
+        pytest.skip("there is no Chromium to open the page with; install the package 'chromium'")
+    with sync_api.sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        yield launched
+        launched.close()

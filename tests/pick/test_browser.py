@@ -1,7 +1,6 @@
 """The page in a browser: drawn on, measured from, by mouse and by keys."""
 
 import json
-import shutil
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -51,17 +50,6 @@ class Opened:
     def checked(self, line: str) -> None:
         """Wait until the file of settings has this line."""
         sync_api.expect(self.page.locator("#toml")).to_contain_text(line, timeout=30_000)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if program is None:
-        pytest.skip("there is no Chromium to open the page with; install the package 'chromium'")
-    with sync_api.sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
-        yield launched
-        launched.close()
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ import html
 import json
 import re
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -169,18 +168,6 @@ def test_what_cannot_be_compared_is_refused_in_a_sentence(
     assert printed.out == ""
     assert not Path("comparison.html").exists()
     assert not Path("page.html").exists()
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (extra 'dev')")
-    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if program is None:
-        pytest.skip("there is no Chromium to open the page with; install the package 'chromium'")
-    with sync_api.sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
-        yield launched
-        launched.close()
 
 
 def test_the_page_works_in_a_browser_on_a_phone_and_wide_light_and_dark(
