@@ -108,7 +108,7 @@ def test_points_of_the_ball_move_as_in_the_independent_geometry(camera: Camera, 
     q = torch.tensor([*(next_middle - middle), *turn, 0.02], dtype=torch.float64)
     view = view_of(camera, torch.from_numpy(middle[None]), q)
     radius = torch.tensor(camera.focal_px / distance, dtype=torch.float64)
-    one = Geometry(radius, View(*(field[0] for field in view)))
+    one = Geometry(radius, View(*(None if field is None else field[0] for field in view)))
     found = motion_models.pinhole6(q, torch.from_numpy(before - middle), one).numpy()
     visible = ((moved_centre + body @ rotation.T) * (body @ rotation.T)).sum(1) < 0
     assert (np.isfinite(found[:, 0]) == visible).mean() > 0.9999

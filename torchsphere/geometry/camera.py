@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -102,7 +102,7 @@ class View(NamedTuple):
 
     centre: Tensor  # projected centre of the ball (2,), px from the principal point
     focal: Tensor  # focal length, a scalar, px
-    distortion: Tensor  # radial coefficients (3,)
+    distortion: Tensor | None  # radial coefficients (3,); None where they are all 0
 
 
 def view_of(camera: Camera, centres: Tensor, like: Tensor) -> View:
@@ -114,18 +114,22 @@ def view_of(camera: Camera, centres: Tensor, like: Tensor) -> View:
     focal, distortion = (
         torch.tensor(v, dtype=like.dtype, device=like.device) for v in (camera.focal_px, camera.distortion)
     )
-    return View(offset.to(like), focal.expand(n), distortion.expand(n, 3))
+    return View(offset.to(like), focal.expand(n), distortion.expand(n, 3) if any(camera.distortion) else None)
 
 
-def distorted(rays: Tensor, distortion: Tensor) -> Tensor:
+def distorted(rays: Tensor, distortion: Tensor | None) -> Tensor:
     """Image points over the focal length (..., 2) of ``rays`` (..., 2), tangents of their angles."""
+    if distortion is None:
+        return rays
     r2 = rays.square().sum(-1, keepdim=True)
     k1, k2, k3 = (k[..., None] for k in distortion.unbind(-1))
     return rays * (1 + r2 * (k1 + r2 * (k2 + r2 * k3)))
 
 
-def undistorted(seen: Tensor, distortion: Tensor) -> Tensor:
+def undistorted(seen: Tensor, distortion: Tensor | None) -> Tensor:
     """The inverse of `distorted`, by fixed-point steps."""
+    if distortion is None:
+        return seen
     rays = seen
     k1, k2, k3 = (k[..., None] for k in distortion.unbind(-1))
     for _ in range(INVERSION_STEPS):
@@ -141,38 +145,25 @@ def outline_distance(circles: Tensor, angles: Tensor, camera: Camera) -> Tensor:
     centre has the sine 1 / |C|, with the distance |C| in radii; Newton steps find it under distortion.
     """
     view = view_of(camera, circles[:, :2], circles)
-    focal, distortion = view.focal[:, None], view.distortion[:, None]
-    centre = undistorted(view.centre[:, None] / focal[..., None], distortion)[:, 0]
+    focal = view.focal[:, None]
+    centre = undistorted(view.centre / focal, view.distortion)
     axis = torch.cat((centre, torch.ones_like(centre[:, :1])), -1)
     distance = focal[:, 0] / circles[:, 2] * axis.norm(dim=-1)
     sine2 = (1 / distance.clamp_min(1 + 1e-9)).square()
     direction = torch.stack((angles.cos(), angles.sin()), -1)
     reach = circles[:, 2:].expand(-1, len(angles)).clone()
-    # Without distortion the fixed-point steps change nothing, and take four fifths of the time.
-    undistort = undistorted if any(camera.distortion) else _unchanged
     for _ in range(ROUNDS):
-        value, slope = _cone_distance(reach, view, direction, axis, sine2, undistort)
+        value, slope = _cone_distance(reach, view, direction, axis, sine2)
         reach = reach - value / slope
     return reach
 
 
-def _unchanged(seen: Tensor, _distortion: Tensor) -> Tensor:
-    return seen
-
-
-def _cone_distance(
-    reach: Tensor,
-    view: View,
-    direction: Tensor,
-    axis: Tensor,
-    sine2: Tensor,
-    undistort: Callable[[Tensor, Tensor], Tensor],
-) -> tuple[Tensor, Tensor]:
+def _cone_distance(reach: Tensor, view: View, direction: Tensor, axis: Tensor, sine2: Tensor) -> tuple[Tensor, Tensor]:
     """Distance of rays at ``reach`` (n, a), px, from the tangent cone, as a sine, and its derivative."""
 
     def distance(at: Tensor) -> Tensor:
         seen = (view.centre[:, None] + at[..., None] * direction) / view.focal[:, None, None]
-        rays = undistort(seen, view.distortion[:, None])
+        rays = undistorted(seen, None if view.distortion is None else view.distortion[:, None])
         # Sine of the angle between ray and axis by the cross product: it stays exact for a far camera.
         offset = rays - axis[:, None, :2]
         along_z = axis[:, None, 0] * offset[..., 1] - axis[:, None, 1] * offset[..., 0]
