@@ -138,6 +138,15 @@ def undistorted(seen: Tensor, distortion: Tensor | None) -> Tensor:
     return rays
 
 
+def distortion_slope(rays: Tensor, distortion: Tensor) -> Tensor:
+    """Derivative (..., 2, 2) of `distorted` at ``rays`` (..., 2)."""
+    k1, k2, k3 = (k[..., None] for k in distortion.unbind(-1))
+    r2 = rays.square().sum(-1, keepdim=True)
+    gain, change = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), k1 + r2 * (2 * k2 + 3 * r2 * k3)
+    outer = rays[..., :, None] * (2 * change * rays)[..., None, :]
+    return outer + gain[..., None] * torch.eye(2, dtype=rays.dtype, device=rays.device)
+
+
 def outline_distance(circles: Tensor, angles: Tensor, camera: Camera) -> Tensor:
     """Distance (n, a), px, of the outline from the projected centre at ``angles`` (a,), rad, in the image.
 
@@ -160,19 +169,20 @@ def outline_distance(circles: Tensor, angles: Tensor, camera: Camera) -> Tensor:
 
 def _cone_distance(reach: Tensor, view: View, direction: Tensor, axis: Tensor, sine2: Tensor) -> tuple[Tensor, Tensor]:
     """Distance of rays at ``reach`` (n, a), px, from the tangent cone, as a sine, and its derivative."""
-
-    def distance(at: Tensor) -> Tensor:
-        seen = (view.centre[:, None] + at[..., None] * direction) / view.focal[:, None, None]
-        rays = undistorted(seen, None if view.distortion is None else view.distortion[:, None])
-        # Sine of the angle between ray and axis by the cross product: it stays exact for a far camera.
-        offset = rays - axis[:, None, :2]
-        along_z = axis[:, None, 0] * offset[..., 1] - axis[:, None, 1] * offset[..., 0]
-        cross2 = offset.square().sum(-1) + along_z.square()
-        lengths = (rays.square().sum(-1) + 1) * axis.square().sum(-1, keepdim=True)
-        return (cross2 / lengths).sqrt() - sine2.sqrt()[:, None]
-
-    value, slope, *_ = torch.func.jvp(distance, (reach,), (torch.ones_like(reach),))
-    return value, slope
+    focal, distortion = view.focal[:, None, None], None if view.distortion is None else view.distortion[:, None]
+    rays = undistorted((view.centre[:, None] + reach[..., None] * direction) / focal, distortion)
+    change = direction / focal
+    if distortion is not None:
+        change = torch.linalg.solve(distortion_slope(rays, distortion), change)
+    # Sine of the angle between ray and axis by the cross product: it stays exact for a far camera.
+    offset = rays - axis[:, None, :2]
+    along_z = axis[:, None, 0] * offset[..., 1] - axis[:, None, 1] * offset[..., 0]
+    turned = axis[:, None, 0] * change[..., 1] - axis[:, None, 1] * change[..., 0]
+    axis2 = axis.square().sum(-1, keepdim=True)
+    lengths = (rays.square().sum(-1) + 1) * axis2
+    sine = ((offset.square().sum(-1) + along_z.square()) / lengths).sqrt()
+    slope = (offset * change).sum(-1) + along_z * turned - sine.square() * (rays * change).sum(-1) * axis2
+    return sine - sine2.sqrt()[:, None], slope / (sine * lengths)
 
 
 def sphere_of_outline(circle: Tensor, camera: Camera) -> Tensor:

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchsphere.geometry import rotation
-from torchsphere.geometry.camera import View, distorted, undistorted
+from torchsphere.geometry.camera import View, distorted, distortion_slope, undistorted
 
 
 def displacement(q: Tensor, points: Tensor, radius: Tensor, view: View) -> Tensor:
@@ -45,7 +45,7 @@ def modes(q: Tensor, points: Tensor, radius: Tensor, view: View) -> Tensor:
         columns.append(by_growth[..., None])
     found = seen.focal[..., None] * torch.cat(columns, -1)
     if view.distortion is not None:
-        found = _slope(seen.rays, view.distortion) @ found
+        found = distortion_slope(seen.rays, view.distortion[:, None]) @ found
     return torch.where(seen.hidden[..., None, None], 0.0, found)
 
 
@@ -104,17 +104,8 @@ def _per_point(distortion: Tensor | None) -> Tensor | None:
     return None if distortion is None else distortion[:, None]
 
 
-def _slope(rays: Tensor, distortion: Tensor) -> Tensor:
-    """Derivative (n, p, 2, 2) of `distorted` at ``rays`` (n, p, 2)."""
-    k1, k2, k3 = distortion[:, None, :, None].unbind(-2)
-    r2 = rays.square().sum(-1, keepdim=True)
-    gain, change = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), k1 + r2 * (2 * k2 + 3 * r2 * k3)
-    outer = rays[..., :, None] * (2 * change * rays)[..., None, :]
-    return outer + gain[..., None] * torch.eye(2, dtype=rays.dtype, device=rays.device)
-
-
 def _slope_of_inverse(rays: Tensor, distortion: Tensor | None) -> Tensor:
     """Derivative (n, p, 2, 2) of `undistorted` where it gives ``rays`` (n, p, 2)."""
     if distortion is None:
         return torch.eye(2, dtype=rays.dtype, device=rays.device)
-    return torch.linalg.inv(_slope(rays, distortion))
+    return torch.linalg.inv(distortion_slope(rays, distortion[:, None]))
