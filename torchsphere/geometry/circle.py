@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from torchsphere.runtime.presentation import Presented
 
@@ -45,6 +45,10 @@ class Circle(Presented):
         sd = "" if math.isnan(self.sd_radius) else f", {self.sd_text}"
         others = f"; {len(self.others)} others of this size" if self.others else ""
         return f"<Circle {self.text()} px in frame {self.frame}{sd}{others}>"
+
+    def with_errors(self, factor: float) -> Circle:
+        """The circle with that multiple of its standard deviations."""
+        return replace(self, sd_x=factor * self.sd_x, sd_y=factor * self.sd_y, sd_radius=factor * self.sd_radius)
 
     def text(self, decimals: int = 2) -> str:
         """Centre and radius in the form of ``--circle``."""

@@ -21,6 +21,9 @@ MIN_MEMORY = 0.15
 #: Largest lag of the ball behind the images, frames: half of an image is another one (docs/constants.md).
 MAX_LAG = 1.0
 
+#: Error of the steps of such images over the stated one: the ball is drawn twice in them (docs/constants.md).
+WIDENING = 1.5
+
 Array = NDArray[np.float64]
 
 
@@ -55,4 +58,4 @@ def widened(increment: Array, covariance: Array, memory: float) -> Array:
     steps = np.pad(np.nan_to_num(increment), ((1, 1), (0, 0)))
     changes = np.abs(np.diff(steps, axis=0))
     error = lag_of(memory) * np.maximum(changes[:-1], changes[1:])
-    return covariance + np.einsum("ni,ij->nij", np.square(error), np.eye(5))
+    return WIDENING**2 * covariance + np.einsum("ni,ij->nij", np.square(error), np.eye(5))

@@ -65,6 +65,11 @@ def _frame_warnings(track: Track, start: int) -> list[str]:
         sentences.append(
             f"Frames that repeat the image before them bit for bit while the ball moves, not measured: {numbers}."
         )
+    if track.settings["hidden"]:
+        sentences.append(
+            "In many frames with the whole ball in view it could not be measured, as where something stands in front "
+            "of it: the standard deviations of the other frames are twice those of their noise. Look at the overlay."
+        )
     gaps = missing_frames(track)
     if gaps:
         numbers = ", ".join(f"{count} before frame {start + i}" for i, count in gaps[:MAX_NAMED_GAPS])

@@ -19,7 +19,7 @@ from torchsphere.imaging import interlacing
 from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map.nearness import UNKNOWN_SD
 from torchsphere.sphere_map.poses import MIN_FRAMES
-from torchsphere.tracking import coded_video, frame_memory, growth, limb_path
+from torchsphere.tracking import coded_video, frame_memory, growth, hidden_ball, limb_path
 from torchsphere.tracking import in_place as place_of_ball
 from torchsphere.tracking.background_blocks import background_blocks
 from torchsphere.tracking.drift import AbsoluteMotion, absolute_motion
@@ -270,6 +270,11 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
         covariance = frame_memory.widened(motion.increment, covariance, memory)
     if is_coded:
         covariance = coded_video.widened(covariance, motion.on_map, radius)
+    circle, (height, width) = motion.circle, start.image.shape[-2:]
+    is_hidden = hidden_ball.is_hidden_often(measured.status, motion.position, motion.increment, radius, (height, width))
+    if is_hidden:
+        covariance = hidden_ball.WIDENING**2 * covariance
+        circle = circle.with_errors(hidden_ball.WIDENING)
     leakage = leakage_share(start.contrast, radius, start.options)
     steps = int(np.isfinite(measured.increment[:, 0]).sum())
     sd_nearness = _sd_nearness(task, start, motion)
@@ -292,7 +297,7 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
             leakage=leakage,
             sd_nearness=sd_nearness,
         ),
-        circle=motion.circle,
+        circle=circle,
         settings=dataclasses.asdict(start.options)
         | {
             "circle_given": task.circle is not None,
@@ -304,6 +309,7 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
             "interlaced": start.interlaced,
             "noise_memory": memory,
             "coded": is_coded,
+            "hidden": is_hidden,
             "sphere_map": motion.about_map,
             "sd_radius_over_distance": sd_nearness,
             "repeated_frames": measured.repeated,
