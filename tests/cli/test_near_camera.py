@@ -12,6 +12,9 @@ from refusals import refused
 from torchsphere.cli.main import main
 from torchsphere.synthetic import demo_shot as demo
 
+#: Neither a page nor a map of the ball, where the test is about neither.
+FAST = ("--quiet", "--no-report", "--map", "off")
+
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory, demo_shot: demo.Shot) -> Path:
@@ -27,7 +30,7 @@ def small(tmp_path_factory: pytest.TempPathFactory, demo_shot: demo.Shot) -> Pat
 def test_a_camera_within_the_ball_is_refused(
     small: Path, tmp_path: Path, focal_px: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments = ["track", str(small), "--out", str(tmp_path / "out"), "--focal-px", focal_px, "--quiet"]
+    arguments = ["track", str(small), "--out", str(tmp_path / "out"), "--focal-px", focal_px, *FAST]
     assert "is then seen from 1.0" in refused(arguments, capsys)
     assert list(tmp_path.iterdir()) == []
 

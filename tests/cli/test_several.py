@@ -8,6 +8,9 @@ from archive_shots import rows, serial, write_array
 from torchsphere.archive import manifest, processes
 from torchsphere.cli.main import main
 
+#: Neither a page nor a map of the ball, where the test is about neither.
+FAST = ("--quiet", "--no-report", "--map", "off")
+
 
 @pytest.fixture
 def days(tmp_path: Path) -> Path:
@@ -21,7 +24,7 @@ def test_folders_and_recordings_are_one_archive_and_folders_keep_their_names(
 ) -> None:
     monkeypatch.setattr(processes, "run", lambda jobs, **_: serial(jobs))
     sources = [str(days / name) for name in ("day1", "day2", "c.npy")]
-    assert main(["batch", *sources, "--out", str(days / "out"), "--quiet"]) == 0
+    assert main(["batch", *sources, "--out", str(days / "out"), *FAST]) == 0
     results = {name: row["result"] for name, row in rows(days / "out").items()}
     assert results == {"day1/a.npy": "day1/a", "day2/a.npy": "day2/a", "day2/b.npy": "day2/b", "c.npy": "c"}
     found = {path.parent.relative_to(days / "out").as_posix() for path in (days / "out").rglob("summary.json")}

@@ -16,6 +16,9 @@ from torchsphere.results.reader import TRACK_COLUMNS, read
 from torchsphere.synthetic import demo_shot as demo
 from torchsphere.synthetic import ray_caster
 
+#: Neither a page nor a map of the ball, where the test is about neither.
+FAST = ("--quiet", "--no-report", "--map", "off")
+
 CIRCLE = "64.3,92.6,40"
 
 
@@ -28,7 +31,7 @@ def rows(path: Path) -> tuple[list[str], list[dict[str, str]]]:
 def test_track_writes_the_promised_columns_with_the_first_row_empty(tmp_path: Path, short: Path) -> None:
     out = tmp_path / "result"
     arguments = ["track", str(short), "--out", str(out), "--fps", "36000", "--diameter-mm", "30", "--mass-g", "110"]
-    assert main([*arguments, "--quiet"]) == 0
+    assert main([*arguments, *FAST]) == 0
     head, table = rows(out / "track.csv")
     assert head == list(TRACK_COLUMNS)
     assert [row["status"] for row in table] == ["ok"] * 8
@@ -47,7 +50,7 @@ def test_track_writes_the_promised_columns_with_the_first_row_empty(tmp_path: Pa
 
 def test_the_summary_holds_input_settings_and_versions(tmp_path: Path, short: Path) -> None:
     out = tmp_path / "result"
-    assert main(["track", str(short), "--out", str(out), "--circle", CIRCLE, "--frames", "2:6", "--quiet"]) == 0
+    assert main(["track", str(short), "--out", str(out), "--circle", CIRCLE, "--frames", "2:6", *FAST]) == 0
     summary = json.loads((out / "summary.json").read_text())
     assert summary["input"]["path"] == str(short)
     assert len(summary["input"]["sha256"]) == 64
@@ -66,7 +69,7 @@ def test_options_come_from_a_file_and_the_command_line_wins(tmp_path: Path, shor
     config = tmp_path / "shot.toml"
     config.write_text('fps = 1000\nmm-per-px = 0.5\nmodel = "finite"\ncircle = [64.3, 92.6, 40]\nframes = "0:4"\n')
     out = tmp_path / "result"
-    arguments = ["track", str(short), "--out", str(out), "--config", str(config), "--diameter-mm", "30", "--quiet"]
+    arguments = ["track", str(short), "--out", str(out), "--config", str(config), "--diameter-mm", "30", *FAST]
     assert main(arguments) == 0
     summary = json.loads((out / "summary.json").read_text())
     assert summary["settings"]["model"] == "finite"
@@ -78,7 +81,7 @@ def test_options_come_from_a_file_and_the_command_line_wins(tmp_path: Path, shor
 def test_a_file_of_options_may_have_a_byte_order_mark_and_no_setting_twice(tmp_path: Path, short: Path, capsys) -> None:
     config = tmp_path / "shot.toml"
     config.write_text('fps = 1000\nframes = "0:4"\n', encoding="utf-8-sig")
-    arguments = ["track", str(short), "--circle", CIRCLE, "--config", str(config), "--quiet"]
+    arguments = ["track", str(short), "--circle", CIRCLE, "--config", str(config), *FAST]
     assert main([*arguments, "--out", str(tmp_path / "result")]) == 0
     assert json.loads((tmp_path / "result" / "summary.json").read_text())["frame_rate"] == 1000
     config.write_text("mm-per-px = 1\nmm_per_px = 2\n")
@@ -112,7 +115,7 @@ def test_the_focal_length_follows_from_the_distance_and_other_camera_settings_fr
     config.write_text('model = "pinhole"\nprincipal-px = [70, 80]\ndistortion = [-0.1, 0.01, 0]\n')
     out = tmp_path / "result"
     arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--config", str(config), "--frames", "1:4"]
-    assert main([*arguments, "--distance-mm", "1500", "--diameter-mm", "30", "--fps", "1000", "--quiet"]) == 0
+    assert main([*arguments, "--distance-mm", "1500", "--diameter-mm", "30", "--fps", "1000", *FAST]) == 0
     summary = json.loads((out / "summary.json").read_text())
     camera = summary["settings"]["camera"]
     # 1.5 m are 100 radii of 15 mm: the focal length is 100 times the outline of 40 px, to a part in 20 000.
@@ -141,9 +144,7 @@ def test_the_summary_has_the_impact_of_the_demo_with_its_uncertainty(tmp_path: P
     tifffile.imwrite(path, demo_shot.images, photometric="minisblack")
     out = tmp_path / "result"
     arguments = ["track", str(path), "--out", str(out), "--fps", "36000", "--diameter-mm", "30", "--mass-g", "110"]
-    assert (
-        main([*arguments, "--method", "smoother", "--normal-deg", "180", "--scale-sd-percent", "0.1", "--quiet"]) == 0
-    )
+    assert main([*arguments, "--method", "smoother", "--normal-deg", "180", "--scale-sd-percent", "0.1", *FAST]) == 0
     summary = json.loads((out / "summary.json").read_text())
     found = summary["impact"]
     # The ball of the demo arrives at 71.55 m/s and leaves at -32.4 m/s; the force peaks at 53.7 kN.
@@ -187,7 +188,7 @@ def test_errors_of_mass_rate_and_diameter_reach_the_budget_of_the_summary_and_th
 def test_the_summary_names_the_method_of_differentiation(method: str, tmp_path: Path, short: Path) -> None:
     out = tmp_path / "result"
     arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--fps", "36000", "--mm-per-px", "0.375"]
-    assert main([*arguments, "--method", method, "--window", "5", "--order", "2", "--quiet"]) == 0
+    assert main([*arguments, "--method", method, "--window", "5", "--order", "2", *FAST]) == 0
     assert json.loads((out / "summary.json").read_text())["differentiation"]["method"] == method
 
 
@@ -203,7 +204,7 @@ def test_a_window_longer_than_the_recording_is_warned_of_and_the_track_is_kept(t
 
 def test_an_existing_result_is_replaced_on_request_and_other_files_never(tmp_path: Path, short: Path, capsys) -> None:
     out = tmp_path / "result"
-    arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--frames", "0:3", "--quiet"]
+    arguments = ["track", str(short), "--out", str(out), "--circle", CIRCLE, "--frames", "0:3", *FAST]
     assert main(arguments) == 0
     before = (out / "summary.json").stat().st_mtime_ns
     assert main(arguments) == 1
@@ -214,13 +215,13 @@ def test_an_existing_result_is_replaced_on_request_and_other_files_never(tmp_pat
     other_files = tmp_path / "thesis"
     other_files.mkdir()
     (other_files / "chapter1.txt").write_text("years of work")
-    assert main(["track", str(short), "--out", str(other_files), "--circle", CIRCLE, "--overwrite", "--quiet"]) == 1
+    assert main(["track", str(short), "--out", str(other_files), "--circle", CIRCLE, "--overwrite", *FAST]) == 1
     assert [path.name for path in other_files.iterdir()] == ["chapter1.txt"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result", "thesis"]
 
 
 def test_a_missing_frame_rate_is_warned_of(tmp_path: Path, short: Path) -> None:
-    arguments = ["track", str(short), "--circle", CIRCLE, "--frames", "0:2", "--quiet", "--out"]
+    arguments = ["track", str(short), "--circle", CIRCLE, "--frames", "0:2", *FAST, "--out"]
     for name, given, noted in (("without", (), True), ("with", ("--fps", "100"), False)):
         assert main([*arguments, str(tmp_path / name), *given]) == 0
         warnings = " ".join(json.loads((tmp_path / name / "summary.json").read_text())["warnings"])
@@ -258,7 +259,7 @@ def test_a_rotation_without_texture_stays_empty_in_the_table(tmp_path: Path) -> 
     images = ray_caster.render(plain, centres, 25.0, torch.eye(3).expand(4, 3, 3), 20.0, shape=(100, 120))
     noise = torch.randn(images.shape, generator=torch.Generator().manual_seed(0))
     np.save(tmp_path / "plain.npy", (images + noise).numpy())
-    assert main(["track", str(tmp_path / "plain.npy"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    assert main(["track", str(tmp_path / "plain.npy"), "--out", str(tmp_path / "out"), *FAST]) == 0
     _, table = rows(tmp_path / "out" / "track.csv")
     assert {row["status"] for row in table} == {"weak_texture"}
     assert all(row["wx_rad"] == "nan" and row["sd_wy_rad"] == "nan" for row in table)

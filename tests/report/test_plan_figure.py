@@ -27,7 +27,7 @@ def made() -> Plan:
     increment = np.random.default_rng(0).multivariate_normal(SETUP.increment, covariance, 20)
     flight = Flight(increment, np.sqrt(np.diagonal(covariance)), SETUP, "flight")
     plain = differences(covariance, SETUP.frame_rate, SETUP.m_per_px, SETUP.mass_kg)
-    found = rehearse(covariance, SETUP, TARGET)
+    found = rehearse(covariance, SETUP, TARGET, recordings=4)
     return Plan(SETUP, "flight", TARGET, covariance, plain, found, None, np.zeros((0, 2)), None, (), flight)
 
 
@@ -82,7 +82,7 @@ def test_without_a_rehearsal_a_sentence_replaces_the_axes() -> None:
 def test_a_contact_between_two_frames_is_drawn_with_the_frames_next_to_it(frames: float) -> None:
     plan = made()
     target = Target(frames / SETUP.frame_rate, 0.3, "given")
-    brief = replace(plan, target=target, rehearsal=rehearse(plan.covariance, SETUP, target))
+    brief = replace(plan, target=target, rehearsal=rehearse(plan.covariance, SETUP, target, recordings=4))
     axis = plan_figure.plan_figure(brief).axes[3]
     low, high = axis.get_xlim()
     assert ((axis.lines[0].get_xdata() > low) & (axis.lines[0].get_xdata() < high)).sum() == 2
@@ -92,7 +92,7 @@ def test_a_contact_between_two_frames_is_drawn_with_the_frames_next_to_it(frames
 def test_a_contact_between_two_frames_gives_words_and_no_nan() -> None:
     plan = made()
     target = Target(0.2 / SETUP.frame_rate, 0.3, "given")
-    brief = replace(plan, target=target, rehearsal=rehearse(plan.covariance, SETUP, target))
+    brief = replace(plan, target=target, rehearsal=rehearse(plan.covariance, SETUP, target, recordings=4))
     figure = plan_figure.plan_figure(brief)
     assert figure.axes[2].get_title().endswith("the contact falls between two frames")
     for axis in figure.axes[4:6]:

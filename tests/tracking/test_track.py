@@ -86,7 +86,7 @@ def test_progress_is_reported_up_to_the_last_frame(example: ExampleTrack) -> Non
 
 def test_steps_of_22_px_need_no_first_guess() -> None:
     made = shot(2, n=12, step=(22.0, 3.0))
-    measured = track(made.images)
+    measured = track(made.images, sphere_map=False)
     assert set(measured.status) == {"ok"}
     # The bounds of slow steps; the mean of 11 pairs has an uncertainty of 0.005 / sqrt(11) px.
     errors = increment_errors(measured, made)
@@ -100,7 +100,7 @@ def test_a_sudden_change_of_motion_is_followed() -> None:
     # An impact: the second half starts near the end of the first half and moves in another direction.
     after = shot(2, n=8, step=(-5.0, 4.0), start=(153.0, 120.0))
     images = torch.cat((before.images, after.images))
-    measured = track(images, before.circle)
+    measured = track(images, before.circle, sphere_map=False)
     assert set(measured.status) == {"ok"}
     off = np.linalg.norm(measured.position - np.concatenate((before.centres, after.centres)), axis=1)
     assert off.max() < 0.2  # the jump between the halves rotates the ball by 4 deg: linearising costs 0.02 px
@@ -142,7 +142,7 @@ def test_blank_frames_are_flagged_and_the_ball_is_found_again() -> None:
     made = shot(2, n=24)
     images = made.images.clone()
     images[10:13] = noisy(torch.full((3, *images.shape[1:]), 100.0), 2.0, 3)
-    measured = track(images, made.circle)
+    measured = track(images, made.circle, sphere_map=False)
     assert (np.delete(measured.status, [10, 11, 12, 13]) == "ok").all()
     assert "ok" not in measured.status[10:14]
     assert measured.status[13] == "lost"  # found again: a known position, but no increment
@@ -159,7 +159,7 @@ def test_blank_frames_are_flagged_and_the_ball_is_found_again() -> None:
 
 def test_a_ball_that_leaves_the_image_gets_the_status_out_of_frame() -> None:
     made = shot(2, n=22, step=(9.0, 0.0), start=(420.0, 120.0))
-    measured = track(made.images, made.circle)
+    measured = track(made.images, made.circle, sphere_map=False)
     share_gone = (made.centres[:, 0].numpy() + made.radius - 511) / (2 * made.radius)
     assert (measured.status[share_gone < 0] == "ok").all()
     gone = share_gone > 0.9
@@ -173,7 +173,7 @@ def test_a_ball_that_leaves_the_image_gets_the_status_out_of_frame() -> None:
 
 def test_a_ball_that_enters_late_is_lost_before_and_ok_after() -> None:
     made = shot(4, n=12, background=60.0, start=(-60.0, 120.0), step=(16.0, 0.0))
-    measured = track(made.images)
+    measured = track(made.images, sphere_map=False)
     first = measured.circle.frame
     assert first > 5
     assert (measured.status[:first] == "lost").all()
@@ -185,7 +185,7 @@ def test_a_ball_that_enters_late_is_lost_before_and_ok_after() -> None:
 
 def test_a_still_ball_does_not_move() -> None:
     made = shot(6, n=6, step=(0.0, 0.0), jitter=0.0, rotation_deg=(0.0, 0.0, 0.0))
-    measured = track(made.images, made.circle)
+    measured = track(made.images, made.circle, sphere_map=False)
     assert set(measured.status) == {"ok"}
     # Noise of two grey levels makes 0.005 px and 0.007 deg; the tolerance is three times this.
     assert np.abs(increment_errors(measured, made)).max() < 0.021
