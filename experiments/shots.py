@@ -88,14 +88,15 @@ def tracked(footage: Footage, circle: Circle | None = None, **options: Any) -> t
     def make() -> dict[str, NDArray[Any]]:
         with _bar(f"tracking {footage.shot.name}", options) as progress:
             found = ts.track(footage.images, circle, progress=progress, **options)
-        columns = {field.name: getattr(found, field.name) for field in dataclasses.fields(found)}
-        columns["circle"] = np.array(json.dumps(dataclasses.asdict(found.circle)))
-        columns["settings"] = np.array(json.dumps(found.settings, default=str))
-        return columns
+        values = {field.name: getattr(found, field.name) for field in dataclasses.fields(found)}
+        columns = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+        about = {"circle": dataclasses.asdict(found.circle), "settings": found.settings, "warnings": found.warnings}
+        return columns | {"about": np.array(json.dumps(about, default=str))}
 
     columns: dict[str, Any] = dict(_cached_arrays(key, make))
-    circle_found, settings = (json.loads(str(columns.pop(name))) for name in ("circle", "settings"))
-    return ts.Track(**columns, circle=ts.Circle(**circle_found), settings=settings)
+    about = json.loads(str(columns.pop("about")))
+    about |= {"circle": ts.Circle(**about["circle"]), "warnings": tuple(about["warnings"])}
+    return ts.Track(**columns, **about)
 
 
 def rival(footage: Footage, name: str, circle: Circle) -> Baseline:
