@@ -272,7 +272,7 @@ def test_the_true_means_of_the_demo_lie_within_the_stated_uncertainty() -> None:
     ratios = []
     for seed in (1, 2, 3):
         shot = demo_shot.make_shot(seed)
-        track = ts.track(shot.images[:26])
+        track = ts.track(shot.images[:26], sphere_map=False)
         motion = ts.kinematics(track, frame_rate=demo_shot.FRAME_RATE, diameter_m=1e-3 * demo_shot.DIAMETER_MM)
         found = mean_motion(track, motion)
         true = shot.increment[:25].mean(0)

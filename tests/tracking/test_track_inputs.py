@@ -18,7 +18,7 @@ def short() -> Any:
 
 @pytest.fixture(scope="module")
 def expected(short: Any) -> Any:
-    return track(short.images, short.circle)
+    return track(short.images, short.circle, sphere_map=False)
 
 
 def save_npy(folder: Path, images: np.ndarray) -> Any:
@@ -43,7 +43,7 @@ IMAGE_TYPES = {
 
 @pytest.mark.parametrize("convert", IMAGE_TYPES.values(), ids=IMAGE_TYPES.keys())
 def test_every_type_of_images_gives_the_same_track(short: Any, expected: Any, convert: Any, tmp_path: Path) -> None:
-    measured = track(convert(short.images, tmp_path), short.circle)
+    measured = track(convert(short.images, tmp_path), short.circle, sphere_map=False)
     # Whole grey levels are the same numbers in every type.
     np.testing.assert_array_equal(measured.increment, expected.increment)
     np.testing.assert_array_equal(measured.status, expected.status)
@@ -52,13 +52,13 @@ def test_every_type_of_images_gives_the_same_track(short: Any, expected: Any, co
 
 def test_a_gain_to_sixteen_bits_changes_nothing(short: Any, expected: Any) -> None:
     levels = (short.images.numpy() * 257).astype(np.uint16)
-    measured = track(levels, short.circle)
+    measured = track(levels, short.circle, sphere_map=False)
     # A gain changes nothing; float32 rounds to 1e-5 px.
     np.testing.assert_allclose(measured.increment, expected.increment, atol=1e-4)
 
 
 def test_double_precision_is_available_on_request(short: Any, expected: Any) -> None:
-    double = track(short.images, short.circle, dtype=torch.float64)
+    double = track(short.images, short.circle, dtype=torch.float64, sphere_map=False)
     assert double.settings["dtype"] == "float64"
     np.testing.assert_allclose(double.increment, expected.increment, atol=4e-4)  # convergence stops within 2e-4 px
 
@@ -91,7 +91,7 @@ def test_an_ignored_occlusion_does_no_harm(short: Any) -> None:
     ignore = np.zeros(images.shape[1:], bool)
     ignore[100:110, :] = True
     images[:, 100:110] = 250
-    measured = track(images, short.circle, ignore=ignore)
+    measured = track(images, short.circle, ignore=ignore, sphere_map=False)
     assert set(measured.status) == {"ok"}
     # An eighth of the ball is missing: a little more noise than 0.005 px and 0.008 deg; five pairs at three of it.
     errors = np.abs(increment_errors(measured, short))
@@ -101,7 +101,7 @@ def test_an_ignored_occlusion_does_no_harm(short: Any) -> None:
 
 def test_backwards_in_time_the_motion_is_the_opposite(short: Any, expected: Any) -> None:
     x, y = short.centres[-1].tolist()
-    back = track(short.images.flip(0), (x, y, short.radius)).increment[::-1]
+    back = track(short.images.flip(0), (x, y, short.radius), sphere_map=False).increment[::-1]
     off = np.abs(expected.increment + back)
     # The noise is the same both ways, the gradients belong to the other image: a share of 0.005 px and 0.008 deg.
     assert off[:, :2].max() < 0.01
@@ -126,7 +126,7 @@ def empty_image(image: torch.Tensor, kind: str, seed: int = 0) -> torch.Tensor:
 def test_a_first_frame_without_a_ball_is_lost_whatever_circle_was_given(short: Any, kind: str) -> None:
     images = short.images.clone()
     images[0] = empty_image(images[0], kind)
-    measured = track(images, short.circle)
+    measured = track(images, short.circle, sphere_map=False)
     assert measured.status[0] == "lost"
     assert np.isnan(measured.position[0]).all()
     assert np.isnan(measured.orientation[0]).all()
@@ -134,7 +134,9 @@ def test_a_first_frame_without_a_ball_is_lost_whatever_circle_was_given(short: A
     assert measured.status.tolist()[3:] == ["lost", "ok", "ok"]
     np.testing.assert_allclose(measured.orientation[3], np.eye(3), atol=1e-12)
     assert np.isfinite(measured.sd_steady).all()
-    alone = track(torch.stack([empty_image(images[0], kind, seed) for seed in range(3)]), short.circle)
+    alone = track(
+        torch.stack([empty_image(images[0], kind, seed) for seed in range(3)]), short.circle, sphere_map=False
+    )
     assert set(alone.status) <= {"lost", "low_correlation"}
     assert np.isnan(alone.position).all()
 
@@ -142,7 +144,7 @@ def test_a_first_frame_without_a_ball_is_lost_whatever_circle_was_given(short: A
 def test_a_first_frame_that_shows_the_ball_is_ok_even_if_all_others_are_blank(short: Any) -> None:
     images = short.images.clone()
     images[1:] = 0
-    measured = track(images, short.circle)
+    measured = track(images, short.circle, sphere_map=False)
     assert measured.status.tolist() == ["ok"] + ["lost"] * 5
     np.testing.assert_allclose(measured.position[0], short.circle[:2])
 
@@ -151,9 +153,9 @@ def test_a_circle_is_not_fitted_to_values_that_are_not_finite(short: Any) -> Non
     images = short.images.clone()
     images[:, 100, 90] = torch.nan
     with pytest.raises(ValueError, match="not finite"):
-        track(images, short.circle, refine=True)
+        track(images, short.circle, refine=True, sphere_map=False)
     images[:, 100, 90], images[:, 0, 0] = 100, torch.nan
-    assert track(images, short.circle, refine=True).status[0] == "ok"
+    assert track(images, short.circle, refine=True, sphere_map=False).status[0] == "ok"
 
 
 IMAGES = torch.full((3, 80, 90), 100.0)
