@@ -18,7 +18,8 @@ HALF_ELEMENTS = 100
 
 #: Taylor's test of a copper rod of 32.4 mm, radius 3.2 mm, at 227 m/s on a rigid wall without friction, after 80 us,
 #: with E = 117 GPa, Poisson's ratio 0.35, 8930 kg/m^3, a yield stress of 400 MPa and linear hardening of 100 MPa: final
-#: length in mm, radius of the struck end in mm, and largest plastic strain, each from and to, by source.
+#: length in mm, radius of the struck end in mm, and largest plastic strain, each from and to, by source. Other radii:
+#: 7.12 (Simo 1992), 7.11 (Zienkiewicz et al. 1998), 7.22 (Foulk et al. 2021, converged).
 TAYLOR = {
     "Kamoulakos (1990)": ((21.47, 21.66), (7.02, 7.12), (2.47, 3.24)),
     "Zhu and Cescotto (1995)": ((21.26, 21.49), (6.97, 7.18), (2.75, 3.03)),
