@@ -2,7 +2,8 @@
 
 Runs the experiments one after the other, shows which, and writes ``experiments/RESULTS.md``: a row for each claim, the
 paper's number beside ours, and whether the claim holds. What was measured stays in ``experiments/cache``, so that a
-second run takes seconds. With names, only these are run and only their rows are printed.
+second run takes seconds; the times in RESULTS.md are those of the run that measured. With names, only these are run and
+only their rows are printed.
 
 An experiment that fails does not stop the others: it gets a row that says why, and the exit status is 1.
 """
@@ -11,12 +12,13 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import json
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from experiments.experiment import FIGURES, HERE, Row, claims
+from experiments.experiment import CACHE, FIGURES, HERE, Row, claims, table
 
 OUT = HERE / "RESULTS.md"
 
@@ -79,11 +81,27 @@ def count(rows: Sequence[Row]) -> str:
     return "; ".join(parts) + "."
 
 
-def page(rows: Sequence[Row], folder: Path) -> str:
+def kept_times(seconds: Mapping[str, float]) -> dict[str, float]:
+    """The longest time of each experiment, s, of these and of the runs whose results are in the cache."""
+    path = CACHE / "times.json"
+    before = json.loads(path.read_text()) if path.exists() else {}
+    longest = {name: max(now, before.get(name, 0.0)) for name, now in seconds.items()}
+    CACHE.mkdir(exist_ok=True)
+    path.write_text(json.dumps(before | longest))
+    return longest
+
+
+def times_table(seconds: Mapping[str, float]) -> str:
+    """The times as Markdown."""
+    rows = [(name, f"{one:.0f}") for name, one in {**seconds, "all": sum(seconds.values())}.items()]
+    return "\n## Time to make\n\nFrom an empty cache, on two cores.\n\n" + table(("experiment", "s"), rows)
+
+
+def page(rows: Sequence[Row], folder: Path, seconds: Mapping[str, float]) -> str:
     """The text of RESULTS.md."""
     without = "".join(f"\n`{name}` has no row: {reason}.\n" for name, reason in WITHOUT.items())
     shown = gallery(dict.fromkeys(row.experiment for row in rows), folder)
-    return HEAD + f"{count(rows)}\n\n" + claims(rows) + without + shown
+    return HEAD + f"{count(rows)}\n\n" + claims(rows) + without + times_table(seconds) + shown
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -93,17 +111,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     names = parser.parse_args(arguments).names
     if unknown := [name for name in names if name not in NAMES]:
         parser.error(f"{unknown[0]!r} is no experiment of the paper; expected one of {', '.join(NAMES)}")
-    rows, chosen, begin = [], tuple(names) or NAMES, time.perf_counter()
+    rows, seconds, chosen = [], {}, tuple(names) or NAMES
     for i, name in enumerate(chosen):
         print(f"[{i + 1}/{len(chosen)}] {name} ...", file=sys.stderr, flush=True)
         start = time.perf_counter()
         rows += run(name)
-        print(f"[{i + 1}/{len(chosen)}] {name}: {time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
-    print(f"{time.perf_counter() - begin:.0f} s in all", file=sys.stderr)
+        seconds[name] = time.perf_counter() - start
+        print(f"[{i + 1}/{len(chosen)}] {name}: {seconds[name]:.0f} s", file=sys.stderr, flush=True)
+    print(f"{sum(seconds.values()):.0f} s in all", file=sys.stderr)
     if names:
         print(claims(rows), end="")
     else:
-        OUT.write_text(page(rows, FIGURES), encoding="utf-8")
+        OUT.write_text(page(rows, FIGURES, kept_times(seconds)), encoding="utf-8")
         print(f"{OUT}: {count(rows)}")
     return int(any(row.ours.startswith("failed: ") for row in rows))
 

@@ -110,10 +110,18 @@ def test_the_page_counts_the_claims_and_shows_the_figures_that_are_there(tmp_pat
     folder.mkdir()
     (folder / "fig00.png").touch()
     other = Row("fig01", "It is not.", "1", "2", False)
-    text = everything.page([ROW, other], folder)
+    text = everything.page([ROW, other], folder, {ROW.experiment: 61.4, other.experiment: 2.2})
     assert "1 of 2 claims hold." in text
     assert "![fig00](figures/fig00.png)" in text
     assert "fig01.png" not in text
+    assert "| fig00 | 61 |" in text
+    assert "| all | 64 |" in text
+
+
+def test_the_times_are_those_of_the_runs_that_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(everything, "CACHE", tmp_path / "cache")
+    assert everything.kept_times({"fig02": 100.0, "fig03": 5.0}) == {"fig02": 100.0, "fig03": 5.0}
+    assert everything.kept_times({"fig02": 0.1, "fig03": 7.0}) == {"fig02": 100.0, "fig03": 7.0}
 
 
 def test_an_unknown_name_is_refused_with_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
