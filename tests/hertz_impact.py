@@ -12,7 +12,7 @@ from experiments.validation.simulated_impacts import MASS_KG, RATE, SPEED_M_S, P
 STEPS = 40_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Contact:
     """Force (N), penetration (m) and velocity into the target (m/s) over the time (s) since first touch."""
 

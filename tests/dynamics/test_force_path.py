@@ -1,6 +1,7 @@
 """Force against penetration, and the law of Hertz, against contacts with exact force, depth, stiffness and losses."""
 
 import dataclasses
+import functools
 
 import hertz_impact
 import numpy as np
@@ -33,6 +34,7 @@ LONG = hertz_impact.contact(30)
 SPRING, SOFT = hertz_impact.contact(14, power=1.0), hertz_impact.contact(30, power=2.0)
 
 
+@functools.cache
 def measured(
     contact: Contact, seed: int = 0, noise_m: float = 1.5e-6, normal_deg: float | None = 180.0, **settings: object
 ) -> tuple[Simulated, Kinematics, Impact]:
