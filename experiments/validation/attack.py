@@ -57,14 +57,15 @@ def score(made: Recorded, track: ts.Track) -> Score:
     is_ok = track.status[1:] == "ok"
     beyond = (off > MOST_SD * sd) & (off * PX_DEG > np.array([MOST_PX, MOST_PX, MOST_DEG, MOST_DEG, MOST_DEG]))
     silent = is_ok & (beyond.any(1) | _misplaced(made, track, sd)[1:])
-    seen = off[is_ok] * PX_DEG if is_ok.any() else np.zeros((1, 5))
+    # A frame found again is "ok" without a step to it.
+    seen = np.nan_to_num(off[is_ok] * PX_DEG) if is_ok.any() else np.zeros((1, 5))
     return Score(
         tried=len(is_ok),
         ok=int(is_ok.sum()),
         silent=int(silent.sum()),
         worst_sd=float(np.where(beyond & is_ok[:, None], off / sd, 0).max()),
-        worst_px=float(np.nanmax(seen[:, :2])),
-        worst_deg=float(np.nanmax(seen[:, 2:])),
+        worst_px=float(seen[:, :2].max()),
+        worst_deg=float(seen[:, 2:].max()),
         said=track.warnings[0] if track.warnings else "",
     )
 
