@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 import shots
 import tifffile
+import torch
 
 import torchsphere as ts
 from torchsphere.cli.main import main
 from torchsphere.runtime import warning_levels
 from torchsphere.sphere_map import radius_error
+from torchsphere.synthetic import ray_caster
 
 
 @pytest.fixture(scope="module")
@@ -63,3 +65,18 @@ def test_a_radius_that_the_outline_contradicts_is_a_severe_warning_with_its_effe
     assert "wrong by 8.0 %" in said[0]
     assert warning_levels.level_of(said[0]) == "severe"
     assert track.circle.sd_radius > 2.0
+
+
+@pytest.mark.parametrize(("radius", "is_said"), [(20.0, False), (20.8, True)])
+def test_a_wrong_circle_that_is_given_to_a_ball_that_hardly_turns_is_named_although_a_map_agrees(
+    radius: float, is_said: bool
+) -> None:
+    turned = torch.tensor([0.0, np.radians(0.05), 0.0], dtype=torch.float64)
+    poses = torch.stack([shots.rotation_matrix(i * turned) for i in range(20)]).float()
+    centres = torch.tensor([[40.0 + 2 * i, 40.0] for i in range(20)])
+    clean = ray_caster.render(shots.speckle(1, 20.0), centres, 20.0, poses, 20.0, shape=(80, 120))
+    track = ts.track(shots.noisy(clean, 2.0, 9), (40.0, 40.0, radius), log=False)
+    assert track.settings["sphere_map"]["used"]
+    said = [sentence for sentence in track.warnings if "is not the outline that the image shows" in sentence]
+    assert bool(said) == is_said
+    assert all(warning_levels.level_of(sentence) == "severe" for sentence in said)

@@ -6,10 +6,12 @@ import dataclasses
 import math
 
 import numpy as np
+import torch
 
-from torchsphere.detection.detect import given_circle_warning, refined_circle_warning
+from torchsphere.detection.detect import MAX_CIRCLE_ERROR, given_circle_warning, refined_circle_warning
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime.warning_levels import by_level, note, severe
+from torchsphere.sphere_map.radius_error import RADIUS_ERROR_PER_TURN, turn_out_of_plane
 from torchsphere.tracking import edge_leakage
 from torchsphere.tracking.camera_shake import camera_shake
 from torchsphere.tracking.frame_memory import lag_of
@@ -138,10 +140,11 @@ def _circle_warnings(source: Source, track: Track, start: int) -> list[str]:
         )
     if math.isnan(circle.sd_radius):
         sentences.append(note("The circle was given without an uncertainty: no standard deviation includes its error."))
-        if track.settings["camera"] is None:
-            image = source.images(circle.frame, circle.frame + 1)[0]
-            doubt = given_circle_warning(image.float().cpu(), circle)
-            sentences += [severe(doubt)] if doubt else []
+    is_unchecked = math.isnan(circle.sd_radius) or _is_given_to_a_ball_that_hardly_turns(track)
+    if is_unchecked and track.settings["camera"] is None:
+        image = source.images(circle.frame, circle.frame + 1)[0]
+        doubt = given_circle_warning(image.float().cpu(), circle)
+        sentences += [severe(doubt)] if doubt else []
     choice = dataclasses.replace(circle, frame=start + circle.frame).choice(
         "with 'torchsphere info INPUT --preview FILE.png'"
     )
@@ -151,6 +154,16 @@ def _circle_warnings(source: Source, track: Track, start: int) -> list[str]:
         given = bool(track.settings["circle_given"])
         sentences.append(severe(refined_circle_warning(circle) if given else circle.warning(in_preview)))
     return sentences
+
+
+def _is_given_to_a_ball_that_hardly_turns(track: Track) -> bool:
+    """Whether the map leaves the radius of a given circle as it was, since the ball turns too little to tell it."""
+    settings = track.settings
+    if not settings["circle_given"] or settings["circle_refined"] or not settings["sphere_map"]["used"]:
+        return False
+    known = track.orientation[np.isfinite(track.orientation[:, 0, 0])]
+    turn = turn_out_of_plane(torch.from_numpy(known))
+    return turn * MAX_CIRCLE_ERROR * track.circle.radius < RADIUS_ERROR_PER_TURN
 
 
 def _place_warnings(track: Track) -> list[str]:
