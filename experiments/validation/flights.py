@@ -11,6 +11,9 @@ position is compared in the image, with the middle of the outline and without th
 ball's centre. A third of the flights have an impact, half a sine of force against a bar. Of the program's constants
 `nearness.APPARENT_SD` and `poses.MAX_FACTOR_OF_NEARNESS` were chosen after a look at four of these flights.
 
+Half of the flights are filmed by the ray caster, a quarter by the renderer under uniform light, and a quarter by the
+renderer with a lamp.
+
 Results are kept per flight in ``experiments/cache``, so that a run that was broken off goes on. ``--count N`` measures
 the first N and prints a line per flight; it writes no table. ``--anew`` measures again.
 """
@@ -25,55 +28,26 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.spatial.transform import Rotation
 
 import torchsphere as ts
 from experiments.experiment import CACHE, Array, cached, key_of, publish, table
-from experiments.validation.attack_footage import MARGIN_PX, Flight, blotches, digitised
+from experiments.validation.flight_footage import DIAMETER_M, SD_NEARNESS, Drawn, Truth, drawn, filmed, flown
 from torchsphere.dynamics.shared_errors import SharedErrors
 from torchsphere.geometry.camera import outline_distance
-from torchsphere.synthetic import ray_caster
 
 SEEDS = tuple(range(500, 600))
 
-#: Frames per second, diameter in m and mass in kg of all balls.
-FRAME_RATE, DIAMETER_M, MASS_KG = 20_000.0, 0.03, 0.11
+#: Frames per second, and mass of all balls, kg.
+FRAME_RATE, MASS_KG = 20_000.0, 0.11
 
 #: Half width of a band of 95 %, standard deviations.
 BAND = 1.96
 
-#: Steps of the integration of the true motion in a frame's interval.
-SUBSTEPS = 40
-
-#: Rays along a side of a pixel within the outline.
-SUBSAMPLES = 3
-
-#: Standard deviation of the ball's radius over the camera's distance, and its largest value.
-SD_NEARNESS, MAX_NEARNESS = 0.03, 0.1
-
 #: Points of the true outline.
 OUTLINE_POINTS = 64
 
-#: Grey level of the bar that the ball hits.
-BAR = 170.0
-
 #: Quantities in the order of the table.
 NAMES = ("radius", "place in image", "place in m", "increment", "turn", "velocity", "spin", "force")
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """A flight as its seed draws it: per frame, px and rad."""
-
-    radius: float
-    noise: float
-    speed: float
-    turn_deg: float
-    frames: int
-    contact: tuple[float, float] | None  # start and end, frames
-    speckle_px: float
-    is_blotched: bool
-    nearness: float  # radius over the camera's distance
 
 
 @dataclass(frozen=True)
@@ -89,98 +63,12 @@ class Score:
     mean: dict[str, list[float]]
 
 
-def drawn(seed: int) -> Drawn:
-    """The flight of a seed."""
-    rng = np.random.default_rng(seed)
-    radius = 80.0 if rng.random() < 0.05 else rng.uniform(20, 60)
-    noise = float(np.exp(rng.uniform(math.log(0.5), math.log(8))))
-    speed, turn, frames = rng.uniform(0, 6), rng.uniform(0, 8), int(rng.integers(40, 61))
-    has_impact = rng.random() < 1 / 3 and speed > 0.5
-    start = rng.uniform(0.35, 0.5) * frames
-    contact = (start, start + rng.uniform(6, 12)) if has_impact else None
-    speckle_px, is_blotched = rng.uniform(3, 5), bool(rng.random() < 0.5)
-    nearness = min(abs(rng.normal(0, SD_NEARNESS)), MAX_NEARNESS)
-    return Drawn(radius, noise, speed, turn, frames, contact, speckle_px, is_blotched, nearness)
-
-
-@dataclass(frozen=True)
-class Truth:
-    """A flight with its exact rates at the frames."""
-
-    made: Flight
-    rate: Array  # (n, 5), px and rad per frame
-    acceleration: Array  # (n, 2), px per frame^2
-
-
-def flown(seed: int, flight: Drawn) -> Truth:
-    """Poses and rates by fine integration; half a sine of force turns the flight round and changes the spin."""
-    rng = np.random.default_rng(seed + 10_000)
-    heading = rng.uniform(-0.35, 0.35) + (math.pi if rng.random() < 0.5 else 0)
-    axis = rng.normal(size=3)
-    before = np.array([*flight.speed * np.array([math.cos(heading), math.sin(heading)]), 0, 0, 0])
-    before[2:] = np.radians(flight.turn_deg) * axis / np.linalg.norm(axis)
-    change = np.array([-rng.uniform(1.2, 1.8), rng.uniform(-0.2, 0.2), 0, 0, 0]) * before[[0, 0, 0, 0, 0]]
-    change[2:] = np.radians(rng.uniform(-0.3, 0.3, 3))
-    times = np.arange((flight.frames - 1) * SUBSTEPS + 1) / SUBSTEPS
-    middle = times[:-1] + 0.5 / SUBSTEPS
-    fine = before + _share(middle, flight.contact)[:, None] * change
-    path = np.concatenate((np.zeros((1, 2)), fine[:, :2].cumsum(0) / SUBSTEPS))
-    turned = [Rotation.identity()]
-    for step in fine[:, 2:] / SUBSTEPS:
-        turned.append(Rotation.from_rotvec(step) * turned[-1])
-    path += flight.radius + MARGIN_PX + rng.random(2) - path.min(0)
-    width, height = (math.ceil(v) for v in path.max(0) + flight.radius + MARGIN_PX)
-    still = torch.full((height, width), float(rng.uniform(50, 150)))
-    if flight.is_blotched:
-        still = blotches((height, width), seed, 3.0, 20.0)
-    if flight.contact is not None:
-        _put_bar(still, path[:, 0], flight.radius, is_right=bool(before[0] > 0))
-    pattern = ray_caster.speckle(seed, radius_px=flight.radius, speckle_px=flight.speckle_px)
-    frames = np.arange(flight.frames)
-    turns = Rotation.concatenate([turned[k * SUBSTEPS] for k in frames])
-    camera = ts.Camera(focal_px=flight.radius / flight.nearness).settled(tuple(still.shape))
-    made = Flight(pattern, flight.radius, path[::SUBSTEPS], turns, still, seed, camera=camera)
-    rate = before + _share(frames, flight.contact)[:, None] * change
-    return Truth(made, rate, _share_slope(frames, flight.contact)[:, None] * change[:2])
-
-
-def _put_bar(still: torch.Tensor, x: Array, radius: float, *, is_right: bool) -> None:
-    """Draw the bar where the ball turns round."""
-    if is_right:
-        still[:, math.ceil(x.max() + radius) + 1 :] = BAR
-    else:
-        still[:, : max(math.floor(x.min() - radius), 0)] = BAR
-
-
-def _share(times: Array, contact: tuple[float, float] | None) -> Array:
-    """Share of the change of velocity that is done at the times."""
-    if contact is None:
-        return np.zeros(len(times))
-    passed = np.clip((times - contact[0]) / (contact[1] - contact[0]), 0, 1)
-    return np.asarray(0.5 * (1 - np.cos(math.pi * passed)))
-
-
-def _share_slope(times: Array, contact: tuple[float, float] | None) -> Array:
-    """Derivative of `_share`."""
-    if contact is None:
-        return np.zeros(len(times))
-    length = contact[1] - contact[0]
-    passed = (times - contact[0]) / length
-    return np.where((passed > 0) & (passed < 1), 0.5 * math.pi / length * np.sin(math.pi * passed), 0.0)
-
-
 def measure(seed: int) -> Score:
     """Film the flight of a seed, track and compare it."""
     flight = drawn(seed)
     truth = flown(seed, flight)
-    made = truth.made
-    poses = torch.from_numpy(made.centres).float(), torch.from_numpy(made.turns.as_matrix()).float()
-    clean = ray_caster.render(
-        made.pattern, poses[0], made.radius, poses[1], made.background, subsamples=SUBSAMPLES, camera=made.camera
-    )
-    images = digitised(clean, seed, flight.noise)
     try:
-        track = ts.track(images, log=False)
+        track = ts.track(filmed(flight, truth.made), log=False)
         motion = ts.kinematics(track, frame_rate=FRAME_RATE, diameter_m=DIAMETER_M, mass_kg=MASS_KG)
     except ValueError as refusal:
         return Score(asdict(flight), f"refused: {refusal}", False, math.nan, {}, {}, {})
@@ -254,7 +142,7 @@ def _line(seed: int, score: Score) -> str:
     d = Drawn(**score.drawn)
     kind = ("map" if score.on_map else "pairs", "impact" if d.contact else "-", "blotches" if d.is_blotched else "-")
     head = f"{seed}: R {d.radius:.0f} noise {d.noise:.1f} {d.speed:.1f} px {d.turn_deg:.1f} deg {' '.join(kind)}"
-    head += f" near {d.nearness:.3f}"
+    head += f" near {d.nearness:.3f} {d.film}"
     rms = ", ".join(f"{name} {value:.1f} ({100 * score.inside[name]:.0f})" for name, value in score.rms.items())
     return f"{head} | dR {score.radius_error:.3f}; {rms} | {score.status[:150]}"
 
@@ -271,6 +159,9 @@ def rows(scores: Sequence[Score]) -> str:
         "camera nearer than 33 radii": [s for s in measured if s.drawn["nearness"] > SD_NEARNESS],
         "noise below 2": [s for s in measured if s.drawn["noise"] < 2],
         "noise above 2": [s for s in measured if s.drawn["noise"] >= 2],
+        "by the ray caster": [s for s in measured if s.drawn["film"] == "ray caster"],
+        "by the renderer, uniform light": [s for s in measured if s.drawn["film"] == "uniform"],
+        "by the renderer, a lamp": [s for s in measured if s.drawn["film"] == "lamp"],
     }
     lines = []
     for name, group in groups.items():

@@ -88,6 +88,15 @@ def test_a_circle_beside_the_image_is_nan_and_no_blur_is_found_there() -> None:
     assert blurred_limb.fit_if_blurred(empty[None], beside[None]) is None
 
 
+def test_a_circle_beside_the_image_leaves_the_blur_to_the_others() -> None:
+    images = torch.stack([image(0, optics_px=2.0), image(1, optics_px=2.0), torch.full((130, 130), 40.0)])
+    guesses = torch.stack([guess(0.5), guess(0.5), torch.tensor([65.0, 65.0, 200.0], dtype=torch.float64)])
+    found = blurred_limb.fit_if_blurred(images, guesses)
+    assert found is not None
+    assert found[0].isfinite().all(1).tolist() == [True, True, False]
+    assert ((found[0][:2, 2] - TRUE[2]).abs() < 0.3).all()
+
+
 def test_a_given_circle_is_refined_to_the_outline_of_a_defocused_ball() -> None:
     found = refine_circle(image(2, optics_px=2.0), Circle(TRUE[0] + 0.5, TRUE[1], TRUE[2] + 1.0))
     assert abs(found.radius - TRUE[2]) < min(0.3, 3 * found.sd_radius)

@@ -33,9 +33,12 @@ def half_as_dark(seed: int, *, rest: float = 1.0) -> tuple[torch.Tensor, torch.T
 
 @pytest.mark.parametrize("background", [10.0, 60.0, 90.0, 125.0, 240.0])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_a_speckled_ball_is_found_over_any_of_its_grey_levels(background: float, seed: int) -> None:
+# Where noise is low, the interpolation's ringing is the largest error of a grey level outside of the ball.
+@pytest.mark.parametrize("noise", [0.5, 2.0])
+def test_a_speckled_ball_is_found_over_any_of_its_grey_levels(background: float, seed: int, noise: float) -> None:
     f, _, at = pair((0, 0, 0, 0, 0), seed=seed, background=background)
-    found, covariance = limb_fit.fit(noisy(f, 2.0, seed)[None].float(), circle(*at) + torch.tensor([0.5, -0.5, -0.6]))
+    image = noisy(f, noise, seed)[None].float()
+    found, covariance = limb_fit.fit(image, circle(*at) + torch.tensor([0.5, -0.5, -0.6]))
     # Fits of edges have larger errors over 125 grey levels.
     assert (found - circle(*at)).abs().max() < WITHIN
     sd = covariance[0].diagonal().sqrt()

@@ -102,16 +102,6 @@ def test_the_closed_forms_of_perspective_are_those_of_each_ball(
         torch.testing.assert_close(derivative, slopes.nan_to_num(0.0), atol=1e-9, rtol=0)
 
 
-@pytest.mark.parametrize("name", ["published", "rigid", "finite", "pinhole", "pinhole6"])
-def test_the_radius_mode_equals_finite_differences(name: str, points: torch.Tensor) -> None:
-    model, h = motion_models.MODELS[name], 1e-4
-    q = row(0.3, 0.1, 0.02, -0.05, 0.03, 0.01)[: motion_models.degrees_of_freedom(model)]
-    mode = motion_models.radius_mode(model, q[None], points[None], GEOMETRY)[0]
-    low, high = (model(q, points, GEOMETRY._replace(radius=GEOMETRY.radius + d)) for d in (-h, h))
-    # The third derivative at 0.95 R is about w / (R^2 0.3^5), times h^2: 1e-10.
-    torch.testing.assert_close(mode, (high - low) / (2 * h), atol=1e-7, rtol=0)
-
-
 @settings(max_examples=30, deadline=None, derandomize=True)
 @given(dx=shifts, dy=shifts, wx=angles, wy=angles, wz=angles)
 def test_rigid_is_finite_to_first_order(dx: float, dy: float, wx: float, wy: float, wz: float) -> None:

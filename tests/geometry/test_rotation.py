@@ -44,13 +44,6 @@ def test_the_gram_is_that_of_the_modes(model: motion_models.Displacement) -> Non
     torch.testing.assert_close(found, expected, atol=0, rtol=1e-8)
 
 
-@MODELS
-def test_a_larger_radius_moves_points_as_in_the_model(model: motion_models.Displacement) -> None:
-    expected = motion_models.radius_mode(model, Q, POINTS.mT, Geometry(RADIUS))
-    found = rotation.radius_mode(Q, SURFACE, RADIUS, exact=model is motion_models.finite)
-    torch.testing.assert_close(found.mT, expected, atol=1e-8, rtol=0)
-
-
 def test_a_rotation_of_single_precision_keeps_the_points_on_the_ball() -> None:
     moved = rotation.moved(Q.float(), SURFACE.float(), exact=True)
     # Rounding of single precision at 50 px.

@@ -18,6 +18,7 @@ from torchsphere.detection.limb_fit import (
     ARC,
     COMMON_PX,
     INWARDS_PX,
+    RINGING,
     SPACING_PX,
     SYSTEMATIC_ARC,
     TEXTURE_ARC_PX,
@@ -154,7 +155,8 @@ def fit_if_blurred(
         near, _, blur = given(circles, rounds=TRIAL_ROUNDS)
         if blur.variance < TRIAL_PX**2 and blur.smear_px < SMEARED_PX:
             return None
-        fitted, covariance, blur = given(near)
+        # Circles that no image shows keep their first guess.
+        fitted, covariance, blur = given(torch.where(near.isfinite(), near, circles))
     except torch.linalg.LinAlgError:  # type: ignore[attr-defined]
         return None
     is_found = bool(fitted.isfinite().all(1).any())
@@ -174,8 +176,9 @@ def fit(
 
     ``motion`` (n, 2), px per frame: the outline is smeared along it by an unknown share, the exposure. With the mean
     level M of the ball over the background, and the variances n^2 outside and c^2 of the pattern, grey levels d are
-    normally distributed about ``M P`` with the variance ``n^2 + c^2 Q``, where P falls from 1 to 0 across the outline
-    and Q is the variance that blur leaves of the pattern. Fisher's scoring finds the maximum of the likelihood.
+    normally distributed about ``M P`` with the variance ``n^2 + c^2 Q + e^2 (c^2 + M^2)``. P falls from 1 to 0 across
+    the outline, Q is the variance that blur leaves of the pattern, and e the error of the interpolation. Fisher's
+    scoring finds the maximum of the likelihood.
     """
     fitted = circles.to("cpu", torch.float64).clone()
     angles = polar.angles(float(fitted[0, 2]))
@@ -259,7 +262,7 @@ def _scores(
     beyond = residual.square()[..., within].sum(-1) - outside * (within.stop - within.start)
     pattern = OWN_MEAN * averaged(beyond, ARC) / averaged(profile.pattern[..., within].sum(-1), ARC)
     pattern = pattern.clamp_min(1e-3)[..., None]
-    total = outside[..., None] + pattern * profile.pattern
+    total = outside[..., None] + pattern * profile.pattern + RINGING**2 * (pattern + mean.square())
     by_mean = torch.stack([mean * change.mean / total.sqrt() for change in changes], -1)
     by_variance = torch.stack([pattern * change.pattern / total for change in changes], -1)
     normal = (residual / total.sqrt()).unsqueeze(-1)

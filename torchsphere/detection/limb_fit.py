@@ -15,7 +15,7 @@ from torchsphere.geometry.camera import Camera
 from torchsphere.imaging import polar
 
 #: Standard deviation of the passage from background to pattern along a ray, px (docs/constants.md).
-BLUR_PX = 0.72
+BLUR_PX = 0.66
 
 #: Blur in the first round, px, and rounds: half of them with a decreasing blur, half with the last.
 FIRST_BLUR_PX, ROUNDS = 1.0, 8
@@ -25,6 +25,10 @@ INWARDS_PX, OUTWARDS_PX, CLEAR_PX, SPACING_PX = 4.0, 6.0, 1.5, 0.5
 
 #: End of the places that give the background's level and start of those that give its variance, px (docs/constants.md).
 MIDDLE_PX = 3.75
+
+#: Error of a grey level between pixels, as a share of the contrast: the interpolation rings beside a sharp edge
+#: (docs/constants.md).
+RINGING = 0.03
 
 #: Share of the outline over which the variances are averaged and the errors of rays are correlated.
 ARC = 0.1
@@ -48,9 +52,10 @@ def fit(
     their depth. A row is NaN where less than 30 % of the rays are known.
 
     With the deviation d of a grey level from the background, and the variances n^2 outside and s^2 inside, the
-    logarithm of the likelihood is ``-(log v + d^2 / v) / 2``, ``v = n^2 + P^2 s^2``, where P falls from 1 to 0 across
-    the circle. Fisher's scoring finds its maximum. The covariance is that of an estimate under a wrong model, from the
-    scatter of the scores (White, Econometrica 50 (1982), 1, doi:10.2307/1912526).
+    logarithm of the likelihood is ``-(log v + d^2 / v) / 2``, ``v = n^2 + (P^2 + e^2) s^2``, where P falls from 1 to 0
+    across the circle, and e is the error of the interpolation. Fisher's scoring finds its maximum. The covariance is
+    that of an estimate under a wrong model, from the scatter of the scores (White, Econometrica 50 (1982), 1,
+    doi:10.2307/1912526).
     """
     fitted = circles.to("cpu", torch.float64).clone()
     angles = polar.angles(float(fitted[0, 2]))
@@ -93,7 +98,7 @@ def _scores(levels: Tensor, steps: Tensor, blur: float) -> tuple[Tensor, Tensor,
     t = steps / blur
     passage = 0.5 * torch.erfc(t / math.sqrt(2))
     slope = torch.exp(-0.5 * t**2) / (math.sqrt(2 * math.pi) * blur)
-    variance = outside[..., None] + passage**2 * inside
+    variance = outside[..., None] + (passage**2 + RINGING**2) * inside
     relative = 2 * passage * slope * inside / variance
     # Places nearer to each other than a px are not independent.
     score = 0.5 * ((squared / variance - 1) * relative).sum(-1) * SPACING_PX

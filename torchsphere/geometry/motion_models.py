@@ -197,16 +197,3 @@ def modes(model: Displacement, q: Tensor, points: Tensor, geometry: Geometry) ->
         return perspective_motion.modes(q, points, geometry.radius, _view(geometry))
     derivative = torch.vmap(torch.func.jacfwd(model), in_dims=(0, 0, _stacked(geometry)))(q, points, geometry)
     return derivative.nan_to_num(0.0)
-
-
-def radius_mode(model: Displacement, q: Tensor, points: Tensor, geometry: Geometry) -> Tensor:
-    """Derivative (n, p, 2) of the displacement with respect to the radius, px per px; 0 where out of sight."""
-
-    def of_radius(row: Tensor, places: Tensor, one: Geometry) -> Tensor:
-        def displaced(radius: Tensor) -> Tensor:
-            return model(row, places, one._replace(radius=radius))
-
-        return torch.func.jacfwd(displaced)(one.radius)
-
-    derivative = torch.vmap(of_radius, in_dims=(0, 0, _stacked(geometry)))
-    return derivative(q, points, geometry).nan_to_num(0.0)

@@ -106,14 +106,3 @@ def _moments(places: Tensor, weights: Tensor, every: int) -> Tensor:
     """Weighted sums (n, 4, 4) of the products of 1 and the ``places`` (n, 3, p), at every ``every``-th point."""
     at = torch.cat((torch.ones_like(places[:, :1, ::every]), places[..., ::every]), 1)
     return (at * weights[:, None, ::every]) @ at.mT
-
-
-def radius_mode(q: Tensor, places: Tensor, radius: Tensor, *, exact: bool) -> Tensor:
-    """Derivative (n, 2, p) of the displacement with respect to the ``radius`` (n,), px per px; 0 on the outline.
-
-    A larger ball is nearer by ``R / s`` at each pixel, before the rotation.
-    """
-    depth = -places[:, 2]
-    nearer = radius[:, None] / depth.clamp_min(1e-6) * (depth > 0)
-    turn = rotations(q[:, 2:5]) if exact else cross_matrices(q[:, 2:5])
-    return -turn[:, :2, 2:] * nearer[:, None]

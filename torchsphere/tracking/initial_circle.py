@@ -1,8 +1,9 @@
 """The circle that a recording is followed from: found, given, or fitted to its image, and improved by later frames.
 
-The ball's path tells the still background from the ball, and so its limb better than one image does. Where the ball
-turns, a wrong radius means a wrong depth of the surface and leaves a residual of the correlation. Both values are
-combined by their uncertainties. Later frames improve the radius alone: the path drifts from the centre.
+The ball's path tells the still background from the ball, and so its limb better than one image does. Later frames
+improve the radius alone: the path drifts from the centre. How the texture moves would tell the radius, too, but not
+from pairs of images: sharp spots, a lamp and a near camera leave the residual of another radius. The map of the ball
+has these in its model.
 """
 
 from __future__ import annotations
@@ -18,10 +19,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.correlation.options import Options, margin
-from torchsphere.correlation.radius_mode import radius_score
-from torchsphere.correlation.reference import Filtered, Pairs
-from torchsphere.correlation.solve import GRADIENT_FROM_DEG
+from torchsphere.correlation.options import Options
 from torchsphere.detection import blurred_limb, detect, limb_fit, outline_fit
 from torchsphere.detection.blurred_limb import LimbBlur
 from torchsphere.detection.detect import at_limb, unblurred
@@ -45,29 +43,14 @@ MAX_SEARCHES = 4
 #: Distance beyond the outline up to which the limb is looked at, px, with the reach of the spline (docs/constants.md).
 LIMB_REACH_PX = 16.0
 
-#: Bias of the interpolation, px, that the residuals cannot tell from a radius (docs/constants.md).
-SYSTEMATIC_RESIDUAL_PX = 0.001
-
-#: Pre-blur with which the radius is estimated, px: more blur makes the ball look larger (docs/constants.md).
-PRE_BLUR_PX = 0.7
-
-#: Largest change of the outline's radius by the correlation, as a share of it (docs/constants.md).
-MAX_RADIUS_CHANGE = 0.03
-
-#: Change of the radius, as a share of it, from which the frames are followed anew (docs/constants.md).
-FOLLOW_AGAIN_CHANGE = 5e-4
-
-#: Number of estimates of the radius by the correlation; the second has the increments of the first one's radius.
-ROUNDS = 2
+#: Largest distance of a later frame's circle from the path, as a share of the radius (docs/constants.md).
+MAX_OFF_PATH = 0.015
 
 #: Standard deviation of a frame's radius, over that of the first, from which it is left out (docs/constants.md).
 MAX_SD_RATIO = 1.2
 
-#: Smallest number of pairs or frames that have a scatter (docs/constants.md).
-MIN_PAIRS = 3
-
-#: Pairs correlated at once.
-BATCH = 16
+#: Smallest number of frames that have a scatter (docs/constants.md).
+MIN_FRAMES = 3
 
 
 def find_initial_circle(
@@ -190,42 +173,15 @@ def calibrate_circle(source: Source, found: Circle, ignore: Tensor | None, optio
 
     A plain ball, or a ball that cannot be followed, keeps its circle.
     """
-    options = dataclasses.replace(options, pre_blur=min(options.pre_blur, PRE_BLUR_PX))
-    if options.camera is None:
-        # The linearised model gives the radius within 0.15 px at up to 5 deg per frame, where the residual of the
-        # exact model leads the radius astray.
-        options = dataclasses.replace(options, model="rigid", finite_from_deg=GRADIENT_FROM_DEG)
     stop = min(found.frame + FRAMES, source.count)
     source = source.cached(found.frame, stop)
 
-    def follow(circle: Circle) -> _Flight:
-        follower = Follower(source, circle, ignore, options, searches=MAX_SEARCHES)
-        return _Flight(source, ignore, options, follower.run(stop))
-
-    flight = follow(found)
-    if len(flight.frames) < 3:
+    followed = Follower(source, found, ignore, options, searches=MAX_SEARCHES).run(stop)
+    flight = _Flight(source, ignore, options, followed)
+    if len(flight.frames) < MIN_FRAMES:
         return found
     found, blur = _fit_limb(flight, found)
-    by_outline = radius = _radius_over_frames(flight, found, blur)
-    if blur is not None or options.camera is not None:
-        # In a blurred image the residual of the correlation is that of a larger ball: by 0.5 px at a blur of 1 px. In
-        # perspective there is no linearised model, and the residual of the exact one leads the radius astray.
-        return dataclasses.replace(found, radius=radius)
-    sd = found.sd_radius
-    for number in range(ROUNDS):
-        correction, sd_correction = _radius_correction(flight, dataclasses.replace(found, radius=radius))
-        # Two independent values of the radius: the outline's and the correlation's.
-        share = sd**2 / (sd**2 + sd_correction**2)
-        combined = by_outline + share * (radius + correction - by_outline)
-        if abs(combined - by_outline) > MAX_RADIUS_CHANGE * by_outline:
-            # Another cause than the radius leaves this residual.
-            radius, sd_correction = by_outline, math.inf
-            break
-        radius = combined
-        # After the last round the positions are not used any more.
-        if number < ROUNDS - 1 and abs(radius - flight.followed.radius) > FOLLOW_AGAIN_CHANGE * radius:
-            flight = follow(dataclasses.replace(found, radius=radius))
-    return dataclasses.replace(found, radius=radius, sd_radius=1 / math.hypot(1 / sd, 1 / sd_correction))
+    return dataclasses.replace(found, radius=_radius_over_frames(flight, found, blur))
 
 
 def _fit_limb(flight: _Flight, found: Circle) -> tuple[Circle, LimbBlur | None]:
@@ -267,7 +223,7 @@ def _still_background(flight: _Flight, found: Circle, image: Tensor) -> Tensor:
 
 def _radius_over_frames(flight: _Flight, found: Circle, blur: LimbBlur | None) -> float:
     """Median radius over several frames; that of ``found`` where later frames are less certain than its own."""
-    if len(flight.evenly_lit_frames) < MIN_PAIRS:
+    if len(flight.evenly_lit_frames) < MIN_FRAMES:
         return found.radius
     chosen = _spread(flight.evenly_lit_frames)
     circles = flight.circles(found, chosen)
@@ -278,9 +234,9 @@ def _radius_over_frames(flight: _Flight, found: Circle, blur: LimbBlur | None) -
     else:
         motion = flight.motion(chosen) if blur.exposure else None
         fitted, covariance, _ = blurred_limb.fit(images, circles, motion=motion, ignore=ignore, camera=camera)
-    good = ((fitted - circles).abs() < 0.5 * MAX_RADIUS_CHANGE * found.radius).all(-1)
+    good = ((fitted - circles).abs() < MAX_OFF_PATH * found.radius).all(-1)
     good &= covariance[:, 2, 2] < (MAX_SD_RATIO * found.sd_radius) ** 2
-    if int(good.sum()) < MIN_PAIRS:
+    if int(good.sum()) < MIN_FRAMES:
         return found.radius
     return float((fitted[:, 2] / flight.relative_size(found, chosen))[good].median())
 
@@ -302,45 +258,3 @@ def _hidden_background(flight: _Flight, found: Circle, shape: torch.Size) -> Ten
     for x, y in flight.followed.position[chosen].tolist():
         hidden &= (columns - x).square() < (limit - (rows - y).square())[:, None]
     return hidden
-
-
-def _radius_correction(flight: _Flight, tried: Circle) -> tuple[float, float]:
-    """Correction of the ``tried`` radius by the residuals of successive frames, and its standard deviation, px.
-
-    The increments may have been found with another radius; they adapt. Pairs with uneven light are left out: a target
-    that takes light leaves a larger residual than a wrong radius.
-    """
-    even, increment = flight.evenly_lit_frames, flight.followed.increment
-    # Pairs next to those that show the uneven light have some of it: both frames must be without.
-    second = even[np.isin(even - 1, even)]
-    if len(second) < MIN_PAIRS:
-        return 0.0, math.inf
-    evidence = [
-        radius_score(_pairs(flight, tried, some), torch.from_numpy(increment[some - 1]), flight.options)
-        for some in np.array_split(second, max(1, math.ceil(len(second) / BATCH)))
-    ]
-    score, information = (torch.cat(values) for values in zip(*evidence, strict=True))
-    total = float(information.sum())
-    if total <= 0:
-        return 0.0, math.inf
-    correction = float(score.sum()) / total
-    # The pairs' own scatter holds errors that the noise model lacks; the systematic residual is common to all pairs.
-    scatter = float((score - information * correction).square().sum().sqrt()) / total
-    rotation = np.sqrt(np.mean(np.sum(increment[second - 1, 2:4] ** 2, axis=1)))
-    return correction, math.hypot(scatter, SYSTEMATIC_RESIDUAL_PX / max(float(rotation), 1e-6))
-
-
-def _pairs(flight: _Flight, tried: Circle, second: NDArray[np.int64]) -> Pairs:
-    """The frames ``second`` (m,), each with the frame before; each image is filtered once, for both its pairs."""
-    shown = np.union1d(second - 1, second)
-    circles = flight.circles(tried, shown)
-    half = crop.half_size(float(circles[:, 2].max()), margin(flight.options))
-    runs = np.split(shown, np.flatnonzero(np.diff(shown) > 1) + 1)
-    images = [flight.source.images(int(run[0]), int(run[-1]) + 1) for run in runs]
-    # A single run of frames, the usual case, needs no copy.
-    crops = crop.cut(images[0] if len(images) == 1 else torch.cat(images), circles[:, :2], half, flight.ignore)
-    filtered = Filtered.of(crops, flight.options.pre_blur)
-    if len(runs) == 1:
-        return Pairs(filtered.rows(0, len(second)), filtered.rows(1, len(shown)), circles[:-1])
-    first = torch.from_numpy(np.searchsorted(shown, second - 1))
-    return Pairs(filtered.take(first), filtered.take(first + 1), circles[first])
