@@ -13,6 +13,7 @@ from torch import Tensor
 
 import torchsphere as ts
 from experiments.validation.attack_footage import (
+    Case,
     Flight,
     Recorded,
     blotches,
@@ -24,10 +25,9 @@ from experiments.validation.attack_footage import (
     recorded,
     seen_as,
 )
+from experiments.validation.attack_rendered import RENDERED
 from torchsphere.imaging.interpolation import blur
 from torchsphere.synthetic.ray_caster import CUBE_HALF_WIDTH, Pattern
-
-Case = Callable[[int], Recorded]
 
 
 def clean(seed: int) -> Recorded:
@@ -352,4 +352,5 @@ CASES: dict[str, Case] = {
     "turn of 20 deg": turn(20.0),
     "turn of 25 deg": turn(25.0),
     "turn of 40 deg": turn(40.0),
+    **RENDERED,
 }

@@ -68,6 +68,10 @@ class Recorded:
     rival: Array | None = None
 
 
+#: Makes a recording from a seed.
+Case = Callable[[int], Recorded]
+
+
 def flight(
     seed: int,
     *,

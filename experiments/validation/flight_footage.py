@@ -6,7 +6,6 @@ those has a lamp beside the uniform light.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -18,36 +17,20 @@ from torch import Tensor
 import torchsphere as ts
 from experiments.experiment import Array
 from experiments.validation.attack_footage import MARGIN_PX, Flight, blotches, digitised
-from render.background import Background
-from render.ball import Ball
-from render.camera import Camera
-from render.frames import render_radiance
-from render.light import Light, Lighting
-from render.pattern import Pattern
-from render.pose import Poses
-from render.scene import Quality, Setup
+from experiments.validation.rendered_footage import Look, by_renderer
 from torchsphere.synthetic import ray_caster
-
-#: Diameter of all balls, m.
-DIAMETER_M = 0.03
 
 #: Steps of the integration of the true motion in a frame's interval.
 SUBSTEPS = 40
 
-#: Rays of the ray caster along a side of a pixel within the outline, and light paths of the renderer per pixel.
-SUBSAMPLES, SAMPLES = 3, 256
+#: Rays along a side of a pixel within the outline.
+SUBSAMPLES = 3
 
 #: Standard deviation of the ball's radius over the camera's distance, and its largest value.
 SD_NEARNESS, MAX_NEARNESS = 0.03, 0.1
 
 #: Grey level of the bar that the ball hits.
 BAR = 170.0
-
-#: Uniform light of a flight with a lamp, the lamp's level, and its place from the middle of the flight, m.
-DIM, LAMP, LAMP_FROM_BALL_M = 0.5, 0.5, (-0.3, -0.3, -0.3)
-
-#: Grey level of full scale.
-WHITE = 255.0
 
 
 @dataclass(frozen=True)
@@ -147,57 +130,13 @@ def _share_slope(times: Array, contact: tuple[float, float] | None) -> Array:
     return np.where((passed > 0) & (passed < 1), 0.5 * math.pi / length * np.sin(math.pi * passed), 0.0)
 
 
-@dataclass(frozen=True)
-class Painted(Background):
-    """A backdrop with grey levels of its own."""
-
-    levels: Array = dataclasses.field(default_factory=lambda: np.zeros((1, 1)))  # (h, w)
-
-    def image(self, height: int, width: int) -> Array:
-        """The levels, for the renderer."""
-        if self.levels.shape != (height, width):
-            raise ValueError(f"levels has the shape {self.levels.shape}: expected {(height, width)}")
-        return self.levels / WHITE
-
-
 def filmed(flight: Drawn, made: Flight) -> Tensor:
     """Images (n, h, w) of the flight by a camera with noise."""
-    clean = _by_ray_caster(made) if flight.film == "ray caster" else _by_renderer(flight, made)
+    if flight.film == "ray caster":
+        centres, turned = torch.from_numpy(made.centres).float(), torch.from_numpy(made.turns.as_matrix()).float()
+        clean = ray_caster.render(
+            made.pattern, centres, made.radius, turned, made.background, subsamples=SUBSAMPLES, camera=made.camera
+        )
+    else:
+        clean = by_renderer(made, Look(flight.speckle_px, has_lamp=flight.film == "lamp"))
     return digitised(clean, made.seed, flight.noise)
-
-
-def _by_ray_caster(made: Flight) -> Tensor:
-    centres, turned = torch.from_numpy(made.centres).float(), torch.from_numpy(made.turns.as_matrix()).float()
-    return ray_caster.render(
-        made.pattern, centres, made.radius, turned, made.background, subsamples=SUBSAMPLES, camera=made.camera
-    )
-
-
-def _by_renderer(flight: Drawn, made: Flight) -> Tensor:
-    """The same motion under the renderer's optics, with a pattern and a light of its own."""
-    camera, m_per_px = made.camera, DIAMETER_M / 2 / made.radius
-    assert camera is not None
-    height, width = made.background.shape
-    seen = Camera("pinhole", width, height, focal_px=float(camera.focal_px))
-    path = np.full((len(made.centres), 3), DIAMETER_M / 2 / flight.nearness)
-    path[:, :2] = (made.centres - seen.centre_px) * m_per_px
-    lighting = Lighting()
-    if flight.film == "lamp":
-        middle = path.mean(0)
-        at, towards = (tuple((middle + shift).tolist()) for shift in (np.array(LAMP_FROM_BALL_M), np.zeros(3)))
-        lighting = Lighting(DIM, (Light(position_m=at, towards_m=towards, level=LAMP),))
-    setup = Setup(
-        Ball(1000 * DIAMETER_M),
-        Pattern(speckle_mm=1000 * m_per_px * flight.speckle_px, seed=made.seed),
-        seen,
-        lighting,
-        Painted(levels=made.background.double().numpy()),
-        quality=Quality(SAMPLES, seed=made.seed),
-    )
-    turned = made.turns.as_matrix()
-
-    def pose(times: Array) -> Poses:
-        frames = np.rint(times).astype(int)
-        return Poses(path[frames], turned[frames])
-
-    return torch.from_numpy(np.stack(list(render_radiance(setup, pose, np.arange(float(len(path))))))).float()

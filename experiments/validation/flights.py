@@ -31,7 +31,8 @@ import torch
 
 import torchsphere as ts
 from experiments.experiment import CACHE, Array, cached, key_of, publish, table
-from experiments.validation.flight_footage import DIAMETER_M, SD_NEARNESS, Drawn, Truth, drawn, filmed, flown
+from experiments.validation.flight_footage import SD_NEARNESS, Drawn, Truth, drawn, filmed, flown
+from experiments.validation.rendered_footage import RADIUS_M
 from torchsphere.dynamics.shared_errors import SharedErrors
 from torchsphere.geometry.camera import outline_distance
 
@@ -69,7 +70,7 @@ def measure(seed: int) -> Score:
     truth = flown(seed, flight)
     try:
         track = ts.track(filmed(flight, truth.made), log=False)
-        motion = ts.kinematics(track, frame_rate=FRAME_RATE, diameter_m=DIAMETER_M, mass_kg=MASS_KG)
+        motion = ts.kinematics(track, frame_rate=FRAME_RATE, diameter_m=2 * RADIUS_M, mass_kg=MASS_KG)
     except ValueError as refusal:
         return Score(asdict(flight), f"refused: {refusal}", False, math.nan, {}, {}, {})
     errors = compared(truth, track, motion)
@@ -101,7 +102,7 @@ def _seen(truth: Truth, track: ts.Track) -> tuple[Array, float]:
 
 def compared(truth: Truth, track: ts.Track, motion: ts.Kinematics) -> dict[str, Array]:
     """Errors over stated standard deviations (m, k), by the names of `NAMES`."""
-    made, pixel = truth.made, DIAMETER_M / (2 * truth.made.radius)
+    made, pixel = truth.made, 2 * RADIUS_M / (2 * truth.made.radius)
     places, radius = _seen(truth, track)
     assert motion.force_N is not None
     assert motion.sd_force_N is not None

@@ -143,12 +143,27 @@ def test_without_a_gpu_the_table_says_so(monkeypatch: pytest.MonkeyPatch) -> Non
     assert "No GPU" in gpu.tables(found)[0]
 
 
-@pytest.mark.parametrize(("difference_px", "holds"), [(5e-4, True), (2e-3, False)])
-def test_a_gpu_is_held_against_the_cpu(difference_px: float, holds: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("way", "difference_px", "difference_sd", "holds"),
+    [
+        ("default", 5e-4, 3.0, True),
+        ("default", 2e-3, 0.1, False),
+        ("by pairs", 0.05, 0.9, True),
+        ("by pairs", 0.0, 1.1, False),
+    ],
+)
+def test_a_gpu_is_held_against_the_cpu(
+    way: str, difference_px: float, difference_sd: float, holds: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("torch.cuda.get_device_name", lambda: "some GPU")
-    found = [gpu.OnGpu(300, "default", 0.5, 1.5, 0.2, difference_px, same_status=True)]
+    found = [gpu.OnGpu(50.0, 300, way, 0.5, 1.5, 0.2, 1.5, difference_px, difference_sd, same_status=True)]
     assert gpu.rows(found)[0].holds is holds
-    assert "| 300 frames | default | 600 | 200 | 40 |" in gpu.tables(found)[0]
+    assert f"| R = 50 px, 300 frames | {way} | 600 | 200 | 40 | 1.5 |" in gpu.tables(found)[0]
+
+
+def test_statuses_that_differ_on_a_gpu_break_the_claim() -> None:
+    found = gpu.OnGpu(50.0, 300, "default", 0.5, 1.5, 0.2, 1.5, 0.0, 0.0, same_status=False)
+    assert not gpu.rows([found])[0].holds
 
 
 def test_a_million_recordings_cost_a_million_times_one() -> None:

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from torchsphere.dynamics.scale import Scale
 from torchsphere.tracking.result import Track
 
-#: Error of a step, px, per px of error of the radius and rad of rotation (docs/constants.md).
-STEP_PER_RADIUS = 3.0
+#: Error of a step, px, per px of error of the radius and rad of rotation: by pairs, and on a map (docs/constants.md).
+STEP_PER_RADIUS, STEP_PER_RADIUS_ON_MAP = 3.0, 1.3
 
-#: Relative change of the rotation per relative change of the radius (docs/constants.md).
-ROTATION_PER_RADIUS = 2.1
+#: Relative change of the rotation per relative change of the radius: by pairs, and on a map (docs/constants.md).
+ROTATION_PER_RADIUS, ROTATION_PER_RADIUS_ON_MAP = 2.1, 0.85
 
 #: Rotation about z by an error (d_x, d_y) of the centre, per ``(w_x d_x + w_y d_y) / R`` (docs/constants.md).
 ROTATION_Z_PER_CENTRE = -0.85
@@ -28,6 +28,21 @@ STEADY_CHANGE = 1.4
 SHARED = ("radius", "scale", "centre", "steady_error", "frame_rate", "mass")
 
 Array = NDArray[np.float64]
+
+
+def is_on_map(track: Track) -> bool:
+    """Whether the track's poses are those on a map of the ball."""
+    return bool(track.settings.get("sphere_map", {}).get("used"))
+
+
+def per_radius(track: Track) -> tuple[float, float]:
+    """Error of a step, px per px of the radius and rad, and of rotations, relative per relative error of the radius.
+
+    On a map of the ball the poses of a flight hold each other, and steps do not add up.
+    """
+    if is_on_map(track):
+        return STEP_PER_RADIUS_ON_MAP, ROTATION_PER_RADIUS_ON_MAP
+    return STEP_PER_RADIUS, ROTATION_PER_RADIUS
 
 
 @dataclass(frozen=True)
@@ -66,14 +81,14 @@ class SharedErrors:
         sd_centre = np.nan_to_num([track.circle.sd_x, track.circle.sd_y])
         # A steady error of the steps moves the followed point away from the centre, by half of the total on average.
         # A map, or a ball that stays in its place, prevents that.
-        is_kept = track.settings.get("in_place") or track.settings.get("sphere_map", {}).get("used")
-        adds_up = not is_kept
+        by_step, by_rotation = per_radius(track)
+        adds_up = not (track.settings.get("in_place") or is_on_map(track))
         drift = track.sd_steady[:2] * len(track.increment) / 2 if adds_up else 0.0
         return SharedErrors(
             steady=track.sd_steady,
             scale=scale.sd_m_per_px / scale.m_per_px,
-            step=STEP_PER_RADIUS * sd_radius,
-            rotation=ROTATION_PER_RADIUS * sd_radius / track.circle.radius,
+            step=by_step * sd_radius,
+            rotation=by_rotation * sd_radius / track.circle.radius,
             centre=np.hypot(sd_centre, drift),
             rotation_z=ROTATION_Z_PER_CENTRE / track.circle.radius,
             adds_up=adds_up,

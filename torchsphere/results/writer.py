@@ -21,7 +21,7 @@ from torchsphere.dynamics.contact_law import ContactForce
 from torchsphere.dynamics.filtered_motion import FilteredMotion
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics, mean_motion
-from torchsphere.dynamics.shared_errors import ROTATION_PER_RADIUS, STEP_PER_RADIUS
+from torchsphere.dynamics.shared_errors import per_radius
 from torchsphere.estimation.measurements import DRIFT_SHARE, on_map
 from torchsphere.recording import Recording
 from torchsphere.recording.facts import Facts
@@ -223,11 +223,11 @@ def _impact(done: Measurement) -> dict[str, Any] | None:
 def _radius_effect(tracked: Track) -> dict[str, float]:
     """Effect of the radius's standard deviation on the mean step (px) and on all rotations (relative)."""
     turn = float(np.linalg.norm(np.nan_to_num(tracked.increment[:, 2:4]), axis=1).mean())
-    sd = tracked.circle.sd_radius
+    sd, (of_step, of_rotation) = tracked.circle.sd_radius, per_radius(tracked)
     return {
         "sd_radius_px": sd,
-        "sd_mean_step_px": STEP_PER_RADIUS * turn * sd,
-        "relative_sd_rotation": ROTATION_PER_RADIUS * sd / tracked.circle.radius,
+        "sd_mean_step_px": of_step * turn * sd,
+        "relative_sd_rotation": of_rotation * sd / tracked.circle.radius,
     }
 
 

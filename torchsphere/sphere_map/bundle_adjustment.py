@@ -38,6 +38,9 @@ class _Level(NamedTuple):
     is_last: bool
 
 
+#: Why there is no map, where its equations are singular.
+NO_SOLUTION = "the equations of the map have no solution"
+
 #: Width of the first map's cells, px: coarse cells align poses that are off by a px (docs/constants.md).
 COARSE_PX = 2.0
 
@@ -78,9 +81,12 @@ SEEN_NEARNESS_SD, MAX_NEARNESS = 2.0, 0.3
 #: third of the nearness, as the map follows with delay (docs/constants.md).
 SUSPECTED_NEARNESS_SD = 1.3
 
-#: Rounds of the search for the nearness, steps of the adjustment in each, change below which the search has settled,
-#: and largest share of a change that is expected of the next (docs/constants.md).
-NEARNESS_ROUNDS, NEARNESS_STEPS, SETTLED_NEARNESS, MAX_NEARNESS_SHARE = 10, 2, 0.0004, 0.6
+#: Rounds of the search for the nearness, steps of the adjustment in each, and largest share of a change that the next
+#: is expected to have (docs/constants.md).
+NEARNESS_ROUNDS, NEARNESS_STEPS, MAX_NEARNESS_SHARE = 15, 2, 0.6
+
+#: Change of the nearness below which the search ends, and below which it has settled at least (docs/constants.md).
+LAST_NEARNESS_CHANGE, SETTLED_NEARNESS = 0.0001, 0.0004
 
 #: Largest move of a pose in a step, px (docs/constants.md).
 MAX_MOVE_PX = 1.0
@@ -212,10 +218,10 @@ def _settled_nearness(near: Adjustment, level: _Level, shared: RowRunner) -> tup
         # Steps get shorter by a steady share, as the map follows the nearness with delay.
         share = min(max(change / before, 0.0), MAX_NEARNESS_SHARE)
         near = _adjust_level(replace(found, change=found.change / (1 - share)).applied(near.state), level, shared)
-        if abs(change) < SETTLED_NEARNESS:
-            return near, found, near.settled
+        if abs(change) < LAST_NEARNESS_CHANGE:
+            break
         before = change
-    return near, found, False
+    return near, found, near.settled and abs(change) < SETTLED_NEARNESS
 
 
 def _probe(state: State, level: _Level, shared: RowRunner) -> Adjustment | None:
@@ -266,7 +272,7 @@ def _with_first_map(state: State, cell_px: float, shared: RowRunner) -> State:
 def _adjust_level(state: State, level: _Level, shared: RowRunner) -> Adjustment:
     """Gauss-Newton steps until one moves no pose by more than ``settled_px``."""
     if not math.isfinite(float(state.ball.radius)):
-        raise torch.linalg.LinAlgError("the equations of the map have no solution")  # type: ignore[attr-defined]
+        raise torch.linalg.LinAlgError(NO_SOLUTION)  # type: ignore[attr-defined]
     state = with_cells(state, cube_map.cells_per_face(float(state.ball.radius), level.cell_px))
     limit = MAX_RING_VARIANCE
     for _ in range(level.max_steps):
@@ -278,6 +284,8 @@ def _adjust_level(state: State, level: _Level, shared: RowRunner) -> Adjustment:
         equations = MapEquations.of(equations.design, weights, shared, state.smoothness)
         last = LastStep(state, model, elimination.joint_equations(model, equations, state.poses))
         state, move = _moved(state, last.joint, *_step(last))
+        if not math.isfinite(move):
+            raise torch.linalg.LinAlgError(NO_SOLUTION)  # type: ignore[attr-defined]
         settled = max(level.settled_px, SETTLED_SD * float(last.joint.covariance.diagonal()[0].sqrt()))
         is_bound = level.is_last and float(state.profile.variance.max()) >= limit * float(state.profile.variance[0])
         if move < settled and not is_bound:

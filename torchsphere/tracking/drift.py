@@ -17,6 +17,7 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.imaging.interpolation import noise_gains
 from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map import poses
+from torchsphere.sphere_map.bundle_adjustment import NO_SOLUTION
 from torchsphere.sphere_map.poses import MapPoses
 from torchsphere.tracking.follow import Progress
 from torchsphere.tracking.image_blur import image_blur
@@ -128,7 +129,7 @@ def absolute_motion(
         )
     except (np.linalg.LinAlgError, torch.linalg.LinAlgError):  # type: ignore[attr-defined]
         # The increments must not be lost with the map.
-        found = "the equations of the map have no solution"
+        found = NO_SOLUTION
     if isinstance(found, str):
         plain.about_map["reason"] = found
         return plain
