@@ -25,15 +25,35 @@ def test_a_steady_error_of_the_steps_widens_velocity_spin_and_force(falling: ts.
         assert np.sqrt(wider**2 - own**2) == pytest.approx(added, rel=1e-6)
 
 
-def test_the_radius_uncertainty_enters_scale_velocity_and_spin(falling: ts.Track) -> None:
+def by_pairs(track: ts.Track) -> ts.Track:
+    return dataclasses.replace(track, settings=track.settings | {"sphere_map": {"used": False}})
+
+
+# 0.2 of 20 px is 1 %; of a spin of 10 rad/s the rotation's share is 2.1 % by pairs, and 0.85 % on a map.
+@pytest.mark.parametrize(("on_map", "of_spin"), [(True, 0.085), (False, 0.21)])
+def test_the_radius_uncertainty_enters_scale_velocity_and_spin(falling: ts.Track, on_map: bool, of_spin: float) -> None:
+    falling = falling if on_map else by_pairs(falling)
     exact = ts.kinematics(falling, frame_rate=1000.0, diameter_m=0.02)
     circle = dataclasses.replace(falling.circle, sd_radius=0.2)
     motion = ts.kinematics(dataclasses.replace(falling, circle=circle), frame_rate=1000.0, diameter_m=0.02)
-    # 0.2 of 20 px is 1 %: of a velocity of 1 m/s that is 0.01; of a spin of 10 rad/s the rotation's share is 2.1 %.
+    # Of a velocity of 1 m/s.
     added = np.sqrt(motion.sd_velocity_m_s[4, 0] ** 2 - exact.sd_velocity_m_s[4, 0] ** 2)
     assert added == pytest.approx(0.01, rel=1e-6)
     added = np.sqrt(motion.sd_spin_rad_s[4, 2] ** 2 - exact.sd_spin_rad_s[4, 2] ** 2)
-    assert added == pytest.approx(0.21, rel=1e-6)
+    assert added == pytest.approx(of_spin, rel=1e-6)
+
+
+@pytest.mark.parametrize(("on_map", "of_step"), [(True, 1.3), (False, 3.0)])
+def test_the_radius_uncertainty_enters_the_velocity_of_a_ball_that_turns(on_map: bool, of_step: float) -> None:
+    increment = np.tile([1.0, 0.0, 0.0, 0.02, 0.0], (10, 1))
+    turning = made_track(
+        increment, np.array([0.01, 0.01, 1e-4, 1e-4, 1e-4]), ts.Circle(50.0, 40.0, 20.0, 0.0, 0.0, 0.0)
+    )
+    exact = turning if on_map else by_pairs(turning)
+    uncertain = dataclasses.replace(exact, circle=dataclasses.replace(exact.circle, sd_radius=0.2))
+    wide, own = (ts.kinematics(t, frame_rate=1000.0, m_per_px=5e-4).sd_velocity_m_s[5, 0] for t in (uncertain, exact))
+    # 20 rad/s about y move x, and 0.2 px are 0.1 mm.
+    assert np.sqrt(wide**2 - own**2) == pytest.approx(of_step * 1e-4 * 20, rel=1e-6)
 
 
 def test_a_camera_at_an_unknown_distance_widens_a_scale_that_comes_from_the_outline(falling: ts.Track) -> None:
@@ -65,8 +85,8 @@ def test_the_error_by_the_radius_may_change_along_a_flight_by_its_own_size(falli
     circle = dataclasses.replace(falling.circle, sd_radius=0.2)
     motion = ts.kinematics(dataclasses.replace(falling, circle=circle), frame_rate=1000.0, m_per_px=5e-4)
     added = np.sqrt(motion.sd_angular_acceleration_rad_s2[4, 2] ** 2 - exact.sd_angular_acceleration_rad_s2[4, 2] ** 2)
-    # 2.1 % of a spin of 10 rad/s, in 8 ms.
-    assert added == pytest.approx(0.21 / 8e-3, rel=1e-5)
+    # 0.85 % of a spin of 10 rad/s, in 8 ms.
+    assert added == pytest.approx(0.085 / 8e-3, rel=1e-5)
 
 
 def test_errors_of_the_steps_add_up_in_positions_that_are_their_sum_and_not_on_a_map() -> None:
