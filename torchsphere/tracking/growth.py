@@ -58,6 +58,12 @@ def may_grow(limbs: Limbs) -> bool:
     return limb is not None and (limb.is_significant or limb.scatter > SUSPECT_SCATTER)
 
 
+def scatter_of_limbs(limbs: Limbs) -> float:
+    """Relative scatter of the limbs' radii about their trend; 0 where there are too few limbs."""
+    found = growth_of_limbs(limbs)
+    return 0.0 if found is None else found.scatter
+
+
 def limbs_follow(limbs: Limbs, measured: Record) -> bool:
     """Whether the limbs grow significantly, and as the sizes in a record ``measured`` by the options of `growing`."""
     limb, frames = growth_of_limbs(limbs), np.flatnonzero(measured.status == "ok")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 #: Share of unmeasured frames, of those with the whole ball in view, from which the others count as beside an object
 #: in front of the ball (docs/constants.md).
-MOST_UNMEASURED = 0.4
+MOST_UNMEASURED = 0.3
 
 #: Error of the measured frames of such a recording, and of its circle, over the stated one (docs/constants.md).
 WIDENING = 2.0

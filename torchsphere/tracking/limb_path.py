@@ -34,6 +34,9 @@ PATH_DEGREE, BATCH = 3, 16
 #: Distance of the limbs from a path that has slipped, standard deviations and px (docs/constants.md).
 SLIPPED_SD, SLIPPED_PX = 4.0, 0.5
 
+#: Share of the limbs of successive frames beside the path from which these frames were measured beside the ball.
+MOSTLY = 0.5
+
 Array = NDArray[np.float64]
 
 
@@ -59,8 +62,19 @@ class Limbs:
         on_path = self.frames[~self._lie_beside()]
         return int(on_path[-1]) + 1 if len(on_path) else 0
 
-    def _lie_beside(self) -> NDArray[np.bool_]:
-        off = np.abs(self.circles - self.path)[:, :2]
+    def runs_beside(self, position: Array, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """True (n,) for runs of ``wanted`` frames (n,) most of whose limbs lie beside the ``position`` (n, 2)."""
+        starts = np.flatnonzero(np.diff(wanted.astype(int), prepend=0) == 1)
+        ends = np.flatnonzero(np.diff(wanted.astype(int), append=0) == -1) + 1
+        found, beside = np.zeros_like(wanted), self._lie_beside(position[self.frames])
+        for start, end in zip(starts, ends, strict=True):
+            looked = (self.frames >= start) & (self.frames < end)
+            found[start:end] = looked.any() and beside[looked].mean() > MOSTLY
+        return found
+
+    def _lie_beside(self, places: Array | None = None) -> NDArray[np.bool_]:
+        """True (m,) for limbs beside the ``places`` (m, 2), or beside the path."""
+        off = np.abs(self.circles[:, :2] - (self.path[:, :2] if places is None else places))
         return np.asarray((off > np.maximum(SLIPPED_SD * self.sd[:, :2], SLIPPED_PX)).any(1))
 
 

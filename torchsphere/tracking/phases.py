@@ -151,9 +151,11 @@ def _measures_more(record: Record, other: Record) -> bool:
 def _placed(task: Task, start: _Start, measured: Record) -> tuple[Record, AbsoluteMotion]:
     """Phase 3, and the record, on the limbs where the ``measured`` path has slipped."""
     motion = _absolute_motion(task, start, measured)
-    if (motion.is_refused or motion.lacks_frames) and not task.in_place:
-        return _moved_to_limbs(task, start, measured, motion)
-    return measured, motion
+    if task.in_place:
+        return measured, motion
+    if motion.is_refused or motion.lacks_frames:
+        measured, motion = _moved_to_limbs(task, start, measured, motion)
+    return _without_frames_beside(task, start, measured, motion)
 
 
 def _moved_to_limbs(
@@ -162,7 +164,9 @@ def _moved_to_limbs(
     """Phases 2 and 3 on a path that follows the limbs, where the ``measured`` one has slipped."""
     limbs = limb_path.fit_limbs(task.source, measured, task.ignore, start.options.camera)
     if not limbs.have_slipped():
-        return measured, motion
+        # Outlines that contradict each other are not those of a ball: `proof.require_proof`.
+        scatter = growth.scatter_of_limbs(limbs) if motion.is_refused else 0.0
+        return measured, dataclasses.replace(motion, about_map=motion.about_map | {"outline_scatter": scatter})
     moved = limb_path.along_limbs(task.source, measured, limbs, task.ignore, start.options, resized=False)
     again = _absolute_motion(task, start, moved)
     # An object in front of the ball moves its limbs, too: then the map shows no more frames than before.
@@ -174,6 +178,25 @@ def _moved_to_limbs(
     if np.isfinite(again.orientation[:, 0, 0]).sum() >= MIN_FRAMES:
         return moved, again
     kept = measured.without(slice(limbs.slipped_from(), None))
+    return kept, _absolute_motion(task, start, kept)
+
+
+def _without_frames_beside(
+    task: Task, start: _Start, measured: Record, motion: AbsoluteMotion
+) -> tuple[Record, AbsoluteMotion]:
+    """Phases 2 and 3 without frames that the map does not show and whose limbs lie beside their positions.
+
+    A path that was lost may have been found again beside the ball, and slips on.
+    """
+    unproven = np.isfinite(motion.position[:, 0]) & ~motion.on_map
+    if not (motion.about_map["used"] and unproven.any()):
+        return measured, motion
+    seen = measured.without(~unproven)
+    limbs = limb_path.fit_limbs(task.source, seen, task.ignore, start.options.camera)
+    beside = limbs.runs_beside(motion.position, unproven)
+    if not beside.any():
+        return measured, motion
+    kept = measured.without(beside)
     return kept, _absolute_motion(task, start, kept)
 
 
