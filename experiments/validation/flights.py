@@ -9,7 +9,8 @@ The shares are means over flights, as an error that all frames of a flight share
 standard deviation of a share of 95 % is 2 % for such errors. Each quantity is compared along both or all three axes. A
 position is compared in the image, with the middle of the outline and without the scale's error, and in metres, with the
 ball's centre. A third of the flights have an impact, half a sine of force against a bar. Of the program's constants
-`nearness.APPARENT_SD` and `poses.MAX_FACTOR_OF_NEARNESS` were chosen after a look at four of these flights.
+`limb_fit.RINGING`, `nearness.APPARENT_SD` and `poses.MAX_FACTOR_OF_NEARNESS` were chosen after a look at some of these
+flights.
 
 Half of the flights are filmed by the ray caster, a quarter by the renderer under uniform light, and a quarter by the
 renderer with a lamp.
