@@ -52,6 +52,18 @@ def test_a_path_that_slips_is_found_and_moved_to_the_limbs() -> None:
     assert np.array_equal(held.size, measured.size)
 
 
+def test_frames_that_no_map_shows_are_told_from_the_ball_by_their_limbs() -> None:
+    source, centres = film()
+    measured = Follower(source, Circle(*centres[0], RADIUS), None, Options()).run(FRAMES)
+    limbs = limb_path.fit_limbs(source, measured, None, None)
+    # Frames 2 and 3 lie on the ball; frames 6 to 9 lie 3 px beside it, and 10 and 11 are on the map.
+    unproven = np.isin(np.arange(FRAMES), (2, 3, 6, 7, 8, 9))
+    position = measured.position + 3.0 * (np.arange(FRAMES) >= 6)[:, None]
+    assert np.flatnonzero(limbs.runs_beside(position, unproven)).tolist() == [6, 7, 8, 9]
+    assert not limbs.runs_beside(measured.position, unproven).any()
+    assert not limbs.runs_beside(position, np.zeros(FRAMES, dtype=bool)).any()
+
+
 def test_a_record_without_frames_has_no_steps_to_and_from_them() -> None:
     source, centres = film()
     measured = Follower(source, Circle(*centres[0], RADIUS), None, Options()).run(FRAMES)

@@ -1,0 +1,30 @@
+"""What proves that a circle which was found is the outline of a ball."""
+
+import dataclasses
+
+import pytest
+from tracks import falling_track
+
+import torchsphere as ts
+from torchsphere.tracking.proof import require_proof
+
+
+def track(*, scatter: float, circle_given: bool = False, on_map: bool = False) -> ts.Track:
+    about = {"used": on_map, "outline_scatter": scatter}
+    return dataclasses.replace(
+        falling_track(), settings={"sphere_map": about, "place": None, "circle_given": circle_given}
+    )
+
+
+def test_outlines_that_contradict_each_other_are_not_those_of_a_ball() -> None:
+    with pytest.raises(ValueError, match=r"radii that differ by 8 %, and no map .* give its outline with circle"):
+        require_proof(track(scatter=0.08))
+
+
+@pytest.mark.parametrize(
+    "proven",
+    [track(scatter=0.01), track(scatter=0.08, circle_given=True), track(scatter=0.08, on_map=True)],
+    ids=["alike", "given", "map"],
+)
+def test_outlines_alike_a_given_circle_or_a_map_are_enough(proven: ts.Track) -> None:
+    require_proof(proven)
