@@ -34,6 +34,10 @@ PATH_DEGREE, BATCH = 3, 16
 #: Distance of the limbs from a path that has slipped, standard deviations and px (docs/constants.md).
 SLIPPED_SD, SLIPPED_PX = 4.0, 0.5
 
+#: Distance of the limbs from positions that no map shows, px, from which they are not the ball's: a ball that is found
+#: again is so to half a px (docs/constants.md).
+BESIDE_PX = 1.0
+
 #: Share of the limbs of successive frames beside the path from which these frames were measured beside the ball.
 MOSTLY = 0.5
 
@@ -55,27 +59,30 @@ class Limbs:
 
     def have_slipped(self) -> bool:
         """Whether the last limbs all lie beside the path: what slips goes on slipping."""
-        return len(self.frames) >= MIN_LOOKS and bool(self._lie_beside()[-LAST_LOOKS:].all())
+        return len(self.frames) >= MIN_LOOKS and bool(self._lie_beside_path()[-LAST_LOOKS:].all())
 
     def slipped_from(self) -> int:
         """The first frame of a path that has slipped: that after the last limb on the path."""
-        on_path = self.frames[~self._lie_beside()]
+        on_path = self.frames[~self._lie_beside_path()]
         return int(on_path[-1]) + 1 if len(on_path) else 0
 
     def runs_beside(self, position: Array, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """True (n,) for runs of ``wanted`` frames (n,) most of whose limbs lie beside the ``position`` (n, 2)."""
         starts = np.flatnonzero(np.diff(wanted.astype(int), prepend=0) == 1)
         ends = np.flatnonzero(np.diff(wanted.astype(int), append=0) == -1) + 1
-        found, beside = np.zeros_like(wanted), self._lie_beside(position[self.frames])
+        found, beside = np.zeros_like(wanted), self._lie_beside(position[self.frames], BESIDE_PX)
         for start, end in zip(starts, ends, strict=True):
             looked = (self.frames >= start) & (self.frames < end)
             found[start:end] = looked.any() and beside[looked].mean() > MOSTLY
         return found
 
-    def _lie_beside(self, places: Array | None = None) -> NDArray[np.bool_]:
-        """True (m,) for limbs beside the ``places`` (m, 2), or beside the path."""
-        off = np.abs(self.circles[:, :2] - (self.path[:, :2] if places is None else places))
-        return np.asarray((off > np.maximum(SLIPPED_SD * self.sd[:, :2], SLIPPED_PX)).any(1))
+    def _lie_beside_path(self) -> NDArray[np.bool_]:
+        return self._lie_beside(self.path[:, :2], SLIPPED_PX)
+
+    def _lie_beside(self, places: Array, least_px: float) -> NDArray[np.bool_]:
+        """True (m,) for limbs beside the ``places`` (m, 2) by so many px and more than their own errors."""
+        off = np.abs(self.circles[:, :2] - places)
+        return np.asarray((off > np.maximum(SLIPPED_SD * self.sd[:, :2], least_px)).any(1))
 
 
 def fit_limbs(source: Source, measured: Record, ignore: Tensor | None, camera: Camera | None) -> Limbs:
