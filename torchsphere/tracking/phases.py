@@ -164,9 +164,11 @@ def _moved_to_limbs(
     """Phases 2 and 3 on a path that follows the limbs, where the ``measured`` one has slipped."""
     limbs = limb_path.fit_limbs(task.source, measured, task.ignore, start.options.camera)
     if not limbs.have_slipped():
-        # Outlines that contradict each other are not those of a ball: `proof.require_proof`.
-        scatter = growth.scatter_of_limbs(limbs) if motion.is_refused else 0.0
-        return measured, dataclasses.replace(motion, about_map=motion.about_map | {"outline_scatter": scatter})
+        if motion.is_refused:
+            # Outlines that contradict each other are not those of a ball: `proof.require_proof`.
+            scatter = {"outline_scatter": growth.scatter_of_limbs(limbs)}
+            motion = dataclasses.replace(motion, about_map=motion.about_map | scatter)
+        return measured, motion
     moved = limb_path.along_limbs(task.source, measured, limbs, task.ignore, start.options, resized=False)
     again = _absolute_motion(task, start, moved)
     # An object in front of the ball moves its limbs, too: then the map shows no more frames than before.
