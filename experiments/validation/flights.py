@@ -103,7 +103,7 @@ def _seen(truth: Truth, track: ts.Track) -> tuple[Array, float]:
 
 def compared(truth: Truth, track: ts.Track, motion: ts.Kinematics) -> dict[str, Array]:
     """Errors over stated standard deviations (m, k), by the names of `NAMES`."""
-    made, pixel = truth.made, 2 * RADIUS_M / (2 * truth.made.radius)
+    made, pixel = truth.made, RADIUS_M / truth.made.radius
     places, radius = _seen(truth, track)
     assert motion.force_N is not None
     assert motion.sd_force_N is not None

@@ -198,6 +198,7 @@ def _without_frames_beside(
     beside = limbs.runs_beside(motion.position, unproven)
     if not beside.any():
         return measured, motion
+    # The map is made anew: frames beside the ball may be among its keyframes.
     kept = measured.without(beside)
     return kept, _absolute_motion(task, start, kept)
 

@@ -20,24 +20,28 @@ def needs_proof(circle: Circle) -> bool:
     return bool(circle.doubt) and not is_measured
 
 
-def require_proof(found: Track) -> None:
-    """Raise ValueError for a circle of a track that its image leaves in doubt, and that no other image proves.
+def lacking_proof(found: Track) -> str:
+    """Why nothing shows that the circle of a track is the outline of a ball, in words; empty where something does.
 
-    A map of the ball proves it, or the outlines of a ball that stays in its place. Outlines of other frames that
-    contradict each other leave it in doubt, too.
+    A map of the ball proves it, or the outlines of a ball that stays in its place. A circle that was found is in doubt
+    by its own image, or where the outlines in other frames contradict each other.
     """
-    circle, place = found.circle, found.settings["place"]
-    is_proven = found.settings["sphere_map"]["used"] or (place is not None and place["limbs_stay"])
-    scatter = found.settings["sphere_map"].get("outline_scatter", 0.0)
-    if scatter > MAX_OUTLINE_SCATTER and not (is_proven or found.settings["circle_given"]):
+    circle, settings = found.circle, found.settings
+    place, about_map = settings["place"], settings["sphere_map"]
+    if about_map["used"] or (place is not None and place["limbs_stay"]):
+        return ""
+    scatter = about_map.get("outline_scatter", 0.0)
+    if scatter > MAX_OUTLINE_SCATTER and not settings["circle_given"]:
+        return f"outlines in other frames have radii that differ by {100 * scatter:.0f} %"
+    return circle.doubt if needs_proof(circle) else ""
+
+
+def require_proof(found: Track) -> None:
+    """Raise ValueError for a circle of a track that lacks a proof: `lacking_proof`."""
+    circle, reason = found.circle, lacking_proof(found)
+    if reason:
         raise SettingError(
-            f"the circle found, {circle.text(1)} px in frame {circle.frame}, may not be the ball: outlines in other "
-            f"frames have radii that differ by {100 * scatter:.0f} %, and no map of a ball could be made around it: "
-            "give its outline with `circle` as x, y, radius in px of the first frame to track"
-        )
-    if needs_proof(circle) and not is_proven:
-        raise SettingError(
-            f"the circle found, {circle.text(1)} px in frame {circle.frame}, may not be the ball: {circle.doubt}, and "
+            f"the circle found, {circle.text(1)} px in frame {circle.frame}, may not be the ball: {reason}, and "
             "no map of a ball could be made around it: give its outline with `circle` as x, y, radius in px of the "
             "first frame to track"
         )
