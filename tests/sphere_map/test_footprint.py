@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 import torch
 from ball_models import RADIUS, distances, one_share, poses, random, smooth_ball, windows
+from numpy.typing import NDArray
 from shots import rotation_matrix
 from torch import Tensor
 
-from torchsphere.sphere_map import cube_map, footprint, forward_model
+from torchsphere.sphere_map import cube_map, footprint, forward_model, rays
 from torchsphere.sphere_map.ball import Poses, TexturedBall
 from torchsphere.sphere_map.pixel_weights import uniform_profile
 from torchsphere.sphere_map.state import State, fit_map
 from torchsphere.sphere_map.window import Windows
+
+Floats = NDArray[np.float64]
 
 BLUR_PX = 0.5
 
@@ -55,6 +58,39 @@ def test_a_blurred_pixel_sees_more_of_a_tilted_surface() -> None:
         return float((forward_model.linearise(seen, at, ball).levels[0] - truth)[tilted].square().mean().sqrt())
 
     assert error(BLUR_PX) < 0.6 * error(0.0)
+
+
+def moments(place: Floats, weight: Floats) -> tuple[float, float, float]:
+    """Mean, standard deviation and cube root of the third moment of the places."""
+    share = weight / weight.sum()
+    off = place - (share * place).sum()
+    return (share * place).sum(), np.sqrt((share * off**2).sum()), np.cbrt((share * off**3).sum())
+
+
+@pytest.mark.parametrize("blur", [0.0, 1.0, 2.0])
+@pytest.mark.parametrize("in_widths", [-0.5, 0.0, 1.0, 2.0, 4.0, 6.0])
+def test_rays_and_map_together_lie_as_the_footprint_does(blur: float, in_widths: float) -> None:
+    """Along the arc, px, for pixels in so many widths of the footprint from the outline, at R = 35 px.
+
+    In truth a point of the footprint (x, y) is seen at the angle asin(x / sqrt(R^2 - y^2)) from the line of sight, if
+    the disc covers it. The map's own footprint adds its variance to that of the rays.
+    """
+    radius, width = 35.0, np.sqrt(blur**2 + 1 / 12)
+    at = radius - in_widths * width
+    side = np.linspace(-4.5 * width, 4.5 * width, 721) if blur else (np.arange(721) + 0.5) / 721 - 0.5
+    x, y = np.meshgrid(at + side, side)
+    density = np.exp(-((x - at) ** 2 + y**2) / (2 * width**2)) if blur else np.ones_like(x)
+    chord = np.sqrt(radius**2 - y**2)
+    mean, spread, third = moments(radius * np.arcsin(np.clip(x / chord, -1, 1)), density * (x < chord))
+    size = torch.tensor(radius, dtype=torch.float64)
+    ball = replace(smooth_ball(), radius=size, footprint_blur=blur, rim_points=rays.rim_points(radius))
+    pixel = torch.tensor([[[at]]], dtype=torch.float64)
+    drawn = rays.rays_of(pixel, torch.zeros_like(pixel), size, ball)
+    seen = np.clip((drawn.scale * at / radius).numpy().ravel(), -1, 1)
+    of_rays = moments(radius * np.arcsin(seen), drawn.weight.numpy().ravel())
+    assert of_rays[0] == pytest.approx(mean, abs=0.02)
+    assert np.hypot(of_rays[1], width) == pytest.approx(spread, rel=0.01)
+    assert of_rays[2] == pytest.approx(third, abs=0.12 * spread)
 
 
 def test_loops_and_torch_give_the_same_blurred_model() -> None:

@@ -43,6 +43,11 @@ def test_a_ball_that_hardly_turns_leaves_the_radius_of_its_map_in_doubt() -> Non
 
 
 def test_a_blurred_outline_leaves_its_start_s_error_at_most() -> None:
-    assert radius_error.by_blur(0.3, GUESSED) == 0.0
-    assert radius_error.by_blur(1.3, GUESSED) == pytest.approx(0.8)
-    assert radius_error.by_blur(1.3, MEASURED) == pytest.approx(0.2)
+    assert radius_error.by_blur(0.3, 0.0, GUESSED) == 0.0
+    assert radius_error.by_blur(1.3, 0.0, GUESSED) == pytest.approx(0.8)
+    assert radius_error.by_blur(1.3, 0.0, MEASURED) == pytest.approx(0.2)
+
+
+def test_the_model_holds_the_blur_of_the_optics_and_not_that_of_a_codec() -> None:
+    assert radius_error.by_blur(0.7, 1.6, GUESSED) == radius_error.by_blur(0.7, 0.0, GUESSED) == pytest.approx(0.32)
+    assert radius_error.by_blur(2.0, 1.9, MEASURED) == radius_error.by_blur(2.0, 1.9, GUESSED) == pytest.approx(0.1)

@@ -124,5 +124,6 @@ def test_the_map_of_a_defocused_ball_starts_from_its_blur_and_finds_the_radius()
     assert found.optics_px == pytest.approx(3.0, abs=0.4)
     by_map = ts.track(blurred, telecentric=True)
     assert by_map.settings["sphere_map"]["used"]
-    # By the outline of single images it is 0.3 to 0.8 px off.
-    assert by_map.circle.radius == pytest.approx(RADIUS, abs=0.25)
+    # By the outline of single images it is 0.3 to 0.8 px off; with a footprint of the wrong shape 0.2 px.
+    assert by_map.circle.radius == pytest.approx(RADIUS, abs=0.1)
+    assert abs(by_map.circle.radius - RADIUS) < 3 * by_map.circle.sd_radius < 0.6

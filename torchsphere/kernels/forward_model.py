@@ -18,11 +18,13 @@ from torchsphere.kernels.jit import ONE, TWO, ZERO, Floats, Integers, arrays, co
 from torchsphere.kernels.rays import (
     Rule,
     coverage,
-    height_at,
+    drawn_together,
+    end_of_disc,
+    footprint,
     limb_part,
     number_of_rule,
+    rays_at_limb,
     row_of_rays,
-    trapezium,
     two_rays,
 )
 
@@ -283,7 +285,7 @@ def _count(rule: Rule, first: Floats, places: Floats, visibility: Floats, ball: 
     room = room_for_rows(side, 1)
     for i in range(n):
         radius, blur, wide = ball[i, 0], ball[i, 1], ball[i, 7]
-        inner, _ = two_rays(radius, wide, rule)
+        inner, _, _ = two_rays(radius, wide, rule)
         beyond, count = radius + ONE + _EIGHT * blur, 0
         for row in range(side):
             find_places(first[i], places, i, row, room)
@@ -296,8 +298,8 @@ def _count(rule: Rule, first: Floats, places: Floats, visibility: Floats, ball: 
                 if distance < inner:
                     count += 2
                 else:
-                    half, _ = trapezium(x, y, distance, radius, wide)
-                    shallow, deep = limb_part(distance, radius, half)
+                    half, _ = footprint(x, y, distance, wide)
+                    shallow, deep = limb_part(distance, end_of_disc(radius, wide), half)
                     count += rule.counts[number_of_rule(shallow, deep, radius, rule)]
         begins[i, side * side] = count
 
@@ -322,10 +324,11 @@ def _design(
 ) -> None:
     n, side, _ = visibility.shape
     room = room_for_rows(side, 1)
+    roots, weights = np.empty((2, rule.points.shape[1]), np.float32)
     for i in range(n):
         radius, blur, near, same, lx, ly, lz, wide = ball[i]
-        inner, closer = two_rays(radius, wide, rule)
-        outermost, per_px = rule.limits[2] * radius, ONE / radius
+        inner, apart, out = two_rays(radius, wide, rule)
+        outermost, per_px, end = rule.limits[2] * radius, ONE / radius, end_of_disc(radius, wide)
         turn, gain, dark = turns[i], brightness[i, 0], brightness[i, 1]
         for row in range(side):
             find_places(first[i], places, i, row, room)
@@ -340,19 +343,18 @@ def _design(
                 share, _, _ = coverage(x, y, distance, radius, blur)
                 fixed[i, row, column] = gain * (ONE - share) * background[i, row, column] + dark
                 is_inner = distance < inner
-                used, whole, half, top, shallow, deep = 0, ZERO, ZERO, ZERO, ZERO, ZERO
+                whole, c0, c1, c2 = ONE, ZERO, ONE, ZERO
                 if not is_inner:
-                    half, top = trapezium(x, y, distance, radius, wide)
-                    shallow, deep = limb_part(distance, radius, half)
-                    used = number_of_rule(shallow, deep, radius, rule)
+                    half, top = footprint(x, y, distance, wide)
+                    points, whole, _, _ = rays_at_limb(distance, radius, wide, half, top, rule, roots, weights)
+                    c0, c1, c2, _ = drawn_together(radius, wide, roots, weights, points, whole)
                 for k in range(start, stop):
                     if is_inner:
-                        weight, scale = _HALF, ONE - closer if k == start else ONE + closer
+                        weight, scale = _HALF, out * (ONE - apart if k == start else ONE + apart)
                     else:
-                        root = shallow + (deep - shallow) * _HALF * (ONE + rule.points[used, k - start])
-                        at = radius - root * root
-                        weight = rule.shares[used, k - start] * root * height_at(abs(at - distance), half, top)
-                        scale = min(at, outermost) / distance
+                        weight, root = weights[k - start] / whole, roots[k - start]
+                        moved = c0 + root * (c1 + root * c2)
+                        scale = min(radius / end * (end - moved * moved), outermost) / distance
                     px, py = scale * per_px * x, scale * per_px * y
                     square = px * px + py * py
                     height, upright = np.sqrt(ONE - square), np.sqrt(ONE - near * near * square)
@@ -364,7 +366,4 @@ def _design(
                     corner, _, _, u, v, _, _ = place(ax, ay, az, cells)
                     corners[i, k], pixel[i, k] = np.int32(corner), np.int32(number)
                     offsets[i, k, 0], offsets[i, k, 1] = u, v
-                    factor[i, k] = weight * (same + lx * px + ly * py + lz * pz)
-                    whole += weight
-                for k in range(start, stop):
-                    factor[i, k] *= gain * share / whole
+                    factor[i, k] = gain * share * weight * (same + lx * px + ly * py + lz * pz)

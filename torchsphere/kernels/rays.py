@@ -15,9 +15,18 @@ from torchsphere.kernels.jit import ONE, TWO, ZERO, Floats, Integers, compiled
 
 Array = NDArray[Any]
 
+#: Half the width of a blurred pixel in its standard deviations; width of its top, which it has not; and least height
+#: of a footprint over that of its middle.
+REACH, NO_TOP, LEAST_HEIGHT = 4.0, -1.0, 1e-5
+
+#: Least share of the roots' variance that drawing them together leaves, and largest bend of the new roots by the old
+#: ones in units of both standard deviations (docs/constants.md).
+LEAST_SQUARE, MOST_SKEW = 1e-4, 0.25
+
 _HALF, _TINY, _LEAST, _THIN = (np.float32(v) for v in (0.5, 1e-6, 0.03, 1e-3))
-_TWELFTH, _GAUSS = np.float32(1 / 12), np.float32(1 / math.sqrt(3))
-_SIX, _EIGHT, _TWELVE = (np.float32(v) for v in (6, 8, 12))
+_THREE, _SIX, _EIGHT, _TWELVE, _TWELFTH = (np.float32(v) for v in (3, 6, 8, 12, 1 / 12))
+_REACH, _NO_TOP, _LEAST_HEIGHT = (np.float32(v) for v in (REACH, NO_TOP, LEAST_HEIGHT))
+_LEAST_SQUARE, _MOST_SKEW = np.float32(LEAST_SQUARE), np.float32(MOST_SKEW)
 
 
 class Rule(NamedTuple):
@@ -33,34 +42,93 @@ class Rule(NamedTuple):
 
 
 @compiled
-def trapezium(x: Any, y: Any, distance: Any, radius: Any, blur: Any) -> tuple[Any, Any]:
-    """Half the widths of a blurred square pixel, seen along the radius, at its foot and at its top."""
+def footprint(x: Any, y: Any, distance: Any, blur: Any) -> tuple[Any, Any]:
+    """Half the widths of a pixel, seen along the radius, at its foot and at its top; a blurred one has no top."""
+    if blur > ZERO:
+        return _REACH * np.sqrt(blur * blur + _TWELFTH), _NO_TOP
     a, b = abs(x) / distance, abs(y) / distance
-    half, top = _HALF * (a + b), _HALF * abs(a - b)
-    narrow = half - top
-    beyond = _HALF * (np.sqrt(narrow * narrow + _TWELVE * blur * blur) - narrow)
-    tilt = min(distance / radius, ONE)
-    if beyond > top:
-        return tilt * np.sqrt(_HALF + _SIX * blur * blur), ZERO
-    return tilt * (half + beyond), tilt * (top - beyond)
+    return _HALF * (a + b), _HALF * abs(a - b)
 
 
 @compiled
-def two_rays(radius: Any, blur: Any, rule: Rule) -> tuple[Any, Any]:
-    """Distance from the centre, px, up to which two rays are enough, and how they are scaled apart."""
-    wider = np.sqrt(ONE + _TWELVE * blur * blur)
+def two_rays(radius: Any, blur: Any, rule: Rule) -> tuple[Any, Any, Any]:
+    """Distance from the centre, px, up to which two rays are enough, and how they are scaled apart and outwards."""
+    variance = blur * blur + _TWELFTH
+    wider = np.sqrt(_TWELVE * variance)
     begin = rule.limits[0]
     slope = begin / (np.sqrt(ONE - begin * begin) * wider)
     inner = slope / np.sqrt(ONE + slope * slope) * radius
-    return min(inner, radius - rule.limits[1] * wider), _HALF * _GAUSS * wider / radius
+    out = ONE + variance / (radius * radius)
+    return min(inner, radius - rule.limits[1] * wider), np.sqrt(variance) / radius, out
+
+
+@compiled
+def end_of_disc(radius: Any, blur: Any) -> Any:
+    """Distance from the centre at which the disc ends for a footprint with that blur: see `sphere_map.rays`."""
+    return radius - (blur * blur + _TWELFTH) / (TWO * radius)
 
 
 @compiled
 def height_at(away: Any, half: Any, top: Any) -> Any:
-    """Height of a pixel's trapezium ``away`` from its middle, as a share of that in the middle."""
-    narrow = half - top
-    height = (half - away) / (narrow if narrow > _THIN else _THIN)
-    return _THIN if height < _THIN else ONE if height > ONE else height
+    """Height of a pixel's footprint ``away`` from its middle, as a share of that in the middle."""
+    if top < ZERO:
+        far = _REACH * away / half
+        height = np.exp(-_HALF * far * far)
+    else:
+        narrow = half - top
+        height = (half - away) / (narrow if narrow > _THIN else _THIN)
+    return _LEAST_HEIGHT if height < _LEAST_HEIGHT else ONE if height > ONE else height
+
+
+@compiled
+def rays_at_limb(
+    distance: Any, radius: Any, blur: Any, half: Any, top: Any, rule: Rule, roots: Floats, weights: Floats
+) -> tuple[int, Any, Any, Any]:
+    """Roots and weights of the rays of a pixel at the limb, before they are drawn together.
+
+    Their number, the sum of the weights, the range of the roots, and the sum of the weights over the roots.
+    """
+    end = end_of_disc(radius, blur)
+    shallow, deep = limb_part(distance, end, half)
+    number, whole, inverse = number_of_rule(shallow, deep, radius, rule), ZERO, ZERO
+    points = rule.counts[number]
+    for k in range(points):
+        root = shallow + (deep - shallow) * _HALF * (ONE + rule.points[number, k])
+        height = rule.shares[number, k] * height_at(abs(end - root * root - distance), half, top)
+        roots[k], weights[k] = root, root * height
+        whole += root * height
+        inverse += height
+    return points, whole, deep - shallow, inverse
+
+
+@compiled
+def drawn_together(
+    radius: Any, blur: Any, roots: Floats, weights: Floats, points: int, whole: Any
+) -> tuple[Any, Any, Any, Any]:
+    """Coefficients of the polynomial that draws roots towards their mean, and the mean: see `sphere_map.rays`."""
+    middle, first, second, third = roots[points // 2], ZERO, ZERO, ZERO
+    for k in range(points):
+        off = roots[k] - middle
+        by_weight = weights[k] * off
+        first += by_weight
+        second += by_weight * off
+        third += by_weight * off * off
+    first, second, third = first / whole, second / whole, third / whole
+    mean, variance = middle + first, blur * blur + _TWELFTH
+    spread = second - first * first
+    third += first * (TWO * first * first - _THREE * second)
+    spread = spread if spread > _TINY else _TINY
+    square_cosine = ONE - mean * mean / (TWO * radius)
+    left = max(ONE - variance * square_cosine / (TWO * radius * spread), _LEAST_SQUARE)
+    share = np.sqrt(left)
+    growth = mean / (TWO * radius * square_cosine)
+    wanted = third + _THREE * growth * spread * spread * (ONE - left * left)
+    b, most = (wanted - left * share * third) / (_SIX * left * spread * spread), _MOST_SKEW * share / np.sqrt(spread)
+    b = min(max(b, -most), most)
+    skew = b * third / spread
+    a = np.sqrt(left - TWO * b * b * spread + skew * skew) - skew
+    centre = mean * (ONE + variance / (_EIGHT * radius * radius))
+    return centre - a * mean + b * (mean * mean - spread), a - TWO * b * mean, b, mean
 
 
 @compiled
@@ -124,9 +192,9 @@ def row_of_rays(
     Also of each pixel share, edge and spread of `coverage`, and what the outline gives or takes.
     """
     radius, blur, wide = ball[0], ball[1], ball[7]
-    inner, closer = two_rays(radius, wide, rule)
-    outermost = rule.limits[2] * radius
-    count = 0
+    inner, apart, out = two_rays(radius, wide, rule)
+    outermost, end = rule.limits[2] * radius, end_of_disc(radius, wide)
+    beyond, count = radius / end, 0
     for column in range(len(visibility)):
         begins[column] = count
         if visibility[column] == ZERO:
@@ -140,30 +208,33 @@ def row_of_rays(
             continue
         if distance < inner:
             for k in range(2):
-                sign = -ONE if k == 0 else ONE
-                rays[0, count], rays[1, count], rays[2, count] = x, y, ONE + sign * closer
-                rays[3, count], rays[4, count], rays[5, count] = ZERO, -sign * closer / radius, _HALF
+                nearer = ONE - apart if k == 0 else ONE + apart
+                rays[0, count], rays[1, count], rays[2, count] = x, y, out * nearer
+                rays[3, count], rays[5, count] = ZERO, _HALF
+                rays[4, count] = (TWO * (ONE - out) * nearer - out * (nearer - ONE)) / radius
                 count += 1
             continue
-        half, top = trapezium(x, y, distance, radius, wide)
-        shallow, deep = limb_part(distance, radius, half)
-        whole, number = ZERO, number_of_rule(shallow, deep, radius, rule)
-        points, shares = rule.counts[number], rule.shares
-        for k in range(points):
-            root = shallow + (deep - shallow) * _HALF * (ONE + rule.points[number, k])
-            at, of_distance, of_size = radius - root * root, ONE, ZERO
-            weight = shares[number, k] * root * height_at(abs(at - distance), half, top)
+        half, top = footprint(x, y, distance, wide)
+        roots, weights = rays[6, count:], rays[5, count:]
+        points, whole, span, of_mean = rays_at_limb(distance, radius, wide, half, top, rule, roots, weights)
+        c0, c1, c2, mean = drawn_together(radius, wide, roots, weights, points, whole)
+        outside = ZERO
+        if distance + half > end:
+            outside = height_at(abs(end - distance), half, top) / (whole * span)
+        of_mean = of_mean / whole + TWO * outside * (roots[0] - mean)
+        outline[column, 3] = outside
+        for _ in range(points):
+            root = rays[6, count]
+            moved, slope = c0 + root * (c1 + root * c2), c1 + TWO * c2 * root
+            of_distance = moved * (slope / root + (ONE - slope) * of_mean)
+            at, of_size = beyond * (end - moved * moved), (ONE - of_distance) / distance
+            of_distance *= beyond
             if at > outermost:
                 at, of_distance, of_size = outermost, ZERO, rule.limits[2] / distance
             scale = at / distance
-            rays[0, count + k], rays[1, count + k], rays[2, count + k] = x, y, scale
-            rays[3, count + k], rays[4, count + k] = (of_distance - scale) / (distance * distance), of_size
-            rays[5, count + k] = weight
-            whole += weight
-        for _ in range(points):
+            rays[0, count], rays[1, count], rays[2, count] = x, y, scale
+            rays[3, count], rays[4, count] = (of_distance - scale) / (distance * distance), of_size
             rays[5, count] /= whole
             count += 1
-        if distance + half > radius:
-            outline[column, 3] = height_at(abs(radius - distance), half, top) / (whole * (deep - shallow))
     begins[len(visibility)] = count
     return count

@@ -18,7 +18,7 @@ from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import cube_map, elimination, forward_model, map_fit, nearness, pixel_weights
 from torchsphere.sphere_map.ball import Poses, TexturedBall, uniform_light
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
-from torchsphere.sphere_map.footprint import fit_footprint
+from torchsphere.sphere_map.footprint import fit_footprint, with_footprint_of_outline
 from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.light import fit_light
 from torchsphere.sphere_map.map_fit import MapEquations
@@ -36,6 +36,8 @@ class _Level(NamedTuple):
     settled_px: float  # largest move of a pose by a step below which the level is done
     max_steps: int
     is_last: bool
+    # Whether the optics blur the footprint of a pixel as they blur the outline.
+    is_blurred: bool = False
 
 
 #: Why there is no map, where its equations are singular.
@@ -143,19 +145,28 @@ def adjust(
     if not adjustment.settled:
         # Poses that jump about on a coarse map do so on a fine one.
         return adjustment
-    last = _Level(cell_px, 0.004, 30, is_last=True)
+    last = _Level(cell_px, 0.004, 30, is_last=True, is_blurred=optics_px > 0)
     # The noise as the steps between images saw it may hold more than noise, and so may a residual on coarse cells.
     noise = min(noise_variance, float(adjustment.state.profile.variance[0]))
     state = replace(adjustment.state, smoothness=map_fit.smoothness_for(noise, texture_variance(windows)))
     state = with_cells(state, cube_map.cells_per_face(radius, cell_px))
+    if last.is_blurred:
+        # Coarse cells, and a sharp footprint, blur the outline more than the optics do.
+        state = with_footprint_of_outline(replace(state, ball=replace(state.ball, edge_blur=blur)))
     state, _ = fit_map(state, shared, LIGHT_MAP_STEPS)
     # A light that differs from side to side pulls at the outline: it is fitted before the poses are.
-    state = fit_footprint(fit_light(state, shared), shared)
+    state = _with_light(state, last, shared)
     adjustment = _adjust_level(state, last, shared)
     if not bool((state.ball.light == ball.light).all()):
-        adjustment = _adjust_level(fit_footprint(fit_light(adjustment.state, shared), shared), last, shared)
+        adjustment = _adjust_level(_with_light(adjustment.state, last, shared), last, shared)
     _report(progress, 1.0)
     return replace(adjustment, covariance=_with_radius_error(adjustment))
+
+
+def _with_light(state: State, level: _Level, shared: RowRunner) -> State:
+    """The state with the light that fits best, and, where the outline alone is blurred, with the footprint's blur."""
+    state = fit_light(state, shared)
+    return state if level.is_blurred else fit_footprint(state, shared)
 
 
 def find_nearness(adjustment: Adjustment, optics: Optics, cell_px: float, shared: RowRunner) -> Adjustment:
@@ -284,6 +295,8 @@ def _adjust_level(state: State, level: _Level, shared: RowRunner) -> Adjustment:
         equations = MapEquations.of(equations.design, weights, shared, state.smoothness)
         last = LastStep(state, model, elimination.joint_equations(model, equations, state.poses))
         state, move = _moved(state, last.joint, *_step(last))
+        if level.is_blurred:
+            state = with_footprint_of_outline(state)
         if not math.isfinite(move):
             raise torch.linalg.LinAlgError(NO_SOLUTION)  # type: ignore[attr-defined]
         settled = max(level.settled_px, SETTLED_SD * float(last.joint.covariance.diagonal()[0].sqrt()))

@@ -28,6 +28,9 @@ MEAN_GAIN_SD, MEAN_OFFSET_SD = 1e-6, 1e-4
 #: (docs/constants.md).
 BLUR_SD_PX = 0.1
 
+#: Least share of the normal matrix that the map leaves, where it would leave less than nothing (docs/constants.md).
+LEAST_LEFT = 1e-4
+
 
 @dataclass(frozen=True)
 class JointEquations:
@@ -120,8 +123,19 @@ def joint_equations(model: Linearisation, equations: MapEquations, poses: Poses)
     taken_up = torch.stack(products).sum(0)
     normal = normal + _gauge(poses, normal)
     normal[-1, -1] += 1 / BLUR_SD_PX**2
-    reduced = normal - taken_up.double()
-    return JointEquations(equations, normal, coupling, taken_up, torch.linalg.inv((reduced + reduced.T) / 2))
+    return JointEquations(equations, normal, coupling, taken_up, _inverse_of_rest(normal, taken_up.double()))
+
+
+def _inverse_of_rest(normal: Tensor, taken_up: Tensor) -> Tensor:
+    """Inverse of what the map leaves of the ``normal`` matrix (u, u), positive definite.
+
+    Where images tell little, the map takes up nearly all, and with its diagonal matrix even more than there is.
+    """
+    rest, root = normal - taken_up, torch.linalg.cholesky(normal)
+    share = torch.linalg.solve_triangular(root, (rest + rest.T) / 2, upper=False)
+    left, along = torch.linalg.eigh(torch.linalg.solve_triangular(root, share.T, upper=False))
+    back = torch.linalg.solve_triangular(root.T, along, upper=True)
+    return back / left.clamp_min(LEAST_LEFT) @ back.T
 
 
 def spread_normal(blocks: Tensor) -> Tensor:

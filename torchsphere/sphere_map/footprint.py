@@ -1,7 +1,8 @@
 """The fit of the blur of a pixel's footprint on the ball.
 
 Optics blur the image, not the surface: where the surface is tilted away, the blur reaches further on it. The map holds
-the blur in front. The blur of the outline is the start of the fit, not its result, as it may have other causes.
+the blur in front. In a blurred image both are the blur of the optics. In a sharp one the blur of the outline is the
+start of the fit, not its result, as it may have other causes.
 """
 
 from __future__ import annotations
@@ -39,6 +40,11 @@ def fit_footprint(state: State, shared: RowRunner) -> State:
         if abs(state.ball.footprint_blur**2 - before) < LAST_CHANGE_PX2:
             break
     return state
+
+
+def with_footprint_of_outline(state: State) -> State:
+    """The footprint blurred as the outline is: so it is where the optics alone blur the outline."""
+    return _with_variance(state, min(float(state.ball.edge_blur) ** 2, MAX_VARIANCE_PX2))
 
 
 def _with_variance(state: State, variance: float) -> State:

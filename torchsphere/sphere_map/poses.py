@@ -154,7 +154,8 @@ def poses_on_map(
             frames, initial = _seen_alike(frames, initial, adjustment.state.windows.optics)
         ball, turned = adjustment.state.ball, adjustment.state.poses.orientation
         off_outline = radius_error.by_outline(float(ball.radius), turned, circle)
-        error_px = math.hypot(radius_error.by_blur(float(ball.edge_blur), circle), off_outline)
+        by_blur = radius_error.by_blur(float(ball.edge_blur), blur.optics_px, circle)
+        error_px = math.hypot(by_blur, off_outline)
         less_certain = bundle_adjustment.with_radius_error(adjustment, error_px)
         # The equations of the last step are the largest arrays, and are not needed any more.
         adjustment = replace(adjustment, covariance=less_certain, last=None)

@@ -13,6 +13,10 @@ from torchsphere.geometry.circle import Circle
 #: (docs/constants.md).
 OPTICS_BLUR_PX, RADIUS_ERROR_PER_BLUR = 0.3, 0.8
 
+#: Blur of the map's outline over that of the images from which both are that of the optics, and error of the radius
+#: per px of it, px (docs/constants.md).
+LEAST_OF_OPTICS, RADIUS_ERROR_PER_OPTICS = 0.7, 0.05
+
 #: Error of the radius of a ball whose outline is not known, px, for a turn of 1 rad out of the image plane
 #: (docs/constants.md).
 RADIUS_ERROR_PER_TURN = 0.05
@@ -25,8 +29,15 @@ MAX_OFF_OUTLINE_SD = 3.0
 MIN_TURN = 1e-6
 
 
-def by_blur(edge_blur: float, start: Circle) -> float:
-    """Systematic error of the radius by a blurred outline, px: the radius hardly leaves that of the ``start``."""
+def by_blur(edge_blur: float, optics_px: float, start: Circle) -> float:
+    """Systematic error of the radius by a blurred outline, px.
+
+    Where the outline of the map has the blur ``optics_px`` of the images, 0 if they are sharp, the model holds it.
+    Elsewhere something else blurs the outline, or a codec the images, and the radius hardly leaves that of the
+    ``start``.
+    """
+    if optics_px and edge_blur > LEAST_OF_OPTICS * optics_px:
+        return RADIUS_ERROR_PER_OPTICS * edge_blur
     beyond = max(edge_blur - OPTICS_BLUR_PX, 0.0)
     return min(RADIUS_ERROR_PER_BLUR * beyond, start.sd_radius if is_measured(start) else math.inf)
 

@@ -9,20 +9,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchsphere.kernels.rays import Rule
+from torchsphere.kernels.rays import LEAST_HEIGHT, LEAST_SQUARE, MOST_SKEW, NO_TOP, REACH, Rule
 from torchsphere.sphere_map.ball import TexturedBall
 
 #: Distance from the centre, radii, to which all rays further out are drawn (docs/constants.md).
 MAX_RAY_DISTANCE = 0.9998
 
-#: Half the width of a pixel, and share of it at which the two points of a Gauss rule lie.
-HALF_PIXEL, GAUSS_POINT = 0.5, 1 / math.sqrt(3)
-
 #: Number of points of the Gauss rule along the radius at the limb, of sharp and of blurred pixels (docs/constants.md).
 LIMB_RULE_POINTS, BLURRED_RULE_POINTS = 5, 8
 
-#: Longest arc of the surface in a pixel for that rule, px, and arc per point of the rule for longer arcs, px: these
-#: pixels hold as much of the texture as they show (docs/constants.md).
+#: Longest arc of the surface in a sharp pixel for that rule, px, and arc per point of the rule for longer arcs, px:
+#: these pixels hold as much of the texture as they show (docs/constants.md).
 LONG_ARC_PX, ARC_PER_POINT_PX = 5.0, 1.0
 
 #: Distance from the centre, radii, and distance from the outline, px, from which a sharp pixel is at the limb: there
@@ -40,19 +37,24 @@ def rim_points(radius: float) -> int:
 
 def rule(ball: TexturedBall) -> Rule:
     """Limits of the limb and Gauss rules of its pixels."""
-    wider = math.sqrt(_width(ball.footprint_blur))
-    at_limb = BLURRED_RULE_POINTS if ball.footprint_blur else LIMB_RULE_POINTS
-    counts = at_limb, max(at_limb, math.ceil(wider * ball.rim_points))
+    at_limb, longest, long_arc = LIMB_RULE_POINTS, ball.rim_points, LONG_ARC_PX
+    if ball.footprint_blur:
+        sd = math.sqrt(footprint_variance(ball.footprint_blur))
+        # The map holds nothing finer than the blur. The footprint reaches further than half the diagonal of a pixel.
+        per_point, wider = max(ARC_PER_POINT_PX, sd), REACH * sd * math.sqrt(2)
+        at_limb, long_arc = BLURRED_RULE_POINTS, BLURRED_RULE_POINTS * per_point
+        longest = math.ceil(math.sqrt(wider) * ball.rim_points / per_point)
+    counts = at_limb, max(at_limb, longest)
     rules = np.zeros((2, 2, counts[1]), np.float32)
     for number, count in enumerate(counts):
         rules[:, number, :count] = np.polynomial.legendre.leggauss(count)
-    limits = np.array((LIMB_FROM, LEAST_LIMB_PX, MAX_RAY_DISTANCE, LONG_ARC_PX * wider), np.float32)
+    limits = np.array((LIMB_FROM, LEAST_LIMB_PX, MAX_RAY_DISTANCE, long_arc), np.float32)
     return Rule(limits, rules[0], rules[1], np.array(counts))
 
 
-def _width(blur: float) -> float:
-    """Width of a pixel with the ``blur``, px, over that of a sharp pixel."""
-    return math.sqrt(1 + 12 * blur**2)
+def footprint_variance(blur: float) -> float:
+    """Variance of the footprint of a pixel with the ``blur``, px, along any line in the image, px^2."""
+    return blur**2 + 1 / 12
 
 
 @dataclass(frozen=True)
@@ -74,10 +76,11 @@ def rays_of(x: Tensor, y: Tensor, radius: Tensor, ball: TexturedBall) -> Rays:
     """
     distance = (x.square() + y.square()).sqrt().clamp_min(1e-6).unsqueeze(-1)
     given, blur = rule(ball), ball.footprint_blur
-    wider = _width(blur)
+    # As many times is the footprint wider than a sharp pixel.
+    wider = math.sqrt(12 * footprint_variance(blur))
     # Points and weights of both rules, (2, 2, k).
     rules = torch.from_numpy(np.stack((given.points, given.shares))).to(distance)
-    inner = _inner_rays(distance, radius, wider, rules[0, 0])
+    inner = _inner_rays(distance, radius, blur, rules[0, 0])
     outer = _outer_rays(x, y, distance, radius, blur, rules, float(given.limits[3]))
     slope = LIMB_FROM / math.sqrt(1 - LIMB_FROM**2) / wider
     limb_from = slope / math.sqrt(1 + slope**2)
@@ -92,16 +95,20 @@ def rays_of(x: Tensor, y: Tensor, radius: Tensor, ball: TexturedBall) -> Rays:
     return Rays(scale, (by_distance - scale) / distance, by_radius / distance, *weights)
 
 
-def _inner_rays(distance: Tensor, radius: Tensor, wider: float, like: Tensor) -> tuple[Tensor, ...]:
+def _inner_rays(distance: Tensor, radius: Tensor, blur: float, like: Tensor) -> tuple[Tensor, ...]:
     """Distances (n, s, s, k) of two rays from the centre, their derivatives, and their weights with derivatives.
 
-    Both hold the variance by which the footprint exceeds that in front: that of pixel and blur times ``(r / R)^2``.
+    Both hold the variance by which the footprint exceeds that in front, which the map has: ``(r / R)^2`` of the whole.
+    On the curved surface the map's footprint has its mean further inwards than the pixel, by the share variance over
+    ``R^2``: the rays are further out by as much.
     """
-    sign = torch.zeros_like(like)
-    sign[0], sign[1] = -HALF_PIXEL * GAUSS_POINT * wider, HALF_PIXEL * GAUSS_POINT * wider
-    by_distance = 1 + sign / radius
-    at, none = distance * by_distance, torch.zeros_like(distance * sign)
-    return at, by_distance, -distance * sign / radius.square(), (sign != 0).to(at) / 2, none, none
+    variance = footprint_variance(blur)
+    sign, out = torch.zeros_like(like), 1 + variance / radius.square()
+    sign[0], sign[1] = -math.sqrt(variance), math.sqrt(variance)
+    nearer, none = 1 + sign / radius, torch.zeros_like(distance * sign)
+    by_radius = (2 * (1 - out) * nearer - out * sign / radius) / radius
+    at = distance * out * nearer
+    return at, out * nearer, distance * by_radius, (sign != 0).to(at) / 2, none, none
 
 
 def _outer_rays(
@@ -109,49 +116,83 @@ def _outer_rays(
 ) -> tuple[Tensor, ...]:
     """As `_inner_rays`, for pixels at the limb: a Gauss rule over the part of the pixel that the disc covers.
 
-    Seen along the radius, a square pixel is a trapezium, whose height weighs the rays; the blur widens its foot and
-    narrows its top. The rule's variable is the root of the distance from the outline, in which the surface is even. The
-    derivatives are those of the mean itself: rays stay in their pixel while the ball moves, and the outline gives or
-    takes what lies there.
+    The rule's variable is the root of the distance from the outline, in which the surface is even. The derivatives are
+    those of the mean itself: rays stay in their pixel while the ball moves, and the outline gives or takes what lies
+    there.
     """
-    normal = torch.stack((x.abs().expand(distance.shape[:-1]), y.abs().expand(distance.shape[:-1])), -1) / distance
-    half, plateau = _trapezium(normal, blur)
-    tilt = (distance / radius).clamp_max(1)
-    half, plateau = tilt * half, tilt * plateau
-    near, far = (distance - half).minimum(radius - 1e-3), distance + half
-    deep, shallow = (radius - near).sqrt(), (radius - far).clamp_min(1e-12).sqrt()
+    variance = footprint_variance(blur)
+    # Beside the radius through the pixel the outline is nearer to the centre: on the mean by this.
+    end = radius - variance / (2 * radius)
+    half, plateau = _footprint(x, y, distance, blur)
+    near, far = (distance - half).minimum(end - 1e-3), distance + half
+    deep, shallow = (end - near).sqrt(), (end - far).clamp_min(1e-12).sqrt()
     is_long = 2 * radius * (deep - shallow).square() > long_arc**2
     points, shares = (torch.where(is_long, long, short) for short, long in rules)
     root = shallow + (deep - shallow) * (1 + points) / 2
-    at = radius - root.square()
-    height = _height((at - distance).abs(), half, plateau)
+    height = _height((end - root.square() - distance).abs(), half, plateau)
     weight = shares * root * height
     # Part of the pixel per px at the outline: what a move of the outline adds to the part that the disc covers.
-    edge = torch.where(far > radius, _height((radius - distance).abs(), half, plateau), 0.0)
+    edge = torch.where(far > end, _height((end - distance).abs(), half, plateau), 0.0)
     edge = edge / (weight * (deep - shallow)).sum(-1, keepdim=True).clamp_min(1e-6)
     weight = weight / weight.sum(-1, keepdim=True)
     # The first ray is the one nearest to the outline.
-    first = (torch.arange(at.shape[-1], device=at.device) == 0).to(at)
+    first = (torch.arange(root.shape[-1], device=root.device) == 0).to(root)
     by_radius = edge * (first - weight)
-    return at, torch.ones_like(at), torch.zeros_like(at), weight, -by_radius, by_radius
+    mean = (weight * root).sum(-1, keepdim=True)
+    of_mean = (weight / root).sum(-1, keepdim=True) + 2 * (by_radius * root).sum(-1, keepdim=True)
+    off = root - mean
+    moved, slope = _drawn_together(off, mean, weight, variance, radius)
+    by_distance = moved * (slope / root + (1 - slope) * of_mean)
+    out = radius / end
+    at = out * (end - moved.square())
+    return at, out * by_distance, 1 - by_distance, weight, -by_radius, by_radius
 
 
-def _trapezium(normal: Tensor, blur: float) -> tuple[Tensor, Tensor]:
-    """Half the widths (n, s, s, 1) at foot and top of a blurred pixel, seen along ``normal`` (n, s, s, 2).
+def _drawn_together(
+    off: Tensor, mean: Tensor, weight: Tensor, variance: float, radius: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Roots (n, s, s, k), so far ``off`` their ``mean``, drawn towards it; and the derivatives of the new by the old.
 
-    The variance is a sixth of the sum of their squares: a twelfth, and the square of the blur.
+    The map holds the footprint in front already, with its ``variance`` in all directions. Rays and map together get
+    the mean, variance and third moment that the footprint has along the arc: a root at the distance d from the mean
+    moves to ``a d + b (d^2 - s^2)``, s^2 being the roots' variance. Without b, a texture that is blurred by 2 px of 35
+    lies 0.1 px off where the surface is steep: the outer half of the footprint covers more of the arc than the inner.
     """
-    foot, top = normal.sum(-1, keepdim=True) / 2, (normal[..., :1] - normal[..., 1:]).abs() / 2
-    narrow = foot - top
-    beyond = ((narrow.square() + 12 * blur**2).sqrt() - narrow) / 2
-    is_triangle = beyond > top
-    triangle = math.sqrt(0.5 + 6 * blur**2)
-    return torch.where(is_triangle, triangle, foot + beyond), torch.where(is_triangle, 0.0, top - beyond)
+    spread = (weight * off.square()).sum(-1, keepdim=True).clamp_min(1e-6)
+    third = (weight * off**3).sum(-1, keepdim=True)
+    square_cosine = 1 - mean.square() / (2 * radius)  # of half the angle from the outline
+    in_front = variance * square_cosine / (2 * radius)
+    left = (1 - in_front / spread).clamp_min(LEAST_SQUARE)
+    # The slope of the angle by the root grows by that share per unit: a wider spread has a more skewed angle.
+    growth = mean / (2 * radius * square_cosine)
+    wanted = third + 3 * growth * spread.square() * (1 - left.square())
+    b = (wanted - left**1.5 * third) / (6 * left * spread.square())
+    most = MOST_SKEW * (left / spread).sqrt()
+    b = b.maximum(-most).minimum(most)
+    skew = b * third / spread
+    a = (left - 2 * b.square() * spread + skew.square()).sqrt() - skew
+    # For the same reason the mean angle would move outwards.
+    centre = mean * (1 + variance / (8 * radius.square()))
+    return centre + a * off + b * (off.square() - spread), a + 2 * b * off
+
+
+def _footprint(x: Tensor, y: Tensor, distance: Tensor, blur: float) -> tuple[Tensor, Tensor]:
+    """Half the widths (n, s, s, 1) at foot and top of a pixel, seen along the radius; a blurred one has no top.
+
+    A sharp pixel is a trapezium, a blurred one is normal.
+    """
+    if blur:
+        half = torch.full_like(distance, REACH * math.sqrt(footprint_variance(blur)))
+        return half, torch.full_like(half, NO_TOP)
+    a, b = x.abs().unsqueeze(-1) / distance, y.abs().unsqueeze(-1) / distance
+    return (a + b) / 2, (a - b).abs() / 2
 
 
 def _height(away: Tensor, half: Tensor, plateau: Tensor) -> Tensor:
-    """Height of a pixel's trapezium ``away`` from its middle, as a share of that in the middle."""
-    return ((half - away) / (half - plateau).clamp_min(1e-3)).clamp(1e-3, 1)
+    """Height of a pixel's footprint ``away`` from its middle, as a share of that in the middle."""
+    trapezium = (half - away) / (half - plateau).clamp_min(1e-3)
+    normal = torch.exp(-0.5 * (REACH * away / half).square())
+    return torch.where(plateau < 0, normal, trapezium).clamp(LEAST_HEIGHT, 1)
 
 
 def coverage(x: Tensor, y: Tensor, radius: Tensor, blur: Tensor) -> tuple[Tensor, Tensor, Tensor]:
