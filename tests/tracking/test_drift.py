@@ -52,7 +52,7 @@ def test_what_the_steps_of_a_gap_have_too_much_is_shared_out_among_its_frames() 
     found = by_map()
     position, orientation = moving()
     found.position[GAP], found.orientation[GAP] = np.nan, np.nan
-    motion = drift._merged(measured, chained, found, 0.0)
+    motion = drift._merged(measured, chained, found)
     np.testing.assert_allclose(motion.position, position, atol=1e-12)
     np.testing.assert_allclose(motion.orientation, orientation, atol=1e-6)
     assert motion.about_map["frames"] == N - 3
@@ -67,7 +67,7 @@ def test_frames_beyond_the_map_follow_from_its_nearest_frame(gap: slice) -> None
     found.position[gap], found.orientation[gap] = np.nan, np.nan
     nearest = 2 if gap.start == 0 else 5
     expected = position + (np.arange(N) - nearest)[:, None] * STEP_PX
-    motion = drift._merged(measured, chained, found, 0.0)
+    motion = drift._merged(measured, chained, found)
     np.testing.assert_allclose(motion.position[gap], expected[gap], atol=1e-12)
 
 

@@ -15,7 +15,15 @@ import torch
 from torch import Tensor
 
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import cube_map, elimination, forward_model, map_fit, nearness, pixel_weights
+from torchsphere.sphere_map import (
+    cube_map,
+    elimination,
+    exposure_share,
+    forward_model,
+    map_fit,
+    nearness,
+    pixel_weights,
+)
 from torchsphere.sphere_map.ball import Poses, TexturedBall, uniform_light
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
 from torchsphere.sphere_map.footprint import fit_footprint, with_footprint_of_outline
@@ -89,6 +97,10 @@ NEARNESS_ROUNDS, NEARNESS_STEPS, MAX_NEARNESS_SHARE = 15, 2, 0.6
 
 #: Change of the nearness below which the search ends, and below which it has settled at least (docs/constants.md).
 LAST_NEARNESS_CHANGE, SETTLED_NEARNESS = 0.0001, 0.0004
+
+#: Rounds of the search for the exposure, steps of the adjustment in each, and change of the exposure, as a share of it,
+#: below which the search ends (docs/constants.md).
+EXPOSURE_ROUNDS, EXPOSURE_STEPS, LAST_EXPOSURE_CHANGE = 4, 10, 0.01
 
 #: Largest move of a pose in a step, px (docs/constants.md).
 MAX_MOVE_PX = 1.0
@@ -167,6 +179,23 @@ def _with_light(state: State, level: _Level, shared: RowRunner) -> State:
     """The state with the light that fits best, and, where the outline alone is blurred, with the footprint's blur."""
     state = fit_light(state, shared)
     return state if level.is_blurred else fit_footprint(state, shared)
+
+
+def find_exposure(
+    adjustment: Adjustment, cell_px: float, optics_px: float, shared: RowRunner
+) -> tuple[Adjustment, float]:
+    """The adjustment with the exposure that fits best, and that exposure over the one by the outlines."""
+    level = _Level(cell_px, 0.004, EXPOSURE_STEPS, is_last=True, is_blurred=optics_px > 0)
+    factor = 1.0
+    for _ in range(EXPOSURE_ROUNDS):
+        assert adjustment.last is not None
+        found = exposure_share.measure(*adjustment.last, factor, shared)
+        longer = exposure_share.lengthened(adjustment.state, 1 + float(found.change) / factor)
+        factor += float(found.change)
+        adjustment = _adjust_level(found.followed(longer), level, shared)
+        if abs(float(found.change)) < LAST_EXPOSURE_CHANGE:
+            break
+    return replace(adjustment, covariance=_with_radius_error(adjustment)), factor
 
 
 def find_nearness(adjustment: Adjustment, optics: Optics, cell_px: float, shared: RowRunner) -> Adjustment:

@@ -33,6 +33,7 @@ class Blur:
 
     optics_px: float = 0.0  # standard deviation by the optics, px; 0 where the images are sharp
     open_share: float = 0.0  # exposure over the time between frames
+    is_share_known: bool = False  # whether that exposure was given, or is that of the file
 
 
 def moments(motion: Tensor, share: float, radius: float) -> Tensor | None:

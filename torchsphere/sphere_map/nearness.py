@@ -7,17 +7,18 @@ apart, as the texture of a turning ball passes its limb in another way. It is on
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import elimination
+from torchsphere.sphere_map import shared_unknown
 from torchsphere.sphere_map.ball import Poses
-from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
-from torchsphere.sphere_map.forward_model import MIN_BLUR_PX, Linearisation
+from torchsphere.sphere_map.elimination import JointEquations
+from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.perspective import Optics
+from torchsphere.sphere_map.shared_unknown import SharedChange
 from torchsphere.sphere_map.state import State, drawn
 
 #: Prior standard deviation of the nearness, radius over distance, of a camera that is not known: 33 radii are the
@@ -38,18 +39,12 @@ HOPELESS = 4.0
 #: Largest change of the nearness at once (docs/constants.md).
 MAX_CHANGE = 0.1
 
-#: Nearness over which the model's derivative is taken, and conjugate gradients for the response of map and poses.
-STEP, SOLVER_STEPS = 0.01, 8
+#: Nearness over which the model's derivative is taken.
+STEP = 0.01
 
 
-@dataclass(frozen=True)
-class NearnessChange:
-    """Change of the nearness, and of all else with it."""
-
-    change: Tensor  # ()
-    sd: Tensor  # standard deviation () by the images' noise
-    of_map: Tensor  # change (m,) of the map per change of the nearness
-    step: Tensor  # change (7 n + 2,) of the other unknowns per change of the nearness
+class NearnessChange(SharedChange):
+    """Change of the nearness, and of all else with it: a near ball's front seems to turn faster."""
 
     @property
     def total_sd(self) -> float:
@@ -61,56 +56,19 @@ class NearnessChange:
         """Standard deviation of the change where the camera is infinitely far away."""
         return math.hypot(float(self.sd), APPARENT_SD)
 
-    @property
-    def of_radius(self) -> float:
-        """Change of the radius, px, per change of the nearness: a near ball's front seems to turn faster."""
-        return float(self.step[-COMMON])
-
     def applied(self, state: State) -> State:
         """The state after the change of all unknowns."""
-        own = self.change * self.step[:-COMMON].unflatten(0, (-1, PER_IMAGE))
-        size, blur = self.change * self.step[-COMMON:]
-        state = with_nearness(state, nearness_of(state) + self.change)
-        ball = state.ball
-        ball = replace(
-            ball,
-            radius=ball.radius + size,
-            edge_blur=(ball.edge_blur + blur).clamp_min(MIN_BLUR_PX),
-            coefficients=ball.coefficients + self.change.to(self.of_map) * self.of_map,
-        )
-        return replace(state, ball=ball, poses=state.poses.moved(own[:, :5], ball.radius).brightened(own[:, 5:]))
+        return self.followed(with_nearness(state, nearness_of(state) + self.change))
 
 
 def measure(state: State, model: Linearisation, joint: JointEquations, shared: RowRunner) -> NearnessChange:
     """Gauss-Newton step of the nearness, map and all poses left free, with ``model`` and ``joint`` at the state."""
-    equations, weights = joint.map, joint.map.weights
     nearness = nearness_of(state)
     nearer, farther = (
         drawn(with_nearness(state, nearness + h), shared).levels(state.ball.coefficients) for h in (STEP, -STEP)
     )
-    column, residual = (nearer - farther) / (2 * STEP), state.windows.levels - model.levels
-
-    def by_unknowns(values: Tensor) -> Tensor:
-        weighted = (weights * values).flatten(1).unsqueeze(1)
-        return elimination.spread_gradient(torch.bmm(weighted, model.jacobian)[:, 0].double())
-
-    coupling = equations.design.adjoint(weights * column), by_unknowns(column)
-    of_map, step = joint.solve(*coupling, SOLVER_STEPS)
-    # With a solution that is not exact the sum of both is never too little.
-    back = joint.times(of_map, step)
-    taken_up = 2 * _product(coupling, (of_map, step)) - _product(back, (of_map, step))
-    own = (weights * column.square()).sum().double() + 1 / UNKNOWN_SD**2
-    gradients = equations.gradient(state.ball.coefficients, state.windows.levels), by_unknowns(residual)
-    gradient = (weights * column * residual).sum().double() - _product(gradients, (of_map, step))
-    gradient = gradient - nearness / UNKNOWN_SD**2
-    # What is not known from the images is held by the prior; rounding must not take that away.
-    reduced = (own - taken_up).clamp_min(1 / UNKNOWN_SD**2)
-    change = (gradient / reduced).nan_to_num(0.0, 0.0, 0.0).clamp(-MAX_CHANGE, MAX_CHANGE)
-    return NearnessChange(change, reduced.rsqrt(), -of_map, -step)
-
-
-def _product(a: tuple[Tensor, Tensor], b: tuple[Tensor, Tensor]) -> Tensor:
-    return (a[0] @ b[0]).double() + a[1] @ b[1]
+    found = shared_unknown.measure(state, model, joint, (nearer - farther) / (2 * STEP), nearness, UNKNOWN_SD)
+    return NearnessChange(found.change.clamp(-MAX_CHANGE, MAX_CHANGE), found.sd, found.of_map, found.step)
 
 
 def nearness_of(state: State) -> Tensor:

@@ -94,6 +94,7 @@ class MapPoses:
     frame_misfit: Array  # (n,): mean square of each frame's weighted residual; NaN for a frame that is not on the map
     nearness: float = 0.0  # radius over the camera's distance, and its standard deviation
     sd_nearness: float = 0.0
+    open_share: float = 0.0  # exposure over the time between frames
     off_outline: float = 0.0  # error of the radius by what the outline tells, px: `radius_error.by_outline`
     # (5,): factors in the steps' standard deviations by an error that neighbouring pixels share
     widening: Array = field(default_factory=lambda: np.ones(5))
@@ -148,6 +149,10 @@ def poses_on_map(
             lambda share: report(round(share * len(keys))),
             optics_px=blur.optics_px,
         )
+        open_share = blur.open_share
+        if frames.moments is not None and adjustment.settled and not blur.is_share_known:
+            adjustment, longer = bundle_adjustment.find_exposure(adjustment, cell_px, blur.optics_px, shared)
+            frames, open_share = replace(frames, moments=longer * frames.moments), longer * open_share
         if camera is None and not telecentric:
             far = orthographic(tuple(frames.background.shape), source.device)
             adjustment = bundle_adjustment.find_nearness(adjustment, far, cell_px, shared)
@@ -165,7 +170,7 @@ def poses_on_map(
             return refusal
         numbers, found, widened = _on_map(frames, keys, initial, adjustment, shared, report)
     assembled = _assemble(len(position), numbers, found, keys, adjustment, circle, misfit)
-    assembled = _widened(replace(assembled, off_outline=off_outline), widened)
+    assembled = _widened(replace(assembled, off_outline=off_outline, open_share=open_share), widened)
     return assembled if optics is None else _through_lens(assembled, optics)
 
 

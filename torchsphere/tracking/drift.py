@@ -112,7 +112,7 @@ def absolute_motion(
     noise = lack / noise_gains(options.pre_blur)[0]
     blur = image_blur(source, measured.position, circle, ignore, options.camera, stated)
     if exposure is not None:
-        blur = replace(blur, open_share=exposure)
+        blur = replace(blur, open_share=exposure, is_share_known=True)
     try:
         found = poses.poses_on_map(
             source,
@@ -133,7 +133,7 @@ def absolute_motion(
     if isinstance(found, str):
         plain.about_map["reason"] = found
         return plain
-    return _merged(measured, chained, found, blur.open_share)
+    return _merged(measured, chained, found)
 
 
 def _reason_without_map(measured: Record, asked: bool | None, model: str) -> str:
@@ -151,7 +151,7 @@ def _reason_without_map(measured: Record, asked: bool | None, model: str) -> str
     return ""
 
 
-def _merged(measured: Record, chained: Array, found: MapPoses, open_share: float) -> AbsoluteMotion:
+def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion:
     """Poses of the map; frames that are not on the map, or shaded, follow from their neighbours by the steps."""
     on_map = np.isfinite(found.position[:, 0]) & ~shaded_frames(measured, found)
     position, turned = _bridged(measured.position, chained, found, on_map)
@@ -169,7 +169,7 @@ def _merged(measured: Record, chained: Array, found: MapPoses, open_share: float
         "keyframes": found.keyframes,
         "frames": int(on_map.sum()),
         "edge_blur_px": found.edge_blur,
-        "open_share": open_share,
+        "open_share": found.open_share,
         "residual_over_noise": found.misfit**0.5,
         "widened": float(found.widening.max()),
         "radius_off_outline_px": found.off_outline,

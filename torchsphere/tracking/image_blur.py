@@ -60,7 +60,7 @@ def image_blur(
     optics_px = math.sqrt(seen.variance - PIXEL_VARIANCE) if is_blurred else 0.0
     share = seen.exposure if seen.smear_px >= blurred_limb.SMEARED_PX else 0.0
     if stated is not None and (share > CONTRADICTED * stated or not may_be_smeared):
-        share = stated
+        return Blur(optics_px, stated, is_share_known=True)
     return Blur(optics_px, share)
 
 
