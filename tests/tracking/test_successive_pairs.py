@@ -1,5 +1,7 @@
 """Pairs of a batch are measured at the ball's true position, whatever position was expected."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -65,6 +67,15 @@ def test_a_wrong_prediction_of_the_end_of_the_path_changes_nothing(made: Shot, t
     # Circles that differ by hundredths of a px may select other pixels: a third of the noise.
     apart = (found.q - expected.q).double() / expected.covariance.diagonal(dim1=1, dim2=2).sqrt()
     assert float(apart.abs().max()) < 0.5
+
+
+def test_a_wrong_coarse_solution_of_a_hidden_ball_leaves_a_circle(made: Shot, truly: Tensor) -> None:
+    batch = successive_pairs.prepare(made.images, truly, made.increments, SETUP)
+    wrong = torch.cat((batch.coarse.q, torch.full_like(batch.coarse.q[:, :1], -1.47)), 1)
+    batch = dataclasses.replace(batch, coarse=batch.coarse._replace(q=wrong))
+    radii = batch.circles_from(truly[0])[:, 2]
+    assert radii[0] == made.radius
+    assert bool((radii > 0).all())
 
 
 def test_a_wrong_prediction_from_the_first_image_on_changes_nothing(made: Shot, truly: Tensor) -> None:

@@ -184,15 +184,20 @@ def _with_light(state: State, level: _Level, shared: RowRunner) -> State:
 def find_exposure(
     adjustment: Adjustment, cell_px: float, optics_px: float, shared: RowRunner
 ) -> tuple[Adjustment, float]:
-    """The adjustment with the exposure that fits best, and that exposure over the one by the outlines."""
+    """The adjustment with the exposure that fits best, and that exposure over the one by the outlines.
+
+    The given one and 1 where poses do not settle with another exposure.
+    """
+    start, factor = adjustment, 1.0
     level = _Level(cell_px, 0.004, EXPOSURE_STEPS, is_last=True, is_blurred=optics_px > 0)
-    factor = 1.0
     for _ in range(EXPOSURE_ROUNDS):
         assert adjustment.last is not None
         found = exposure_share.measure(*adjustment.last, factor, shared)
         longer = exposure_share.lengthened(adjustment.state, 1 + float(found.change) / factor)
         factor += float(found.change)
         adjustment = _adjust_level(found.followed(longer), level, shared)
+        if not adjustment.settled:
+            return start, 1.0
         if abs(float(found.change)) < LAST_EXPOSURE_CHANGE:
             break
     return replace(adjustment, covariance=_with_radius_error(adjustment)), factor

@@ -22,6 +22,9 @@ from torchsphere.tracking.prediction import circle_path
 #: Error of a prediction, as a share of the radius, that ends its batch (docs/constants.md).
 PREDICTION_TOLERANCE = 0.1
 
+#: Largest decrease of the radius from frame to frame, as a share of it (docs/constants.md).
+MOST_SHRINKING = 0.5
+
 
 @dataclass(frozen=True)
 class PairSetup:
@@ -46,9 +49,13 @@ class PreparedBatch:
     is_exact: bool  # circles and start are better than a coarse solution, which errs by a px and more at an occluder
 
     def circles_from(self, first: Tensor) -> Tensor:
-        """Circles (m + 1, 3) from ``first`` (3,) on by the coarse solution, px, float64."""
+        """Circles (m + 1, 3) from ``first`` (3,) on by the coarse solution, px, float64.
+
+        Where something hides the ball, a wrong solution may even have a size below 0.
+        """
         steps = self.coarse.q.to("cpu", torch.float64)
-        return circle_path(first, steps[:, :2], steps[:, 5] if steps.shape[-1] == 6 else torch.zeros_like(steps[:, 0]))
+        growth = steps[:, 5].clamp_min(-MOST_SHRINKING) if steps.shape[-1] == 6 else torch.zeros_like(steps[:, 0])
+        return circle_path(first, steps[:, :2], growth)
 
 
 def prepare(
@@ -173,5 +180,5 @@ def _measure(pairs: Pairs, coarse: Tensor, start: Tensor, targets: Tensor, setup
         centre = pairs.circles[:, :2] + found.q[:, :2].to(pairs.circles)
         size = pairs.circles[:, 2:] * (1 + found.growth[:, None].to(pairs.circles))
         arrived = torch.cat((centre, size), -1)
-        targets = torch.where(arrived.isfinite(), arrived, targets)
+        targets = torch.where(arrived.isfinite() & (size > 0), arrived, targets)
     return average_both_ways(pairs, targets, found, setup.options)
