@@ -63,6 +63,17 @@ def test_a_sharp_ball_that_moves_fast_has_no_exposure() -> None:
     assert found_share(0.0) == 0
 
 
+def test_a_ball_that_nearly_fills_the_image_tells_its_exposure() -> None:
+    images, centres = footage(SHARE)
+    first, last = 3, 7
+    top = int(centres[first, 1]) - round(RADIUS) - 8
+    stop = int(centres[last - 1, 1]) + round(RADIUS) + 9
+    source = Source.open(images[first:last, top:stop], None, torch.float32)
+    seen = centres[first:last].numpy() - [0, top]
+    circle = Circle(*seen[0].tolist(), RADIUS, 0.0, 0.0, 0.0, 0)
+    assert image_blur(source, seen, circle).open_share == pytest.approx(SHARE, abs=0.12)
+
+
 def test_the_share_that_a_file_states_counts_unless_the_outlines_contradict_it() -> None:
     assert found_share(SHARE, 0.65) == 0.65
     # Sharp images, as under flashes.

@@ -25,7 +25,7 @@ MOST_BEND = 0.2
 CONTRADICTED = 0.5
 
 #: Room that the fit of a blurred outline needs around the ball, px (docs/constants.md).
-ROOM_PX = 12.0
+ROOM_PX = 6.0
 
 #: Variance of the blur by the width of a pixel, px^2.
 PIXEL_VARIANCE = 1 / 12
