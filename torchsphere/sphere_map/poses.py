@@ -76,6 +76,9 @@ MAX_FACTOR_OF_NEARNESS = 2.0
 MAX_RADIUS_CHANGE = 0.05
 
 
+#: Why there is no map, where its poses do not settle.
+NOT_CONVERGED = "the adjustment of the ball's map and poses did not converge"
+
 #: Images without blur.
 SHARP = exposure.Blur()
 
@@ -153,6 +156,7 @@ def poses_on_map(
         if frames.moments is not None and adjustment.settled and not blur.is_share_known:
             adjustment, longer = bundle_adjustment.find_exposure(adjustment, cell_px, blur.optics_px, shared)
             frames, open_share = replace(frames, moments=longer * frames.moments), longer * open_share
+        settled_afar = adjustment.settled
         if camera is None and not telecentric:
             far = orthographic(tuple(frames.background.shape), source.device)
             adjustment = bundle_adjustment.find_nearness(adjustment, far, cell_px, shared)
@@ -169,6 +173,9 @@ def poses_on_map(
         if refusal:
             return refusal
         numbers, found, widened = _on_map(frames, keys, initial, adjustment, shared, report)
+    if not settled_afar and widened.max() > MAX_FACTOR_OF_NEARNESS:
+        # Only with a near camera did the poses settle, and these images do not tell how near it is.
+        return NOT_CONVERGED
     assembled = _assemble(len(position), numbers, found, keys, adjustment, circle, misfit)
     assembled = _widened(replace(assembled, off_outline=off_outline, open_share=open_share), widened)
     return assembled if optics is None else _through_lens(assembled, optics)
@@ -263,7 +270,7 @@ def _refusal(adjustment: Adjustment, radius: float, optics_px: float, misfit: fl
     """Why the adjustment is refused, in words; empty if it is accepted."""
     ball = adjustment.state.ball
     if not adjustment.settled:
-        return "the adjustment of the ball's map and poses did not converge"
+        return NOT_CONVERGED
     if misfit > MAX_MISFIT:
         return (
             f"the residual on a map of the ball is {misfit**0.5:.1f} times the noise: perspective, moving light, or "
