@@ -9,6 +9,7 @@ import torch
 from torchsphere.estimation import contact_search
 from torchsphere.estimation.force_forms import DECAY, ONSET, RISEN, ROUGH, ROUGHNESS, SMOOTH
 from torchsphere.estimation.likelihood import Series
+from torchsphere.estimation.process_fits import log_end_sd, posterior
 
 FRAMES, START, LENGTH = 80, 20.3, 40.0
 
@@ -83,6 +84,22 @@ def test_a_force_of_no_form_is_found_rough() -> None:
     forms, formed = found_forms(two_peaks, two_peaks)
     is_rough = ~formed | (forms[:, None, ROUGHNESS] == ROUGH)
     assert is_rough.mean() > 0.9
+
+
+def test_the_intensities_of_a_rough_force_are_drawn_from_their_posterior() -> None:
+    data, fine = series(two_peaks, two_peaks), torch.arange(-3.0, 2.0, 0.05, dtype=torch.float64)
+    found = contact_search.find(data)
+    assert not found.formed.any()
+    flight = found.flight.log10().mT[..., None]
+    fit, _ = posterior(data, found.windows, flight, fine.expand(1, 2, flight.shape[2], -1))
+    fit = fit + log_end_sd(fine, found.windows[:, None, :, None], torch.tensor([True]))
+    weight = fit.softmax(-1).mean(2)[0]
+    mean = weight @ fine
+    spread = (weight @ fine**2 - mean**2).sqrt()
+    # Steps of the intensity as wide as three times its error had put all weight on one of them.
+    drawn = found.contact[0].log10()
+    np.testing.assert_allclose(drawn.mean(0), mean, atol=0.1)
+    np.testing.assert_allclose(drawn.std(0), spread, rtol=0.25)
 
 
 def test_a_force_of_another_form_is_rough_beside_forces_of_one_form() -> None:

@@ -18,6 +18,7 @@ from torchsphere.estimation.likelihood import Series
 from torchsphere.estimation.process_fits import (
     CONTACT_OFFSETS,
     CONTACT_RANGE,
+    CONTACT_WIDTHS,
     EDGES,
     FLIGHT_RANGE,
     PLACES,
@@ -49,6 +50,9 @@ SOFT_SHARE = 0.1
 
 #: Intensities in flight that are weighed, powers of ten relative to the best, and the range that each represents.
 FLIGHT_OFFSETS, FLIGHT_WIDTHS = (-3.0, -1.5, -0.75, 0.0, 0.75), (1.5, 1.125, 0.75, 0.75, 0.75)
+
+#: Range of intensities, powers of ten, that no force at all counts as (docs/constants.md).
+NO_FORCE_WIDTH = 0.75
 
 #: Rise of the log-likelihood that counts, and drop that makes an intensity negligible (docs/constants.md).
 MIN_RISE, NEGLIGIBLE_DROP = 0.01, 5.0
@@ -179,15 +183,15 @@ def draw_intensities(series: Series, chosen: Candidates, best: ProcessFits) -> t
     contacts = (-math.inf, *CONTACT_OFFSETS)
     pairs = torch.cartesian_prod(torch.tensor(FLIGHT_OFFSETS), torch.tensor(contacts)).to(series.times)
     process, flight, contact = best.selected(chosen.process)
-    # The factor of the best intensity holds for all: no force at all counts as much as each of the intensities.
+    # The factor of the best intensity holds for all, also for no force at all.
     end = log_end_sd(contact, chosen.windows[:, None, :, None], process[:, None] == 0).repeat_interleave(len(pairs), -1)
     flight = (flight[..., None] + pairs[:, 0]).clamp(*FLIGHT_RANGE).flatten(3)
     contact = (contact[..., None] + pairs[:, 1]).flatten(3)
     formed = torch.tensor([False, True], device=flight.device).repeat_interleave(len(pairs))
     fit, noise = posterior(series, chosen.windows, flight, contact, formed, chosen.forms)
-    widths = fit.new_tensor(FLIGHT_WIDTHS).log().repeat_interleave(len(contacts)).repeat(2)
+    widths = (fit.new_tensor(FLIGHT_WIDTHS)[:, None] * fit.new_tensor((NO_FORCE_WIDTH, *CONTACT_WIDTHS))).log()
     possible = chosen.possible.repeat_interleave(len(pairs), -1)
-    fit = torch.where(possible, fit + end + widths, -math.inf)
+    fit = torch.where(possible, fit + end + widths.flatten().repeat(2), -math.inf)
     sums = fit.softmax(-1).cumsum(-1)
     generator = torch.Generator().manual_seed(0)
     # Each interval takes one quantile, in an order that is random but the same in all recordings: alone or in a batch,
