@@ -28,11 +28,12 @@ from torchsphere.sphere_map.bundle_adjustment import NEW_MAP_STEPS, Adjustment
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
 from torchsphere.sphere_map.keyframes import choose_keyframes, choose_map_frames
 from torchsphere.sphere_map.known_frames import KnownFrames, register_frames
-from torchsphere.sphere_map.nearness import UNKNOWN_SD, nearness_of, seen_alike
-from torchsphere.sphere_map.perspective import Optics, orthographic
+from torchsphere.sphere_map.nearness import UNKNOWN_SD, nearness_of
+from torchsphere.sphere_map.perspective import Optics
 from torchsphere.sphere_map.pixel_weights import ROUNDING_VARIANCE
 from torchsphere.sphere_map.pose_errors import step_covariances, without_leverage
 from torchsphere.sphere_map.registration import Registration
+from torchsphere.sphere_map.settling import settle
 from torchsphere.sphere_map.state import State, drawn, fit_map, reweighted, unexplained
 from torchsphere.sphere_map.window import texture_variance
 
@@ -74,7 +75,6 @@ MAX_FACTOR_OF_NEARNESS = 2.0
 
 #: Largest correction of the radius by the map, as a share of the radius (docs/constants.md).
 MAX_RADIUS_CHANGE = 0.05
-
 
 #: Why there is no map, where its poses do not settle.
 NOT_CONVERGED = "the adjustment of the ball's map and poses did not converge"
@@ -142,25 +142,19 @@ def poses_on_map(
 
     report(0)
     with threads.row_runner(source.device, PIXELS_PER_PIXEL * windows.levels[0].numel()) as shared:
-        adjustment = bundle_adjustment.adjust(
+        settled = settle(
+            frames,
             windows,
             initial,
             circle.radius,
             noise,
             cell_px,
+            blur,
             shared,
             lambda share: report(round(share * len(keys))),
-            optics_px=blur.optics_px,
+            is_distance_known=camera is not None or telecentric,
         )
-        open_share = blur.open_share
-        if frames.moments is not None and adjustment.settled and not blur.is_share_known:
-            adjustment, longer = bundle_adjustment.find_exposure(adjustment, cell_px, blur.optics_px, shared)
-            frames, open_share = replace(frames, moments=longer * frames.moments), longer * open_share
-        settled_afar = adjustment.settled
-        if camera is None and not telecentric:
-            far = orthographic(tuple(frames.background.shape), source.device)
-            adjustment = bundle_adjustment.find_nearness(adjustment, far, cell_px, shared)
-            frames, initial = _seen_alike(frames, initial, adjustment.state.windows.optics)
+        adjustment = settled.adjustment
         ball, turned = adjustment.state.ball, adjustment.state.poses.orientation
         off_outline = radius_error.by_outline(float(ball.radius), turned, circle)
         by_blur = radius_error.by_blur(float(ball.edge_blur), blur.optics_px, circle)
@@ -168,16 +162,17 @@ def poses_on_map(
         less_certain = bundle_adjustment.with_radius_error(adjustment, error_px)
         # The equations of the last step are the largest arrays, and are not needed any more.
         adjustment = replace(adjustment, covariance=less_certain, last=None)
+        settled = replace(settled, adjustment=adjustment)
         misfit = float(adjustment.state.profile.variance[0]) / noise
         refusal = _refusal(adjustment, circle.radius, blur.optics_px, misfit)
         if refusal:
             return refusal
-        numbers, found, widened = _on_map(frames, keys, initial, adjustment, shared, report)
-    if not settled_afar and widened.max() > MAX_FACTOR_OF_NEARNESS:
+        numbers, found, widened = _on_map(settled.frames, keys, settled.initial, adjustment, shared, report)
+    if not settled.settled_afar and widened.max() > MAX_FACTOR_OF_NEARNESS:
         # Only with a near camera did the poses settle, and these images do not tell how near it is.
         return NOT_CONVERGED
     assembled = _assemble(len(position), numbers, found, keys, adjustment, circle, misfit)
-    assembled = _widened(replace(assembled, off_outline=off_outline, open_share=open_share), widened)
+    assembled = _widened(replace(assembled, off_outline=off_outline, open_share=settled.open_share), widened)
     return assembled if optics is None else _through_lens(assembled, optics)
 
 
@@ -221,15 +216,6 @@ def _motion(position: Array, orientation: Array, radius: float) -> Tensor:
     around = np.stack((steps[:-1], steps[1:]))
     measured = np.isfinite(around)
     return torch.from_numpy(np.where(measured, around, 0.0).sum(0) / measured.sum(0).clip(1))
-
-
-def _seen_alike(frames: KnownFrames, initial: Poses, optics: Optics | None) -> tuple[KnownFrames, Poses]:
-    """Frames and initial poses, so far orthographic, as the camera that was found shows the same sides of the ball."""
-    if optics is None:
-        return frames, initial
-    all_poses = Poses.at(frames.position, frames.orientation)
-    seen = replace(frames, optics=optics, orientation=seen_alike(all_poses, None, optics).orientation)
-    return seen, seen_alike(initial, None, optics)
 
 
 def _widened(found: MapPoses, factors: Array) -> MapPoses:
