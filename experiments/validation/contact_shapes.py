@@ -88,7 +88,7 @@ def _shot(shape: Shape, length: int, noise_m: float, seed: int) -> Simulated:
 
 def _errors(shot: Simulated, motion: Kinematics) -> dict[str, float] | None:
     """Errors over standard deviations, and the relative error of the peak; None without an impact."""
-    ball = ts.ball(simulation.MASS_KG, 2 * simulation.RADIUS_PX * simulation.M_PER_PX)
+    ball = ts.ball(simulation.MASS_KG, 2 * simulation.RADIUS_PX * simulation.M_PER_PX, log=False)
     impact, _ = ts.impact(motion, ball, normal_deg=180.0, log=False)
     if impact is None:
         return None

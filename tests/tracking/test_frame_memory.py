@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source
 from torchsphere.tracking import frame_memory
 from torchsphere.tracking.background_blocks import background_blocks
@@ -43,3 +44,11 @@ def test_a_lag_widens_steps_where_the_motion_changes() -> None:
     sd = np.sqrt(np.diagonal(frame_memory.widened(increment, np.zeros((10, 5, 5)), 0.5), axis1=1, axis2=2))
     assert sd[:, 0].tolist() == [2, 0, 0, 0, 4, 4, 0, 0, 0, 2]
     assert (sd[:, 1:] == 0).all()
+
+
+def test_two_outlines_a_step_apart_make_the_radius_uncertain_by_a_quarter_of_the_step() -> None:
+    increment = np.full((10, 5), np.nan)
+    increment[:8] = [3.0, 4.0, 0.1, 0.0, 0.0]
+    circle = frame_memory.less_certain(Circle(50.0, 40.0, 20.0, sd_x=0.1, sd_y=0.1, sd_radius=0.1), increment, 0.5)
+    assert circle.sd_radius == pytest.approx(np.hypot(0.1, 5 / 4))
+    assert (circle.sd_x, circle.sd_y, circle.radius) == (0.1, 0.1, 20.0)

@@ -291,12 +291,13 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
     is_coded = coded_video.is_coded(looks)
     # A codec's copies have the noise of the images before, too.
     memory = 0.0 if is_coded else frame_memory.noise_memory(looks)
-    covariance = motion.covariance
+    covariance, circle = motion.covariance, motion.circle
     if memory:
         covariance = frame_memory.widened(motion.increment, covariance, memory)
+        circle = frame_memory.less_certain(circle, motion.increment, memory)
     if is_coded:
         covariance = coded_video.widened(covariance, motion.on_map, radius)
-    circle, (height, width) = motion.circle, start.image.shape[-2:]
+    height, width = start.image.shape[-2:]
     is_hidden = hidden_ball.is_hidden_often(measured.status, motion.position, motion.increment, radius, (height, width))
     if is_hidden:
         covariance = hidden_ball.WIDENING**2 * covariance
