@@ -16,9 +16,7 @@ from torch import Tensor
 from torchsphere.estimation.force_forms import FORMS
 from torchsphere.estimation.likelihood import Series
 from torchsphere.estimation.process_fits import (
-    CONTACT_OFFSETS,
     CONTACT_RANGE,
-    CONTACT_WIDTHS,
     EDGES,
     FLIGHT_RANGE,
     PLACES,
@@ -50,6 +48,11 @@ SOFT_SHARE = 0.1
 
 #: Intensities in flight that are weighed, powers of ten relative to the best, and the range that each represents.
 FLIGHT_OFFSETS, FLIGHT_WIDTHS = (-3.0, -1.5, -0.75, 0.0, 0.75), (1.5, 1.125, 0.75, 0.75, 0.75)
+
+#: Intensities in contact that are weighed, powers of ten relative to the best, and the range that each represents
+#: (docs/constants.md).
+DRAWN_OFFSETS = (-2.25, -1.5, -1.0, *(0.25 * i for i in range(-3, 4)), 1.0, 1.5, 2.25)
+DRAWN_WIDTHS = (0.75, 0.625, 0.375, *7 * (0.25,), 0.375, 0.625, 0.75)
 
 #: Range of intensities, powers of ten, that no force at all counts as (docs/constants.md).
 NO_FORCE_WIDTH = 0.75
@@ -180,7 +183,7 @@ def _with_soft_edges(windows: Tensor, rough: Tensor) -> Tensor:
 
 def draw_intensities(series: Series, chosen: Candidates, best: ProcessFits) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Intensities in flight and contact, whether with the form, and noise factors (n, c, k), all drawn."""
-    contacts = (-math.inf, *CONTACT_OFFSETS)
+    contacts = (-math.inf, *DRAWN_OFFSETS)
     pairs = torch.cartesian_prod(torch.tensor(FLIGHT_OFFSETS), torch.tensor(contacts)).to(series.times)
     process, flight, contact = best.selected(chosen.process)
     # The factor of the best intensity holds for all, also for no force at all.
@@ -189,7 +192,7 @@ def draw_intensities(series: Series, chosen: Candidates, best: ProcessFits) -> t
     contact = (contact[..., None] + pairs[:, 1]).flatten(3)
     formed = torch.tensor([False, True], device=flight.device).repeat_interleave(len(pairs))
     fit, noise = posterior(series, chosen.windows, flight, contact, formed, chosen.forms)
-    widths = (fit.new_tensor(FLIGHT_WIDTHS)[:, None] * fit.new_tensor((NO_FORCE_WIDTH, *CONTACT_WIDTHS))).log()
+    widths = (fit.new_tensor(FLIGHT_WIDTHS)[:, None] * fit.new_tensor((NO_FORCE_WIDTH, *DRAWN_WIDTHS))).log()
     possible = chosen.possible.repeat_interleave(len(pairs), -1)
     fit = torch.where(possible, fit + end + widths.flatten().repeat(2), -math.inf)
     sums = fit.softmax(-1).cumsum(-1)

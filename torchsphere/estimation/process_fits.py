@@ -42,10 +42,8 @@ MOVED_OFFSETS = (0.0, -1.0, -3.0)
 #: Variance of the acceleration that a flight allows, noise variance per frame^4 (docs/constants.md).
 FLIGHT_VARIANCE = 1e-4
 
-#: Intensities in contact that are weighed, powers of ten relative to the best, and the range that each represents
-#: (docs/constants.md).
-CONTACT_OFFSETS = (-2.25, -1.5, -1.0, *(0.25 * i for i in range(-3, 4)), 1.0, 1.5, 2.25)
-CONTACT_WIDTHS = (0.75, 0.625, 0.375, *7 * (0.25,), 0.375, 0.625, 0.75)
+#: Intensities in contact over which the evidence is summed, powers of ten relative to the best (docs/constants.md).
+CONTACT_OFFSETS = tuple(0.75 * i for i in range(-3, 4))
 
 #: Loss of log-likelihood per power of ten of the intensity in flight, as a prior (docs/constants.md).
 FLIGHT_PENALTY = 1.0
@@ -110,12 +108,12 @@ class ProcessFits(NamedTuple):
 
     def evidence(self, series: Series, places: Tensor) -> Tensor:
         """Log-evidence (n, k, p, c) of places (n, p, c, 4) under each process, over all intensities in contact."""
-        offsets, widths = series.times.new_tensor((CONTACT_OFFSETS, CONTACT_WIDTHS))
+        offsets = series.times.new_tensor(CONTACT_OFFSETS)
         flight, contact = self.around(torch.zeros_like(offsets), offsets)
         rough = (torch.arange(contact.shape[2]) == 0)[:, None, None]
         fit = fit_of(series, places, flight, contact)
         windows = places[:, None, :, :, None, :EDGES]
-        fit = (fit + log_end_sd(contact[..., None, :], windows, rough) + widths.log()).logsumexp(-1)
+        fit = (fit + log_end_sd(contact[..., None, :], windows, rough)).logsumexp(-1)
         return torch.where(series.seen.any(-1)[..., None, None], fit, 0.0)
 
     def around(self, flights: Tensor, contacts: Tensor) -> tuple[Tensor, Tensor]:
