@@ -10,6 +10,7 @@ from pulses import LENGTH, M_PER_PX, MASS_KG, NOISES_M, PEAK_N, RATE, Pulse, pul
 
 import torchsphere as ts
 from torchsphere.dynamics.kinematics import Kinematics
+from torchsphere.instruments.delay import fit_delay
 from torchsphere.instruments.signals import align, light_gate, read_signals
 
 INTERVAL_S, COUNT = 1e-6, 2000
@@ -227,3 +228,15 @@ def test_a_track_of_constant_acceleration_has_no_event_to_align() -> None:
     sensor = np.exp(-0.5 * ((time_s - 8e-4) / 6e-5) ** 2)
     with pytest.raises(ValueError, match=r"constant|No delay"):
         align(motion, time_s, sensor, direction=np.array([1.0, 0.0]))
+
+
+@pytest.mark.parametrize("error", [-1e-3, 1e-3])
+def test_a_delay_of_whole_samples_is_found_although_a_sample_comes_and_goes_with_it(error: float) -> None:
+    def signal(at: np.ndarray) -> np.ndarray:
+        return np.exp(-(((at - 170) / 30) ** 2)) + 5e-3 * at
+
+    at = np.arange(400.0)
+    late = signal(at - 50 + 5e-7)
+    # Sample 50 lies over sample 0 of the other signal at delays below 50, and over none above.
+    late[50] += error
+    assert fit_delay(signal(at), late, 50.0).delay == pytest.approx(50, abs=1e-3)

@@ -57,10 +57,13 @@ def fit_delay(a: Array, b: Array, start: float) -> DelayFit:
     Raises ValueError if no delay puts the one signal over the other.
     """
     spline, times = CubicSpline(np.arange(len(a)), a), np.arange(float(len(b)))
-    delay, gain, offset = start, 1.0, 0.0
+    delay, gain, offset, chosen_for = start, 1.0, 0.0, math.inf
+    inside = np.zeros(len(b), dtype=bool)
     for _ in range(MAX_STEPS):
         moved = times - delay
-        inside = (moved >= 0) & (moved <= len(a) - 1)
+        if abs(delay - chosen_for) > 1:
+            # Held for a sample: at a delay of whole samples the last one would come and go, and no step would be small.
+            chosen_for, inside = delay, (moved >= 1) & (moved <= len(a) - 2)
         if inside.sum() < MIN_SAMPLES:
             raise ValueError("The signals do not overlap once they are aligned; give longer parts of them")
         value, slope = spline(moved[inside]), spline(moved[inside], 1)
