@@ -27,8 +27,14 @@ SMOOTHING = 0.1
 #: Least correlation of two aligned signals of the same event (docs/constants.md).
 MIN_CORRELATION = 0.7
 
+#: Fewest neighbouring frequencies of a noise that tell its power (docs/constants.md).
+MIN_FREQUENCIES = 50
+
 #: Most steps of the search for the delay, and the step at which it has converged, samples.
 MAX_STEPS, CONVERGED = 50, 1e-6
+
+#: Median of the square of a standard normal number.
+CHI2_MEDIAN = 0.4549
 
 #: Relative precision of a double.
 RESOLUTION = float(np.finfo(np.float64).eps)
@@ -130,19 +136,44 @@ def sd_by_raw_noise(a: Array, b: Array, fit: DelayFit, width: float) -> float:
     """Standard deviation of a delay in samples by the noise of the raw signals, which were smoothed for the fit.
 
     The residual of the smoothed signals lacks the part of the noise that moved the delay, so that it states too little
-    (docs/constants.md). The raw noise's spectrum is taken as smooth over a twentieth of the frequencies instead.
+    (docs/constants.md). The raw noise's spectrum is taken as smooth over a twentieth of the frequencies instead. The
+    fit of gain, offset and delay takes a share of the noise at these frequencies, which is added again.
     """
     moved = np.arange(float(len(b))) - fit.delay
     inside = (moved >= 0) & (moved <= len(a) - 1)
     samples = np.arange(len(a))
-    residual = b[inside] - fit.gain * CubicSpline(samples, a)(moved[inside]) - fit.offset
+    value = CubicSpline(samples, a)(moved[inside])
+    residual = b[inside] - fit.gain * value - fit.offset
     slope_a = gaussian_filter1d(np.gradient(a), width)
     slope = fit.gain * CubicSpline(samples, slope_a)(moved[inside])
     slope_b = gaussian_filter1d(np.gradient(b), width)[inside]
     count = len(residual)
-    noise = uniform_filter1d(_power(residual) / count, max(count // 20, 1))
-    variance = _total(noise * _power(gaussian_filter1d(slope, width))) / (2 * count)
-    return math.sqrt(variance) / abs(float(slope @ slope_b))
+    weights = _power(gaussian_filter1d(slope, width))
+
+    def weighed(noise: Array) -> float:
+        return _total(uniform_filter1d(_power(noise) / count, max(count // 20, MIN_FREQUENCIES)) * weights)
+
+    fitted, _ = np.linalg.qr(np.stack((np.ones(count), gaussian_filter1d(value, width), slope), 1))
+    kept = max(1 - sum(map(weighed, fitted.T)) / _total(weights), RESOLUTION)
+    return math.sqrt(weighed(residual) / kept / (2 * count)) / abs(float(slope @ slope_b))
+
+
+def sd_by_sampling(a: Array, b: Array, width: float) -> float:
+    """Standard deviation of a delay in samples by what lies between the samples of two signals, which were smoothed.
+
+    The part of a rise that its neighbours do not tell may lie anywhere in its interval, so that its time has a standard
+    deviation of ``1 / sqrt(12)``. This part is the second difference of the rises, scaled so that a step keeps its
+    height, less the noise that most samples show. A rise that moves by ``t`` moves the fit by ``t`` times the smoothed
+    slope there over the sum of its squares.
+    """
+    variance = 0.0
+    for signal in (a, b):
+        untold = (np.diff(signal, 3) / math.sqrt(6)) ** 2
+        slope = np.diff(gaussian_filter1d(signal, width))
+        weights = (gaussian_filter1d(slope, width)[1:-1] / float(slope @ slope)) ** 2
+        by_noise = np.median(untold) / CHI2_MEDIAN
+        variance += max(float((untold - by_noise) @ weights), 0.0) / 12
+    return math.sqrt(variance)
 
 
 def whole_sample_delay(a: Array, b: Array) -> float:
@@ -159,8 +190,11 @@ def _correlation(a: Array, b: Array) -> Array:
 
 
 def smoothing_width(a: Array, b: Array) -> float:
-    """Width of the smoothing, samples, from the half width of the correlation's peak."""
+    """Width of the smoothing, samples, from the half width of the correlation's peak.
+
+    It is a sample or more, as no spline follows an edge between two samples.
+    """
     correlation = _correlation(a, b)
     peak = int(correlation.argmax())
     below_half = np.flatnonzero(np.roll(correlation, -peak)[: len(a)] < 0.5 * correlation[peak])
-    return SMOOTHING * float(below_half[0] if len(below_half) else len(a))
+    return max(SMOOTHING * float(below_half[0] if len(below_half) else len(a)), 1.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from torchsphere.instruments.delay import (
     best_fit,
     fit_delay,
     sd_by_raw_noise,
+    sd_by_sampling,
     smoothing_width,
     whole_sample_delay,
 )
@@ -178,8 +178,8 @@ def light_gate(
     slopes = np.gradient(smooth[0]), np.gradient(smooth[1])
     starts = whole_sample_delay(first, second), whole_sample_delay(*slopes)
     fit = best_fit(*smooth, starts)
-    fit = dataclasses.replace(fit, sd=sd_by_raw_noise(first, second, fit, width))
-    delay, sd = fit.delay * interval, fit.sd * interval
+    delay = fit.delay * interval
+    sd = interval * math.hypot(sd_by_raw_noise(first, second, fit, width), sd_by_sampling(first, second, width))
     if delay <= 0:
         raise ValueError(f"light_gate: the second barrier comes {-delay:g} s before the first; swap the signals")
     if delay < 2 * sd:
