@@ -145,7 +145,7 @@ def test_the_normal_of_the_impact_is_the_direction_from_the_bar_to_the_ball(
     given = json.loads(capsys.readouterr().out)
     assert by_normal["peak_track_N"] == pytest.approx(given["peak_track_N"], rel=0.01)
     assert main([*command, "--compression-positive"]) == 1
-    assert "compression_positive" in capsys.readouterr().err
+    assert "--compression-positive" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -171,6 +171,25 @@ def test_an_accelerometer_is_aligned_with_the_track_to_a_tenth_of_a_frame(truth:
     assert found.correlation > 0.99
 
 
+@pytest.mark.parametrize(
+    ("factor", "sentence"),
+    [
+        (1.0, ""),
+        (1 / 9.9, "as if its signal were in g, and taken as in m/s^2"),
+        (9.6, "as if its signal were in m/s^2, and taken as in g"),
+        (1e-3, "a unit a thousand times as large"),
+        (3.0, "check its unit"),
+    ],
+)
+def test_a_gain_as_of_a_wrong_unit_is_a_warning(factor: float, sentence: str, truth: Pulse, motion: Kinematics) -> None:
+    time_s, rng, top = 1e-6 * np.arange(3000), np.random.default_rng(5), PEAK_N / MASS_KG
+    share = np.clip((time_s - truth.edges_s[0]) * RATE / LENGTH, 0, 1)
+    sensor = -top * np.sin(np.pi * share) + 0.02 * top * rng.normal(size=len(time_s))
+    warnings = align(motion, time_s, factor * sensor, direction=np.array([1.0, 0.0])).warnings
+    assert len(warnings) == bool(sentence)
+    assert sentence in " ".join(warnings)
+
+
 @pytest.mark.parametrize("case", ["nothing but noise", "turned over", "cut in the middle"])
 def test_a_sensor_without_the_event_of_the_track_is_refused(case: str, truth: Pulse, motion: Kinematics) -> None:
     time_s, rng, top = 1e-6 * np.arange(3000), np.random.default_rng(5), PEAK_N / MASS_KG

@@ -132,6 +132,15 @@ def test_several_gauges_are_averaged_so_that_bending_cancels() -> None:
     assert both.delay_s == pytest.approx(alone.delay_s, abs=1e-9)
 
 
+def test_a_clipped_gauge_is_named() -> None:
+    truth, motion = shot(21)
+    time_s, strain = record(truth, STEEL, noise=1e-7)
+    given = {"mass_kg": MASS_KG, "contact_s": motion.contact_s, "direction": LEFT}
+    assert compare_bar(motion, time_s, [strain, strain], STEEL, **given).warnings == ()
+    (warning,) = compare_bar(motion, time_s, [strain, np.maximum(strain, -5e-5)], STEEL, **given).warnings
+    assert warning.startswith("Strain gauge 2 has the value -5e-05, which it does not pass, in ")
+
+
 def test_a_record_with_positive_compression_needs_its_option() -> None:
     truth, motion = shot(21)
     time_s, strain = record(truth, STEEL)

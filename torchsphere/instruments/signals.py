@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
+from torchsphere.instruments.clipping import clipping_warnings
 from torchsphere.instruments.delay import (
     MIN_SAMPLES,
     best_fit,
@@ -22,11 +23,28 @@ from torchsphere.instruments.delay import (
     smoothing_width,
     whole_sample_delay,
 )
+from torchsphere.instruments.units import STANDARD_GRAVITY_M_S2
+from torchsphere.runtime.warning_levels import severe
 
 Array = NDArray[np.float64]
 
 #: Largest relative difference of the intervals of even times.
 MAX_UNEVENNESS = 0.01
+
+
+#: Largest ratio, up or down, of two measurements of one acceleration (docs/constants.md).
+MAX_RATIO = 2.0
+
+#: Ratios of sensor and track that a wrong unit makes.
+UNIT_RATIOS = {
+    1 / STANDARD_GRAVITY_M_S2: "its signal were in g, and taken as in m/s^2",
+    STANDARD_GRAVITY_M_S2: "its signal were in m/s^2, and taken as in g",
+    1e-3: "its signal were in a unit a thousand times as large",
+    1e3: "its signal were in a unit a thousand times as small",
+}
+
+#: Relative difference from such a ratio up to which the unit is named (docs/constants.md).
+LIKE_UNIT = 0.1
 
 
 class Motion(Protocol):
@@ -88,6 +106,8 @@ class Alignment:
         Integrals: changes of velocity, which are impulses per mass.
     rms_difference_m_s2 : float
         Root mean square difference.
+    warnings : tuple of str
+        On a clipped signal, and on a gain as of a wrong unit.
     """
 
     delay_s: float
@@ -103,6 +123,7 @@ class Alignment:
     change_track_m_s: float
     change_sensor_m_s: float
     rms_difference_m_s2: float
+    warnings: tuple[str, ...]
 
 
 def read_signals(path: str | Path, *, time: str = "time_s", time_unit_s: float = 1.0) -> Signals:
@@ -245,11 +266,12 @@ def align(motion: Motion, time_s: Array, sensor_m_s2: Array, *, direction: Array
     sensor = height * (CubicSpline(time_s, smooth)(np.clip(frames + delay, time_s[0], time_s[-1])) - fit.offset)
     shared = (frames + delay >= time_s[0]) & (frames + delay <= time_s[-1])
     frames, track, sensor = frames[shared], track[shared], sensor[shared]
+    gain = fit.gain * height / unit
     return Alignment(
         delay_s=delay,
         sd_delay_s=fit.sd * interval,
         correlation=fit.correlation,
-        gain=fit.gain * height / unit,
+        gain=gain,
         sd_gain=fit.sd_gain * height / unit,
         time_s=frames,
         track_m_s2=track,
@@ -259,7 +281,17 @@ def align(motion: Motion, time_s: Array, sensor_m_s2: Array, *, direction: Array
         change_track_m_s=float(np.trapezoid(track, frames)),
         change_sensor_m_s=float(np.trapezoid(sensor, frames)),
         rms_difference_m_s2=float(np.sqrt(((sensor - track) ** 2).mean())),
+        warnings=(*clipping_warnings({"The accelerometer's signal": signal}, "m/s^2"), *gain_warnings(gain)),
     )
+
+
+def gain_warnings(gain: float) -> tuple[str, ...]:
+    """A sentence on a ratio of sensor and track that a wrong unit explains, or nothing does."""
+    if 1 / MAX_RATIO < gain < MAX_RATIO:
+        return ()
+    looks = next((words for ratio, words in UNIT_RATIOS.items() if abs(gain / ratio - 1) < LIKE_UNIT), None)
+    why = f", as if {looks}" if looks else "; check its unit, its direction, and whether both moved alike"
+    return (severe(f"The sensor measures {gain:.3g} times the acceleration of the track{why}"),)
 
 
 def along(time_s: Array, acceleration: Array, direction: ArrayLike) -> tuple[Array, Array]:

@@ -21,9 +21,10 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from torchsphere.instruments.bar import Bar
+from torchsphere.instruments.clipping import clipping_warnings
 from torchsphere.instruments.delay import MIN_CORRELATION, MIN_SAMPLES, DelayFit, fit_delay, whole_sample_delay
 from torchsphere.instruments.signals import Motion, along, checked, even_interval
-from torchsphere.settings.limits import as_positive
+from torchsphere.settings.limits import SettingError, as_positive
 
 Array = NDArray[np.float64]
 
@@ -36,7 +37,7 @@ MAX_RATIO = 10.0
 #: Fewest frames in contact that are compared (docs/constants.md).
 MIN_FRAMES = 3
 
-_TURNED = "if compression is positive in the record, say so (compression_positive, --compression-positive)"
+_TURNED = "if compression is positive in the record, say so with `compression_positive`"
 
 
 class ForceMotion(Motion, Protocol):
@@ -72,6 +73,8 @@ class BarForce:
     rms_difference_N, sd_rms_difference_N, expected_rms_difference_N : float
         Root mean square difference in these frames, its standard deviation by the scatter of the frames, and the
         value that the standard deviations of both forces make expect.
+    warnings : tuple of str
+        On clipped gauges.
     """
 
     delay_s: float
@@ -97,6 +100,7 @@ class BarForce:
     rms_difference_N: float  # noqa: N815
     sd_rms_difference_N: float  # noqa: N815
     expected_rms_difference_N: float  # noqa: N815
+    warnings: tuple[str, ...]
 
 
 class _Track(NamedTuple):
@@ -184,7 +188,8 @@ def compare_bar(
     """
     track, (start, end) = _track_along(motion, direction, mass_kg), _contact(contact_s)
     frame_s = float(np.median(np.diff(track.time_s)))
-    record = _record(time_s, strains, bar, frame_s, 1.0 if compression_positive else -1.0)
+    gauges = np.atleast_2d(np.asarray(strains, dtype=np.float64))
+    record = _record(time_s, gauges, bar, frame_s, 1.0 if compression_positive else -1.0)
     if delay_s is None:
         delay, sd_delay = _found_delay(record, track, bar, start)
     else:
@@ -215,6 +220,7 @@ def compare_bar(
         sd_track_N=track.sd_force[held],
         bar_N=at_frames.force[held],
         sd_bar_N=at_frames.sd[held],
+        warnings=clipping_warnings({f"Strain gauge {k}": gauge for k, gauge in enumerate(gauges, start=1)}),
         **_compared(track, at_frames, slice(first, last + 1), mass_kg, bar.relative_sd),
     )
 
@@ -300,18 +306,17 @@ def _contact(contact_s: Sequence[float]) -> tuple[float, float]:
     return times[0], times[1]
 
 
-def _record(time_s: Array, strains: ArrayLike | Sequence[ArrayLike], bar: Bar, frame_s: float, sign: float) -> _Record:
+def _record(time_s: Array, gauges: Array, bar: Bar, frame_s: float, sign: float) -> _Record:
     """The record as forces at the struck end, as means over a frame."""
     interval = even_interval(time_s, "time_s")
     if interval > frame_s:
         raise ValueError(f"the record's interval of {interval:g} s is longer than the camera's of {frame_s:g} s")
-    gauges = np.atleast_2d(np.asarray(strains, dtype=np.float64))
     each = [checked(gauge, len(time_s), f"strain of gauge {k}") for k, gauge in enumerate(gauges, start=1)]
     largest = max(float(np.abs(gauge - np.median(gauge)).max()) for gauge in each)
     if largest > MAX_STRAIN:
-        raise ValueError(
-            f"a strain of {largest:.3g}, expected up to {MAX_STRAIN:g} in an elastic bar; give strains as numbers "
-            "without a unit (1 microstrain is 1e-6), or their unit with --strain-unit"
+        raise SettingError(
+            f"a strain of {largest:.3g}, expected up to {MAX_STRAIN:g} in an elastic bar; check the `unit` of the "
+            "strains (1 microstrain is 1e-6)"
         )
     force = sign * bar.modulus_pa * bar.area_m2 * np.mean(each, axis=0)
     times = np.asarray(time_s, dtype=np.float64) - bar.travel_s
@@ -344,7 +349,7 @@ def _found_delay(record: _Record, track: _Track, bar: Bar, start: float) -> tupl
         except ValueError as error:
             refusal = error
     if not fits:
-        raise ValueError(f"{refusal}; {_TURNED}")
+        raise SettingError(f"{refusal}; {_TURNED}")
     fit = fits[-1]
     return float(fit.delay * interval + record.time_s[0] - frames[0]), float(fit.sd * interval)
 
@@ -384,7 +389,7 @@ def _ratio(track: Array, by_bar: Array, relative_sd: float) -> tuple[float, floa
     gain = float(track @ by_bar) / squares
     correlation = float(np.corrcoef(track, by_bar)[0, 1])
     if gain < 0 or correlation < MIN_CORRELATION:
-        raise ValueError(
+        raise SettingError(
             f"the record does not show the force of the track: their correlation is {correlation:.2f}, expected "
             f"{MIN_CORRELATION} or more; check the delay, and {_TURNED}"
         )
