@@ -60,6 +60,7 @@ LOADED = f"print('loaded', *({set(SLOW)!r} & set(sys.modules)))"
         "pick --help",
         "batch --help",
         "plan --help",
+        "instruments --help",
         "report --help",
         "benchmark run --help",
         "track shot.tif",
@@ -98,7 +99,7 @@ def test_drawing_a_report_again_loads_no_library_of_the_measurement() -> None:
 def test_a_track_loads_no_other_command() -> None:
     script = "import sys; import torchsphere.cli.main, torchsphere.measure; print(*sys.modules)"
     loaded = set(ran(script).split())
-    others = ("archive", "benchmark", "pick", "planning.plan", "planning.expected", "synthetic", "instruments")
+    others = ("archive", "benchmark", "pick", "planning.plan", "planning.expected", "synthetic", "instruments.signals")
     # Only the equations of a map are sparse.
     assert {*(f"torchsphere.{name}" for name in others), "scipy.sparse"} & loaded == set()
 

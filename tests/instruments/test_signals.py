@@ -3,7 +3,6 @@
 import contextlib
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from pulses import LENGTH, M_PER_PX, MASS_KG, NOISES_M, PEAK_N, RATE, Pulse, pul
 import torchsphere as ts
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.instruments.delay import fit_delay
-from torchsphere.instruments.signals import align, light_gate, read_signals
+from torchsphere.instruments.signals import align, light_gate
 
 INTERVAL_S, COUNT = 1e-6, 2000
 
@@ -200,39 +199,6 @@ def test_a_sensor_without_the_event_of_the_track_is_refused(case: str, truth: Pu
     sensor = height * top * np.sin(np.pi * share) + 0.02 * top * rng.normal(size=len(time_s))
     with pytest.raises(ValueError, match="give the part of both that holds the whole event"):
         align(motion, time_s, sensor, direction=np.array([1.0, 0.0]))
-
-
-def test_signals_are_read_with_their_names_and_their_unit_of_time(tmp_path: Path) -> None:
-    path = tmp_path / "gate.csv"
-    lines = [f"{t / 1000},{t % 3},{-t}" for t in range(20)]
-    path.write_text("# scope\nt_ms, a, b\n" + "\n".join(lines))
-    found = read_signals(str(path), time="t_ms", time_unit_s=1e-3)
-    np.testing.assert_allclose(found.time_s, 1e-6 * np.arange(20))
-    np.testing.assert_allclose(found.values["b"], -np.arange(20.0))
-    assert set(found.values) == {"a", "b"}
-
-
-@pytest.mark.parametrize(
-    ("text", "word"),
-    [
-        ("", "names"),
-        ("a,b\n1,2\n", "time_s"),
-        ("time_s,a\n1;2,3\n", "numbers"),
-        ("time_s,a\n1,2\n2,3\n", "rows"),
-        ("time_s;a\n1;2\n", "commas, with a column 'time_s', got 'time_s;a'"),
-        ("time_s,a,a\n1,2,3\n", "two columns 'a'"),
-        ("time_s,a\n0,1\n1,\n", "row 2 below the names: expected numbers"),
-        ("time_s,a\n0,1\n1,2,3\n", "row 2 below the names: expected 2 numbers"),
-        ("time_s,gr\udcfcn\n0,1\n", r"bad\.csv: is no CSV file in UTF-8"),
-        ("time_s,a\n" + "\n".join(f"{t % 5},1" for t in range(20)), "rising"),
-        ("time_s,a\n" + "\n".join(f"{t**2},1" for t in range(20)), "even"),
-    ],
-)
-def test_a_file_without_signals_is_refused_in_a_sentence(tmp_path: Path, text: str, word: str) -> None:
-    path = tmp_path / "bad.csv"
-    path.write_bytes(text.encode("utf-8", "surrogateescape"))
-    with pytest.raises(ValueError, match=word):
-        read_signals(path)
 
 
 @pytest.mark.parametrize(

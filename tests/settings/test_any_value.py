@@ -9,9 +9,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from torchsphere.cli.main import main
-from torchsphere.planning.plan_request import PLAN_SETTINGS, PlanRequest
-from torchsphere.request import SETTINGS, Request
-from torchsphere.settings.setting import Setting, read_toml
+from torchsphere.instruments.instrument_request import InstrumentRequest
+from torchsphere.planning.plan_request import PlanRequest
+from torchsphere.request import Request
+from torchsphere.settings.setting import Setting, read_toml, settings_of
 
 HUGE = int("9" * 400)
 NUMBERS = st.sampled_from([HUGE, -HUGE, 0, -1, 1, 5e-324, -5e-324, 1e308, -1e308]) | st.integers() | st.floats()
@@ -19,7 +20,13 @@ TEXTS = st.sampled_from(["", "9" * 400, "-" + "9" * 5000, "1e400", "nan", "0:0",
 ANY = NUMBERS | TEXTS | st.text(max_size=20) | st.booleans() | st.none()
 VALUES = st.recursive(ANY, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=3), inner))
 
-ALL = [*((Request, setting) for setting in SETTINGS.values()), *((PlanRequest, s) for s in PLAN_SETTINGS.values())]
+#: Requests with what each needs.
+NEEDED: dict[type, dict[str, Any]] = {
+    Request: {"input": Path("a"), "out": Path("b")},
+    PlanRequest: {},
+    InstrumentRequest: {"accelerometer": Path("a")},
+}
+ALL = [(request_type, setting) for request_type in NEEDED for setting in settings_of(request_type).values()]
 QUICK = settings(max_examples=40, deadline=None, database=None, suppress_health_check=[HealthCheck.too_slow])
 
 
@@ -27,10 +34,9 @@ QUICK = settings(max_examples=40, deadline=None, database=None, suppress_health_
 @QUICK
 @given(value=VALUES)
 def test_a_value_of_toml_or_of_a_cell_is_taken_or_refused(request_type: type, setting: Setting, value: Any) -> None:
-    needed = {"input": Path("a"), "out": Path("b")} if request_type is Request else {}
     read = setting.from_text if isinstance(value, str) else setting.from_toml
     try:
-        request_type(**needed, **{setting.name: read(value)})
+        request_type(**NEEDED[request_type] | {setting.name: read(value)})
     except ValueError as refusal:
         sentence = str(refusal)
         assert sentence, "a refusal without a reason"

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from torchsphere.cli.options import add_settings, given_settings
+from torchsphere.instruments.instrument_request import INSTRUMENT_SETTINGS, InstrumentRequest
 from torchsphere.planning.plan_request import PLAN_SETTINGS, PlanRequest
 from torchsphere.request import PER_RECORDING, SETTINGS, Request, read_config
 from torchsphere.settings.setting import find
@@ -29,7 +30,8 @@ def test_every_field_but_input_and_output_is_described() -> None:
     assert set(SETTINGS) == fields - {"input", "out"}
     assert set(PER_RECORDING) == set(SETTINGS) - {"overwrite"}
     assert set(PLAN_SETTINGS) == {field.name for field in dataclasses.fields(PlanRequest)}
-    assert all(setting.help for setting in (SETTINGS | PLAN_SETTINGS).values())
+    assert set(INSTRUMENT_SETTINGS) == {field.name for field in dataclasses.fields(InstrumentRequest)}
+    assert all(setting.help for setting in (SETTINGS | PLAN_SETTINGS | INSTRUMENT_SETTINGS).values())
 
 
 @pytest.mark.parametrize("name", VALUES)

@@ -1,11 +1,9 @@
-"""Light gates and accelerometers, read from CSV files, to compare a track with."""
+"""Light gates and accelerometers, to compare a track with."""
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -23,13 +21,11 @@ from torchsphere.instruments.delay import (
     smoothing_width,
     whole_sample_delay,
 )
+from torchsphere.instruments.sample_times import even_interval
 from torchsphere.instruments.units import STANDARD_GRAVITY_M_S2
 from torchsphere.runtime.warning_levels import severe
 
 Array = NDArray[np.float64]
-
-#: Largest relative difference of the intervals of even times.
-MAX_UNEVENNESS = 0.01
 
 
 #: Largest ratio, up or down, of two measurements of one acceleration (docs/constants.md).
@@ -65,14 +61,6 @@ class Motion(Protocol):
     @property
     def acceleration_m_s2(self) -> Array:
         """Acceleration (n, 2)."""
-
-
-@dataclass(frozen=True)
-class Signals:
-    """Columns of a file: times (n,), s, rising and even to 1 %, and values (n,) by their names."""
-
-    time_s: Array
-    values: dict[str, Array]
 
 
 @dataclass(frozen=True)
@@ -124,52 +112,6 @@ class Alignment:
     change_sensor_m_s: float
     rms_difference_m_s2: float
     warnings: tuple[str, ...]
-
-
-def read_signals(path: str | Path, *, time: str = "time_s", time_unit_s: float = 1.0) -> Signals:
-    """Read a CSV file with a line of names; all columns of numbers, with the times in ``time_unit_s``.
-
-    Raises
-    ------
-    ValueError
-        If there is no such column of times, two columns share a name, a value is no number, or the times do not rise
-        evenly.
-    OSError
-        If the file cannot be read.
-    """
-    try:
-        with Path(path).open(newline="", encoding="utf-8-sig") as stream:
-            rows = [row for row in csv.reader(stream) if row and not row[0].startswith("#")]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"{path}: is no CSV file in UTF-8 ({error}); save it in that format") from None
-    names = [name.strip() for name in rows[0]] if rows else []
-    if time not in names:
-        raise ValueError(
-            f"{path}: expected a first line of names, parted by commas, with a column {time!r}, got "
-            f"{', '.join(map(repr, names)) or 'nothing'}; name the column of the times with `time`"
-        )
-    repeated = next((name for name in names if names.count(name) > 1), None)
-    if repeated is not None:
-        raise ValueError(f"{path}: has two columns {repeated!r}; give each a name of its own")
-    table = np.array([_numbers(path, number, row, names) for number, row in enumerate(rows[1:], start=1)])
-    if len(table) < MIN_SAMPLES:
-        raise ValueError(f"{path}: expected {MIN_SAMPLES} or more rows of numbers below the names, got {len(table)}")
-    times = table[:, names.index(time)] * time_unit_s
-    even_interval(times, str(path))
-    return Signals(times, {name: column for name, column in zip(names, table.T, strict=True) if name != time})
-
-
-def _numbers(path: str | Path, number: int, row: list[str], names: list[str]) -> list[float]:
-    """The values of a row, the ``number``-th below the names."""
-    place = f"{path}, row {number} below the names"
-    if len(row) != len(names):
-        raise ValueError(
-            f"{place}: expected {len(names)} numbers, parted by commas, with points, got {len(row)} values"
-        )
-    try:
-        return [float(value) for value in row]
-    except ValueError:
-        raise ValueError(f"{place}: expected numbers with points, parted by commas, got {', '.join(row)!r}") from None
 
 
 def light_gate(
@@ -305,19 +247,6 @@ def along(time_s: Array, acceleration: Array, direction: ArrayLike) -> tuple[Arr
         raise ValueError(f"align: {len(known)} frames have an acceleration, expected {MIN_SAMPLES} or more")
     times = time_s[known[0] : known[-1] + 1]
     return times, np.interp(times, time_s[known], values[known])
-
-
-def even_interval(times: Array, name: str) -> float:
-    """The interval of times (n,); raises unless they rise evenly."""
-    steps = np.diff(np.asarray(times, dtype=np.float64))
-    if steps.ndim != 1:
-        raise ValueError(f"{name}: expected times (n,), got an array {np.shape(times)}")
-    if len(steps) < MIN_SAMPLES - 1 or not np.isfinite(steps).all() or (steps <= 0).any():
-        raise ValueError(f"{name}: expected {MIN_SAMPLES} or more finite, rising times")
-    median = float(np.median(steps))
-    if np.abs(steps - median).max() > MAX_UNEVENNESS * median:
-        raise ValueError(f"{name}: expected even intervals, got {steps.min():g} to {steps.max():g} s; resample them")
-    return float((times[-1] - times[0]) / len(steps))
 
 
 def checked(signal: Array, count: int, name: str) -> Array:

@@ -23,7 +23,8 @@ from scipy.ndimage import gaussian_filter1d
 from torchsphere.instruments.bar import Bar
 from torchsphere.instruments.clipping import clipping_warnings
 from torchsphere.instruments.delay import MIN_CORRELATION, MIN_SAMPLES, DelayFit, fit_delay, whole_sample_delay
-from torchsphere.instruments.signals import Motion, along, checked, even_interval
+from torchsphere.instruments.sample_times import even_interval
+from torchsphere.instruments.signals import Motion, along, checked
 from torchsphere.settings.limits import SettingError, as_positive
 
 Array = NDArray[np.float64]

@@ -36,7 +36,12 @@ class SettingError(ValueError):
 
     def as_options(self) -> str:
         """The sentence with the names as options of the command line: "--mass-g -3: expected ..."."""
-        return re.sub(r"`(\w+)`(?: =)?", lambda match: option_name(match[1]), self._sentence)
+        return as_options(self._sentence)
+
+
+def as_options(sentence: str) -> str:
+    """A sentence with the names in backticks as options of the command line."""
+    return re.sub(r"`(\w+)`(?: =)?", lambda match: option_name(match[1]), sentence)
 
 
 def option_name(name: str) -> str:
