@@ -73,8 +73,8 @@ def open_npz(path: Path, axes: str | None = None, name: str = "") -> Recording:
         )
     stream = _Stream(path, f"{name}.npy", layout)
     place = joined(path, name) if len(stacks) > 1 else path
-    stored = Stored(layout.type, stream.read, in_order=True)
-    return open_stack(place, stored, _NPZ, axes, numbers, files=(path,), closer=stream.close)
+    stored = Stored(layout.type, stream.read, in_order=True, close=stream.close)
+    return open_stack(place, stored, _NPZ, axes, numbers)
 
 
 def _read_layout(path: Path, file: IO[bytes]) -> _Layout:

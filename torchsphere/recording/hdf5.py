@@ -48,8 +48,9 @@ def open_hdf5(
         read,
         slow=len(array.shape) - 1 if is_reversed else 0,
         pieces=pieces[::-1] if is_reversed else pieces,
+        notes=notes,
     )
-    return open_stack(place, stored, convention, axes, numbers, notes=notes, files=(path,))
+    return open_stack(place, stored, convention, axes, numbers)
 
 
 def stacks_of(path: Path, *, is_reversed: bool = False) -> list[str]:

@@ -39,9 +39,9 @@ def open_matlab(path: Path, axes: str | None = None, name: str = "") -> Recordin
     if array.nbytes > MAX_BYTES:
         raise OSError(f"{path}: states {name} of {array}, more than such a file can hold; it is damaged, copy it again")
     loaded = _Loaded(path, name, array)
-    stored = Stored(array, loaded.read, slow=len(array.shape) - 1)
+    stored = Stored(array, loaded.read, slow=len(array.shape) - 1, close=loaded.close)
     place = joined(path, name) if len(stacks) > 1 else path
-    return open_stack(place, stored, _MAT, axes, _numbers(path, arrays), files=(path,), closer=loaded.close)
+    return open_stack(place, stored, _MAT, axes, _numbers(path, arrays))
 
 
 def stacks_of(path: Path) -> list[str]:

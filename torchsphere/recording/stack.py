@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from torchsphere.recording.facts import doubt_notes
 from torchsphere.recording.levels import ALPHA_NOTE, GREY_NOTE, to_grey
-from torchsphere.recording.member import joined
+from torchsphere.recording.member import joined, split
 from torchsphere.recording.recording import MAX_IMAGE_BYTES, Reader, Recording
 from torchsphere.recording.stack_axes import ArrayType, Axes, Stored, likelier_order, may_hold_ball
 from torchsphere.settings.limits import SettingError
@@ -41,26 +41,19 @@ class Convention:
 
 
 def open_stack(
-    path: Path,
-    stored: Stored,
-    convention: Convention,
-    given: str | None,
-    numbers: Mapping[str, float | str],
-    *,
-    notes: tuple[str, ...] = (),
-    files: tuple[Path, ...] = (),
-    closer: Callable[[], None] = lambda: None,
+    path: Path, stored: Stored, convention: Convention, given: str | None, numbers: Mapping[str, float | str]
 ) -> Recording:
     """The recording of an array in a file.
 
-    ``given`` is the order of the axes where the user states one. ``numbers`` are the values in the file by the names of
-    `NUMBERS`, or the type and shape of what is no number. Raises ValueError for other arrays than images.
+    ``path`` is that of the file, or of the array in it. ``given`` is the order of the axes where the user states one.
+    ``numbers`` are the values in the file by the names of `NUMBERS`, or the type and shape of what is no number. Raises
+    ValueError for other arrays than images.
     """
     axes = _axes(path, stored, convention, given)
     n, height, width = (axes.size(letter, stored.type.shape) for letter in "nhw")
     known, names, number_notes = _known(path, numbers)
     origins = {fact: f"{convention.short} {name}" for fact, name in names.items()}
-    notes += number_notes
+    notes = stored.notes + number_notes
     if "frame_rate" not in known:
         notes += ("The file states no frame rate.",)
     if axes.channels:
@@ -76,10 +69,10 @@ def open_stack(
         exposure_s=known.get("exposure_s"),
         origins=origins | ({"bit_depth": convention.depth_from} if depth else {}),
         notes=notes + doubt_notes(doubt),
-        files=files or (path,),
+        files=(split(path)[0],),
         doubt=doubt,
         _reader=_reader(stored, axes),
-        _closer=closer,
+        _closer=stored.close,
     )
     if stored.type.dtype.kind == "f":
         recording.images(0, 1)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 DOUBT_RATIO = 4.0
 #: Largest number of planes, and of their values along an axis, that a look at an array takes.
 LOOK_PLANES, LOOK_VALUES = 32, 256
-#: Bytes of planes that are read for a look at an array.
-LOOK_BYTES = 2**28
+#: Bytes that are read for a look at an array.
+LOOK_BYTES = 2**26
 
 #: Numbers of channels of a colour image.
 _CHANNELS = (3, 4)
@@ -49,6 +49,8 @@ class Stored:
     slow: int = 0  # axis across which planes are read soonest
     in_order: bool = False  # whether planes are read one after the other alone
     pieces: tuple[int, ...] = ()  # lengths of the pieces that are stored together; empty where values stand alone
+    notes: tuple[str, ...] = ()  # sentences for the user
+    close: Callable[[], None] = lambda: None  # release what reading holds
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,8 @@ def _look(stored: Stored, axes: Axes) -> NDArray[np.float32]:
     """Some values (a, b, c) of the array in the order of its axes: planes that are thinned out."""
     slow, shape = stored.slow, stored.type.shape
     count = shape[slow]
-    affordable = max(2, LOOK_BYTES // max(1, stored.type.nbytes // count))
+    together = stored.pieces[slow] if stored.pieces else 1
+    affordable = max(2, LOOK_BYTES * count // (stored.type.nbytes * together))
     last = min(count, affordable) if stored.in_order else count
     rows = np.unique(np.linspace(0, last - 1, min(LOOK_PLANES, affordable)).astype(int))
     thin = tuple(slice(None, None, -(-size // LOOK_VALUES)) for size in shape)
