@@ -43,7 +43,7 @@ def matlab(version: str) -> bytes:
 
 
 def ebml(kind: bytes) -> bytes:
-    inner = b"\x42\x86\x81\x01" + b"\x42\x82" + bytes([0x80 | len(kind)]) + kind
+    inner = b"\x42\x86\x81\x01" + b"\x42\x82" + bytes([0x80 | len(kind)]) + kind + b"\x42\x87\x81\x02"
     return b"\x1aE\xdf\xa3" + bytes([0x80 | len(inner)]) + inner + bytes(RNG.integers(0, 256, 300, dtype=np.uint8))
 
 
@@ -79,7 +79,7 @@ KINDS: dict[str, tuple[bytes, str]] = {
     "MAT 7.3": (b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n", "a MATLAB file (MAT)"),
     "HDF5": (b"\x89HDF\r\n\x1a\n" + bytes(100), "an HDF5 file"),
     "HDF5 behind a block of the user": (bytes(512) + b"\x89HDF\r\n\x1a\n" + bytes(100), "an HDF5 file"),
-    "IDE": (ebml(b"mide"), "an EBML file that states the type 'mide'"),
+    "IDE": (ebml(b"mide"), "an EBML file of the type 'mide'"),
     "Matroska": (ebml(b"matroska"), "a Matroska or WebM video"),
     "WebM": (ebml(b"webm"), "a Matroska or WebM video"),
     "JPEG": (picture("JPEG"), "a JPEG image"),

@@ -57,11 +57,16 @@ def open_folder(path: Path) -> Recording:
 
 
 def read_image(file: Path) -> NDArray[np.float32]:
-    """Grey levels (h, w) of one image of a kind in `KINDS`; raises ValueError or OSError for other files."""
+    """Grey levels (h, w) of one image of a kind in `KINDS`, without losses; raises ValueError or OSError for others."""
     if not file.is_file():
         raise FileNotFoundError(f"{file}: there is no such file; check the name")
     kind = _kind_of(file) or _TIFF
-    return np.asarray(_reader((file,), kind.describe(file), kind)(0, 1)[0], np.float32)
+    header = kind.describe(file)
+    if header.has_losses:
+        raise ValueError(
+            f"{file}: is a {kind.name} image, whose levels the compression has changed; save the original as PNG"
+        )
+    return np.asarray(_reader((file,), header, kind)(0, 1)[0], np.float32)
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
@@ -77,9 +82,12 @@ def _kind_of(file: Path) -> ImageKind | None:
 def _image_files(path: Path) -> tuple[ImageKind, tuple[Path, ...], tuple[str, ...]]:
     """The kind of the images, their files in order, and notes on what else lies in the folder."""
     visible = [entry for entry in path.iterdir() if not entry.name.startswith(".")]
-    names = [entry.name for entry in visible if entry.is_file()]
-    of_kind = {kind: [path / name for name in names if kind is _kind_of(Path(name))] for kind in KINDS}
-    present = {kind: sorted(files, key=lambda f: natural_key(f.name)) for kind, files in of_kind.items() if files}
+    names = sorted((entry.name for entry in visible if entry.is_file()), key=natural_key)
+    present: dict[ImageKind, list[Path]] = {}
+    for file in map(path.joinpath, names):
+        kind_of_file = _kind_of(file)
+        if kind_of_file is not None:
+            present.setdefault(kind_of_file, []).append(file)
     if not present:
         held = what_lies_in(names, len(visible) - len(names))
         raise ValueError(
@@ -96,14 +104,9 @@ def _image_files(path: Path) -> tuple[ImageKind, tuple[Path, ...], tuple[str, ..
                 f"{present[other][0]}: is of another kind than {files[0].name}; expected images of one kind, and the "
                 f"folder holds {what_lies_in(names)}: move those of the recording to a folder of their own"
             )
-    taken = {file.name for file in files}
-    ignored = Counter(Path(name).suffix.lower() for name in names if name not in taken)
-    suffixes = {suffix for other in others for suffix in other.suffixes} | set(_OTHER_IMAGES)
-    notes = tuple(
-        f"{count} {suffix} files in the folder were ignored."
-        for suffix, count in sorted(ignored.items())
-        if suffix in suffixes
-    )
+    known = {suffix for other in others for suffix in other.suffixes} | set(_OTHER_IMAGES)
+    ignored = Counter(suffix for suffix in (Path(name).suffix.lower() for name in names) if suffix in known)
+    notes = tuple(f"{count} {suffix} files in the folder were ignored." for suffix, count in sorted(ignored.items()))
     return kind, tuple(files), notes + _gaps(files)
 
 

@@ -91,9 +91,9 @@ def open_recording(path: str | os.PathLike[str], *, axes: str | None = None) -> 
             f"{place}: looks like {look}, expected {looks[0]} after its name; "
             "give it the right suffix or find the right file"
         )
-    if suffix in member.SUFFIXES:
-        return opener(place, axes, name)
-    return opener(place, axes) if suffix in ARRAYS else opener(place)
+    of_array = {"axes": axes} if suffix in ARRAYS else {}
+    of_several = {"name": name} if suffix in member.SUFFIXES else {}
+    return opener(place, **of_array, **of_several)
 
 
 def stacks_of(path: Path) -> list[str]:

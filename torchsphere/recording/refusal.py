@@ -67,6 +67,9 @@ _KINDS = 6
 #: Bytes of the header of a matrix in a MAT file of level 4.
 _OLD_MATLAB_BYTES = 20
 
+#: Bytes within which the header of an EBML file states its type.
+_EBML_BYTES = 128
+
 #: Least share of letters, digits and blanks in a text: tables of numbers have 0.6, levels of an image seldom so many.
 _TEXT_SHARE = 0.5
 #: Largest share of letters beyond ASCII in a text that is not UTF-8, as of a file from an older program.
@@ -117,9 +120,10 @@ def _zip(head: bytes) -> str:
 
 def _ebml(head: bytes) -> str:
     """The kind of an EBML file, which Matroska is one of; a file without a type is a Matroska file (RFC 8794)."""
-    found = re.search(rb"\x42\x82[\x81-\xa0]([\x20-\x7e]+)", head[:128])
-    kind = found[1].decode("ascii") if found else "matroska"
-    return MATROSKA if kind.startswith(("matroska", "webm")) else f"an EBML file that states the type {kind!r}"
+    # The element of the type: its code, its length with a bit in front, and a name.
+    found = re.search(rb"\x42\x82([\x81-\x9f])", head[:_EBML_BYTES])
+    kind = b"matroska" if found is None else head[found.end() : found.end() + (found[1][0] & 0x1F)]
+    return MATROSKA if kind in (b"matroska", b"webm") else f"an EBML file of the type {kind.decode('latin-1')!r}"
 
 
 def _iso(head: bytes) -> str:
