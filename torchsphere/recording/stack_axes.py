@@ -111,8 +111,8 @@ def likelier_order(stored: Stored, axes: Axes) -> str:
     )
     if not (fits and other_fits):
         return other if other_fits else ""
-    look = _look(stored, axes)
     with np.errstate(invalid="ignore", over="ignore"):
+        look = _look(stored, axes)
         along = [_spread(look, axis) for axis in (order.index("n"), other.index("n"))]
     return other if along[1] * DOUBT_RATIO < along[0] else ""
 
