@@ -77,7 +77,7 @@ def measure(
             "--device cuda was asked for, but torch finds no CUDA device here; leave it out to use the CPU"
         )
     began = time.perf_counter()
-    with open_recording(request.input) as recording:
+    with open_recording(request.input, axes=request.axes) as recording:
         start, stop = resolve_range(request.frames, len(recording))
         _check_class(request, request.fps or recording.frame_rate)
         with draw.drawing_process(_draws_in_parallel(request, stop - start)) as pool, threads.single_threaded_torch():

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from torchsphere.settings.choices import DEVICES, EXPORTS, MAPS, METHODS, MODELS, ORDER, WINDOW
+from torchsphere.settings.choices import AXES, DEVICES, EXPORTS, MAPS, METHODS, MODELS, ORDER, WINDOW
 from torchsphere.settings.limits import (
     FRAME_RATES,
     ROI,
@@ -95,6 +95,16 @@ class Request:
             repeats=True,
         ),
     ] = ()
+    axes: Annotated[
+        str | None,
+        Setting(
+            choice(AXES),
+            RECORDING,
+            "",
+            "order of the axes of an array: number n, height h, width w (nhw, and hwn in a MAT file)",
+            require_one_of(AXES),
+        ),
+    ] = None
     in_place: Annotated[bool, Setting(SWITCH, RECORDING, "", "the ball turns without leaving its place")] = False
     model: Annotated[str, Setting(choice(MODELS), METHOD, "", "motion model", require_one_of(MODELS))] = "rigid"
     map: Annotated[

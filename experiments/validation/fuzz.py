@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 import tifffile
 from numpy.typing import NDArray
+from scipy.io import savemat
 
 from experiments.experiment import publish, table
 from torchsphere.recording import open_recording
@@ -105,6 +106,17 @@ def _cine(path: Path) -> None:
     path.write_bytes(head + bitmap + bytes(setup) + places + b"".join(blocks))
 
 
+def _hdf5(path: Path) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        file.create_dataset("images", data=_images(), chunks=(3, 32, 48), compression="gzip", fletcher32=True)
+
+
+def _mat(path: Path) -> None:
+    savemat(path, {"images": _images().transpose(1, 2, 0)}, do_compression=True)
+
+
 #: Name of the format, and of the file, and the function that writes the file.
 FORMATS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "TIFF": ("a.tif", _tiff()),
@@ -114,6 +126,8 @@ FORMATS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "TIFF, page by page": ("a.tif", _pages),
     "NPY": ("a.npy", lambda path: np.save(path, _images())),
     "NPZ": ("a.npz", lambda path: np.savez_compressed(path, images=_images(), frame_rate=1000.0)),
+    "HDF5": ("a.h5", _hdf5),
+    "MAT": ("a.mat", _mat),
     "Photron header": ("a.cihx", _photron),
     "Phantom CINE": ("a.cine", _cine),
     "AVI, FFV1": ("a.avi", _video("ffv1", "gray")),

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
+from scipy.io import savemat
 
 from torchsphere.archive import manifest, scan
 from torchsphere.recording import opener
@@ -57,6 +58,75 @@ def test_single_images_beside_recordings_are_left_out_with_a_note(tmp_path: Path
     made = scan.scan(tmp_path)
     assert [path.name for path in made.recordings] == ["shot.cine"]
     assert made.notes == (f"{tmp_path}: 2 single image(s) were left out: they lie beside recordings.",)
+
+
+def write_hdf5(path: Path, **arrays: np.ndarray) -> None:
+    h5py = pytest.importorskip("h5py", reason="the extra 'export' is not installed")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with h5py.File(path, "w") as file:
+        for name, values in arrays.items():
+            file[name] = values
+
+
+def test_arrays_of_images_are_found_and_tables_left_out_with_a_note(tmp_path: Path) -> None:
+    stack = np.zeros((3, 8, 9), np.uint8)
+    write_hdf5(tmp_path / "one.h5", images=stack, time=np.arange(3))
+    write_hdf5(tmp_path / "two.h5", left=stack, right=stack)
+    write_hdf5(tmp_path / "result.h5", covariance=np.zeros((30, 5, 5)))
+    (tmp_path / "damaged.h5").write_bytes(b"cut")
+    savemat(tmp_path / "v5.mat", {"frames": stack})
+    made = scan.scan(tmp_path)
+    names = [path.relative_to(tmp_path).as_posix() for path in made.recordings]
+    assert names == ["damaged.h5", "one.h5", "two.h5:/left", "two.h5:/right", "v5.mat"]
+    assert made.notes == (f"{tmp_path}: 1 .h5 left out: no array of images inside.",)
+
+
+def test_tables_beside_images_do_not_hide_them(tmp_path: Path) -> None:
+    for k in range(3):
+        (tmp_path / f"{k}.bmp").touch()
+    savemat(tmp_path / "calibration.mat", {"K": np.eye(3)})
+    made = scan.scan(tmp_path)
+    assert made.recordings == (tmp_path,)
+    assert made.notes == (f"{tmp_path}: 1 .mat left out: no array of images inside.",)
+
+
+@pytest.mark.parametrize("suffix", ["bmp", "jpg", "pgm", "webp", "png"])
+def test_a_folder_of_images_of_each_kind_is_a_recording(tmp_path: Path, suffix: str) -> None:
+    for k in range(3):
+        (tmp_path / f"{k}.{suffix}").touch()
+    assert scan.scan(tmp_path).recordings == (tmp_path,)
+    # Their sizes and times tell a change.
+    before = scan.files_of(tmp_path)
+    (tmp_path / f"1.{suffix}").write_bytes(b"x")
+    assert scan.files_of(tmp_path) != before
+
+
+def test_arrays_of_one_file_have_results_of_their_own(tmp_path: Path) -> None:
+    stack = np.zeros((3, 8, 9), np.uint8)
+    write_hdf5(tmp_path / "day" / "two.h5", left=stack, camera__right=stack)
+    expected = {"two.h5:/camera__right": "two-camera__right", "two.h5:/left": "two-left"}
+    archive = manifest.read(tmp_path / "day" / "two.h5", {}, tmp_path / "out")
+    assert {item.recording: item.result for item in archive.items} == expected
+    (tmp_path / "list.csv").write_text("recording,axes\nday/two.h5:/left,hwn\nday/two.h5:camera__right,\n")
+    first, second = manifest.read(tmp_path / "list.csv", {}, tmp_path / "out").items
+    assert (first.result, first.settings, first.input) == (
+        "day/two-left",
+        {"axes": "hwn"},
+        tmp_path / "day" / "two.h5:" / "left",
+    )
+    assert second.result == "day/two-camera__right"
+    assert scan.files_of(first.input) == scan.files_of(tmp_path / "day" / "two.h5") != [None]
+    (named,) = manifest.read(tmp_path / "day" / "two.h5:" / "left", {}, tmp_path / "out").items
+    assert (named.recording, named.result) == ("two.h5:/left", "two-left")
+
+
+def test_the_refusal_of_a_folder_without_a_recording_says_what_lies_in_it(tmp_path: Path) -> None:
+    for name in ("a.jpg", "sub/b.txt", "sub/c.txt", ".git/d.txt"):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    with pytest.raises(ValueError, match=r"holds no recording, but 2 \.txt, 1 \.jpg and a folder"):
+        manifest.read(tmp_path, {}, tmp_path / "out")
 
 
 def test_results_within_the_folder_are_not_recordings(tmp_path: Path) -> None:

@@ -31,6 +31,17 @@ def test_without_a_ball_the_preview_is_the_image_with_a_grid_and_the_exit_code_s
     assert (colours[:, 2].astype(int) - colours[:, 0] > 60).sum() > 1000
 
 
+def test_axes_that_seem_to_have_another_order_are_told_and_turned(tmp_path: Path, demo_shot, capsys) -> None:
+    path = tmp_path / "turned.npy"
+    np.save(path, np.moveaxis(demo_shot.images[:12].astype(np.uint8), 0, 2))
+    assert main(["info", str(path)]) == 0
+    assert "looks like (h, w, n): give --axes hwn to turn it, or --axes nhw" in capsys.readouterr().out
+    assert main(["info", str(path), "--axes", "hwn"]) == 0
+    printed = capsys.readouterr().out
+    assert "frames      12" in printed
+    assert "--axes" not in printed
+
+
 def test_a_preview_that_is_no_png_is_refused_first(tmp_path: Path, short: Path, capsys) -> None:
     assert main(["info", str(short), "--preview", str(tmp_path / "preview.jpg")]) == 2
     assert capsys.readouterr().out == ""

@@ -7,6 +7,7 @@ from archive_shots import rows, serial, write_array
 
 from torchsphere.archive import manifest, processes
 from torchsphere.cli.main import main
+from torchsphere.cli.track import _own_folders
 
 #: Neither a page nor a map of the ball, where the test is about neither.
 FAST = ("--quiet", "--no-report", "--map", "off")
@@ -29,6 +30,15 @@ def test_folders_and_recordings_are_one_archive_and_folders_keep_their_names(
     assert results == {"day1/a.npy": "day1/a", "day2/a.npy": "day2/a", "day2/b.npy": "day2/b", "c.npy": "c"}
     found = {path.parent.relative_to(days / "out").as_posix() for path in (days / "out").rglob("summary.json")}
     assert found == {"day1/a", "day2/a", "day2/b", "c"}
+
+
+def test_arrays_of_one_file_have_folders_of_their_own() -> None:
+    inputs = [Path("day/two.h5:/left"), Path("day/two.h5:/camera/right"), Path("day/one.h5")]
+    assert [folder.as_posix() for folder in _own_folders(inputs, Path("out"))] == [
+        "out/two-left",
+        "out/two-camera-right",
+        "out/one",
+    ]
 
 
 def test_one_recording_alone_is_an_archive_too(days: Path) -> None:

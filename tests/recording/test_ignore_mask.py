@@ -3,6 +3,7 @@
 import imagecodecs
 import numpy as np
 import pytest
+from PIL import Image
 
 from torchsphere.recording.ignore_mask import hides_ball, inside_polygon, read_ignore, without_effect
 
@@ -30,6 +31,21 @@ def test_polygons_and_mask_images_are_united(tmp_path) -> None:
     assert mask[6, 6]
     assert mask[11, 24]
     assert mask.sum() < 60
+
+
+@pytest.mark.parametrize("suffix", ["bmp", "pgm", "tif"])
+def test_a_mask_may_be_an_image_of_any_kind_without_losses(tmp_path, suffix: str) -> None:
+    image = np.zeros((20, 30), dtype=np.uint8)
+    image[3:5, 7] = 1
+    Image.fromarray(image).save(tmp_path / f"mask.{suffix}")
+    np.testing.assert_array_equal(read_ignore([str(tmp_path / f"mask.{suffix}")], (20, 30)), image > 0)
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "webp"])
+def test_a_mask_whose_black_is_no_longer_black_is_refused(tmp_path, suffix: str) -> None:
+    Image.fromarray(np.eye(30, dtype=np.uint8) * 255).save(tmp_path / f"mask.{suffix}")
+    with pytest.raises(ValueError, match="levels the compression has changed; save the original as PNG"):
+        read_ignore([str(tmp_path / f"mask.{suffix}")], (30, 30))
 
 
 @pytest.mark.parametrize("text", ["1,2 3,4", "a,b c,d e,f", "1,2 3,4 5", "1,2 3,4 nan,5", "missing.png"])

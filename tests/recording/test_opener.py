@@ -130,9 +130,9 @@ def test_a_missing_path_and_an_empty_file_are_refused(tmp_path: Path) -> None:
 
 
 def test_the_refusal_of_a_suffix_lists_the_supported_suffixes(tmp_path: Path) -> None:
-    (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
-    with pytest.raises(ValueError, match=r"an HDF5 file.*\.cine"):
-        open_recording(tmp_path / "a.h5")
+    (tmp_path / "a.pdf").write_bytes(b"%PDF-1.7")
+    with pytest.raises(ValueError, match=r"a PDF document.*\.cine"):
+        open_recording(tmp_path / "a.pdf")
 
 
 @pytest.mark.parametrize(

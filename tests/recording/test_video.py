@@ -37,6 +37,50 @@ def test_grey_video_is_bit_exact_forwards_and_backwards(tmp_path: Path, pixels: 
         assert "25 frames/s" in " ".join(recording.notes)
 
 
+@pytest.mark.parametrize(
+    ("pixels", "first", "shift", "suffix"),
+    [
+        *(("yuyv422", 0, 0, suffix) for suffix in (".avi", ".mkv", ".mov")),
+        *(("uyvy422", 1, 0, suffix) for suffix in (".avi", ".mkv", ".mov")),
+        *(("yvyu422", 0, 0, suffix) for suffix in (".avi", ".mkv")),
+        *(("y210le", 0, 6, suffix) for suffix in (".avi", ".mkv")),
+    ],
+)
+def test_video_that_packs_colour_between_the_levels_keeps_them(
+    tmp_path: Path, pixels: str, first: int, shift: int, suffix: str
+) -> None:
+    dtype = "<u2" if shift else "u1"
+    depth = 10 if shift else 8
+    levels = RNG.integers(0, 2**depth, (5, 32, 50)).astype(dtype)
+    path = tmp_path / f"a{suffix}"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("rawvideo", rate=Fraction(25))
+        stream.height, stream.width, stream.pix_fmt = 32, 50, pixels
+        for image in levels:
+            frame = av.VideoFrame(50, 32, pixels)
+            words = np.full((32, frame.planes[0].line_size // image.itemsize), 2 ** (depth - 1) << shift, dtype)
+            words[:, first : 2 * 50 + first : 2] = image << shift
+            frame.planes[0].update(words.tobytes())
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    with open_recording(path) as recording:
+        assert (recording.kind, recording.bit_depth) == (f"video, rawvideo, {pixels}", depth)
+        for start, stop in ((0, 3), (2, 5)):
+            np.testing.assert_array_equal(recording.images(start, stop), levels[start:stop])
+        assert "brightness (luma)" in " ".join(recording.notes)
+
+
+def test_the_refusal_of_pixels_that_cannot_be_read_names_them(tmp_path: Path) -> None:
+    path = tmp_path / "a.avi"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("rawvideo", rate=Fraction(25))
+        stream.height, stream.width, stream.pix_fmt = 32, 48, "uyyvyy411"
+        container.mux(stream.encode(av.VideoFrame(48, 32, "uyyvyy411")))
+        container.mux(stream.encode(None))
+    with pytest.raises(ValueError, match="the pixels are uyyvyy411, expected grey, YUV or RGB; convert the video"):
+        open_recording(path)
+
+
 @pytest.fixture(params=[0, 2**28], ids=["no cache", "cache"])
 def cache_bytes(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
     """Limit of the cache of decoded images, bytes."""

@@ -20,6 +20,7 @@ VALUES = {
     "in_place": ("yes", True, True),
     "circle": ("80.4 120.7 50", [80.4, 120.7, 50], (80.4, 120.7, 50.0)),
     "frames": ("10:90", "10:90", (10, 90)),
+    "axes": ("hwn", "hwn", "hwn"),
     "model": ("finite", "finite", "finite"),
     "ignore": ("mask.png", ["mask.png"], ["mask.png"]),
 }
@@ -71,7 +72,7 @@ def test_the_refusal_of_a_toml_value_states_a_valid_form(name: str, value: objec
 
 def test_the_refusal_of_an_unknown_key_lists_the_settings() -> None:
     assert find(SETTINGS, "mm-per-px").name == "mm_per_px"
-    with pytest.raises(ValueError, match=r"'speed' is no setting; expected one of cfc, circle, .*window"):
+    with pytest.raises(ValueError, match=r"'speed' is no setting; expected one of axes, cfc, circle, .*window"):
         find(SETTINGS, "speed")
     with pytest.raises(ValueError, match="'no_report' is no setting; write report = false"):
         find(SETTINGS, "no_report")

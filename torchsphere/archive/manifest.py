@@ -12,6 +12,7 @@ from typing import Any
 
 from torchsphere.archive import scan
 from torchsphere.archive.folder import EXPORTED, SUMMARIES
+from torchsphere.recording import member
 from torchsphere.recording.ignore_mask import located
 from torchsphere.request import PER_RECORDING, check_settings, merged
 from torchsphere.runtime.shown_text import shown
@@ -78,26 +79,36 @@ def read(source: Path, common: Mapping[str, Any], out: Path) -> Archive:
         found = scan.scan(source, leave_out=out)
         notes = found.notes
         placed = [(str(source), _found(source, path, common)) for path in found.recordings]
-    elif not source.exists():
+    elif not member.split(source)[0].exists():
         raise FileNotFoundError(f"{source}: does not exist; {EXAMPLE}")
     elif source.suffix.lower() == ".csv":
         placed = list(_from_rows(source, _csv_rows(source), common))
     elif source.suffix.lower() == ".toml":
         placed = _from_toml(source, common)
-    elif source.suffix.lower() in scan.SUFFIXES:
-        placed = [(str(source), _found(source.parent, source, common))]
+    elif member.split(source)[0].suffix.lower() in scan.SUFFIXES:
+        placed = _of_file(source, common)
     else:
         raise ValueError(f"{source}: is no archive; {EXAMPLE}")
     if not placed:
         left = f" ({' '.join(notes)})" if notes else ""
-        raise ValueError(f"{source}: holds no recording{left}; {EXAMPLE}")
+        there = f", but {scan.held(source)}" if source.is_dir() else ""
+        raise ValueError(f"{source}: holds no recording{there}{left}; {EXAMPLE}")
     _require_own_folders(source, placed)
     return Archive(tuple(item for _, item in placed), notes)
 
 
+def _of_file(source: Path, common: Mapping[str, Any]) -> list[tuple[str, Item]]:
+    """A recording, or all in an HDF5 or MAT file of which no array is named."""
+    file, name = member.split(source)
+    may_be_several = not name and file.suffix.lower() in scan.STACKS
+    # A file of tables alone is refused where it is opened.
+    paths = (scan.arrays_in(file) if may_be_several else []) or [source]
+    return [(str(path), _found(file.parent, path, common)) for path in paths]
+
+
 def _found(root: Path, path: Path, common: Mapping[str, Any]) -> Item:
     inside = path.relative_to(root)
-    result = inside.as_posix() if path.is_dir() else inside.with_suffix("").as_posix()
+    result = inside.as_posix() if path.is_dir() else _unsuffixed(inside).as_posix()
     if path == root:
         result = root.resolve().name
     name = shown(inside.as_posix())
@@ -232,10 +243,16 @@ def _result(where: str, name: str, result: str | None) -> str:
             raise ValueError(f"{where}, column 'result': {result!r} leads out of the output folder")
         return path.as_posix()
     source = Path(name)
+    file, _ = member.split(source)
     path = PurePosixPath(*[part for part in source.parts if part not in (source.anchor, "..", ".")])
     if not path.parts:
         raise ValueError(f"{where}, column 'recording': {name!r} has no name of its own; add a column 'result'")
-    return (path.with_suffix("") if path.suffix.lower() in scan.SUFFIXES else path).as_posix()
+    return (_unsuffixed(Path(path)) if file.suffix.lower() in scan.SUFFIXES else path).as_posix()
+
+
+def _unsuffixed(path: Path) -> Path:
+    """The path without the suffix of its file; an array in a file has a name of one part, "shot-camera-images"."""
+    return member.split(path)[0].with_name(member.flat_name(path))
 
 
 def _require_own_folders(source: Path, placed: list[tuple[str, Item]]) -> None:

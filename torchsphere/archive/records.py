@@ -58,10 +58,10 @@ def key_of(recording: Path, settings: Mapping[str, Any]) -> Key:
     return Key(_hash(stats), _hash([changed, masks]))
 
 
-def content(recording: Path) -> str | None:
+def content(recording: Path, axes: str | None = None) -> str | None:
     """SHA-256 of the input's files, as in ``summary.json``; None if they cannot be opened."""
     try:
-        with open_recording(recording) as opened:
+        with open_recording(recording, axes=axes) as opened:
             return hash_files(opened.files)
     except (ValueError, OSError):
         return None

@@ -7,14 +7,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from torchsphere.recording.folder import natural_key
+from torchsphere.recording import member
+from torchsphere.recording.folder import IMAGE_SUFFIXES, natural_key
+from torchsphere.recording.opener import stacks_of
 from torchsphere.recording.photron import HEADER_SUFFIXES
+from torchsphere.recording.refusal import what_lies_in
 from torchsphere.recording.tiff import count_pages
 
 TIFF = (".tif", ".tiff")
 PHOTRON = (*HEADER_SUFFIXES, ".mraw")
+#: Suffixes of files that may hold several recordings, or tables alone.
+STACKS = (".h5", ".hdf5", ".mat")
 #: Suffixes of files that `open_recording` opens; a test compares both.
-SUFFIXES = (*TIFF, *PHOTRON, ".npy", ".npz", ".cine", ".avi", ".mp4", ".m4v", ".mov", ".mkv", ".webm")
+SUFFIXES = (*TIFF, *PHOTRON, *STACKS, ".npy", ".npz", ".cine", ".avi", ".mp4", ".m4v", ".mov", ".mkv", ".webm")
 #: Hidden folder in the output folder, with the records and the locks of the recordings.
 STATE = ".batch"
 
@@ -31,7 +36,8 @@ def scan(root: Path, leave_out: Path | None = None) -> Found:
     """Find all recordings in ``root`` and its folders, in the order of their names.
 
     Hidden files and folders, result folders and the folder ``leave_out`` are skipped. The single images of a folder are
-    one recording; a TIFF file of several pages is a recording by itself.
+    one recording; a TIFF file of several pages is a recording by itself, and so is each array of images in an HDF5 or
+    MAT file.
     """
     recordings: list[Path] = []
     notes: list[str] = []
@@ -65,7 +71,12 @@ def _in_folder(folder: Path, names: Sequence[str], notes: list[str]) -> Iterator
         files = [name for name in files if name not in set(tiffs)]
         images = tiffs
     else:
-        images = [name for name in names if suffixes[name] == ".png"]
+        images = [name for name in names if suffixes[name] in IMAGE_SUFFIXES and suffixes[name] not in TIFF]
+    arrays = {name: arrays_in(folder / name) for name in files if suffixes[name] in STACKS}
+    tables = [name for name, found in arrays.items() if not found]
+    if tables:
+        notes.append(f"{folder}: {what_lies_in(tables)} left out: no array of images inside.")
+        files = [name for name in files if name not in tables]
     headers = {Path(name).stem for name in files if suffixes[name] in HEADER_SUFFIXES}
     seen: set[str] = set()
     for name in files:
@@ -74,12 +85,33 @@ def _in_folder(folder: Path, names: Sequence[str], notes: list[str]) -> Iterator
             if (suffixes[name] == ".mraw" and stem in headers) or stem in seen:
                 continue
             seen.add(stem)
-        yield folder / name
+        yield from arrays.get(name, [folder / name])
     if len(images) > 1 and not files:
         yield folder
     elif images:
         why = "lie beside recordings" if files else "are one image, and motion needs two or more"
         notes.append(f"{folder}: {len(images)} single image(s) were left out: they {why}.")
+
+
+def arrays_in(path: Path) -> list[Path]:
+    """The file, if it holds one array of images, or each of several; the file too where it cannot be read."""
+    try:
+        names = stacks_of(path)
+    except (ValueError, OSError):
+        # It fails by itself.
+        return [path]
+    return [path] if len(names) == 1 else [member.joined(path, name) for name in names]
+
+
+def held(root: Path) -> str:
+    """Say what lies in a folder and in its folders, hidden ones left out."""
+    names: list[str] = []
+    count = 0
+    for _, folders, files in os.walk(root):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        count += len(folders)
+        names += [name for name in files if not name.startswith(".")]
+    return what_lies_in(names, count) or "nothing"
 
 
 def _single_pages(paths: Sequence[Path]) -> bool:
@@ -95,11 +127,12 @@ def _single_pages(paths: Sequence[Path]) -> bool:
 
 def files_of(recording: Path) -> list[os.stat_result | None]:
     """Size and time of change of each file of a recording, without opening it; None for a missing file."""
+    recording, _ = member.split(recording)
     suffix = recording.suffix.lower()
     try:
         if recording.is_dir():
             with os.scandir(recording) as entries:
-                images = [e for e in entries if Path(e.name).suffix.lower() in (*TIFF, ".png")]
+                images = [e for e in entries if Path(e.name).suffix.lower() in IMAGE_SUFFIXES]
                 return [entry.stat() for entry in sorted(images, key=lambda e: e.name) if entry.is_file()]
         if suffix in PHOTRON:
             partners = PHOTRON if suffix == ".mraw" else (suffix, ".mraw")

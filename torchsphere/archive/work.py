@@ -122,10 +122,14 @@ def _valid_record(job: Job) -> Record | None:
         return None
     # A copied file has another time of change; its contents decide.
     same = dataclasses.replace(record, stat=job.key.stat)
-    if record.stat != same.stat and is_valid(same, job) and records.content(job.item.input) == record.content:
+    if record.stat != same.stat and is_valid(same, job) and _content(job) == record.content:
         records.write(job.out, job.item.result, same)
         return same
     return None
+
+
+def _content(job: Job) -> str | None:
+    return records.content(job.item.input, job.item.settings.get("axes"))
 
 
 def _started_file(job: Job) -> Path:
@@ -182,7 +186,7 @@ def _failed(job: Job, reason: str, seconds: float, trace: str = "") -> Outcome:
     """Write the record of a failure."""
     if _has_summary(job.folder):
         reason += " (its folder still holds the result of an earlier input or of other settings)"
-    content = records.content(job.item.input)
+    content = _content(job)
     row = {"seconds": round(seconds, 3), "finished": _now()}
     _write_record(job, state=FAILED, reason=reason, content=content, run=job.run, row=row, trace=trace)
     _started_file(job).unlink(missing_ok=True)

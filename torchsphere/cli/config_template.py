@@ -16,6 +16,7 @@ EXAMPLES = {
     "fps": "36000",
     "shutter_us": "5",
     "ignore": '["mask.png", "96,156 113,147 106,128"]',
+    "axes": '"hwn"',
     "roi": "0.95",
     "focal_px": "1200",
     "distance_mm": "500",

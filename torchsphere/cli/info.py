@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from torchsphere.cli.console import told_steps
 from torchsphere.cli.exit_codes import DONE, UNUSABLE, UsageError
-from torchsphere.cli.options import add_command, add_verbose
+from torchsphere.cli.options import add_command, add_settings, add_verbose
+from torchsphere.request import SETTINGS
 from torchsphere.runtime.shown_text import shown
 from torchsphere.settings.limits import SettingError
 
@@ -27,6 +28,7 @@ def add(commands: Any) -> None:
         help="find the ball, print its circle and draw it; without a ball, draw the image with a grid",
     )
     add_verbose(parser)
+    add_settings(parser, {"axes": SETTINGS["axes"]})
 
 
 def run(options: dict[str, Any]) -> int:
@@ -36,7 +38,7 @@ def run(options: dict[str, Any]) -> int:
     preview = options["preview"]
     if preview is not None and preview.suffix.lower() != ".png":
         raise UsageError(f"--preview {preview}: expected a name that ends in .png")
-    with open_recording(options["input"]) as recording:
+    with open_recording(options["input"], axes=options["axes"]) as recording:
         for name, text in _facts(recording):
             print(f"{name:<11} {shown(text)}")
         if preview is None:

@@ -16,7 +16,7 @@ from torchsphere.cli.outcome import LABELS, in_red
 from torchsphere.instruments.instrument_request import INSTRUMENT_SETTINGS, InstrumentRequest
 from torchsphere.runtime.shown_text import shown
 from torchsphere.runtime.warning_levels import SEVERE
-from torchsphere.settings.limits import as_options
+from torchsphere.settings.limits import in_options
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -74,7 +74,7 @@ def run(options: dict[str, Any]) -> int:
         numbers, lines = _accelerometer(signals, values, result, request)
     else:
         numbers, lines = _strain_gauge(signals, values, result, request)
-    warnings = list(map(as_options, [*warnings, *numbers.get("warnings", ())]))
+    warnings = list(map(in_options, [*warnings, *numbers.get("warnings", ())]))
     if options["json"]:
         numbers |= {"columns": names, "read": dict(read), "warnings": warnings}
         print(json.dumps(numbers, indent=2, allow_nan=False))

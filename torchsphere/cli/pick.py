@@ -50,7 +50,7 @@ def run(options: dict[str, Any]) -> int:
     source, quiet = options["input"], options["quiet"]
     name = _name(source)
     places = Places(source, options["out"] or Path(f"{name}-result"), options["config_out"] or Path(f"{name}.toml"))
-    with open_recording(source) as recording:
+    with open_recording(source, axes=base.get("axes")) as recording:
         session = Session(recording, places, base)
         # A recording whose frames cannot be read is refused here, and not on the page.
         _ = session.footage.levels
@@ -80,8 +80,10 @@ def _settings(options: Mapping[str, Any]) -> dict[str, Any]:
 
 def _name(source: Path) -> str:
     """Name of the recording without its suffix, for the files that are written."""
+    from torchsphere.recording.member import flat_name
+
     place = source if source.name not in ("", "..") else source.resolve()
-    return shown(place.stem if place.is_file() else place.name) or "recording"
+    return shown(place.name if place.is_dir() else flat_name(place)) or "recording"
 
 
 def _has_screen() -> bool:

@@ -76,9 +76,11 @@ def run(options: dict[str, Any]) -> int:
 
 def _own_folders(inputs: Sequence[Path], out: Path) -> list[Path]:
     """A result folder for each of several recordings, by its name."""
+    from torchsphere.recording.member import flat_name
+
     folders: dict[Path, Path] = {}
     for path in inputs:
-        folder = out / (path.resolve().name if path.is_dir() else path.stem)
+        folder = out / (path.resolve().name if path.is_dir() else flat_name(path))
         if folder in folders:
             raise UsageError(
                 f"{folders[folder]} and {path} would both be written to {folder}; rename one, or measure them with "

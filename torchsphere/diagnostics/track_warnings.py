@@ -8,6 +8,7 @@ from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.estimation.measurements import measured_increments
 from torchsphere.estimation.savitzky_golay import runs
 from torchsphere.recording import Recording
+from torchsphere.recording.facts import doubt_notes
 from torchsphere.request import Request
 from torchsphere.runtime.warning_levels import note, severe
 from torchsphere.settings.limits import option_name, unit_warnings
@@ -21,11 +22,17 @@ def track_warnings(request: Request, recording: Recording, track: Track, frame_r
     """Warnings of a track, and those on its calibration."""
     return (
         # A given frame rate replaces that of the file.
-        *(note(text) for text in recording.notes if request.fps is None or "no frame rate" not in text),
+        *_of_file(recording, request),
         *track.warnings,
         *_calibration_warnings(request, recording, frame_rate),
         *_scale_warnings(request, track),
     )
+
+
+def _of_file(recording: Recording, request: Request) -> list[str]:
+    """What the file states of itself; a doubt is more than a remark."""
+    texts = [text for text in recording.notes if request.fps is None or "no frame rate" not in text]
+    return [text if text in doubt_notes(recording.doubt) else note(text) for text in texts]
 
 
 def window_warnings(track: Track, motion: Kinematics | None) -> tuple[str, ...]:

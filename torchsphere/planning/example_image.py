@@ -14,7 +14,7 @@ from torch import Tensor
 from torchsphere.geometry import motion_models
 from torchsphere.imaging import interpolation
 from torchsphere.recording import open_recording
-from torchsphere.recording.folder import read_image
+from torchsphere.recording.folder import IMAGE_SUFFIXES, read_image
 from torchsphere.settings.arrays import check_circle
 from torchsphere.synthetic import ray_caster
 
@@ -84,7 +84,7 @@ def filmed_example(path: Path, circle: tuple[float, float, float], noise: float)
 
     Raises ValueError or OSError if the file is no image, or does not show the whole ball.
     """
-    if path.suffix.lower() == ".png":
+    if path.suffix.lower() in IMAGE_SUFFIXES and path.suffix.lower() not in (".tif", ".tiff"):
         image = torch.from_numpy(read_image(path))
     else:
         with open_recording(path) as recording:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from torchsphere.settings.limits import in_options
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Facts:
@@ -34,6 +36,8 @@ class Facts:
         Sentences for the user: conversions, doubts, ignored contents.
     files : tuple of Path
         All files of the recording.
+    doubt : str
+        A doubt about the order of an array's axes, with names of settings in backticks; empty without one.
     """
 
     path: Path
@@ -46,6 +50,7 @@ class Facts:
     origins: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     files: tuple[Path, ...] = ()
+    doubt: str = ""
 
     @classmethod
     def of(cls, recording: Any, shape: tuple[int, ...]) -> Facts:
@@ -54,3 +59,8 @@ class Facts:
             return cls(**{name: getattr(recording, name) for name in cls.__dataclass_fields__})
         n, height, width = shape
         return cls(path=Path(), kind="array", shape=(n, height, width))
+
+
+def doubt_notes(doubt: str) -> tuple[str, ...]:
+    """The sentence of `Facts.notes` on a doubt, with options of the command line; none without a doubt."""
+    return (in_options(f"{doubt[0].upper()}{doubt[1:]}."),) if doubt else ()

@@ -1,4 +1,4 @@
-"""A folder of TIFF or PNG images."""
+"""A folder of images: TIFF, PNG, BMP, PGM, JPEG or WebP."""
 
 from __future__ import annotations
 
@@ -13,51 +13,60 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from torchsphere.recording.recording import MAX_IMAGE_BYTES, MAX_PIXELS, Reader, Recording
-from torchsphere.recording.refusal import PNG_SIGNATURE, library_failures, looks_like
+from torchsphere.recording.image_header import ImageHeader, ImageKind, require_size
+from torchsphere.recording.pgm import PGM
+from torchsphere.recording.pillow_images import BMP, JPEG, WEBP
+from torchsphere.recording.recording import Reader, Recording
+from torchsphere.recording.refusal import PNG_SIGNATURE, library_failures, look_of, what_lies_in
 from torchsphere.recording.tiff import Page, count_pages, describe, page_image, page_notes
 
-_TIFF, _PNG = (".tif", ".tiff"), (".png",)
-_OTHER_IMAGES = (".jpg", ".jpeg", ".bmp", ".gif", ".webp", ".jp2", ".raw", ".dng")
 _PNG_SAMPLES = {0: 1, 2: 3, 4: 2, 6: 4}  # colour type: channels; 3 is a palette
 # Deflate, which PNG uses, compresses 1032 to 1 at most.
 _PNG_MAX_RATIO = 1100
 
+LOSSY_NOTE = "{} images have lost fine detail to compression; images without losses measure more precisely."
+TURNED_NOTE = "The images are turned as their EXIF orientation says, and as viewers show them."
+
 
 def open_folder(path: Path) -> Recording:
     """Open a folder of images of one size and kind, in the natural order of their names (img2 before img10)."""
-    files, notes = _image_files(path)
-    is_png = files[0].suffix.lower() in _PNG
-    describe_file = _png_page if is_png else _tiff_page
-    first = describe_file(files[0])
+    kind, files, notes = _image_files(path)
+    first = kind.describe(files[0])
+    is_turned = first.is_turned
     for file in files[1:]:
-        page = describe_file(file)
-        if page != first:
+        header = kind.describe(file)
+        is_turned |= header.is_turned
+        if header != first:
             raise ValueError(
-                f"{file}: is {page}, but {files[0].name} is {first}; expected images of one size and kind, "
+                f"{file}: is {header}, but {files[0].name} is {first}; expected images of one size and kind, "
                 "move those of the recording to a folder of their own"
             )
-    kind = "PNG" if is_png else "TIFF"
-    depth = first.bits if first.dtype[0] == "u" else None
+    page = first.page
+    depth = page.bits if page.dtype[0] == "u" else None
+    notes = (LOSSY_NOTE.format(kind.name),) * first.has_losses + (TURNED_NOTE,) * is_turned + notes
     return Recording(
         path=path,
-        kind=f"folder of {kind} images, {first.bits} bit{', colour' if first.samples >= 3 else ''}",
-        shape=(len(files), first.height, first.width),
+        kind=f"folder of {kind.name} images, {page.bits} bit{', colour' if page.samples >= 3 else ''}",
+        shape=(len(files), page.height, page.width),
         bit_depth=depth,
-        origins={"bit_depth": "PNG header" if is_png else "TIFF BitsPerSample"} if depth else {},
-        notes=(f"{kind} images carry no frame rate.", *page_notes(first), *notes),
+        origins={"bit_depth": kind.depth_from} if depth else {},
+        notes=(f"{kind.name} images carry no frame rate.", *page_notes(page), *notes),
         files=files,
-        _reader=_reader(files, first, is_png),
+        _reader=_reader(files, first, kind),
     )
 
 
 def read_image(file: Path) -> NDArray[np.float32]:
-    """Grey levels (h, w) of one TIFF or PNG image; raises ValueError or OSError for other files."""
+    """Grey levels (h, w) of one image of a kind in `KINDS`, without losses; raises ValueError or OSError for others."""
     if not file.is_file():
         raise FileNotFoundError(f"{file}: there is no such file; check the name")
-    is_png = file.suffix.lower() in _PNG
-    page = _png_page(file) if is_png else _tiff_page(file)
-    return np.asarray(_reader((file,), page, is_png)(0, 1)[0], np.float32)
+    kind = _kind_of(file) or _TIFF
+    header = kind.describe(file)
+    if header.has_losses:
+        raise ValueError(
+            f"{file}: is a {kind.name} image, whose levels the compression has changed; save the original as PNG"
+        )
+    return np.asarray(_reader((file,), header, kind)(0, 1)[0], np.float32)
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
@@ -66,23 +75,39 @@ def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
     return tuple((0, int(digits[:4000]), digits) if digits else (1, 0, text.lower()) for digits, text in parts)
 
 
-def _image_files(path: Path) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    visible = [file for file in path.iterdir() if not file.name.startswith(".") and file.is_file()]
-    files = sorted((file for file in visible if file.suffix.lower() in _TIFF + _PNG), key=lambda f: natural_key(f.name))
-    if not files:
+def _kind_of(file: Path) -> ImageKind | None:
+    return next((kind for kind in KINDS if file.suffix.lower() in kind.suffixes), None)
+
+
+def _image_files(path: Path) -> tuple[ImageKind, tuple[Path, ...], tuple[str, ...]]:
+    """The kind of the images, their files in order, and notes on what else lies in the folder."""
+    visible = [entry for entry in path.iterdir() if not entry.name.startswith(".")]
+    names = sorted((entry.name for entry in visible if entry.is_file()), key=natural_key)
+    present: dict[ImageKind, list[Path]] = {}
+    for file in map(path.joinpath, names):
+        kind_of_file = _kind_of(file)
+        if kind_of_file is not None:
+            present.setdefault(kind_of_file, []).append(file)
+    if not present:
+        held = what_lies_in(names, len(visible) - len(names))
         raise ValueError(
-            f"{path}: holds no TIFF or PNG images; expected the images of one recording "
-            f"{'in a folder, or name one file of it' if visible else 'in this folder, which is empty'}"
+            f"{path}: {f'holds {held}' if held else 'holds no images'}; expected the images of one recording "
+            f"({', '.join(kind.name for kind in KINDS)}) "
+            f"{'in a folder, or name one file of it' if held else 'in this folder, which is empty'}"
         )
-    other = next((f for f in files if (f.suffix.lower() in _PNG) != (files[0].suffix.lower() in _PNG)), None)
-    if other is not None:
-        raise ValueError(
-            f"{other}: is of another kind than {files[0].name}; expected images of one kind, "
-            "move those of the recording to a folder of their own"
-        )
-    others = Counter(f.suffix.lower() for f in visible if f.suffix.lower() in _OTHER_IMAGES)
-    notes = tuple(f"{count} {suffix} files in the folder were ignored." for suffix, count in sorted(others.items()))
-    return tuple(files), notes + _gaps(files)
+    kind, *others = sorted(present, key=lambda k: k.is_lossy)
+    files = present[kind]
+    for other in others:
+        # Smaller images for a quick look lie beside many recordings.
+        if not other.is_lossy or kind.is_lossy or len(present[other]) > len(files):
+            raise ValueError(
+                f"{present[other][0]}: is of another kind than {files[0].name}; expected images of one kind, and the "
+                f"folder holds {what_lies_in(names)}: move those of the recording to a folder of their own"
+            )
+    known = {suffix for other in others for suffix in other.suffixes} | set(_OTHER_IMAGES)
+    ignored = Counter(suffix for suffix in (Path(name).suffix.lower() for name in names) if suffix in known)
+    notes = tuple(f"{count} {suffix} files in the folder were ignored." for suffix, count in sorted(ignored.items()))
+    return kind, tuple(files), notes + _gaps(files)
 
 
 def _gaps(files: list[Path]) -> tuple[str, ...]:
@@ -108,23 +133,21 @@ def _gaps(files: list[Path]) -> tuple[str, ...]:
     )
 
 
-def _tiff_page(file: Path) -> Page:
+def _tiff_header(file: Path) -> ImageHeader:
     pages = count_pages(file)
     if pages > 1:
         raise ValueError(f"{file}: holds {pages} pages, expected one image per file; open this file by itself")
     with library_failures(file, "a TIFF"):
         tif = tifffile.TiffFile(file, _multifile=False)
     with tif:
-        return describe(file, tif, 0)
+        return ImageHeader(describe(file, tif, 0))
 
 
-def _png_page(file: Path) -> Page:
+def _png_header(file: Path) -> ImageHeader:
     with file.open("rb") as stream:
         head = stream.read(33)
     if head[:8] != PNG_SIGNATURE:
-        raise ValueError(
-            f"{file}: looks like {looks_like(head) if head else 'an empty file'}, expected a PNG image; check the name"
-        )
+        raise ValueError(f"{file}: looks like {look_of(file)}, expected a PNG image; check the name")
     if len(head) < 33 or head[12:16] != b"IHDR":
         raise OSError(f"{file}: ends within its header; the PNG is cut, copy it again")
     width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
@@ -134,21 +157,17 @@ def _png_page(file: Path) -> Page:
         )
     samples = _PNG_SAMPLES[colour]
     stated = width * height * samples * bits // 8
-    most = min(MAX_IMAGE_BYTES, _PNG_MAX_RATIO * file.stat().st_size)
-    if min(width, height) < 1 or width * height > MAX_PIXELS or stated > most:
-        raise OSError(
-            f"{file}: states {width} x {height} px, but has {file.stat().st_size} bytes; it is damaged, copy it again"
-        )
-    return Page(height, width, samples, bits, f"u{bits // 8}", 2 if samples >= 3 else 1, False)
+    require_size(file, height, width, stated, _PNG_MAX_RATIO * file.stat().st_size)
+    return ImageHeader(Page(height, width, samples, bits, f"u{bits // 8}", 2 if samples >= 3 else 1, False))
 
 
-def _reader(files: tuple[Path, ...], page: Page, is_png: bool) -> Reader:
-    load = _load_png if is_png else _load_tiff
+def _reader(files: tuple[Path, ...], header: ImageHeader, kind: ImageKind) -> Reader:
+    page = header.page
 
     def read(start: int, stop: int) -> NDArray[Any]:
         images = np.empty((stop - start, page.height, page.width), np.float32)
         for row, file in enumerate(files[start:stop]):
-            data = load(file, page)
+            data = kind.load(file, header)
             with library_failures(file, "an image of the same size as the first"):
                 images[row] = page_image(page, data)
         return images
@@ -156,15 +175,24 @@ def _reader(files: tuple[Path, ...], page: Page, is_png: bool) -> Reader:
     return read
 
 
-def _load_tiff(file: Path, page: Page) -> NDArray[Any]:
+def _load_tiff(file: Path, _: ImageHeader) -> NDArray[Any]:
     with library_failures(file, "a TIFF"), tifffile.TiffFile(file, _multifile=False) as tif:
         return np.asarray(tif.pages[0].aspage().asarray(maxworkers=1))
 
 
-def _load_png(file: Path, page: Page) -> NDArray[Any]:
-    if _png_page(file) != page:
+def _load_png(file: Path, expected: ImageHeader) -> NDArray[Any]:
+    if _png_header(file) != expected:
         raise OSError(f"{file}: changed since the folder was opened; open it again")
     with library_failures(file, "a PNG"):
         from imagecodecs import png_decode
 
         return np.asarray(png_decode(file.read_bytes()))
+
+
+_TIFF = ImageKind("TIFF", (".tif", ".tiff"), _tiff_header, _load_tiff, "a TIFF image", "TIFF BitsPerSample")
+_PNG = ImageKind("PNG", (".png",), _png_header, _load_png, "a PNG image", "PNG header")
+#: Kinds of images that a folder may hold.
+KINDS = (_TIFF, _PNG, BMP, PGM, JPEG, WEBP)
+#: Suffixes of these images, and those of other images, which are noted.
+IMAGE_SUFFIXES = tuple(suffix for kind in KINDS for suffix in kind.suffixes)
+_OTHER_IMAGES = (".gif", ".jp2", ".raw", ".dng")

@@ -47,5 +47,6 @@ def restrict(recording: Recording, start: int, stop: int) -> Recording:
         kind=recording.kind,
         shape=(stop - start, *recording.shape[1:]),
         bit_depth=recording.bit_depth,
+        doubt=recording.doubt,
         _reader=lambda a, b: recording.images(start + a, start + b),
     )

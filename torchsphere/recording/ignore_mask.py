@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.recording.folder import read_image
+from torchsphere.recording.folder import IMAGE_SUFFIXES, read_image
 
 #: Covered share of the ball's disc from which a mask counts as inverted (docs/constants.md).
 MOST_OF_BALL = 0.7
@@ -74,7 +74,7 @@ def hides_ball(ignore: NDArray[np.bool_] | None, x: float, y: float, radius: flo
 
 
 def _is_image(text: str) -> bool:
-    return re.search(r"\.(png|tiff?)$", text, re.IGNORECASE) is not None
+    return text.lower().endswith(IMAGE_SUFFIXES)
 
 
 def _region(text: str, shape: tuple[int, ...]) -> NDArray[np.bool_]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from torchsphere.recording.levels import GREY_NOTE, TABLE_NOTE, linear_12_bit, to_grey, unpack_10, unpack_12
 from torchsphere.recording.recording import MAX_PIXELS, Reader, Recording
-from torchsphere.recording.refusal import looks_like
+from torchsphere.recording.refusal import look_of
 
 _FILE_HEADER = struct.Struct("<2sHHHiIiIIII")  # Type ... OffImageOffsets; the trigger's date follows
 _BITMAP_HEADER = struct.Struct("<IiiHHII")  # biSize ... biSizeImage
@@ -62,7 +62,7 @@ def open_phantom(path: Path) -> Recording:
         head = _at(path, file, 0, _FILE_HEADER.size)
         mark, _, compression, version, _, _, first, n, bitmap_at, setup_at, table_at = _FILE_HEADER.unpack(head)
         if mark != b"CI":
-            raise ValueError(f"{path}: looks like {looks_like(head)}, expected a Phantom CINE; check the name")
+            raise ValueError(f"{path}: looks like {look_of(path)}, expected a Phantom CINE; check the name")
         bitmap = _BITMAP_HEADER.unpack(_at(path, file, bitmap_at, _BITMAP_HEADER.size))
         setup = _setup(path, file, setup_at)
         if compression == 1 or version not in (0, 1):

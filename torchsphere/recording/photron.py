@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from torchsphere.recording.levels import unpack_12
 from torchsphere.recording.recording import Reader, Recording
-from torchsphere.recording.refusal import library_failures, looks_like
+from torchsphere.recording.refusal import library_failures, look_of
 
 HEADER_SUFFIXES = (".cihx", ".cih")
 # Headers have 10 to 20 kB, more with thumbnails.
@@ -139,7 +139,7 @@ def _read_header(path: Path) -> _Header:
         return _read_xml(path, data)
     if b"Camera Information Header" not in data[:64]:
         raise ValueError(
-            f"{path}: looks like {looks_like(data[:64])}, expected a Photron header that begins with "
+            f"{path}: looks like {look_of(path)}, expected a Photron header that begins with "
             "'#Camera Information Header'; check the name"
         )
     pairs = (line.split(":", 1) for line in data.decode("latin-1").splitlines() if ":" in line)
@@ -155,7 +155,7 @@ def _read_xml(path: Path, data: bytes) -> _Header:
     start, stop = data.find(b"<cih>"), data.rfind(b"</cih>")
     if start < 0 or stop < start:
         raise ValueError(
-            f"{path}: looks like {looks_like(data[:64])} without a whole <cih> section, expected a Photron header; "
+            f"{path}: looks like {look_of(path)} without a whole <cih> section, expected a Photron header; "
             "it is cut or of another kind, copy or export it again"
         )
     if data.count(b"<", start, stop) > _MAX_TAGS:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from torchsphere.recording.levels import ALPHA_NOTE, GREY_NOTE, to_grey
 from torchsphere.recording.recording import MAX_IMAGE_BYTES, MAX_PIXELS, Reader, Recording
-from torchsphere.recording.refusal import TIFF_SIGNATURES, library_failures, looks_like
+from torchsphere.recording.refusal import TIFF_SIGNATURES, library_failures, look_of
 from torchsphere.recording.tiff_axes import stated_axes
 from torchsphere.settings.limits import FRAME_RATES
 
@@ -275,7 +275,7 @@ def _page_tags(path: Path) -> Iterator[tuple[bytes, _Format]]:
     with path.open("rb") as file:
         head = file.read(16)
         if head[:4] not in TIFF_SIGNATURES:
-            raise ValueError(f"{path}: looks like {looks_like(head)}, expected a TIFF; check the name")
+            raise ValueError(f"{path}: looks like {look_of(path)}, expected a TIFF; check the name")
         layout = _Format.of(head)
         try:
             (offset,) = struct.unpack_from(layout.order + layout.pointer, head, layout.first_at)

@@ -17,16 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.recording.levels import GREY_NOTE, to_grey
+from torchsphere.recording.luma import Luma
 from torchsphere.recording.matroska import Contents, contents
 from torchsphere.recording.recording import Recording
-from torchsphere.recording.refusal import LibraryMissingError, library_failures, looks_like
+from torchsphere.recording.refusal import ISO_VIDEO, MATROSKA, LibraryMissingError, library_failures, look_of
 
 if TYPE_CHECKING:
     import av
     from av.container import InputContainer
 
 # PyAV's reader of each type; a named reader keeps the content of the file from choosing another.
-_READERS = {"an AVI video": "avi", "an MP4 or MOV video": "mov", "a Matroska or WebM video": "matroska"}
+_READERS = {"an AVI video": "avi", ISO_VIDEO: "mov", MATROSKA: "matroska"}
 
 #: Number of the latest images that are held for a batch that is read again (docs/constants.md).
 RECENT_IMAGES = 80
@@ -40,11 +41,10 @@ INTRA = 1
 
 def open_video(path: Path) -> Recording:
     """Open a video, always without a frame rate: a container states the rate of playback, not of the camera."""
-    with path.open("rb") as file:
-        head = file.read(64)
-    reader = _READERS.get(looks_like(head))
+    look = look_of(path)
+    reader = _READERS.get(look)
     if reader is None:
-        raise ValueError(f"{path}: looks like {looks_like(head)}, expected a video; check the name")
+        raise ValueError(f"{path}: looks like {look}, expected a video; check the name")
     cursor = Cursor(path, reader)
     with library_failures(path, "a video"):
         n, playback = cursor.survey()
@@ -85,29 +85,19 @@ def _colour_levels(form: str, frame: av.VideoFrame) -> NDArray[Any]:
     return to_grey(frame.to_ndarray(format=form))
 
 
-def _plane_levels(dtype: str, frame: av.VideoFrame) -> NDArray[Any]:
-    """Grey levels (h, w) of the first plane, whose rows are padded to line_size bytes."""
-    plane = frame.planes[0]
-    rows = np.frombuffer(plane, np.uint8)[: plane.line_size * frame.height].reshape(frame.height, plane.line_size)  # type: ignore[call-overload]
-    levels: NDArray[Any] = np.ascontiguousarray(rows[:, : frame.width * np.dtype(dtype).itemsize]).view(dtype)
-    return levels
-
-
 def _decoder(path: Path, frame: av.VideoFrame) -> tuple[Callable[[av.VideoFrame], NDArray[Any]], int, tuple[str, ...]]:
     """The function that turns a frame into grey levels (h, w), their depth in bits, and notes."""
     name, components = frame.format.name, frame.format.components
     bits = components[0].bits if components else 0
-    dtype = "u1" if bits <= 8 else ">u2" if name.endswith("be") else "<u2"
-    if name.startswith("gray") and 8 <= bits <= 16:
-        return partial(_plane_levels, dtype), bits, ()
-    if name.startswith(("yuv", "nv12", "nv21", "nv16")) and not name.startswith("yuyv") and 8 <= bits <= 16:
-        note = "The grey levels are the luma plane as decoded; the colour planes were ignored."
-        return partial(_plane_levels, dtype), bits, (note,)
+    luma = Luma.of(name, bits)
+    if luma is not None:
+        note = "The grey levels are the brightness (luma) as decoded; the colour was ignored."
+        return luma.levels, bits, () if name.startswith("gray") else (note,)
     if frame.format.is_rgb or name == "pal8":
         wide = bits > 8
         return partial(_colour_levels, "rgb48le" if wide else "rgb24"), 16 if wide else 8, (GREY_NOTE,)
     raise ValueError(
-        f"{path}: the pixels are {name}, expected grey, YUV in planes, or RGB; convert the video, for example to gray"
+        f"{path}: the pixels are {name}, expected grey, YUV or RGB; convert the video, for example to gray"
     )
 
 

@@ -18,6 +18,9 @@ CHANNEL_CLASSES = (60, 180, 600, 1000)
 #: Choices for the map, and the argument of `torchsphere.track`.
 MAPS: dict[str, bool | None] = {"auto": None, "on": True, "off": False}
 
+#: Orders of the axes of an array of images: number (n), height (h) and width (w).
+AXES = ("nhw", "hwn", "nwh", "whn", "hnw", "wnh")
+
 #: Kinds of files in which all tables of a result are written together: keys of `exports.SUFFIXES`.
 EXPORTS = ("hdf5", "mat")
 

@@ -36,11 +36,15 @@ class SettingError(ValueError):
 
     def as_options(self) -> str:
         """The sentence with the names as options of the command line: "--mass-g -3: expected ..."."""
-        return as_options(self._sentence)
+        return in_options(self._sentence)
+
+    def joined_by(self, sentence: str) -> SettingError:
+        """The refusal with another ``sentence`` behind it, with names of settings in backticks too."""
+        return SettingError(f"{self._sentence}; {sentence}")
 
 
-def as_options(sentence: str) -> str:
-    """A sentence with the names in backticks as options of the command line."""
+def in_options(sentence: str) -> str:
+    """A sentence with names of settings in backticks, with their names as options of the command line."""
     return re.sub(r"`(\w+)`(?: =)?", lambda match: option_name(match[1]), sentence)
 
 

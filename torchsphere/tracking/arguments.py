@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
 from typing import Any
 
 from torchsphere.geometry.camera import Camera
@@ -11,7 +12,7 @@ from torchsphere.recording.frame_range import resolve_range, restrict
 from torchsphere.settings.arrays import as_stack
 from torchsphere.settings.calibration import OPTION_NAMES, Calibration, implausible_units, with_option_names
 from torchsphere.settings.choices import MAPS
-from torchsphere.settings.limits import as_positive, require_one_of, require_within
+from torchsphere.settings.limits import SettingError, as_positive, require_one_of, require_within
 
 
 def sphere_map(sphere_map: bool | None, name: str | None) -> bool | None:
@@ -63,6 +64,19 @@ def given_exposure(exposure: float | None, shutter_us: float | None, frame_rate:
     if exposure is not None:
         require_within("exposure", exposure, (0.0, 1.0))
     return exposure
+
+
+@contextlib.contextmanager
+def doubts_told(recording: Any) -> Iterator[None]:
+    """Add a doubt about the recording's axes to a refusal: no ball shows in images that are cut the wrong way."""
+    try:
+        yield
+    except ValueError as error:
+        doubt = getattr(recording, "doubt", "")
+        if not doubt:
+            raise
+        refusal = error if isinstance(error, SettingError) else SettingError(str(error))
+        raise refusal.joined_by(doubt) from error
 
 
 def part_of(recording: Any, frames: tuple[int | None, int | None] | slice | None) -> tuple[Any, int]:

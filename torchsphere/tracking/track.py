@@ -143,9 +143,10 @@ def track(
     mask = None if ignore is None else as_mask(ignore, first_image)
     task = phases.Task(source, circle, mask, refine, in_place, telecentric, sphere_map, exposure, stated)
     task = dataclasses.replace(task, progress=progress, watch=watch)
-    source, found = phases.run(task, settings, options)
-    if circle is None:
-        require_proof(found)
+    with arguments.doubts_told(recording):
+        source, found = phases.run(task, settings, options)
+        if circle is None:
+            require_proof(found)
     first_frame += start
     warnings = (*motion_warnings(source, found, first_frame, "roi" in options), *notes)
     known: dict[str, Any] = {"calibration": calibration, "first_frame": first_frame, "facts": facts}

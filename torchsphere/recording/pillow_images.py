@@ -1,0 +1,83 @@
+"""BMP, JPEG and WebP images through Pillow, turned as a viewer shows them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torchsphere.recording.image_header import ImageHeader, ImageKind, require_size
+from torchsphere.recording.refusal import HEAD_BYTES, library_failures, look_of
+from torchsphere.recording.tiff import Page
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+#: Samples by Pillow's mode; a palette (P) becomes RGB.
+_SAMPLES = {"L": 1, "RGB": 3, "P": 3, "RGBA": 4, "RGBX": 4}
+#: EXIF tag of the orientation: codes above 4 exchange width and height.
+_ORIENTATION = 0x0112
+
+
+def _look(name: str) -> str:
+    return f"a {name} image"
+
+
+@contextmanager
+def _opened(name: str, file: Path) -> Iterator[Image]:
+    """The image of that kind, of which Pillow has read the header."""
+    from PIL import Image
+
+    look = look_of(file)
+    if look != _look(name):
+        raise ValueError(f"{file}: looks like {look}, expected {_look(name)}; check the name")
+    with library_failures(file, f"a {name}"):
+        image = Image.open(file, formats=(name.upper(),))
+    with image:
+        yield image
+
+
+def _describe(name: str, file: Path) -> ImageHeader:
+    with _opened(name, file) as image, library_failures(file, f"a {name}"):
+        orientation = image.getexif().get(_ORIENTATION, 1)
+        frames = getattr(image, "n_frames", 1) if name == "WebP" else 1
+        (width, height), mode = image.size, image.mode
+    if mode not in _SAMPLES:
+        raise ValueError(f"{file}: has pixels of Pillow's mode {mode}, expected 8-bit grey or RGB; save it so")
+    if frames > 1:
+        raise ValueError(f"{file}: holds {frames} images, expected one image per file; part them")
+    if orientation in (5, 6, 7, 8):
+        width, height = height, width
+    samples = _SAMPLES[mode]
+    require_size(file, height, width, width * height * samples)
+    page = Page(height, width, samples, 8, "u1", 2 if samples >= 3 else 1, False)
+    return ImageHeader(page, is_turned=orientation in range(2, 9), has_losses=_has_losses(name, file))
+
+
+def _has_losses(name: str, file: Path) -> bool:
+    with file.open("rb") as stream:
+        return name == "JPEG" or (name == "WebP" and b"VP8L" not in stream.read(HEAD_BYTES))
+
+
+def _load(name: str, file: Path, expected: ImageHeader) -> NDArray[Any]:
+    from PIL import ImageOps
+
+    if _describe(name, file) != expected:
+        raise OSError(f"{file}: changed since the folder was opened; open it again")
+    with _opened(name, file) as image, library_failures(file, f"a {name}"):
+        return np.asarray(ImageOps.exif_transpose(image.convert("RGB") if image.mode == "P" else image))
+
+
+def _kind(name: str, *suffixes: str, is_lossy: bool = False) -> ImageKind:
+    functions = partial(_describe, name), partial(_load, name)
+    return ImageKind(name, suffixes, *functions, _look(name), f"{name} header", is_lossy)
+
+
+BMP = _kind("BMP", ".bmp", ".dib")
+JPEG = _kind("JPEG", ".jpg", ".jpeg", is_lossy=True)
+WEBP = _kind("WebP", ".webp", is_lossy=True)
