@@ -3,6 +3,7 @@
 import csv
 import html
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -296,14 +297,20 @@ def test_a_rotation_outside_the_model_is_empty_everywhere(tmp_path: Path, demo_s
     assert read(out).sampled.has_residual[1:].all()  # type: ignore[union-attr]
 
 
-def test_an_impact_at_the_start_of_the_recording_is_warned_of(tmp_path: Path, demo_shot: demo.Shot) -> None:
-    # The contact lasts from frame 26.3 to 38.3; without the warning the ball would seem to gain 38 J.
+def test_a_recording_that_begins_in_the_contact_has_no_impact_but_says_the_speed_after_it(
+    tmp_path: Path, demo_shot: demo.Shot
+) -> None:
+    # The contact lasts from frame 26.3 to 38.3; the ball would seem to gain 38 J in a contact of its second half.
     path, out = tmp_path / "late.tif", tmp_path / "out"
     tifffile.imwrite(path, demo_shot.images[32:], photometric="minisblack")
     scale = ["--fps", "36000", "--diameter-mm", "30", "--mass-g", "110"]
     assert main(["track", str(path), "--out", str(out), *scale, "--no-report", "--quiet"]) == 0
-    warnings = json.loads((out / "summary.json").read_text())["warnings"]
-    assert any("starts within the contact" in sentence for sentence in warnings)
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["impact"] is None
+    (sentence,) = (text for text in summary["warnings"] if text.startswith("No impact is reported: "))
+    assert "the flight before the contact: 3 are needed" in sentence
+    value, sd = map(float, re.findall(r"The speed after it is ([\d.]+) ± ([\d.]+) m/s", sentence)[0])
+    assert abs(value - demo.true_impact()["speed_after"]) < 3 * sd
 
 
 def test_images_missing_from_a_flight_are_warned_of(tmp_path: Path, demo_shot: demo.Shot) -> None:

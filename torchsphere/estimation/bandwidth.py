@@ -86,7 +86,7 @@ def smoother_weights(
         before, covariance = filtered[i]
         ahead = matrices[i] @ covariance @ matrices[i].T + added[i]
         size = np.sqrt(np.diag(ahead))
-        # After a long gap two frames tell but one combination of the states: their correlations are 1 to the last digit.
+        # After a long gap the states have correlations of 1 to the last digit, so that no inverse exists.
         scaled, *_ = np.linalg.lstsq(ahead / np.outer(size, size), (matrices[i] @ covariance) / size[:, None])
         gain = (scaled / size[:, None]).T
         mean = before + gain @ (mean - matrices[i] @ before)

@@ -13,7 +13,7 @@ from torchsphere.tracking.record import Record
 #: Share of the disc in the image below which the ball has left the image (docs/constants.md).
 MIN_IN_FRAME = 0.5
 
-#: Numbers of last positions from which the flight goes on: few after a contact, many of a slow ball (docs/constants.md).
+#: Numbers of last positions that tell the flight: few after a contact, many of a slow ball (docs/constants.md).
 POSITIONS = (3, 16)
 
 #: Errors of a predicted position that are allowed for, standard deviations (docs/constants.md).
