@@ -13,6 +13,7 @@ from typing import Any
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 
 NOTEBOOK = Path(__file__).resolve().parents[2] / "docs" / "tutorial.ipynb"
@@ -44,7 +45,9 @@ def test_every_cell_runs_and_prints_what_stands_below_it(monkeypatch: pytest.Mon
             pictures = sum("image/png" in output.get("data", ()) for output in cell["outputs"])
             assert len(drawn) - before == pictures, cell["id"]
     # The impact of the synthetic shot, whose force peaks at 54 kN (110 g, 0.375 mm/px, half a sine over 12 frames).
-    assert float(names["impact"].peak_force.value) == pytest.approx(54_000, rel=0.02)
+    for name, true in names["demo_shot"].true_impact().items():
+        estimate = getattr(names["impact"], name)
+        assert (np.abs(estimate.value - true) < 3 * estimate.sd).all(), name
     assert (names["track"].status == "ok").all()
 
 

@@ -22,7 +22,7 @@ def test_a_track_has_its_frames_circle_and_mean_motion_in_a_line(track: ts.Track
 def test_a_motion_and_an_impact_have_their_numbers_in_a_line(track: ts.Track) -> None:
     motion = ts.kinematics(track, frame_rate=36000.0, diameter_m=0.03, mass_kg=0.11)
     assert "of 71 frames, 0 to 1.94444 ms: up to 71." in repr(motion)
-    assert "; contact from 0.72" in repr(motion)
+    assert "; contact from 0.73" in repr(motion)
     impact, _ = ts.impact(motion, ts.ball(0.11, 0.03))
     assert impact is not None
     text = repr(impact)

@@ -58,19 +58,23 @@ def run(options: dict[str, Any]) -> int:
 
 
 def _print_comparison(shot: Shot, done: Measurement) -> None:
+    from torchsphere.report.summary_tables import with_sd
     from torchsphere.synthetic import demo_shot
     from torchsphere.tracking.result import status_counts
 
     tracked = done.track
     assert done.motion is not None  # the request has frame rate and scale
+    assert done.impact is not None  # the shot has one
     print(f"frames {status_text(status_counts(tracked))}")
     print(f"\n{'per frame':<24} {'rms error':>10} {'stated sd':>10}  within 2 sd")
     for name, unit, rms, sd, within in demo_shot.frame_errors(shot, tracked):
         print(f"{f'{name} ({unit})':<24} {rms:>10.4f} {sd:>10.4f}  {100 * within:.0f} %")
-    print(f"\n{'quantity':<32} {'true':>10} {'recovered':>10} {'sd':>8}  error / sd")
-    rows = demo_shot.compare(shot, done.motion)
+    print(f"\n{'quantity':<28} {'true':>10} {'recovered':>20}  error / sd")
+    rows = demo_shot.compare(shot, done.motion, done.impact)
     for row in rows:
-        label = f"{row.name} ({row.unit})"
-        print(f"{label:<32} {row.true:>10.3f} {row.measured:>10.3f} {row.sd:>8.3f}  {row.ratio:+.1f}")
+        label = f"{row.name} ({row.unit})" if row.unit else row.name
+        recovered = with_sd(row.measured, row.sd, "")
+        decimals = len(recovered.split()[0].partition(".")[2])
+        print(f"{label:<28} {row.true:>10.{decimals}f} {recovered:>20}  {row.ratio:+.1f}")
     agree = sum(abs(row.ratio) <= 2 for row in rows)
     print(f"\n{agree} of {len(rows)} quantities agree with the truth within 2 standard deviations")

@@ -6,13 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.dynamics.filtered_motion import FilteredMotion
+from torchsphere.dynamics.flights import MIN_SURE_FRAMES, is_confirmed
 from torchsphere.dynamics.impact import MIN_RESOLVED_FRAMES, contact_frames
 from torchsphere.dynamics.impact_estimate import Estimate, Impact
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.runtime.warning_levels import severe
-
-#: Fewest frames of flight on either side that separate flight from contact (docs/constants.md).
-MIN_FLIGHT_FRAMES = 6
 
 #: Standard deviations beyond which a restitution is out of its range, and a force is measured (docs/constants.md).
 SIGNIFICANT_SD = 3.0
@@ -67,7 +65,7 @@ def filter_warnings(motion: Kinematics, impact: Impact | None, filtered: Filtere
 
 def _flight_warnings(motion: Kinematics, impact: Impact) -> list[str]:
     """Whether the recording may start or end within the contact."""
-    known = motion.time_s[np.isfinite(motion.velocity_m_s).all(1)]
+    known = motion.time_s[np.isfinite(motion.velocity_m_s).all(1) & is_confirmed(motion)]
     sides = (
         ("before", "starts", int((known <= impact.contact_start.value).sum())),
         ("after", "ends", int((known >= impact.contact_end.value).sum())),
@@ -77,7 +75,7 @@ def _flight_warnings(motion: Kinematics, impact: Impact) -> list[str]:
         f"{verb} within the contact, its speeds, duration, restitution, impulse and energies are not the impact's. "
         "Measure a longer part of the recording, if there is one."
         for side, verb, count in sides
-        if count < MIN_FLIGHT_FRAMES
+        if count < MIN_SURE_FRAMES
     ]
 
 

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.dynamics.estimate import Array, Estimate, estimated
+from torchsphere.dynamics.flights import flight_frames
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import FoundContact, Kinematics
-from torchsphere.dynamics.rebound import dot, flight_frames, rebound
+from torchsphere.dynamics.rebound import dot, rebound
 
 #: Fewest frames in the contact whose forces make a path (docs/constants.md).
 MIN_FRAMES = 3
@@ -95,7 +96,7 @@ def force_path(motion: Kinematics, impact: Impact, *, normal_deg: float | None =
     if not np.isfinite(impact.peak_force.value):
         return None, "The contact is too short or has too few measured frames for a force against penetration."
     draws = found.draws
-    frames = flight_frames(motion, found.contact_s, found.sd_contact_s, draws.span)
+    frames = flight_frames(motion, found)
     if isinstance(frames, str):
         return None, frames
     inside = np.flatnonzero((motion.time_s >= found.contact_s[0]) & (motion.time_s <= found.contact_s[1]))

@@ -21,23 +21,13 @@ from torchsphere.dynamics.ball_of_motion import ball_of_motion
 from torchsphere.dynamics.budget import OF_CONTACT, budget
 from torchsphere.dynamics.draws import Draws
 from torchsphere.dynamics.energy_balance import energy_balance
+from torchsphere.dynamics.flights import flight_frames, is_spin_known, without_spin
 from torchsphere.dynamics.friction import friction
 from torchsphere.dynamics.impact_estimate import Estimate, Impact
-from torchsphere.dynamics.kinematics import Kinematics
+from torchsphere.dynamics.kinematics import FoundContact, Kinematics
 from torchsphere.dynamics.peak_force import peak_force, peak_frame
-from torchsphere.dynamics.rebound import (
-    Rebound,
-    direction,
-    dot,
-    flight_frames,
-    is_accelerated,
-    is_velocity_changed,
-    norm,
-    rebound,
-    slip,
-    surface_angle,
-    tangential,
-)
+from torchsphere.dynamics.rebound import Rebound, direction, dot, norm, rebound, slip, surface_angle, tangential
+from torchsphere.dynamics.refusals import Meeting, why_no_contact, why_no_impact
 from torchsphere.estimation.spread import sd_of_errors
 from torchsphere.settings.limits import as_float
 
@@ -53,36 +43,18 @@ MIN_SEEN_FRAMES = 3
 #: Standard deviation of an edge of a shorter contact, frames (docs/constants.md).
 SHORT_CONTACT_SD = 0.5
 
-_NO_CONTACT = "No contact was found: one steady motion explains all frames as well."
-_ACCELERATED = (
-    "No contact was found: one steady acceleration explains all frames as well, as by gravity or drag, or if all "
-    "frames lie within the contact."
-)
-_DRIVEN_ON = (
-    "In the contact that was found the ball is driven on the way it flies, not thrown back: no target at rest does so."
-)
 _STRUCK_FROM_BEHIND = (
     "The ball was struck from behind, as by a target that moves after an earlier impact, so there is no restitution."
-)
-_IN_PLACE = "The ball stays in its place, so no contact was sought."
-_NO_CHANGE = (
-    "The velocity after the contact that was found is that before it: this is no impact, but perhaps a few wrong or "
-    "missing frames."
-)
-_LOADED = (
-    "The motion was loaded from a result folder, which keeps no drawn motions: take the impacts that were loaded with "
-    "it, or torchsphere.kinematics of the loaded track."
-)
-_NORMAL_AWAY = (
-    "The target's normal was given as {:g} deg, which is the way that the ball flies; "
-    "give the direction from target to ball."
 )
 _NO_NORMAL = (
     "The target's normal was not given. The direction of the change of velocity is taken for it, so no tangential "
     "change and no coefficient of friction are stated."
 )
 _NO_BALL = "The ball's mass and diameter were not given, so there are no forces and energies."
-_NO_SPIN = "The spin was not measured, so neither its energy nor the energy given to the target is known."
+_NO_SPIN = (
+    "The spin was not measured, or its change in the contact cannot be told from one in flight, so neither its energy "
+    "nor the energy given to the target is known."
+)
 
 _QUANTITIES: dict[str, tuple[Quantity, str]] = {
     "contact_start": (lambda r: r.contact_s[..., 0], "s"),
@@ -206,34 +178,33 @@ def _of_strongest_contact(
     given: Any = motion
     if not isinstance(given, Kinematics):
         raise ValueError(f"motion: expected what torchsphere.kinematics returns, got {type(given).__name__}")
-    if not np.isfinite(motion.velocity_m_s).any():
-        return None, "No frame has a velocity: too few frames in a row were measured."
-    if "contact_found" not in motion.about:
-        return None, f"The method {motion.about['method']!r} finds no contact; use the smoother."
-    if motion.about.get("in_place"):
-        return None, _IN_PLACE
-    if motion.about.get("loaded"):
-        return None, _LOADED
-    if motion.contact_s is None or motion.sd_contact_s is None or motion.draws is None:
-        return None, _ACCELERATED if is_accelerated(motion) else _NO_CONTACT
-    draws = motion.draws
-    frames = flight_frames(motion, motion.contact_s, motion.sd_contact_s, draws.span)
+    reason = why_no_contact(motion)
+    if reason or motion.contact_s is None or motion.sd_contact_s is None or motion.draws is None:
+        return None, reason
+    contact = FoundContact(motion.contact_s, motion.sd_contact_s, motion.draws)
+    frames = flight_frames(motion, contact)
     if isinstance(frames, str):
         return None, frames
-    smoothed = rebound(motion.velocity_m_s[frames], motion.spin_rad_s[frames], motion.contact_s, normal_deg)
-    is_driven_on = float((smoothed.velocity_before * smoothed.normal).sum()) >= 0
-    change = smoothed.velocity_after - smoothed.velocity_before
-    if is_driven_on and not (may_drive_on and float((change * smoothed.normal).sum()) > 0):
-        return None, _DRIVEN_ON if normal_deg is None else _NORMAL_AWAY.format(normal_deg)
-    if not is_velocity_changed(draws, frames):
-        return None, _NO_CHANGE
+    draws, spin = contact.draws, motion.spin_rad_s[frames]
+    if not is_spin_known(motion, contact):
+        draws, spin = without_spin(motion, draws), np.full_like(spin, np.nan)
+    part = draws.at([frame - draws.span.start for frame in frames])
+    smoothed = rebound(motion.velocity_m_s[frames], spin, contact.contact_s, normal_deg)
+    meeting = Meeting(smoothed, part, normal_deg, may_drive_on)
+    reason = why_no_impact(meeting)
+    return (None, reason) if reason else (_stated(motion, draws, meeting, frames, ball), "")
+
+
+def _stated(motion: Kinematics, draws: Draws, meeting: Meeting, frames: list[int], ball: Ball | None) -> Impact:
+    """The impact between the two ``frames`` of flight."""
+    smoothed, part, normal_deg = meeting.smoothed, meeting.part, meeting.normal_deg
+    estimates = _estimates(smoothed, part, ball, normal_deg)
     drawn_frames = [frame - draws.span.start for frame in frames]
-    estimates = _estimates(smoothed, draws.at(drawn_frames), ball, normal_deg)
     direction_of_force = None
     if ball is not None:
         frame, direction_of_force = peak_frame(motion, draws)
         estimates["peak_force"], estimates["peak_time"] = peak_force(motion, draws, ball, (frame, direction_of_force))
-        drawn, its_ball = _drawn(draws.at(drawn_frames), ball, normal_deg)
+        drawn, its_ball = _drawn(part, ball, normal_deg)
         balls = its_ball or ball
         estimates["energy_balance"] = energy_balance(smoothed, drawn, ball, balls)
         if normal_deg is not None:
@@ -243,7 +214,7 @@ def _of_strongest_contact(
     shares = budget(results, draws, drawn_frames)
     missing = _missing(smoothed, ball, has_normal=normal_deg is not None)
     found = Impact(**estimates, ball=ball, missing=missing, budget=shares)
-    return _without_unresolved_force(_without_restitution(found) if is_driven_on else found, motion), ""
+    return _without_unresolved_force(_without_restitution(found) if meeting.is_driven_on else found, motion)
 
 
 def _drawn_results(

@@ -7,17 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.dynamics.kinematics import Draws, Kinematics
-
-#: Least change of the velocity in one component that is an impact, in standard deviations (docs/constants.md).
-MIN_CHANGE_SD = 2.0
-
-#: Least acceleration that noise does not explain, in standard deviations (docs/constants.md).
-MIN_ACCELERATION_SD = 5.0
-
-#: Least distance of a frame of flight from the contact, in standard deviations of its edge (docs/constants.md).
-EDGE_MARGIN_SD = 2.0
-
 Array = NDArray[np.float64]
 
 
@@ -36,35 +25,6 @@ class Rebound:
     def duration_s(self) -> Array:
         """Duration of the contact (...)."""
         return np.asarray(self.contact_s[..., 1] - self.contact_s[..., 0])
-
-
-def flight_frames(motion: Kinematics, contact_s: Array, sd_contact_s: Array, span: slice) -> list[int] | str:
-    """The last frame before the contact and the first one after it, or a sentence on the flight that is missing.
-
-    ``contact_s`` are start and end (2,) with their standard deviations, and ``span`` the frames that were drawn.
-    """
-    margin = EDGE_MARGIN_SD * sd_contact_s
-    known = np.zeros(len(motion.time_s), dtype=bool)
-    known[span] = np.isfinite(motion.velocity_m_s[span]).all(1)
-    earlier = np.flatnonzero(known & (motion.time_s <= contact_s[0] - margin[0]))
-    later = np.flatnonzero(known & (motion.time_s >= contact_s[1] + margin[1]))
-    if len(earlier) == 0:
-        return "The contact reaches the start: no flight before it was measured."
-    if len(later) == 0:
-        return "The contact reaches the end: no flight after it was measured."
-    return [int(earlier[-1]), int(later[0])]
-
-
-def is_accelerated(motion: Kinematics) -> bool:
-    """Whether some frame has an acceleration that noise does not explain."""
-    return bool((np.abs(motion.acceleration_m_s2) > MIN_ACCELERATION_SD * motion.sd_acceleration_m_s2).any())
-
-
-def is_velocity_changed(draws: Draws, frames: list[int]) -> bool:
-    """Whether the velocities in two frames, before and after, differ by more than their uncertainty."""
-    before, after = (draws.velocity_m_s[:, frame - draws.span.start] for frame in frames)
-    change = after - before
-    return bool((np.abs(change.mean(0)) > MIN_CHANGE_SD * change.std(0)).any())
 
 
 def rebound(velocity: Array, spin: Array, contact_s: Array, normal_deg: float | None) -> Rebound:

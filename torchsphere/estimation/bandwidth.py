@@ -86,7 +86,8 @@ def smoother_weights(
         before, covariance = filtered[i]
         ahead = matrices[i] @ covariance @ matrices[i].T + added[i]
         size = np.sqrt(np.diag(ahead))
-        scaled = np.linalg.solve(ahead / np.outer(size, size), (matrices[i] @ covariance) / size[:, None])
+        # After a long gap the states have correlations of 1 to the last digit, so that no inverse exists.
+        scaled, *_ = np.linalg.lstsq(ahead / np.outer(size, size), (matrices[i] @ covariance) / size[:, None])
         gain = (scaled / size[:, None]).T
         mean = before + gain @ (mean - matrices[i] @ before)
     rate, acceleration = mean[1], mean[2] + steps.envelope[0, 0, at - part.start] * mean[FLIGHT_STATES]

@@ -1,4 +1,4 @@
-"""Synthetic shot with known motion: a speckled ball flies, hits a bar, bounces back and is spun up by friction."""
+"""The demo's shot: a speckled ball flies, hits a bar and bounces back, along the exact course of `demo_motion`."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import tifffile
 import torch
+from kornia.geometry.liegroup import So3
 from numpy.typing import NDArray
 
+from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics
-from torchsphere.geometry.orientation import chain
-from torchsphere.synthetic import ray_caster
+from torchsphere.synthetic import demo_motion, ray_caster
+from torchsphere.synthetic.demo_motion import CONTACT_LENGTH, CONTACT_START, FRAMES, RADIUS_PX
 from torchsphere.tracking.result import Track
 
 Array = NDArray[np.float64]
@@ -24,14 +26,14 @@ NAME = "synthetic example shot"
 #: The paper's frontal impact (section 5): ball of 30 mm and 110 g at 36 000 frames/s.
 FRAME_RATE, DIAMETER_MM, MASS_G = 36_000.0, 30.0, 110.0
 
-#: Image (h, w) and radius of the ball, px.
-SHAPE, RADIUS_PX = (192, 384), 40.0
+#: Size of a pixel, m.
+M_PER_PX = 1e-3 * DIAMETER_MM / (2 * RADIUS_PX)
+
+#: Image (h, w).
+SHAPE = (192, 384)
 
 #: Noise, and grey levels of background and target, of an 8-bit camera.
 NOISE, BACKGROUND, TARGET = 2.0, 60.0, 170.0
-
-#: Frames before, in and after the contact.
-BEFORE, CONTACT, AFTER = 26, 12, 32
 
 
 @dataclass(frozen=True)
@@ -46,15 +48,13 @@ class Shot:
 
 def make_shot(seed: int = 1) -> Shot:
     """Make the shot; the same seed gives the same images."""
-    increment = _increments()
-    n = len(increment) + 1
-    start = np.array([[64.3, 92.6]])
-    position = np.concatenate((start, start + increment[:, :2].cumsum(0)))
-    rotation = np.concatenate((np.zeros((1, 3)), increment[:, 2:]))
-    orientation = chain(rotation, np.ones(n, dtype=bool))
+    position, orientation = demo_motion.position(np.arange(FRAMES)), demo_motion.orientation(FRAMES)
+    turned = torch.from_numpy(orientation[1:] @ orientation[:-1].swapaxes(1, 2))
+    increment = np.concatenate((np.diff(position, axis=0), So3.from_matrix(turned).log().numpy()), 1)
     still = torch.full(SHAPE, BACKGROUND)
-    # The ball touches the bar in the middle of the contact.
-    still[:, round(position[BEFORE + CONTACT // 2, 0] + RADIUS_PX) + 1 :] = TARGET
+    # The bar gives way: the ball touches it as it is drawn in the middle of the contact.
+    deepest = float(demo_motion.position([CONTACT_START + 0.5 * CONTACT_LENGTH])[0, 0])
+    still[:, round(deepest + RADIUS_PX) + 1 :] = TARGET
     pattern = ray_caster.speckle(seed, radius_px=RADIUS_PX)
     poses = torch.from_numpy(position).float(), torch.from_numpy(orientation).float()
     clean = ray_caster.render(pattern, poses[0], RADIUS_PX, poses[1], still)
@@ -63,26 +63,56 @@ def make_shot(seed: int = 1) -> Shot:
     return Shot(images, position, increment, orientation)
 
 
-def _increments() -> Array:
-    """Increments (n - 1, 5): steady flight, half a sine of force while in contact, steady flight."""
-    before = np.array([5.3, 0.3, *np.radians([0.0, 0.25, 0.0])])
-    after = np.array([-2.4, 0.5, *np.radians([0.1, 0.35, 0.3])])
-    share = 0.5 * (1 - np.cos(np.pi * (np.arange(CONTACT) + 0.5) / CONTACT))
-    contact = before + share[:, None] * (after - before)
-    return np.concatenate((np.tile(before, (BEFORE, 1)), contact, np.tile(after, (AFTER, 1))))
+def true_impact() -> dict[str, Array]:
+    """Exact values of the impact by their names and in the units of `Impact`."""
+    m_s = M_PER_PX * FRAME_RATE
+    before, after = (m_s * v[:2] for v in (demo_motion.VELOCITY_BEFORE, demo_motion.VELOCITY_AFTER))
+    spins = (spin * FRAME_RATE / (2 * np.pi) for spin in (demo_motion.SPIN_BEFORE, demo_motion.SPIN_AFTER))
+    change = after - before
+    impulse = 1e-3 * MASS_G * np.linalg.norm(change)
+    contact_s = np.array([CONTACT_START, CONTACT_START + CONTACT_LENGTH]) / FRAME_RATE
+    duration = contact_s[1] - contact_s[0]
+    values = {
+        "contact_start": contact_s[0],
+        "contact_end": contact_s[1],
+        "duration": duration,
+        "velocity_before": before,
+        "velocity_after": after,
+        "speed_before": np.linalg.norm(before),
+        "speed_after": np.linalg.norm(after),
+        "restitution_normal": -(after @ change) / (before @ change),
+        # A half-sine of force has the mean 2 / pi of its largest value.
+        "peak_force": 0.5 * np.pi * impulse / duration,
+        "peak_time": contact_s.mean(),
+        "mean_force": impulse / duration,
+        "impulse_size": impulse,
+    }
+    values |= dict(zip(("spin_before", "spin_after"), spins, strict=True))
+    return {name: np.asarray(value) for name, value in values.items()}
 
 
 def write_shot(folder: Path, shot: Shot) -> tuple[Path, Path]:
-    """Write the images as ``shot.tif`` and the truth as ``truth.csv``, with the column names of ``track.csv``."""
+    """Write ``shot.tif`` and the true motion ``truth.csv``, with column names of ``track.csv`` and ``kinematics.csv``.
+
+    Increments lead from frame to frame; velocities, forces and spins are those of the moments of the frames.
+    """
     images, truth = folder / "shot.tif", folder / "truth.csv"
     tifffile.imwrite(images, shot.images, photometric="minisblack")
+    frames = np.arange(len(shot.position))
+    blank = np.full((1, 5), np.nan)
+    columns = {
+        "x_px,y_px": shot.position,
+        "dx_px,dy_px,wx_rad,wy_rad,wz_rad": np.concatenate((blank, shot.increment)),
+        "time_s": frames[:, None] / FRAME_RATE,
+        "vx_m_s,vy_m_s": M_PER_PX * FRAME_RATE * demo_motion.velocity(frames),
+        "fx_N,fy_N": 1e-3 * MASS_G * M_PER_PX * FRAME_RATE**2 * demo_motion.acceleration(frames),
+        "wx_rad_s,wy_rad_s,wz_rad_s": FRAME_RATE * demo_motion.spin(frames),
+    }
     with truth.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
-        writer.writerow(("frame", "x_px", "y_px", "dx_px", "dy_px", "wx_rad", "wy_rad", "wz_rad"))
-        blank = np.full((1, 5), np.nan)
-        rows = np.concatenate((shot.position, np.concatenate((blank, shot.increment))), axis=1)
-        for frame, row in enumerate(rows):
-            writer.writerow([frame, *(format(v, ".9g") for v in row)])
+        writer.writerow(["frame", *",".join(columns).split(",")])
+        for frame, row in enumerate(np.concatenate(list(columns.values()), 1)):
+            writer.writerow([frame, *(format(v, ".12g") for v in row)])
     return images, truth
 
 
@@ -102,35 +132,29 @@ class Comparison:
         return (self.measured - self.true) / self.sd
 
 
-def compare(shot: Shot, motion: Kinematics) -> list[Comparison]:
-    """Measured against true values: means over both flights, the peak of the force, and the last position."""
-    m_per_px = 1e-3 * DIAMETER_MM / (2 * RADIUS_PX)
+#: Name in `Impact`, label, unit and its size in the unit of `Impact`, of the lines of the demo's table.
+_LINES = (
+    ("contact_start", "contact begins", "ms", 1e-3),
+    ("duration", "contact lasts", "ms", 1e-3),
+    ("velocity_before", "velocity {} before", "m/s", 1.0),
+    ("velocity_after", "velocity {} after", "m/s", 1.0),
+    ("spin_before", "spin {} before", "rev/s", 1.0),
+    ("spin_after", "spin {} after", "rev/s", 1.0),
+    ("restitution_normal", "restitution", "", 1.0),
+    ("peak_force", "largest force", "kN", 1e3),
+    ("impulse_size", "impulse", "N s", 1.0),
+)
+
+
+def compare(shot: Shot, motion: Kinematics, found: Impact) -> list[Comparison]:
+    """Measured against true values: those of the impact, and the last position."""
     rows = []
-    flights = {"before": slice(1, BEFORE), "after": slice(BEFORE + CONTACT + 1, BEFORE + CONTACT + AFTER)}
-    for flight, part in flights.items():
-        true = shot.increment[part.start]
-        for k, axis in enumerate("xy"):
-            value, sd = _mean(motion.velocity_m_s[part, k], motion.sd_velocity_m_s[part, k])
-            rows.append(Comparison(f"velocity {axis} {flight}", "m/s", true[k] * m_per_px * FRAME_RATE, value, sd))
-        for k, axis in enumerate("xyz"):
-            value, sd = _mean(motion.spin_rad_s[part, k], motion.sd_spin_rad_s[part, k])
-            rows.append(Comparison(f"spin {axis} {flight}", "rad/s", true[2 + k] * FRAME_RATE, value, sd))
-    if motion.force_N is not None and motion.sd_force_N is not None:
-        acceleration = np.diff(shot.increment[:, 0]) * m_per_px * FRAME_RATE**2
-        frame = int(np.abs(acceleration).argmax()) + 1
-        force = 1e-6 * MASS_G * acceleration[frame - 1]
-        measured, sd = 1e-3 * motion.force_N[frame, 0], 1e-3 * motion.sd_force_N[frame, 0]
-        rows.append(Comparison("force x at its peak", "kN", force, float(measured), float(sd)))
-    for k, axis in enumerate("xy"):
-        measured, sd = 1e3 * motion.position_m[-1, k], 1e3 * motion.sd_position_m[-1, k]
-        position = 1e3 * (shot.position[-1, k] * m_per_px)
-        rows.append(Comparison(f"position {axis} at the end", "mm", position, float(measured), float(sd)))
-    return rows
-
-
-def _mean(values: Array, sd: Array) -> tuple[float, float]:
-    """Mean over a flight, and the standard deviation of one frame, since errors of scale and radius do not cancel."""
-    return float(values.mean()), float(sd.mean())
+    for name, label, unit, size in _LINES:
+        estimate = getattr(found, name)
+        values = (np.atleast_1d(v) / size for v in (true_impact()[name], estimate.value, estimate.sd))
+        rows += [Comparison(label.format(axis), unit, *row) for axis, *row in zip("xyz", *values, strict=False)]
+    sides = zip("xy", shot.position[-1] * M_PER_PX, motion.position_m[-1], motion.sd_position_m[-1], strict=True)
+    return rows + [Comparison(f"position {axis} at the end", "mm", *(1e3 * v for v in row)) for axis, *row in sides]
 
 
 def frame_errors(shot: Shot, track: Track) -> list[tuple[str, str, float, float, float]]:

@@ -25,6 +25,7 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
 from torchsphere.tracking import recovery
+from torchsphere.tracking.leaving import has_left
 from torchsphere.tracking.prediction import BallState, circle_path, linear_trend, repeats_previous
 from torchsphere.tracking.prefetch import Prefetcher
 from torchsphere.tracking.record import Record
@@ -219,7 +220,7 @@ class Follower:
         if not record.is_placed(at) and at - state.frame >= RESTART_AFTER:
             self._restart_by_outline(at, target)
         if not record.is_placed(at):
-            if recovery.has_left_image(state, expected):
+            if has_left(record, state, at):
                 record.status[at] = "out_of_frame"
             elif record.status[at] == "out_of_frame":
                 record.status[at] = "lost"
@@ -228,7 +229,7 @@ class Follower:
         """Correlate one pair from the best of a few first guesses; if these fail, from a search over rotations."""
         state = self._state
         found = recovery.correlate_from_guesses(pair, state, place, expected, setup)
-        if not recovery.is_worth_a_search(found, state, expected, self._is_plain, setup):
+        if not recovery.is_worth_a_search(found, self._is_plain, setup) or has_left(self.record, state, at):
             return found
         failed = self._failed_searches
         if len(failed) >= self._searches or not recovery.is_search_due(at, failed):

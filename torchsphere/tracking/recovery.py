@@ -57,9 +57,6 @@ MAX_OFF_PLACE = 0.25
 #: Largest standard deviation of the limb of a ball that is in its place, px (docs/constants.md).
 MAX_LIMB_SD_PX = 0.5
 
-#: Share of the disc in the image below which the ball has left the image (docs/constants.md).
-MIN_IN_FRAME = 0.5
-
 
 def without_occluder(state: BallState, explained: Tensor, setup: PairSetup) -> PairSetup:
     """The setup without the part of the last image that shows no ball, by its ``explained`` (c, c) cells."""
@@ -123,12 +120,12 @@ def correlate_from_guesses(
     return correlate_one(pair, state.circle, best[0] if len(best) else unturned, setup)
 
 
-def is_worth_a_search(found: Correlation, state: BallState, expected: Tensor, is_plain: bool, setup: PairSetup) -> bool:
+def is_worth_a_search(found: Correlation, is_plain: bool, setup: PairSetup) -> bool:
     """Whether a search over rotations may succeed where the first guesses failed."""
     # A plain ball has no texture to search by.
     plain = is_plain and found.status[0] == "weak_texture"
     turns = motion_models.MODELS[setup.options.model] in (motion_models.rigid, *motion_models.EXACT)
-    return found.status[0] != "ok" and turns and not plain and not has_left_image(state, expected)
+    return found.status[0] != "ok" and turns and not plain
 
 
 def is_search_due(frame: int, failed: list[int]) -> bool:
@@ -240,8 +237,3 @@ def _shows_limb(image: Tensor, state: BallState, setup: PairSetup) -> bool:
     sd = covariance[0].diagonal().clamp_min(0).sqrt()
     off = (circle[0] - state.circle).abs()
     return bool(circle.isfinite().all() and (sd < MAX_LIMB_SD_PX).all() and (off < RESTART_RADIUS * state.radius).all())
-
-
-def has_left_image(state: BallState, expected: Tensor) -> bool:
-    """Whether the ball has left the image by its expected motion (5,)."""
-    return state.share_in_image(state.centre + expected[:2]) < MIN_IN_FRAME
