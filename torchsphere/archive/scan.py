@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from torchsphere.recording.folder import natural_key
-from torchsphere.recording.photron import HEADER_SUFFIXES
+from torchsphere.recording.photron_header import HEADER_SUFFIXES
 from torchsphere.recording.tiff import count_pages
 
 TIFF = (".tif", ".tiff")
@@ -66,6 +66,7 @@ def _in_folder(folder: Path, names: Sequence[str], notes: list[str]) -> Iterator
         images = tiffs
     else:
         images = [name for name in names if suffixes[name] == ".png"]
+    files = [name for name in files if not _is_of_export(folder, name, names, has_images=bool(tiffs or images))]
     headers = {Path(name).stem for name in files if suffixes[name] in HEADER_SUFFIXES}
     seen: set[str] = set()
     for name in files:
@@ -80,6 +81,14 @@ def _in_folder(folder: Path, names: Sequence[str], notes: list[str]) -> Iterator
     elif images:
         why = "lie beside recordings" if files else "are one image, and motion needs two or more"
         notes.append(f"{folder}: {len(images)} single image(s) were left out: they {why}.")
+
+
+def _is_of_export(folder: Path, name: str, names: Sequence[str], *, has_images: bool) -> bool:
+    """Whether a Photron header has no raw images, and was written beside images that were exported."""
+    path = Path(name)
+    if path.suffix.lower() not in HEADER_SUFFIXES or {path.stem + end for end in (".mraw", ".MRAW")} & set(names):
+        return False
+    return has_images or (folder / path.stem).is_dir()
 
 
 def _single_pages(paths: Sequence[Path]) -> bool:
@@ -99,13 +108,15 @@ def files_of(recording: Path) -> list[os.stat_result | None]:
     try:
         if recording.is_dir():
             with os.scandir(recording) as entries:
-                images = [e for e in entries if Path(e.name).suffix.lower() in (*TIFF, ".png")]
+                images = [e for e in entries if Path(e.name).suffix.lower() in (*TIFF, ".png", *HEADER_SUFFIXES)]
                 return [entry.stat() for entry in sorted(images, key=lambda e: e.name) if entry.is_file()]
         if suffix in PHOTRON:
             partners = PHOTRON if suffix == ".mraw" else (suffix, ".mraw")
             stats = [_stat(recording.with_suffix(s)) or _stat(recording.with_suffix(s.upper())) for s in partners]
             return [stat for stat in (_stat(recording), *stats) if stat is not None] or [None]
-        return [_stat(recording)]
+        # A header of Photron's beside a TIFF has its frame rate.
+        beside = [_stat(recording.with_suffix(s)) for s in HEADER_SUFFIXES] if suffix in TIFF else []
+        return [_stat(recording), *(stat for stat in beside if stat is not None)]
     except OSError:
         return [None]
 

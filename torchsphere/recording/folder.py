@@ -13,9 +13,11 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from torchsphere.recording.orientation import turned
 from torchsphere.recording.recording import MAX_IMAGE_BYTES, MAX_PIXELS, Reader, Recording
 from torchsphere.recording.refusal import PNG_SIGNATURE, library_failures, looks_like
-from torchsphere.recording.tiff import Page, count_pages, describe, page_image, page_notes
+from torchsphere.recording.tiff import Page, count_pages, describe, page_image, page_notes, page_origins
+from torchsphere.recording.tiff_display import pixel_aspect_of
 
 _TIFF, _PNG = (".tif", ".tiff"), (".png",)
 _OTHER_IMAGES = (".jpg", ".jpeg", ".bmp", ".gif", ".webp", ".jp2", ".raw", ".dng")
@@ -39,12 +41,19 @@ def open_folder(path: Path) -> Recording:
             )
     kind = "PNG" if is_png else "TIFF"
     depth = first.bits if first.dtype[0] == "u" else None
+    origins = {"bit_depth": "PNG header" if is_png else "TIFF BitsPerSample"} if depth else {}
+    aspect, aspect_origin = _png_pixel_aspect(files[0]) if is_png else _tiff_pixel_aspect(files[0])
+    if aspect is not None:
+        origins["pixel_aspect"] = aspect_origin
     return Recording(
         path=path,
         kind=f"folder of {kind} images, {first.bits} bit{', colour' if first.samples >= 3 else ''}",
         shape=(len(files), first.height, first.width),
         bit_depth=depth,
-        origins={"bit_depth": "PNG header" if is_png else "TIFF BitsPerSample"} if depth else {},
+        pixel_aspect=aspect,
+        orientation=first.orientation,
+        bayer=first.bayer,
+        origins=origins | page_origins(first),
         notes=(f"{kind} images carry no frame rate.", *page_notes(first), *notes),
         files=files,
         _reader=_reader(files, first, is_png),
@@ -57,7 +66,7 @@ def read_image(file: Path) -> NDArray[np.float32]:
         raise FileNotFoundError(f"{file}: there is no such file; check the name")
     is_png = file.suffix.lower() in _PNG
     page = _png_page(file) if is_png else _tiff_page(file)
-    return np.asarray(_reader((file,), page, is_png)(0, 1)[0], np.float32)
+    return np.asarray(turned(_reader((file,), page, is_png)(0, 1), page.orientation)[0], np.float32)
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
@@ -116,6 +125,24 @@ def _tiff_page(file: Path) -> Page:
         tif = tifffile.TiffFile(file, _multifile=False)
     with tif:
         return describe(file, tif, 0)
+
+
+def _tiff_pixel_aspect(file: Path) -> tuple[float | None, str]:
+    with library_failures(file, "a TIFF"), tifffile.TiffFile(file, _multifile=False) as tif:
+        return pixel_aspect_of(tif)
+
+
+def _png_pixel_aspect(file: Path) -> tuple[float | None, str]:
+    """Width over height of a pixel by the chunk pHYs, which stands before the image data, and its name."""
+    with file.open("rb") as stream:
+        stream.seek(len(PNG_SIGNATURE))
+        while len(head := stream.read(8)) == 8 and head[4:] != b"IDAT":
+            length = int.from_bytes(head[:4], "big")
+            if head[4:] == b"pHYs" and length == 9:
+                across, down = struct.unpack(">II", stream.read(8))
+                return (down / across, "PNG pHYs") if across and down else (None, "")
+            stream.seek(length + 4, 1)
+    return None, ""
 
 
 def _png_page(file: Path) -> Page:

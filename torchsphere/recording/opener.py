@@ -7,9 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from torchsphere.recording.arrays import open_npy, open_npz
+from torchsphere.recording.display import as_shown
 from torchsphere.recording.folder import open_folder
 from torchsphere.recording.phantom import open_phantom
 from torchsphere.recording.photron import open_photron
+from torchsphere.recording.photron_export import with_header_beside
 from torchsphere.recording.recording import Recording
 from torchsphere.recording.refusal import looks_like
 from torchsphere.recording.tiff import open_tiff
@@ -34,14 +36,22 @@ _FORMATS: dict[str, tuple[Callable[[Path], Recording], str]] = {
 }
 
 
-def open_recording(path: str | os.PathLike[str]) -> Recording:
+def open_recording(
+    path: str | os.PathLike[str], *, pixel_aspect: float | None = None, bayer: str | None = None
+) -> Recording:
     """Open footage of any supported kind; only headers are read.
+
+    The images are as a player shows them: turned and mirrored as the file states, and with square pixels.
 
     Parameters
     ----------
     path : str or path
         A multi-page TIFF, a folder of TIFF or PNG images, an NPY or NPZ array ``(n, h, w)``, a Photron recording
         (.cih, .cihx or .mraw), a Phantom .cine, or a video (.avi, .mp4, .m4v, .mov, .mkv, .webm).
+    pixel_aspect : float, optional
+        Width of a stored pixel over its height, where the file does not state it, or not rightly.
+    bayer : str, optional
+        Colours of the 2 x 2 pixels of a raw colour mosaic, row by row: "RGGB", "BGGR", "GRBG" or "GBRG".
 
     Returns
     -------
@@ -53,15 +63,19 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
     FileNotFoundError
         If the path or a partner file does not exist.
     ValueError
-        If the file is of an unsupported type, or of another type than its suffix.
+        If the file is of an unsupported type, or of another type than its suffix, or an argument is out of its range.
     OSError
         If the file is cut or damaged.
     TypeError
         If ``path`` is not a path.
     """
-    place = _as_path(path)
+    return as_shown(_opened(_as_path(path)), pixel_aspect, bayer)
+
+
+def _opened(place: Path) -> Recording:
+    """The recording as it is stored."""
     if place.is_dir():
-        return open_folder(place)
+        return with_header_beside(open_folder(place))
     if not place.exists():
         raise FileNotFoundError(f"{place}: does not exist; expected a recording or a folder of images, check the path")
     if not place.is_file():
@@ -82,7 +96,7 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
             f"{place}: looks like {look}, expected {expected} after its name; "
             "give it the right suffix or find the right file"
         )
-    return opener(place)
+    return with_header_beside(opener(place)) if opener is open_tiff else opener(place)
 
 
 def _as_path(path: object) -> Path:
