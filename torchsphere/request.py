@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from torchsphere.settings.choices import DEVICES, EXPORTS, MAPS, METHODS, MODELS, ORDER, WINDOW
+from torchsphere.settings.choices import BAYER, DEVICES, EXPORTS, MAPS, METHODS, MODELS, ORDER, WINDOW
 from torchsphere.settings.limits import (
     FRAME_RATES,
+    PIXEL_ASPECTS,
     ROI,
     SettingError,
     require_channel_class,
@@ -25,6 +26,7 @@ from torchsphere.settings.limits import (
 from torchsphere.settings.setting import (
     FRAMES,
     NUMBER,
+    RATIO,
     REGION,
     SWITCH,
     WHOLE,
@@ -95,6 +97,22 @@ class Request:
             repeats=True,
         ),
     ] = ()
+    pixel_aspect: Annotated[
+        float | None,
+        Setting(
+            RATIO, RECORDING, "W:H", "sides of a pixel, as 11:10 or 1.1 (the file's, or square)", within(PIXEL_ASPECTS)
+        ),
+    ] = None
+    bayer: Annotated[
+        str | None,
+        Setting(
+            choice(BAYER),
+            RECORDING,
+            "",
+            "raw colour mosaic, by its first two rows: its green pixels are measured (the file's, or none)",
+            require_one_of(BAYER),
+        ),
+    ] = None
     in_place: Annotated[bool, Setting(SWITCH, RECORDING, "", "the ball turns without leaving its place")] = False
     model: Annotated[str, Setting(choice(MODELS), METHOD, "", "motion model", require_one_of(MODELS))] = "rigid"
     map: Annotated[

@@ -47,5 +47,9 @@ def restrict(recording: Recording, start: int, stop: int) -> Recording:
         kind=recording.kind,
         shape=(stop - start, *recording.shape[1:]),
         bit_depth=recording.bit_depth,
+        pixel_aspect=recording.pixel_aspect,
+        orientation=recording.orientation,
+        bayer=recording.bayer,
+        times=None if recording.times is None else recording.times[start:stop],
         _reader=lambda a, b: recording.images(start + a, start + b),
     )

@@ -133,16 +133,16 @@ def spacing_notes(clock: Clock) -> tuple[str, ...]:
     usual_ms = 1e3 / clock.frame_rate
     if clock.gaps:
         image, length = clock.gaps[0]
-        counted = "is one interval" if len(clock.gaps) == 1 else f"are {len(clock.gaps)} intervals"
-        first = "it" if len(clock.gaps) == 1 else "the first of them"
+        count = len(clock.gaps)
+        counted = "One interval between images is" if count == 1 else f"{count} intervals between images are"
+        first = "but" if count == 1 else "the first of them"
         notes.append(
-            f"There {counted} between images other than the usual {usual_ms:.4g} ms, {first} of {1e3 * length:.4g} ms "
-            f"before image {image}. Each image is taken at its own time: a step across a gap is divided by the gap's "
-            "time."
+            f"{counted} not the usual {usual_ms:.4g} ms, {first} {1e3 * length:.4g} ms (before image {image}). Each "
+            "image counts at its own time: a velocity across a gap is the way over the gap's time."
         )
     if clock.is_uneven:
         notes.append(
-            f"The images are not evenly spaced; {usual_ms:.4g} ms is their mean interval. Each image is taken at its "
-            "own time."
+            f"The images are not evenly spaced; {usual_ms:.4g} ms is their mean interval. Each image counts at its own "
+            "time."
         )
     return tuple(notes)

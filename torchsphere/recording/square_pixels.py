@@ -26,6 +26,11 @@ def is_square(aspect: float | None) -> bool:
     return aspect is None or abs(aspect - 1) <= SQUARE_WITHIN
 
 
+def stretch(aspect: float | None) -> float:
+    """Longer over shorter side of a stored pixel: how far the images were enlarged."""
+    return 1.0 if aspect is None or is_square(aspect) else max(aspect, 1 / aspect)
+
+
 def shape_with_square_pixels(shape: tuple[int, int], aspect: float) -> tuple[int, int]:
     """Height and width in square pixels of images (h, w) of pixels with a width over height of ``aspect``."""
     height, width = shape
