@@ -117,7 +117,7 @@ def test_a_given_ratio_wins_and_a_contradiction_is_said(tmp_path: Path) -> None:
         assert "11:10" in " ".join(recording.notes)
     with open_recording(path, pixel_aspect=0.8) as recording:
         assert recording.shape == (3, 30, 30)
-        assert "as was given" in " ".join(recording.notes)
+        assert "as given" in " ".join(recording.notes)
 
 
 @pytest.mark.parametrize("aspect", [0.0, -1.0, 9.0, float("nan"), "1.1"])

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchsphere.cli.console import told_steps
-from torchsphere.cli.exit_codes import DONE, UNUSABLE, UsageError
-from torchsphere.cli.options import add_command, add_settings, add_verbose
-from torchsphere.request import SETTINGS
+from torchsphere.cli.exit_codes import DONE, UNUSABLE, UsageError, usage
+from torchsphere.cli.options import add_command, add_settings, add_verbose, given_settings
+from torchsphere.request import SETTINGS, check_settings
 from torchsphere.runtime.shown_text import shown
 from torchsphere.settings.limits import SettingError
 
@@ -41,7 +41,10 @@ def run(options: dict[str, Any]) -> int:
     preview = options["preview"]
     if preview is not None and preview.suffix.lower() != ".png":
         raise UsageError(f"--preview {preview}: expected a name that ends in .png")
-    with open_recording(options["input"], **{name: options[name] for name in SHOWN_AS}) as recording:
+    with usage():
+        shown_as = given_settings(options, {name: SETTINGS[name] for name in SHOWN_AS})
+        check_settings(shown_as)
+    with open_recording(options["input"], **shown_as) as recording:
         for name, text in _facts(recording):
             print(f"{name:<11} {shown(text)}")
         if preview is None:

@@ -127,7 +127,7 @@ def ratio(aspect: float) -> str:
 def _source(recording: Recording, name: str) -> str:
     """Who says so, in brackets behind the fact."""
     origin = recording.origins.get(name, "its header")
-    return "as was given" if origin == "given" else f"as the file states ({origin})"
+    return "as given" if origin == "given" else f"as the file states ({origin})"
 
 
 def _about_mosaic(recording: Recording) -> str:

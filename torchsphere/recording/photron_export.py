@@ -40,17 +40,20 @@ def with_header_beside(recording: Recording) -> Recording:
 
 
 def _header_of(place: Path) -> Path | None:
-    """The one header in a folder of images, or with the name of the folder or of the file, beside it."""
-    for folder, name in ((place, None), (place.parent, place.name), (place.parent, place.stem)):
-        if not folder.is_dir():
-            continue
-        headers = [file for file in folder.iterdir() if file.suffix.lower() in HEADER_SUFFIXES and file.is_file()]
-        found = [file for file in headers if name is None or file.stem == name]
+    """The one header in a folder of images, or that with the name of the folder or the file beside it."""
+    inside = [file for file in place.iterdir() if file.suffix.lower() in HEADER_SUFFIXES] if place.is_dir() else []
+    endings = [end for suffix in HEADER_SUFFIXES for end in (suffix, suffix.upper())]
+    beside = [place.parent / f"{name}{end}" for name in (place.name, place.stem) for end in endings]
+    for candidates in (inside, beside):
         # A header with raw images of its own name belongs to these.
-        found = [file for file in found if not any(file.with_suffix(s).is_file() for s in (".mraw", ".MRAW"))]
+        found = [file for file in candidates if file.is_file() and not _has_raw_images(file)]
         if len({file.stem for file in found}) == 1:
             return min(found, key=lambda file: HEADER_SUFFIXES.index(file.suffix.lower()))
     return None
+
+
+def _has_raw_images(header: Path) -> bool:
+    return any(header.with_suffix(suffix).is_file() for suffix in (".mraw", ".MRAW"))
 
 
 def _misfit(header: Header, recording: Recording) -> str:
