@@ -59,7 +59,9 @@ def _with_given(stored: Recording, pixel_aspect: float | None, bayer: str | None
     if pixel_aspect is not None:
         require_within("pixel_aspect", pixel_aspect, PIXEL_ASPECTS)
         if stored.pixel_aspect is not None and abs(pixel_aspect - stored.pixel_aspect) > square_pixels.SQUARE_WITHIN:
-            notes.append(f"The file states pixels of {ratio(stored.pixel_aspect)}; {ratio(pixel_aspect)} was given.")
+            notes.append(
+                f"The file states pixels of {ratio(stored.pixel_aspect)}; {ratio(pixel_aspect)} was given and used."
+            )
         facts["pixel_aspect"], origins["pixel_aspect"] = float(pixel_aspect), "given"
     elif stored.pixel_aspect is not None and not PIXEL_ASPECTS[0] <= stored.pixel_aspect <= PIXEL_ASPECTS[1]:
         notes.append(

@@ -7,12 +7,13 @@ the image stay where they are, as in a player.
 from __future__ import annotations
 
 import functools
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
-from scipy.sparse import csr_array
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 #: Ratio of the sides less 1 that counts as the rounding of a square pixel's (docs/constants.md).
 SQUARE_WITHIN = 1e-4
@@ -54,6 +55,10 @@ def with_square_pixels(images: NDArray[Any], aspect: float) -> NDArray[np.float3
 @functools.lru_cache(maxsize=4)
 def _weights(size: int, shown: int, ratio: float) -> csr_array:
     """Matrix (shown, size) of the weights of stored pixels that are longer by ``ratio`` than the shown ones."""
+    # SciPy takes long to import, and most recordings have square pixels.
+    from scipy.interpolate import make_interp_spline
+    from scipy.sparse import csr_array
+
     places = ((np.arange(shown) + 0.5) / ratio - 0.5).clip(0, size - 1)
     degree = min(3, size - 1)
     matrix = make_interp_spline(np.arange(size), np.eye(size), k=degree)(places)
