@@ -105,7 +105,7 @@ class Track(Tabulated):
     @property
     def durations(self) -> NDArray[np.float64]:
         """Times (n - 1,) of the increments, in frame intervals."""
-        return np.ones(len(self.status) - 1) if self.times is None else np.diff(self.times)
+        return np.ones(len(self.increment)) if self.times is None else np.diff(self.times)
 
     def save(
         self,
