@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -84,18 +86,33 @@ def write_cine(
     version: int = 1,
     annotation: bytes = b"",
     mosaic: int = 0,
+    rate: int = 70000,
+    times_s: Sequence[float] = (),
+    exposures_s: Sequence[float] = (),
+    pixels_per_m: tuple[int, int] = (0, 0),
+    flip: tuple[int, int] = (0, 0),
+    rotate: int = 0,
 ) -> Path:
-    """Write images (n, h, w) or blue-green-red (n, h, w, 3); rows bottom-up unless packed or ``top_down``."""
+    """Write images (n, h, w) or blue-green-red (n, h, w, 3); rows bottom-up unless packed or ``top_down``.
+
+    Times and exposures of the single images go into blocks 1002 and 1003.
+    """
     n, height, width = images.shape[:3]
     packed = bits in (10, 12)
     rows = images if packed or top_down else images[:, ::-1]
     setup = bytearray(SETUP_BYTES)
     struct.pack_into("<2sH", setup, 140, b"ST", SETUP_BYTES)
-    struct.pack_into("<II", setup, 768, 70000, 3)
+    struct.pack_into("<ii", setup, 756, *flip)
+    struct.pack_into("<II", setup, 768, rate, 3)
+    struct.pack_into("<i", setup, 884, rotate)
     struct.pack_into("<I", setup, 808, mosaic)
     struct.pack_into("<I", setup, 896, real_bits)
     struct.pack_into("<I", setup, 1568, 2500)
-    table_at = 44 + 40 + SETUP_BYTES
+    # The two lowest bits of a time are flags.
+    ticks = [(1_700_000_000 << 32) + round(2**32 * float(time)) | 3 for time in times_s]
+    blocks = cine_block(1002, b"".join(struct.pack("<Q", time) for time in ticks))
+    blocks += cine_block(1003, b"".join(struct.pack("<I", round(2**32 * time)) for time in exposures_s))
+    table_at = 44 + 40 + SETUP_BYTES + len(blocks)
     pointer = 8 if version else 4
     bodies = [stored(image, bits) for image in rows]
     block = len(annotation) + 8 + len(bodies[0])
@@ -105,10 +122,53 @@ def write_cine(
     )
     signed = -height if top_down else height
     bitmap = struct.pack(
-        "<IiiHHIIiiII", 40, width, signed, 1, 16 if packed else bits, compression, len(bodies[0]), 0, 0, 0, 0
+        "<IiiHHIIiiII", 40, width, signed, 1, 16 if packed else bits, compression, len(bodies[0]), *pixels_per_m, 0, 0
     )
     first = table_at + n * pointer
     table = struct.pack(f"<{n}{'Q' if version else 'I'}", *(first + k * block for k in range(n)))
-    blocks = (struct.pack("<I", len(annotation) + 8) + annotation + struct.pack("<I", len(b)) + b for b in bodies)
-    path.write_bytes(header + bitmap + bytes(setup) + table + b"".join(blocks))
+    placed = (struct.pack("<I", len(annotation) + 8) + annotation + struct.pack("<I", len(b)) + b for b in bodies)
+    path.write_bytes(header + bitmap + bytes(setup) + blocks + table + b"".join(placed))
+    return path
+
+
+def cine_block(kind: int, data: bytes) -> bytes:
+    """A tagged block of a CINE, nothing where there are no data."""
+    return struct.pack("<IHH", 8 + len(data), kind, 0) + data if data else b""
+
+
+def write_mov(
+    path: Path,
+    images: NDArray[np.integer],
+    *,
+    matrix: tuple[int, int, int, int] = (1, 0, 0, 1),
+    aspect: Fraction | None = None,
+    trim: tuple[int, int] | None = None,
+) -> Path:
+    """Write grey images (n, h, w) of 8 bit without loss, a key image each, at 32 images/s.
+
+    The display ``matrix`` (a, b, c, d) shows a stored point (x, y) at (a x + c y, b x + d y). ``trim`` is the first
+    image and the number of images that the edit list shows.
+    """
+    import av
+
+    with av.open(str(path), "w", format="mov", options={"video_track_timescale": "3200"}) as container:
+        stream = container.add_stream("png", rate=32)
+        stream.height, stream.width = images.shape[1:]
+        stream.pix_fmt = "gray"
+        if aspect is not None:
+            stream.codec_context.sample_aspect_ratio = aspect
+        for image in images.astype(np.uint8):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="gray")))
+        container.mux(stream.encode(None))
+    data = bytearray(path.read_bytes())
+    # The matrix stands 40 bytes behind the version of the track's header, a number per column in 16.16.
+    at = data.index(b"tkhd") + 4 + 40
+    a, b, c, d = (65536 * value for value in matrix)
+    struct.pack_into(">9i", data, at, a, b, 0, c, d, 0, 0, 0, 1 << 30)
+    if trim is not None:
+        # The only entry of the edit list: its length in the time of the movie, and its start in that of the track.
+        movie_scale = struct.unpack_from(">I", data, data.index(b"mvhd") + 4 + 12)[0]
+        first, count = trim
+        struct.pack_into(">Ii", data, data.index(b"elst") + 12, movie_scale * count // 32, 100 * first)
+    path.write_bytes(data)
     return path

@@ -77,9 +77,12 @@ def measure(
             "--device cuda was asked for, but torch finds no CUDA device here; leave it out to use the CPU"
         )
     began = time.perf_counter()
-    with open_recording(request.input, axes=request.axes) as recording:
+    with open_recording(
+        request.input, axes=request.axes, pixel_aspect=request.pixel_aspect, bayer=request.bayer
+    ) as recording:
         start, stop = resolve_range(request.frames, len(recording))
-        _check_class(request, request.fps or recording.frame_rate)
+        steps = None if recording.times is None else np.diff(recording.times[start:stop])
+        _check_class(request, request.fps or recording.frame_rate, steps)
         with draw.drawing_process(_draws_in_parallel(request, stop - start)) as pool, threads.single_threaded_torch():
             hashed = draw.begin(pool, hash_files, recording.files)
             chosen = restrict(recording, start, stop)
@@ -182,10 +185,16 @@ def _exposure(request: Request, frame_rate: float | None) -> float | None:
     return min(share, 1.0)
 
 
-def _check_class(request: Request, frame_rate: float | None) -> None:
-    """Raise ValueError for a channel frequency class that the frame rate is too low for."""
-    if request.cfc is not None and frame_rate is not None:
-        require_class(request.cfc, frame_rate)
+def _check_class(request: Request, frame_rate: float | None, steps: NDArray[np.float64] | None) -> None:
+    """Raise ValueError for a channel frequency class that the frame rate or uneven ``steps`` of time do not allow."""
+    if request.cfc is None or frame_rate is None:
+        return
+    require_class(request.cfc, frame_rate)
+    if steps is not None and not np.allclose(steps, steps[0]):
+        raise ValueError(
+            f"--cfc {request.cfc}: a channel frequency class needs evenly spaced images, and their own times have "
+            "gaps; leave it out, or measure a part without a gap with --frames"
+        )
 
 
 def _filtered(request: Request, tracked: Track, motion: Kinematics | None) -> FilteredMotion | None:

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from torchsphere.settings.choices import AXES, DEVICES, EXPORTS, MAPS, METHODS, MODELS, ORDER, WINDOW
+from torchsphere.settings.choices import AXES, BAYER, DEVICES, EXPORTS, MAPS, METHODS, MODELS, ORDER, WINDOW
 from torchsphere.settings.limits import (
     FRAME_RATES,
+    PIXEL_ASPECTS,
     ROI,
     SettingError,
     require_channel_class,
@@ -25,6 +26,7 @@ from torchsphere.settings.limits import (
 from torchsphere.settings.setting import (
     FRAMES,
     NUMBER,
+    RATIO,
     REGION,
     SWITCH,
     WHOLE,
@@ -103,6 +105,22 @@ class Request:
             "",
             "order of the axes of an array: number n, height h, width w (nhw, and hwn in a MAT file)",
             require_one_of(AXES),
+        ),
+    ] = None
+    pixel_aspect: Annotated[
+        float | None,
+        Setting(
+            RATIO, RECORDING, "W:H", "sides of a pixel, as 11:10 or 1.1 (the file's, or square)", within(PIXEL_ASPECTS)
+        ),
+    ] = None
+    bayer: Annotated[
+        str | None,
+        Setting(
+            choice(BAYER),
+            RECORDING,
+            "",
+            "raw colour mosaic, by its first two rows: its green pixels are measured (the file's, or none)",
+            require_one_of(BAYER),
         ),
     ] = None
     in_place: Annotated[bool, Setting(SWITCH, RECORDING, "", "the ball turns without leaving its place")] = False

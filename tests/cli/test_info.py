@@ -56,3 +56,31 @@ def test_info_prints_the_facts_of_the_file_and_draws_the_circle(tmp_path: Path, 
     circle = next(line.split()[2] for line in printed.splitlines() if line.startswith("circle"))
     np.testing.assert_allclose([float(v) for v in circle.split(",")], [64.3, 92.6, 40.0], atol=0.5)
     assert preview.stat().st_size > 10_000
+
+
+def test_the_preview_is_in_the_images_as_they_are_shown(tmp_path: Path, capsys) -> None:
+    path, preview = tmp_path / "noise.npy", tmp_path / "preview.png"
+    np.save(path, np.random.default_rng(0).integers(90, 110, (4, 60, 200), dtype=np.uint8))
+    assert main(["info", str(path), "--pixel-aspect", "11:10", "--preview", str(preview)]) == 4
+    printed = capsys.readouterr().out
+    assert "size        220 x 60 px" in printed
+    assert "Pixels are 11:10 (width to height) as given" in printed
+    assert main(["info", str(path), "--bayer", "RGGB"]) == 0
+    assert "RGGB as given" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--pixel-aspect", "11:0"], "--pixel-aspect: '11:0': expected a ratio such as 11:10, or a number"),
+        (["--pixel-aspect", "9"], "--pixel-aspect 9.0: expected a number from 0.25 to 4"),
+        (["--bayer", "XYZ"], "expected one of RGGB, BGGR, GRBG, GBRG"),
+    ],
+)
+def test_a_ratio_or_a_mosaic_that_does_not_exist_is_refused(given: list[str], said: str, short: Path, capsys) -> None:
+    try:
+        code = main(["info", str(short), *given])
+    except SystemExit as end:
+        code = end.code
+    assert code == 2
+    assert said in capsys.readouterr().err

@@ -1,5 +1,6 @@
 """A plan from a free flight: the paper's table 3 for any set-up, and recordings that are no free flight."""
 
+import dataclasses
 import json
 import math
 from dataclasses import replace
@@ -133,6 +134,15 @@ def test_a_flight_without_scatter_gives_no_plan() -> None:
     flight = free_flight.from_track(example_track(increment), "made", KNOWN)
     with pytest.raises(ValueError, match="made: a standard deviation of 0 px from frame to frame"):
         from_flight(flight, Target(2e-4, 0.3, "given"))
+
+
+def test_a_step_across_a_pause_is_no_scatter() -> None:
+    increment = flown()
+    steady = free_flight.from_track(example_track(increment), "made", KNOWN)
+    increment[7] *= 4
+    times = np.arange(41.0) + 3 * (np.arange(41) > 7)
+    paused = free_flight.from_track(dataclasses.replace(example_track(increment), times=times), "made", KNOWN)
+    assert np.nanstd(paused.velocity_m_s[:, 0]) == pytest.approx(np.std(steady.velocity_m_s[:, 0]), rel=0.1)
 
 
 def test_a_ball_at_rest_is_no_flight() -> None:

@@ -163,7 +163,7 @@ def test_images_are_turned_as_viewers_show_them(tmp_path: Path, suffix: str, cod
     found = recording.images(0, 1)[0]
     assert found.shape == shown(image).shape
     assert np.abs(found - shown(image)).max() < 3
-    assert any("EXIF orientation" in note for note in recording.notes) == (code != 1)
+    assert any("EXIF Orientation" in note for note in recording.notes) == (code != 1)
 
 
 def test_smaller_images_for_a_quick_look_are_left_out_with_a_note(tmp_path: Path) -> None:

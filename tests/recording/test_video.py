@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from writers import write_mov
 
 from torchsphere.recording import open_recording, video
 from torchsphere.recording.matroska import contents
@@ -305,3 +306,33 @@ def test_images_missing_in_the_middle_are_noted(tmp_path: Path) -> None:
     with open_recording(path) as recording:
         assert len(recording) == 18
         assert "leave room for 2 more, the first before image 7" in " ".join(recording.notes)
+
+
+@pytest.mark.parametrize(("first", "count"), [(3, 9), (0, 5), (4, 4)])
+def test_a_trimmed_video_has_the_images_that_a_player_shows_and_says_how_many_it_hides(
+    tmp_path: Path, first: int, count: int
+) -> None:
+    images = RNG.integers(0, 256, (12, 16, 24)).astype(np.uint8)
+    with open_recording(write_mov(tmp_path / "a.mov", images, trim=(first, count))) as recording:
+        np.testing.assert_array_equal(recording.images(0, len(recording)), images[first : first + count])
+        assert f"hides {12 - count} of the 12 images" in " ".join(recording.notes)
+        np.testing.assert_array_equal(recording.images(2, 3)[0], images[first + 2])
+
+
+def test_a_trimmed_video_whose_images_depend_on_each_other_says_how_many_are_hidden(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "a.mp4", drift(40), "yuv420p", "mpeg4")
+    whole = open_recording(path).images(0, 40)
+    data = bytearray(path.read_bytes())
+    scale = int.from_bytes(data[data.index(b"mdhd") + 16 :][:4], "big")
+    at = data.index(b"elst") + 16
+    data[at : at + 4] = (17 * scale // 25).to_bytes(4, "big")
+    path.write_bytes(data)
+    with open_recording(path) as recording:
+        assert len(recording) == 23
+        np.testing.assert_array_equal(recording.images(0, 23), whole[17:])
+        assert "hides 17 of the 40 images" in " ".join(recording.notes)
+
+
+def test_an_untrimmed_video_hides_nothing(tmp_path: Path) -> None:
+    with open_recording(write_mov(tmp_path / "a.mov", RNG.integers(0, 256, (4, 16, 24)))) as recording:
+        assert "hides" not in " ".join(recording.notes)

@@ -17,6 +17,8 @@ from torchsphere.settings.setting import find
 VALUES = {
     "fps": ("36000", 36000, 36000.0),
     "window": ("9", 9, 9),
+    "pixel_aspect": ("11:10", 1.1, 1.1),
+    "bayer": ("RGGB", "RGGB", "RGGB"),
     "in_place": ("yes", True, True),
     "circle": ("80.4 120.7 50", [80.4, 120.7, 50], (80.4, 120.7, 50.0)),
     "frames": ("10:90", "10:90", (10, 90)),
@@ -56,6 +58,13 @@ def test_text_toml_and_option_give_the_same_value(name: str, tmp_path: Path) -> 
         ("fps", "36000", "fps = '36000': expected a finite number; write fps = a number, without quotation marks"),
         ("fps", True, "fps = True: expected a finite number"),
         ("fps", float("nan"), "fps = nan: expected a finite number"),
+        (
+            "pixel_aspect",
+            "1:0",
+            "pixel_aspect = '1:0': expected a ratio such as 11:10, or a number; write pixel_aspect = ",
+        ),
+        ("pixel_aspect", True, "pixel_aspect = True: expected a ratio"),
+        ("bayer", "rggb", "bayer = 'rggb': expected one of RGGB, BGGR, GRBG, GBRG"),
         ("window", 7.5, "window = 7.5: expected a whole number"),
         ("in_place", 1, "in_place = 1: expected true or false"),
         ("circle", [1, 2], "circle = [1, 2]: expected three numbers X,Y,R; write circle = [X, Y, R]"),
@@ -70,9 +79,18 @@ def test_the_refusal_of_a_toml_value_states_a_valid_form(name: str, value: objec
         SETTINGS[name].from_toml(value)
 
 
+def test_a_ratio_may_be_written_in_several_ways() -> None:
+    setting = SETTINGS["pixel_aspect"]
+    assert [setting.from_text(text) for text in ("5:4", "5/4", "1.25", " 5 : 4 ")] == 4 * [1.25]
+    assert setting.from_toml("5:4") == setting.from_toml(1.25) == 1.25
+    for aspect in (0.1, 9.0, -1.0):
+        with pytest.raises(ValueError, match=r"expected a number from 0\.25 to 4"):
+            Request(input=Path("a"), out=Path("b"), pixel_aspect=aspect)
+
+
 def test_the_refusal_of_an_unknown_key_lists_the_settings() -> None:
     assert find(SETTINGS, "mm-per-px").name == "mm_per_px"
-    with pytest.raises(ValueError, match=r"'speed' is no setting; expected one of axes, cfc, circle, .*window"):
+    with pytest.raises(ValueError, match=r"'speed' is no setting; expected one of axes, bayer, cfc, circle, .*window"):
         find(SETTINGS, "speed")
     with pytest.raises(ValueError, match="'no_report' is no setting; write report = false"):
         find(SETTINGS, "no_report")

@@ -10,7 +10,7 @@ from pathlib import Path
 from torchsphere.recording import member
 from torchsphere.recording.folder import IMAGE_SUFFIXES, natural_key
 from torchsphere.recording.opener import stacks_of
-from torchsphere.recording.photron import HEADER_SUFFIXES
+from torchsphere.recording.photron_header import HEADER_SUFFIXES
 from torchsphere.recording.refusal import what_lies_in
 from torchsphere.recording.tiff import count_pages
 
@@ -72,6 +72,7 @@ def _in_folder(folder: Path, names: Sequence[str], notes: list[str]) -> Iterator
         images = tiffs
     else:
         images = [name for name in names if suffixes[name] in IMAGE_SUFFIXES and suffixes[name] not in TIFF]
+    files = [name for name in files if not _is_of_export(folder, name, names, has_images=bool(tiffs or images))]
     arrays = {name: arrays_in(folder / name) for name in files if suffixes[name] in STACKS}
     tables = [name for name, found in arrays.items() if not found]
     if tables:
@@ -114,6 +115,14 @@ def held(root: Path) -> str:
     return what_lies_in(names, count) or "nothing"
 
 
+def _is_of_export(folder: Path, name: str, names: Sequence[str], *, has_images: bool) -> bool:
+    """Whether a Photron header has no raw images, and was written beside images that were exported."""
+    path = Path(name)
+    if path.suffix.lower() not in HEADER_SUFFIXES or {path.stem + end for end in (".mraw", ".MRAW")} & set(names):
+        return False
+    return has_images or (folder / path.stem).is_dir()
+
+
 def _single_pages(paths: Sequence[Path]) -> bool:
     """Whether all TIFF files that can be read have one page; False if none can be read."""
     pages = []
@@ -132,13 +141,16 @@ def files_of(recording: Path) -> list[os.stat_result | None]:
     try:
         if recording.is_dir():
             with os.scandir(recording) as entries:
-                images = [e for e in entries if Path(e.name).suffix.lower() in IMAGE_SUFFIXES]
+                used = (*IMAGE_SUFFIXES, *HEADER_SUFFIXES)
+                images = [e for e in entries if Path(e.name).suffix.lower() in used]
                 return [entry.stat() for entry in sorted(images, key=lambda e: e.name) if entry.is_file()]
         if suffix in PHOTRON:
             partners = PHOTRON if suffix == ".mraw" else (suffix, ".mraw")
             stats = [_stat(recording.with_suffix(s)) or _stat(recording.with_suffix(s.upper())) for s in partners]
             return [stat for stat in (_stat(recording), *stats) if stat is not None] or [None]
-        return [_stat(recording)]
+        # A header of Photron's beside a TIFF has its frame rate.
+        beside = [_stat(recording.with_suffix(s)) for s in HEADER_SUFFIXES] if suffix in TIFF else []
+        return [_stat(recording), *(stat for stat in beside if stat is not None)]
     except OSError:
         return [None]
 

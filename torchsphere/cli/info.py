@@ -6,14 +6,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchsphere.cli.console import told_steps
-from torchsphere.cli.exit_codes import DONE, UNUSABLE, UsageError
-from torchsphere.cli.options import add_command, add_settings, add_verbose
-from torchsphere.request import SETTINGS
+from torchsphere.cli.exit_codes import DONE, UNUSABLE, UsageError, usage
+from torchsphere.cli.options import add_command, add_settings, add_verbose, given_settings
+from torchsphere.request import SETTINGS, check_settings
 from torchsphere.runtime.shown_text import shown
 from torchsphere.settings.limits import SettingError
 
 if TYPE_CHECKING:
     from torchsphere.recording import Recording
+
+#: Settings that tell how the images are read and shown.
+SHOWN_AS = ("axes", "pixel_aspect", "bayer")
 
 
 def add(commands: Any) -> None:
@@ -28,7 +31,7 @@ def add(commands: Any) -> None:
         help="find the ball, print its circle and draw it; without a ball, draw the image with a grid",
     )
     add_verbose(parser)
-    add_settings(parser, {"axes": SETTINGS["axes"]})
+    add_settings(parser, {name: SETTINGS[name] for name in SHOWN_AS})
 
 
 def run(options: dict[str, Any]) -> int:
@@ -38,7 +41,10 @@ def run(options: dict[str, Any]) -> int:
     preview = options["preview"]
     if preview is not None and preview.suffix.lower() != ".png":
         raise UsageError(f"--preview {preview}: expected a name that ends in .png")
-    with open_recording(options["input"], axes=options["axes"]) as recording:
+    with usage():
+        shown_as = given_settings(options, {name: SETTINGS[name] for name in SHOWN_AS})
+        check_settings(shown_as)
+    with open_recording(options["input"], **shown_as) as recording:
         for name, text in _facts(recording):
             print(f"{name:<11} {shown(text)}")
         if preview is None:
@@ -72,8 +78,11 @@ def _preview(recording: Recording, path: Path) -> int:
     from torchsphere.recording.frame_source import Source
     from torchsphere.report.preview_figure import grid_figure, preview_figure
     from torchsphere.tracking.initial_circle import find_initial_circle
+    from torchsphere.tracking.raw_mosaic import about, without_mosaic
 
-    source = Source.open(recording, "cpu")
+    source, patterns = without_mosaic(Source.open(recording, "cpu"))
+    if patterns:
+        print(f"{'note':<11} {about(patterns, recording)}")
     try:
         circle, _ = find_initial_circle(source, None, None, False, Options())
     except SettingError as error:

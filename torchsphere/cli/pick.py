@@ -50,7 +50,8 @@ def run(options: dict[str, Any]) -> int:
     source, quiet = options["input"], options["quiet"]
     name = _name(source)
     places = Places(source, options["out"] or Path(f"{name}-result"), options["config_out"] or Path(f"{name}.toml"))
-    with open_recording(source, axes=base.get("axes")) as recording:
+    shown_as = {name: base.get(name) for name in ("axes", "pixel_aspect", "bayer")}
+    with open_recording(source, **shown_as) as recording:
         session = Session(recording, places, base)
         # A recording whose frames cannot be read is refused here, and not on the page.
         _ = session.footage.levels

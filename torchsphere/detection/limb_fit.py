@@ -65,7 +65,7 @@ def fit(
     for turn in range(ROUNDS):
         blur = max(BLUR_PX, FIRST_BLUR_PX * (BLUR_PX / FIRST_BLUR_PX) ** (2 * turn / ROUNDS))
         levels, known = polar.across_edge(splines, fitted, steps, angles, camera)
-        score, information, texture = (v * known for v in _scores(levels.double().cpu(), steps, blur))
+        score, information, texture = (v * known for v in scores_of_rays(levels.double().cpu(), steps, blur))
         normal = (design.T * information[:, None]) @ design + 1e-9 * torch.eye(3, dtype=torch.float64)
         correction = torch.linalg.solve(normal, design.T @ score[..., None])[..., 0]
         fitted = fitted + correction.clamp(-blur, blur)
@@ -80,7 +80,7 @@ def fit(
     return fitted, covariance
 
 
-def _scores(levels: Tensor, steps: Tensor, blur: float) -> tuple[Tensor, Tensor, Tensor]:
+def scores_of_rays(levels: Tensor, steps: Tensor, blur: float) -> tuple[Tensor, Tensor, Tensor]:
     """Score (n, a), 1 / px, and Fisher's information, 1 / px^2, of each ray's edge, and the background's texture.
 
     ``levels`` (n, a, m) at the distances ``steps`` (m,) from the expected edge, px outwards. The texture (n, a) is the

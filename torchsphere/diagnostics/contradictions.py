@@ -37,7 +37,7 @@ def _velocity_against_position(motion: Kinematics | None) -> tuple[str, ...]:
         worst = int(np.argmax(gap - allowed))
         if gap[worst] <= allowed[worst]:
             continue
-        first, last = (round(float(motion.time_s[row]) * motion.frame_rate) for row in (part.start, part.start + worst))
+        first, last = motion.frame[[part.start, part.start + worst]]
         return (
             severe(
                 f"Velocity and position contradict each other: from frame {first} to {last} the integral of the "

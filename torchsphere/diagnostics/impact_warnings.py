@@ -116,7 +116,7 @@ def _force_warnings(motion: Kinematics, impact: Impact) -> list[str]:
     is_parted = np.logical_or.accumulate(flight & (motion.time_s > end))
     is_parted |= np.logical_or.accumulate((flight & (motion.time_s < start))[::-1])[::-1]
     other = np.where(outside & is_parted & (size - SIGNIFICANT_SD * sd > OTHER_IMPACT * largest), size, 0.0)
-    numbers = np.rint(motion.time_s * motion.frame_rate).astype(int)
+    numbers = motion.frame
     sentences = []
     if len(pause) >= MIN_PAUSE_FRAMES:
         first, middle, last = numbers[pause[[0, len(pause) // 2, -1]]]

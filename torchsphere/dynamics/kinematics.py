@@ -79,7 +79,7 @@ def kinematics(
     first_frame : int, optional
         Number of the track's first image in the recording, if only a part was tracked; by default as in the track.
     times_s : ndarray, optional
-        Times of the track's frames (n,), s, if their intervals differ.
+        Times of the track's frames (n,), s, if their intervals differ; by default those of `Track.times`.
     method : str
         "smoother", "savitzky-golay" or "differences".
     window, order : int
@@ -228,7 +228,7 @@ def _scale(track: Track, diameter_m: float | None, m_per_px: float | None, relat
 
 
 def mean_motion(track: Track, motion: Kinematics | None) -> dict[str, Array]:
-    """Means over the measured steps and their standard deviations, for the summary; NaN if nothing was measured.
+    """Means over the time of the measured steps and their standard deviations, for the summary; NaN if none was.
 
     ``increment_px_rad`` (5,); with ``motion`` also ``velocity_m_s`` (2,) and ``spin_rad_s`` (3,) in its axes. The
     standard deviations have the same names with ``sd_``.
@@ -254,7 +254,7 @@ def _mean_step(track: Track, scale: Scale) -> tuple[Array, Array]:
     # Rotations of 0 without a standard deviation come from a model without rotations, not from a measurement.
     has_sd = np.isfinite(np.diagonal(track.covariance, axis1=1, axis2=2))
     valid = np.repeat(measured_increments(track), (2, 3), axis=1) & has_sd
-    count = valid.sum(0)
+    count = (valid * track.durations[:, None]).sum(0)
     divisor = np.where(count > 0, count, np.nan)
     mean = np.where(valid, track.increment, 0.0).sum(0) / divisor
     measured = poses([track], [np.arange(float(len(track.status)))])
@@ -283,7 +283,7 @@ def _times(track: Track, frame_rate: float, first_frame: int, times_s: Array | N
     if not math.isfinite(as_float(first_frame)):
         raise ValueError(f"first_frame = {first_frame!r}: expected the number of a frame")
     if times_s is None:
-        return first_frame + np.arange(float(n))
+        return first_frame + np.arange(float(n)) if track.times is None else track.times
     try:
         times = np.asarray(times_s, dtype=np.float64)
     except (TypeError, ValueError) as error:

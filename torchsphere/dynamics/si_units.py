@@ -111,6 +111,12 @@ class Kinematics(Tabulated):
     warnings: tuple[str, ...] = ()
     track: Track | None = field(default=None, repr=False, compare=False)
 
+    @property
+    def frame(self) -> NDArray[np.int64]:
+        """Numbers (n,) of the frames in the recording."""
+        first = round(self.time_s[0] * self.frame_rate) if self.track is None else self.track.first_frame
+        return first + np.arange(len(self.time_s))
+
     def __repr__(self) -> str:
         times = f"{1e3 * self.time_s[0]:.6g} to {1e3 * self.time_s[-1]:.6g} ms"
         parts = [f"{largest(self.velocity_m_s):.4g} m/s", f"{largest(self.spin_rad_s):.4g} rad/s"]

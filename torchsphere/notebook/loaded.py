@@ -136,7 +136,16 @@ def _track(found: ResultFolder) -> Track:
         calibration=_calibration(summary),
         first_frame=summary["input"]["first_frame"],
         facts=_facts(summary),
+        times=_uneven_times(found),
     )
+
+
+def _uneven_times(found: ResultFolder) -> Array | None:
+    """Times of the frames in frame intervals; None where they are evenly spaced, or not known."""
+    rate = found.summary["frame_rate"]
+    if rate is None or np.allclose(found.time_s * rate, found.frame, rtol=0, atol=1e-6 * max(len(found.frame), 1)):
+        return None
+    return found.time_s * rate
 
 
 def _circle(circle: Mapping[str, Any], first_frame: int) -> Circle:
@@ -162,6 +171,8 @@ def _facts(summary: Mapping[str, Any]) -> Facts:
         shape=(source["frames"], source["height_px"], source["width_px"]),
         frame_rate=summary["frame_rate"] if is_stated else None,
         **{name: source.get(name) for name in ("bit_depth", "exposure_s", "trigger_offset_frames")},
+        **{name: source.get(name) for name in ("pixel_aspect", "bayer")},
+        orientation=source.get("orientation", 1),
         origins=source.get("origins") or {},
     )
 

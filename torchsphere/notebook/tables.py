@@ -18,12 +18,7 @@ def columns_of(subject: Track | Kinematics) -> Columns:
     """The columns of ``track.csv`` or of ``kinematics.csv``."""
     if isinstance(subject, Track):
         return track_columns(subject, subject.calibration.frame_rate, subject.first_frame)
-    return motion_columns(subject, first_frame(subject))
-
-
-def first_frame(motion: Kinematics) -> int:
-    """Number of the first frame of a motion in the recording."""
-    return round(motion.time_s[0] * motion.frame_rate) if motion.track is None else motion.track.first_frame
+    return motion_columns(subject, int(subject.frame[0]))
 
 
 def to_pandas(subject: Track | Kinematics) -> Any:

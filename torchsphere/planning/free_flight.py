@@ -20,6 +20,9 @@ from numpy.typing import NDArray
 from torchsphere.planning.expected import Setup
 from torchsphere.tracking.result import Track
 
+#: Deviation of an interval from the usual one, as a share of it, from which it is a gap.
+LONGER = 0.1
+
 #: Fewest increments that give a standard deviation, to a fifth (docs/constants.md).
 MIN_STEPS = 12
 
@@ -110,7 +113,12 @@ def from_track(track: Track, origin: str, given: Calibration) -> Flight:
     """
     _require_rotation(origin, track.settings.get("model"))
     sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))
-    return _flight(track.increment, sd, track.circle.radius, origin, given)
+    return _flight(_of_one_interval(track.increment, track.durations), sd, track.circle.radius, origin, given)
+
+
+def _of_one_interval(increment: Array, durations: Array) -> Array:
+    """The increments (n - 1, 5) without those across a gap; ``durations`` (n - 1,) are in frame intervals."""
+    return np.where(np.abs(durations - 1)[:, None] > LONGER, np.nan, increment)
 
 
 def from_result(folder: Path, given: Calibration) -> Flight:
@@ -124,6 +132,9 @@ def from_result(folder: Path, given: Calibration) -> Flight:
         names = ("dx_px", "dy_px", "wx_rad", "wy_rad", "wz_rad")
         values = (np.stack([np.array(table[p + name], dtype=float)[1:] for name in names], 1) for p in ("", "sd_"))
         increment, sd = values
+        if summary["frame_rate"] is not None:
+            times = np.array(table["time_s"], dtype=float) * summary["frame_rate"]
+            increment = _of_one_interval(increment, np.diff(times))
         radius, settings = float(summary["circle"]["radius"]), summary["settings"]
         recorded = _recorded(summary, settings, radius)
     except (KeyError, TypeError, json.JSONDecodeError, pa.ArrowException) as error:

@@ -7,6 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from torchsphere.settings.limits import in_options
 
 
@@ -21,7 +24,7 @@ class Facts:
     kind : str
         The format in words, for example ``"Photron MRAW, 12 bit packed"``.
     shape : tuple of int
-        Number of images, height and width in px, ``(n, h, w)``.
+        Number of images, height and width in px, ``(n, h, w)``, of the images as they are shown.
     bit_depth : int or None
         Bits of the grey levels that :meth:`images` returns: 12 means levels from 0 to 4095.
     frame_rate : float or None
@@ -30,8 +33,19 @@ class Facts:
         Exposure time in s.
     trigger_offset_frames : int or None
         Number of the first image counted from the trigger; negative before it.
+    pixel_aspect : float or None
+        Width of a stored pixel over its height. The images are shown with square pixels.
+    orientation : int
+        How the stored images are turned or mirrored to be shown, as the Orientation of TIFF and Exif: 1 (as stored) to
+        8; see `torchsphere.recording.orientation`.
+    bayer : str or None
+        Colours of the 2 x 2 pixels of a stored colour mosaic, row by row, such as "RGGB". The images are shown grey.
+    times : ndarray or None
+        Times of the images (n,) since the first of the file, in frame intervals (of 1 / ``frame_rate``); None where
+        they are evenly spaced.
     origins : Mapping of str to str
-        Sources of the known values of ``bit_depth``, ``frame_rate``, ``exposure_s`` and ``trigger_offset_frames``.
+        Sources of the known values of ``bit_depth``, ``frame_rate``, ``exposure_s``, ``trigger_offset_frames``,
+        ``pixel_aspect``, ``orientation`` and ``bayer``.
     notes : tuple of str
         Sentences for the user: conversions, doubts, ignored contents.
     files : tuple of Path
@@ -47,6 +61,10 @@ class Facts:
     frame_rate: float | None = None
     exposure_s: float | None = None
     trigger_offset_frames: int | None = None
+    pixel_aspect: float | None = None
+    orientation: int = 1
+    bayer: str | None = None
+    times: NDArray[np.float64] | None = field(default=None, repr=False, compare=False)
     origins: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     files: tuple[Path, ...] = ()

@@ -14,42 +14,41 @@ import tifffile
 from numpy.typing import NDArray
 
 from torchsphere.recording.image_header import ImageHeader, ImageKind, require_size
+from torchsphere.recording.orientation import turned
 from torchsphere.recording.pgm import PGM
 from torchsphere.recording.pillow_images import BMP, JPEG, WEBP
 from torchsphere.recording.recording import Reader, Recording
 from torchsphere.recording.refusal import PNG_SIGNATURE, library_failures, look_of, what_lies_in
-from torchsphere.recording.tiff import Page, count_pages, describe, page_image, page_notes
+from torchsphere.recording.tiff import PLACES, Page, count_pages, describe, page_facts, page_image, page_notes
+from torchsphere.recording.tiff_display import pixel_aspect_of
 
 _PNG_SAMPLES = {0: 1, 2: 3, 4: 2, 6: 4}  # colour type: channels; 3 is a palette
 # Deflate, which PNG uses, compresses 1032 to 1 at most.
 _PNG_MAX_RATIO = 1100
 
 LOSSY_NOTE = "{} images have lost fine detail to compression; images without losses measure more precisely."
-TURNED_NOTE = "The images are turned as their EXIF orientation says, and as viewers show them."
 
 
 def open_folder(path: Path) -> Recording:
     """Open a folder of images of one size and kind, in the natural order of their names (img2 before img10)."""
     kind, files, notes = _image_files(path)
     first = kind.describe(files[0])
-    is_turned = first.is_turned
     for file in files[1:]:
         header = kind.describe(file)
-        is_turned |= header.is_turned
         if header != first:
             raise ValueError(
                 f"{file}: is {header}, but {files[0].name} is {first}; expected images of one size and kind, "
                 "move those of the recording to a folder of their own"
             )
     page = first.page
-    depth = page.bits if page.dtype[0] == "u" else None
-    notes = (LOSSY_NOTE.format(kind.name),) * first.has_losses + (TURNED_NOTE,) * is_turned + notes
+    facts = page_facts(page) | ({} if first.pixel_aspect is None else {"pixel_aspect": first.pixel_aspect})
+    notes = (LOSSY_NOTE.format(kind.name),) * first.has_losses + notes
     return Recording(
         path=path,
         kind=f"folder of {kind.name} images, {page.bits} bit{', colour' if page.samples >= 3 else ''}",
         shape=(len(files), page.height, page.width),
-        bit_depth=depth,
-        origins={"bit_depth": kind.depth_from} if depth else {},
+        **facts,
+        origins={name: kind.places[name] for name in facts},
         notes=(f"{kind.name} images carry no frame rate.", *page_notes(page), *notes),
         files=files,
         _reader=_reader(files, first, kind),
@@ -66,7 +65,7 @@ def read_image(file: Path) -> NDArray[np.float32]:
         raise ValueError(
             f"{file}: is a {kind.name} image, whose levels the compression has changed; save the original as PNG"
         )
-    return np.asarray(_reader((file,), header, kind)(0, 1)[0], np.float32)
+    return np.asarray(turned(_reader((file,), header, kind)(0, 1), header.page.orientation)[0], np.float32)
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
@@ -140,7 +139,22 @@ def _tiff_header(file: Path) -> ImageHeader:
     with library_failures(file, "a TIFF"):
         tif = tifffile.TiffFile(file, _multifile=False)
     with tif:
-        return ImageHeader(describe(file, tif, 0))
+        page = describe(file, tif, 0)
+        with library_failures(file, "a TIFF"):
+            return ImageHeader(page, pixel_aspect=pixel_aspect_of(tif)[0])
+
+
+def _png_pixel_aspect(file: Path) -> float | None:
+    """Width over height of a pixel by the chunk pHYs, which stands before the image data."""
+    with file.open("rb") as stream:
+        stream.seek(len(PNG_SIGNATURE))
+        while len(head := stream.read(8)) == 8 and head[4:] != b"IDAT":
+            length = int.from_bytes(head[:4], "big")
+            if head[4:] == b"pHYs" and length == 9:
+                across, down = struct.unpack(">II", stream.read(8))
+                return down / across if across and down else None
+            stream.seek(length + 4, 1)
+    return None
 
 
 def _png_header(file: Path) -> ImageHeader:
@@ -158,7 +172,8 @@ def _png_header(file: Path) -> ImageHeader:
     samples = _PNG_SAMPLES[colour]
     stated = width * height * samples * bits // 8
     require_size(file, height, width, stated, _PNG_MAX_RATIO * file.stat().st_size)
-    return ImageHeader(Page(height, width, samples, bits, f"u{bits // 8}", 2 if samples >= 3 else 1, False))
+    page = Page(height, width, samples, bits, f"u{bits // 8}", 2 if samples >= 3 else 1, False)
+    return ImageHeader(page, pixel_aspect=_png_pixel_aspect(file))
 
 
 def _reader(files: tuple[Path, ...], header: ImageHeader, kind: ImageKind) -> Reader:
@@ -189,8 +204,9 @@ def _load_png(file: Path, expected: ImageHeader) -> NDArray[Any]:
         return np.asarray(png_decode(file.read_bytes()))
 
 
-_TIFF = ImageKind("TIFF", (".tif", ".tiff"), _tiff_header, _load_tiff, "a TIFF image", "TIFF BitsPerSample")
-_PNG = ImageKind("PNG", (".png",), _png_header, _load_png, "a PNG image", "PNG header")
+_TIFF = ImageKind("TIFF", (".tif", ".tiff"), _tiff_header, _load_tiff, "a TIFF image", PLACES)
+_PNG_PLACES = {"bit_depth": "PNG header", "pixel_aspect": "PNG pHYs"}
+_PNG = ImageKind("PNG", (".png",), _png_header, _load_png, "a PNG image", _PNG_PLACES)
 #: Kinds of images that a folder may hold.
 KINDS = (_TIFF, _PNG, BMP, PGM, JPEG, WEBP)
 #: Suffixes of these images, and those of other images, which are noted.

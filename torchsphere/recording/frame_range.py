@@ -48,5 +48,11 @@ def restrict(recording: Recording, start: int, stop: int) -> Recording:
         shape=(stop - start, *recording.shape[1:]),
         bit_depth=recording.bit_depth,
         doubt=recording.doubt,
+        pixel_aspect=recording.pixel_aspect,
+        orientation=recording.orientation,
+        bayer=recording.bayer,
+        frame_rate=recording.frame_rate,
+        exposure_s=recording.exposure_s,
+        times=None if recording.times is None else recording.times[start:stop],
         _reader=lambda a, b: recording.images(start + a, start + b),
     )

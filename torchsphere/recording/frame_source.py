@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.recording import Recording
+from torchsphere.recording.square_pixels import stretch
 from torchsphere.settings.arrays import as_stack
 from torchsphere.settings.choices import DEVICES
 
@@ -30,6 +33,8 @@ class Source:
     device: torch.device
     dtype: torch.dtype
     is_file: bool = False
+    times: NDArray[np.float64] | None = None  # of the images, in frame intervals; None where they are evenly spaced
+    stretch: float = 1.0  # longer over shorter side of the pixels that the images were drawn from
 
     @classmethod
     def open(
@@ -43,7 +48,11 @@ class Source:
         except RuntimeError as error:
             raise ValueError(f"device {device!r}: torch knows no such device; use 'cpu' or 'cuda'") from error
         if isinstance(recording, Recording):
-            source = cls(recording.images, len(recording), device or torch.device("cpu"), dtype, is_file=True)
+            longer = stretch(recording.pixel_aspect)
+            source = cls(
+                *(recording.images, len(recording), device or torch.device("cpu"), dtype, True),
+                *(recording.times, longer),
+            )
         else:
             images = as_stack(recording, "recording")
             source = cls(lambda start, stop: images[start:stop], len(images), device or images.device, dtype)
@@ -51,6 +60,14 @@ class Source:
         if source.count < 2:
             raise ValueError(f"the recording has {source.count} image(s); motion needs two or more")
         return source
+
+    def elapsed(self, first: int, last: int) -> float:
+        """Time from one image to another, in frame intervals."""
+        return float(last - first) if self.times is None else float(self.times[last] - self.times[first])
+
+    def durations(self, start: int, stop: int) -> NDArray[np.float64]:
+        """Times (stop - start - 1,) between successive images from ``start`` to ``stop - 1``, in frame intervals."""
+        return np.ones(stop - start - 1) if self.times is None else np.diff(self.times[start:stop])
 
     def images(self, start: int, stop: int) -> Tensor:
         """Grey levels (stop - start, h, w)."""
@@ -76,7 +93,7 @@ class Source:
 
     def changed(self, change: Callable[[Tensor], Tensor]) -> Source:
         """The images (m, h, w) after a ``change``, which must not write to them."""
-        return Source(lambda start, stop: change(self.images(start, stop)), self.count, self.device, self.dtype)
+        return replace(self, read=lambda start, stop: change(self.images(start, stop)), is_file=False)
 
     def cached(self, start: int, stop: int) -> Source:
         """The same images, of which ``start`` to ``stop - 1`` are read once; unchanged where they are too large.
@@ -102,7 +119,7 @@ class Source:
                     is_read[gap:end] = [True] * (end - gap)
             return cache[a:b]
 
-        return Source(read, self.count, self.device, self.dtype)
+        return replace(self, read=read, is_file=False)
 
 
 def _require_device(chosen: torch.device) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ class ImageHeader:
 
     page: Page
     detail: str = ""  # what else must be equal, in words
-    is_turned: bool = field(default=False, compare=False)  # whether a viewer turns the image as its EXIF data say
+    pixel_aspect: float | None = field(default=None, compare=False)  # width over height of a pixel, where it is stated
     has_losses: bool = field(default=False, compare=False)  # whether the compression changed levels
 
     def __str__(self) -> str:
@@ -35,7 +35,7 @@ class ImageKind:
     describe: Callable[[Path], ImageHeader]  # raises ValueError or OSError for other files
     load: Callable[[Path, ImageHeader], NDArray[Any]]  # levels (h, w) or (h, w, samples)
     look: str  # as `look_of` names the content
-    depth_from: str  # the place of the bit depth
+    places: Mapping[str, str] = field(hash=False)  # facts of the recording, and where the images state them
     is_lossy: bool = False  # whether the images may be previews of others beside them
 
 

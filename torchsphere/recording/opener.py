@@ -8,9 +8,11 @@ from pathlib import Path
 
 from torchsphere.recording import hdf5, matlab, member
 from torchsphere.recording.arrays import open_npy, open_npz
+from torchsphere.recording.display import as_shown
 from torchsphere.recording.folder import KINDS, open_folder
 from torchsphere.recording.phantom import open_phantom
 from torchsphere.recording.photron import open_photron
+from torchsphere.recording.photron_export import with_header_beside
 from torchsphere.recording.recording import Recording
 from torchsphere.recording.refusal import HDF5, ISO_VIDEO, MATLAB, MATROSKA, NPZ, ZIP, look_of
 from torchsphere.recording.tiff import open_tiff
@@ -43,8 +45,16 @@ _FORMATS: dict[str, tuple[Callable[..., Recording], tuple[str, ...]]] = {
 ARRAYS = (".npy", *member.SUFFIXES)
 
 
-def open_recording(path: str | os.PathLike[str], *, axes: str | None = None) -> Recording:
+def open_recording(
+    path: str | os.PathLike[str],
+    *,
+    axes: str | None = None,
+    pixel_aspect: float | None = None,
+    bayer: str | None = None,
+) -> Recording:
     """Open footage of any supported kind; only headers are read, and of arrays a few images.
+
+    The images are as a player shows them: turned and mirrored as the file states, and with square pixels.
 
     Parameters
     ----------
@@ -55,6 +65,10 @@ def open_recording(path: str | os.PathLike[str], *, axes: str | None = None) -> 
     axes : str, optional
         Order of the axes of an array: number (n), height (h) and width (w), as in "hwn". By default "nhw", and "hwn" in
         a MAT file. Axes that seem to have another order are told in `Recording.notes`, unless they are given.
+    pixel_aspect : float, optional
+        Width of a stored pixel over its height, where the file does not state it, or not rightly.
+    bayer : str, optional
+        Colours of the 2 x 2 pixels of a raw colour mosaic, row by row: "RGGB", "BGGR", "GRBG" or "GBRG".
 
     Returns
     -------
@@ -66,19 +80,23 @@ def open_recording(path: str | os.PathLike[str], *, axes: str | None = None) -> 
     FileNotFoundError
         If the path or a partner file does not exist.
     ValueError
-        If the file is of an unsupported type, or of another type than its suffix; if ``axes`` are given for a file that
-        is no array.
+        If the file is of an unsupported type, or of another type than its suffix, or an argument is out of its range;
+        if ``axes`` are given for a file that is no array.
     OSError
         If the file is cut or damaged.
     TypeError
         If ``path`` is not a path.
     """
-    place = _as_path(path)
     if axes is not None:
         require_one_of(AXES)("axes", axes)
+    return as_shown(_opened(_as_path(path), axes), pixel_aspect, bayer)
+
+
+def _opened(place: Path, axes: str | None) -> Recording:
+    """The recording as it is stored."""
     if place.is_dir():
         _require_no_axes(place, axes)
-        return open_folder(place)
+        return with_header_beside(open_folder(place))
     place, name = member.split(place)
     suffix = place.suffix.lower()
     _require_content(place, suffix)
@@ -93,7 +111,8 @@ def open_recording(path: str | os.PathLike[str], *, axes: str | None = None) -> 
         )
     of_array = {"axes": axes} if suffix in ARRAYS else {}
     of_several = {"name": name} if suffix in member.SUFFIXES else {}
-    return opener(place, **of_array, **of_several)
+    recording = opener(place, **of_array, **of_several)
+    return with_header_beside(recording) if opener is open_tiff else recording
 
 
 def stacks_of(path: Path) -> list[str]:

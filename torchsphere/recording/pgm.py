@@ -58,4 +58,5 @@ def _load(file: Path, expected: ImageHeader) -> NDArray[Any]:
     return np.fromfile(file, f">{page.dtype}", count, offset=at)
 
 
-PGM = ImageKind("PGM", (".pgm", ".ppm", ".pnm"), _describe, _load, "a PGM or PPM image", "PGM largest level")
+_PLACES = {"bit_depth": "PGM largest level"}
+PGM = ImageKind("PGM", (".pgm", ".ppm", ".pnm"), _describe, _load, "a PGM or PPM image", _PLACES)

@@ -17,13 +17,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.recording.levels import GREY_NOTE, TABLE_NOTE, linear_12_bit, to_grey, unpack_10, unpack_12
+from torchsphere.recording.orientation import after_another
+from torchsphere.recording.phantom_times import read_times
 from torchsphere.recording.recording import MAX_PIXELS, Reader, Recording
 from torchsphere.recording.refusal import look_of
 
 _FILE_HEADER = struct.Struct("<2sHHHiIiIIII")  # Type ... OffImageOffsets; the trigger's date follows
-_BITMAP_HEADER = struct.Struct("<IiiHHII")  # biSize ... biSizeImage
+_BITMAP_HEADER = struct.Struct("<IiiHHIIii")  # biSize ... biYPelsPerMeter
 _PACKED_10, _PACKED_12 = 256, 1024  # biCompression
 _UNINTERPOLATED = 2  # Compression in the file header: the colours are a mosaic
+
+# Mosaics by the code of the field CFA, from the top row: Bayer's, and the same flipped. Others are four pixels wide.
+_PATTERNS = {3: "GBRG", 4: "RGGB", 5: "GRBG", 6: "BGGR"}
+
+# Codes of `torchsphere.recording.orientation` for two mirrors (left to right, top to bottom) and an angle.
+_MIRRORED = {(False, False): 1, (True, False): 2, (False, True): 4, (True, True): 3}
+_ROTATED = {0: 1, 90: 8, -90: 6, 180: 3, -180: 3, 270: 6, -270: 8}  # positive counterclockwise, deg
 
 # Fields of SETUP: offset in bytes, format.
 _MARK, _LENGTH = (140, "2s"), (142, "H")
@@ -72,19 +81,24 @@ def open_phantom(path: Path) -> Recording:
             )
         images = _layout(path, n, bitmap, table_at, "<u8" if version == 1 else "<u4")
         _require_whole(images, file, size)
-    if compression == _UNINTERPOLATED and setup(_MOSAIC) & 0xFFFFFF:
-        raise ValueError(
-            f"{path}: holds the colour mosaic of the sensor, expected grey or interpolated colour; "
-            "save it from the camera's software with the colours interpolated, or as grey"
-        )
+    pattern = _pattern(path, setup(_MOSAIC) & 0xFFFFFF) if compression == _UNINTERPOLATED else None
     depth, depth_origin = _depth(images, setup(_REAL_BITS))
-    rate = float(setup(_RATE) or setup(_RATE_16)) or None
-    exposure = setup(_SHUTTER_NS) / 1e9 or (setup(_SHUTTER_US) or setup(_SHUTTER_16_US)) / 1e6 or None
-    origins = {"bit_depth": depth_origin, "trigger_offset_frames": "CINE FirstImageNo"}
-    if rate:
-        origins["frame_rate"] = "CINE SETUP FrameRate"
-    if exposure:
-        origins["exposure_s"] = "CINE SETUP ShutterNs" if setup(_SHUTTER_NS) else "CINE SETUP Shutter"
+    rate, exposure, exposure_origin = _rate_and_exposure(setup)
+    own = read_times(path, setup_at + setup(_LENGTH), table_at, n, rate)
+    rate, rate_origin = own.frame_rate(rate)
+    exposure, exposure_origin = own.exposure(exposure, exposure_origin)
+    across, down = bitmap[-2:]
+    aspect = down / across if across > 0 and down > 0 else None
+    code = _orientation(setup)
+    known = {
+        "bit_depth": (depth, depth_origin),
+        "trigger_offset_frames": (first, "CINE FirstImageNo"),
+        "frame_rate": (rate, rate_origin),
+        "exposure_s": (exposure, exposure_origin),
+        "pixel_aspect": (aspect, "CINE biXPelsPerMeter and biYPelsPerMeter"),
+        "bayer": (pattern, "CINE SETUP CFA"),
+        "orientation": (None if code == 1 else code, "CINE SETUP bFlipH, bFlipV and Rotate"),
+    }
     packed, colour = " packed" if images.compression else "", ", colour" if images.is_colour else ""
     return Recording(
         path=path,
@@ -94,8 +108,12 @@ def open_phantom(path: Path) -> Recording:
         frame_rate=rate,
         exposure_s=exposure,
         trigger_offset_frames=first,
-        origins=origins,
-        notes=_notes(images, setup),
+        pixel_aspect=aspect,
+        orientation=code,
+        bayer=pattern,
+        times=None if own.clock is None else own.clock.times,
+        origins={name: origin for name, (value, origin) in known.items() if value is not None},
+        notes=_notes(images, setup, has_times=own.clock is not None) + own.notes,
         files=(path,),
         _reader=_reader(images),
     )
@@ -130,7 +148,7 @@ def _setup(path: Path, file: BinaryIO, offset: int) -> Callable[[tuple[int, str]
 
 
 def _layout(path: Path, n: int, bitmap: tuple[int, ...], table_at: int, pointer: str) -> _Images:
-    _, width, signed_height, _, bits, compression, stated = bitmap
+    _, width, signed_height, _, bits, compression, stated, _, _ = bitmap
     height = abs(signed_height)
     if min(n, width, height) < 1 or width * height > MAX_PIXELS:
         raise ValueError(
@@ -187,20 +205,41 @@ def _depth(images: _Images, real_bits: int) -> tuple[int, str]:
     return channel_bits, "CINE biBitCount"
 
 
-def _notes(images: _Images, setup: Callable[[tuple[int, str]], int]) -> tuple[str, ...]:
+def _rate_and_exposure(setup: Callable[[tuple[int, str]], int]) -> tuple[float | None, float | None, str]:
+    """Frame rate, 1/s, and exposure, s, of the set-up, and the field of the exposure."""
+    rate = float(setup(_RATE) or setup(_RATE_16)) or None
+    exposure = setup(_SHUTTER_NS) / 1e9 or (setup(_SHUTTER_US) or setup(_SHUTTER_16_US)) / 1e6 or None
+    return rate, exposure, "CINE SETUP ShutterNs" if setup(_SHUTTER_NS) else "CINE SETUP Shutter"
+
+
+def _pattern(path: Path, code: int) -> str | None:
+    """The mosaic of a sensor by its code, None for a grey sensor; ValueError for other mosaics than Bayer's."""
+    if code and code not in _PATTERNS:
+        raise ValueError(
+            f"{path}: holds a colour mosaic of code {code} (SETUP CFA), expected one of 2 x 2 pixels, codes 3 to 6; "
+            "save it from the camera's software with the colours interpolated, or as grey"
+        )
+    return _PATTERNS.get(code)
+
+
+def _orientation(setup: Callable[[tuple[int, str]], int]) -> int:
+    """How the camera's software shows the images: mirrored, then rotated."""
+    mirrored = _MIRRORED[bool(setup(_FLIP_H)), bool(setup(_FLIP_V))]
+    return after_another(mirrored, _ROTATED.get(setup(_ROTATE), 1))
+
+
+def _notes(images: _Images, setup: Callable[[tuple[int, str]], int], *, has_times: bool) -> tuple[str, ...]:
     notes = []
     if images.compression == _PACKED_10:
         notes.append(TABLE_NOTE)
     if images.is_colour:
         notes.append(GREY_NOTE)
-    flags = {"bFlipH": setup(_FLIP_H), "bFlipV": setup(_FLIP_V), "Rotate": setup(_ROTATE)}
-    if any(flags.values()):
-        stated = ", ".join(f"{name} = {value}" for name, value in flags.items() if value)
+    if setup(_ROTATE) not in _ROTATED:
         notes.append(
-            f"The camera's software shows these images flipped or rotated (SETUP {stated}); "
-            "here they stay as the sensor gave them."
+            f"The camera's software shows these images rotated by {setup(_ROTATE)} deg (SETUP Rotate), which is no "
+            "right angle; here they are not rotated."
         )
-    if 1 <= setup(_RATE_STEPS) <= 16:
+    if 1 <= setup(_RATE_STEPS) <= 16 and not has_times:
         notes.append(
             "The frame rate changed during the recording (SETUP FRPSteps); frame_rate is its main setting only."
         )

@@ -1,4 +1,4 @@
-"""BMP, JPEG and WebP images through Pillow, turned as a viewer shows them."""
+"""BMP, JPEG and WebP images through Pillow."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.recording import orientation
 from torchsphere.recording.image_header import ImageHeader, ImageKind, require_size
 from torchsphere.recording.refusal import HEAD_BYTES, library_failures, look_of
 from torchsphere.recording.tiff import Page
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 #: Samples by Pillow's mode; a palette (P) becomes RGB.
 _SAMPLES = {"L": 1, "RGB": 3, "P": 3, "RGBA": 4, "RGBX": 4}
-#: EXIF tag of the orientation: codes above 4 exchange width and height.
+#: EXIF tag of the orientation.
 _ORIENTATION = 0x0112
 
 
@@ -44,19 +45,21 @@ def _opened(name: str, file: Path) -> Iterator[Image]:
 
 def _describe(name: str, file: Path) -> ImageHeader:
     with _opened(name, file) as image, library_failures(file, f"a {name}"):
-        orientation = image.getexif().get(_ORIENTATION, 1)
+        code = image.getexif().get(_ORIENTATION, 1)
         frames = getattr(image, "n_frames", 1) if name == "WebP" else 1
+        across, down = image.info.get("jfif_density") or image.info.get("dpi") or (0, 0)
         (width, height), mode = image.size, image.mode
     if mode not in _SAMPLES:
         raise ValueError(f"{file}: has pixels of Pillow's mode {mode}, expected 8-bit grey or RGB; save it so")
     if frames > 1:
         raise ValueError(f"{file}: holds {frames} images, expected one image per file; part them")
-    if orientation in (5, 6, 7, 8):
-        width, height = height, width
     samples = _SAMPLES[mode]
     require_size(file, height, width, width * height * samples)
-    page = Page(height, width, samples, 8, "u1", 2 if samples >= 3 else 1, False)
-    return ImageHeader(page, is_turned=orientation in range(2, 9), has_losses=_has_losses(name, file))
+    code = code if code in orientation.STEPS else 1
+    page = Page(height, width, samples, 8, "u1", 2 if samples >= 3 else 1, False, code)
+    # A density is a number of pixels per length: the more, the smaller they are.
+    aspect = down / across if across > 0 and down > 0 else None
+    return ImageHeader(page, pixel_aspect=aspect, has_losses=_has_losses(name, file))
 
 
 def _has_losses(name: str, file: Path) -> bool:
@@ -65,17 +68,16 @@ def _has_losses(name: str, file: Path) -> bool:
 
 
 def _load(name: str, file: Path, expected: ImageHeader) -> NDArray[Any]:
-    from PIL import ImageOps
-
     if _describe(name, file) != expected:
         raise OSError(f"{file}: changed since the folder was opened; open it again")
     with _opened(name, file) as image, library_failures(file, f"a {name}"):
-        return np.asarray(ImageOps.exif_transpose(image.convert("RGB") if image.mode == "P" else image))
+        return np.asarray(image.convert("RGB") if image.mode == "P" else image)
 
 
 def _kind(name: str, *suffixes: str, is_lossy: bool = False) -> ImageKind:
     functions = partial(_describe, name), partial(_load, name)
-    return ImageKind(name, suffixes, *functions, _look(name), f"{name} header", is_lossy)
+    places = {"bit_depth": f"{name} header", "pixel_aspect": f"{name} density", "orientation": "EXIF Orientation"}
+    return ImageKind(name, suffixes, *functions, _look(name), places, is_lossy)
 
 
 BMP = _kind("BMP", ".bmp", ".dib")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import operator
 import weakref
 from collections.abc import Callable, Iterator
@@ -31,6 +32,8 @@ class Recording(Facts, Presented):
 
     _reader: Reader = field(repr=False, compare=False)
     _closer: Callable[[], None] = field(default=lambda: None, repr=False, compare=False)
+    # As its format's reader gave it, where the images are shown otherwise than they are stored.
+    _stored: Recording | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         n, height, width = self.shape
@@ -128,6 +131,16 @@ class Recording(Facts, Presented):
                 "so give whole numbers with 0 <= start < stop <= that"
             )
         return first, last
+
+    @property
+    def stored(self) -> Recording:
+        """The recording with its images as they are stored, without what `torchsphere.recording.display` does."""
+        return self if self._stored is None else self._stored
+
+    def changed(self, **fields: Any) -> Recording:
+        """The recording with other facts, or another reader, of the same file."""
+        # The new recording refers to this one by its closer: a dropped recording releases its file.
+        return dataclasses.replace(self, **({"_closer": self.close} | fields))
 
     def close(self) -> None:
         """Release the file; reading again may fail or open the file again, depending on the format."""

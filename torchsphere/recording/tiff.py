@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 import struct
-import sys
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,16 +14,25 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from torchsphere.recording import orientation
 from torchsphere.recording.levels import ALPHA_NOTE, GREY_NOTE, to_grey
 from torchsphere.recording.recording import MAX_IMAGE_BYTES, MAX_PIXELS, Reader, Recording
 from torchsphere.recording.refusal import TIFF_SIGNATURES, library_failures, look_of
 from torchsphere.recording.tiff_axes import stated_axes
-from torchsphere.settings.limits import FRAME_RATES
+from torchsphere.recording.tiff_clock import clock_of
+from torchsphere.recording.tiff_display import MOSAIC, bayer_of, orientation_of, pixel_aspect_of
 
-_TIME_UNITS_S = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6, "ns": 1e-9}
 _GREY, _RGB, _YCBCR = (0, 1), 2, 6  # PhotometricInterpretation
 # Deflate compresses 1032 to 1 at most; a header that needs more than this ratio states missing images.
 _MAX_RATIO = 5000
+
+#: Facts of a recording, and the tags that state them.
+PLACES = {
+    "bit_depth": "TIFF BitsPerSample",
+    "pixel_aspect": "TIFF XResolution and YResolution",
+    "orientation": "TIFF Orientation",
+    "bayer": "TIFF CFAPattern",
+}
 
 #: Tags without effect on the storage of an image: description, maker, model, resolution, software, date, artist, host.
 _FREE_TAGS = frozenset((270, 271, 272, 282, 283, 296, 305, 306, 315, 316))
@@ -49,15 +56,19 @@ class Page:
     dtype: str
     photometric: int
     planar: bool
+    orientation: int = 1
+    bayer: str | None = None
 
     def __str__(self) -> str:
-        return f"{self.width} x {self.height} px, {self.samples} x {self.bits} bit"
+        turned = "" if self.orientation == 1 else f", {orientation.WORDS[self.orientation]}"
+        mosaic = "" if self.bayer is None else f", mosaic {self.bayer}"
+        return f"{self.width} x {self.height} px, {self.samples} x {self.bits} bit{turned}{mosaic}"
 
 
 def open_tiff(path: Path) -> Recording:
     """Open a multi-page TIFF, also an ImageJ stack over 4 GB, which has one page for all images.
 
-    The frame rate is known only where ImageJ's ``finterval`` states it with a unit of time.
+    The frame rate is known only where ImageJ's ``finterval`` states it with a unit of time, or OME does.
     """
     size = path.stat().st_size
     count, places = _image_places(path)
@@ -69,23 +80,29 @@ def open_tiff(path: Path) -> Recording:
         with library_failures(path, "a TIFF"):
             imagej = dict(tif.imagej_metadata or {})
             axes = stated_axes(tif, page.samples, page.height * page.width * page.samples)
+            aspect, aspect_origin = pixel_aspect_of(tif)
+            ome = tif.ome_metadata
         n, read, used = _stack(path, tif, page, count, size, places)
         axes.require_plain(path, n)
     except BaseException:
         tif.close()
         raise
-    rate, notes = _frame_rate(imagej)
-    notes += axes.notes() + _unused_bytes(n, size, used)
-    depth = page.bits if page.dtype[0] == "u" else None
-    origins = {"bit_depth": "TIFF BitsPerSample"} if depth else {}
-    if rate:
-        origins["frame_rate"] = "ImageJ finterval"
+    clock = clock_of(imagej, ome, n)
+    notes = clock.notes + axes.notes() + _unused_bytes(n, size, used)
+    facts = page_facts(page)
+    origins = {name: PLACES[name] for name in facts}
+    if clock.frame_rate:
+        origins["frame_rate"] = clock.origin
+    if aspect is not None:
+        origins["pixel_aspect"] = aspect_origin
     return Recording(
         path=path,
         kind=f"multi-page TIFF, {page.bits} bit{', colour' if page.samples >= 3 else ''}",
         shape=(n, page.height, page.width),
-        bit_depth=depth,
-        frame_rate=rate,
+        frame_rate=clock.frame_rate,
+        pixel_aspect=aspect,
+        times=clock.times,
+        **facts,
         origins=origins,
         notes=notes + page_notes(page),
         files=(path,),
@@ -102,12 +119,15 @@ def describe(path: Path, tif: tifffile.TiffFile, number: int) -> Page:
         height, width, samples = int(page.imagelength), int(page.imagewidth), int(page.samplesperpixel)
         code = "" if dtype is None else dtype.str[1:]
         planar = int(page.planarconfig) == 2 and samples > 1
-        result = Page(height, width, samples, int(page.bitspersample), code, photometric, planar)
+        kind = (height, width, samples, int(page.bitspersample), code, photometric, planar)
+        result = Page(*kind, orientation_of(page), bayer_of(page))
         packed = page.compression != 1
         stored = sum(page.databytecounts)
         end = max((at + n for at, n in zip(page.dataoffsets, page.databytecounts, strict=True)), default=0)
     colour = photometric in (_RGB, _YCBCR) and samples in (3, 4)
-    if not (colour or (photometric in _GREY and samples in (1, 2))) or result.dtype[:1] not in ("u", "i", "f"):
+    grey = photometric in _GREY and samples in (1, 2)
+    mosaic = photometric == MOSAIC and samples == 1 and result.bayer is not None
+    if not (colour or grey or mosaic) or result.dtype[:1] not in ("u", "i", "f"):
         raise ValueError(
             f"{path}: page {number} is {result} with photometric code {photometric}; "
             "expected grey or RGB levels, save it as one of these"
@@ -121,6 +141,13 @@ def describe(path: Path, tif: tifffile.TiffFile, number: int) -> Page:
     if end > path.stat().st_size:
         raise OSError(f"{path}: the data of page {number} end at byte {end}, after the file; it is cut, copy it again")
     return result
+
+
+def page_facts(page: Page) -> dict[str, Any]:
+    """The facts of a recording that one page states."""
+    depth = page.bits if page.dtype[0] == "u" else None
+    facts = {"bit_depth": depth, "orientation": page.orientation, "bayer": page.bayer}
+    return {name: value for name, value in facts.items() if value is not None and (name, value) != ("orientation", 1)}
 
 
 def page_notes(page: Page) -> tuple[str, ...]:
@@ -232,20 +259,6 @@ def _decoding_reader(path: Path, tif: tifffile.TiffFile, page: Page) -> Reader:
 def _empty(count: int, page: Page, dtype: np.dtype[Any]) -> NDArray[Any]:
     """Memory for images (n, h, w), of the file's type or, for colour, float32."""
     return np.empty((count, page.height, page.width), np.float32 if page.samples >= 3 else dtype)
-
-
-def _frame_rate(imagej: dict[str, Any]) -> tuple[float | None, tuple[str, ...]]:
-    interval, unit = imagej.get("finterval"), _TIME_UNITS_S.get(str(imagej.get("tunit", "")).strip().lower())
-    if isinstance(interval, int | float) and 0 < interval < math.inf:
-        # A header may state hundreds of digits, which no float holds.
-        interval = float(min(interval, sys.float_info.max))
-        rate = 1.0 / (interval * unit) if unit is not None and interval * unit > 0 else math.inf
-        if unit is not None and not FRAME_RATES[0] <= rate <= FRAME_RATES[1]:
-            return None, (f"ImageJ states a frame interval of {interval:g} {imagej['tunit']}, which no camera has.",)
-        if unit is not None:
-            return rate, ()
-        return None, (f"ImageJ states a frame interval of {interval:g} without a unit of time, so it was not used.",)
-    return None, ("A TIFF carries no frame rate.",)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from torchsphere.recording.luma import Luma
 from torchsphere.recording.matroska import Contents, contents
 from torchsphere.recording.recording import Recording
 from torchsphere.recording.refusal import ISO_VIDEO, MATROSKA, LibraryMissingError, library_failures, look_of
+from torchsphere.recording.video_display import hidden_note, images_in_file, orientation_of, pixel_aspect_of
 
 if TYPE_CHECKING:
     import av
@@ -55,7 +56,8 @@ def open_video(path: Path) -> Recording:
         frame = cursor.first()
     height, width = frame.height, frame.width
     decode, depth, notes = _decoder(path, frame)
-    notes += present
+    code, matrix_notes = orientation_of(frame)
+    notes += present + matrix_notes + hidden_note(n, cursor.in_file)
     cursor.expect(n, (height, width), decode)
     if playback:
         notes += (f"The container plays at {playback:g} frames/s; the rate of recording is not known.",)
@@ -64,7 +66,13 @@ def open_video(path: Path) -> Recording:
         kind=f"video, {cursor.codec}, {frame.format.name}",
         shape=(n, height, width),
         bit_depth=depth,
-        origins={"bit_depth": f"pixel format {frame.format.name}"},
+        pixel_aspect=cursor.pixel_aspect,
+        orientation=code,
+        origins={
+            "bit_depth": f"pixel format {frame.format.name}",
+            **({} if cursor.pixel_aspect is None else {"pixel_aspect": "sample aspect ratio"}),
+            **({} if code == 1 else {"orientation": "display matrix"}),
+        },
         notes=notes,
         files=(path,),
         _reader=cursor.read,
@@ -110,6 +118,9 @@ class Cursor:
 
     def __init__(self, path: Path, reader: str) -> None:
         self.codec = ""
+        self.pixel_aspect: float | None = None
+        #: Number of images in the file, those that an edit list hides included.
+        self.in_file = 0
         self._path, self._reader = path, reader
         self._container: InputContainer | None = None
         self._frames: Iterator[av.VideoFrame] = iter(())
@@ -137,6 +148,7 @@ class Cursor:
                 return 0, None
             stream = container.streams.video[0]
             self.codec = stream.codec_context.name
+            self.pixel_aspect = pixel_aspect_of(stream)
             rate = stream.average_rate or stream.guessed_rate
             times: list[int | None] = []
             keys = set()
@@ -147,9 +159,12 @@ class Cursor:
                     if not packet.is_discard:
                         times.append(packet.pts)
                         keys |= {packet.pts} if packet.is_keyframe else set()
+            self.in_file = whole
+            if self._reader == "mov" and max(stream.frames, whole) > len(times):
+                self.in_file = images_in_file(self._path, self._reader)
             # AVI and MP4 state the number of their images; for other containers it is 0.
-            if stream.frames > whole:
-                raise EOFError(f"{whole} of {stream.frames} images are present")
+            if stream.frames > self.in_file:
+                raise EOFError(f"{self.in_file} of {stream.frames} images are present")
             if self._reader == "matroska":
                 self._contents = contents(self._path)
             if self._contents.images > whole:

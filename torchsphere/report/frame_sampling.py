@@ -29,6 +29,7 @@ from torchsphere.results.reader import TRANSLATION_KNOWN
 from torchsphere.results.sampled_frames import NO_RESIDUAL, Sampled, encode_webp, rows_to_keep
 from torchsphere.runtime import threads
 from torchsphere.tracking.follow import BATCH
+from torchsphere.tracking.raw_mosaic import without_mosaic
 from torchsphere.tracking.result import Track
 
 #: Size of all images together, bytes (docs/constants.md).
@@ -69,6 +70,8 @@ class Pairs:
 def sample(recording: object, track: Track, ignore: Tensor | None = None) -> Sampled:
     """Images and residual maps of the frames of ``recording`` that `rows_to_keep` chooses."""
     source = Source.open(recording, "cpu")
+    if track.settings.get("mosaic"):
+        source, _ = without_mosaic(source)
     rows = rows_to_keep(track.status, track.zncc)
     box = _path_box(track, source.images(0, 1).shape[-2:])
     levels = _grey_levels(source, rows)

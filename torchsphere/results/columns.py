@@ -38,7 +38,7 @@ def track_columns(track: Track, frame_rate: float | None, first_frame: int) -> C
     """Columns of ``track.csv``; times are NaN without a frame rate."""
     n = len(track.status)
     frame = first_frame + np.arange(n)
-    time = np.full(n, np.nan) if frame_rate is None else frame / frame_rate
+    time = np.full(n, np.nan) if frame_rate is None else (frame if track.times is None else track.times) / frame_rate
     sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))
     radius = np.where(np.isfinite(track.position[:, 0]), track.radius, np.nan)
     # The first frame has no increment.

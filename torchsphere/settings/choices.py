@@ -24,6 +24,9 @@ AXES = ("nhw", "hwn", "nwh", "whn", "hnw", "wnh")
 #: Kinds of files in which all tables of a result are written together: keys of `exports.SUFFIXES`.
 EXPORTS = ("hdf5", "mat")
 
+#: Colours of the 2 x 2 pixels of a colour mosaic, row by row.
+BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")
+
 #: Supported devices.
 DEVICES = ("cpu", "cuda")
 

@@ -23,6 +23,9 @@ _MOST_CHARACTERS = 200
 #: Lowest and highest frame rate, 1/s (docs/constants.md).
 FRAME_RATES = (1e-6, 1e13)
 
+#: Least and largest width of a pixel over its height: more is no pixel, but a wrong number (docs/constants.md).
+PIXEL_ASPECTS = (0.25, 4.0)
+
 
 class SettingError(ValueError):
     """A refusal in one sentence with names of settings in backticks: "`mass_g` = -3: expected ...".

@@ -46,7 +46,16 @@ def _frames(text: str) -> tuple[int | None, int | None]:
     return first, last
 
 
+def _ratio(text: str) -> float:
+    above, _, below = text.replace("/", ":").partition(":")
+    divisor = _number(below) if below else 1.0
+    if divisor == 0:
+        raise ValueError(text)
+    return _number(above) / divisor
+
+
 NUMBER = Kind(_number, "a finite number", "a number, without quotation marks", (int, float))
+RATIO = Kind(_ratio, "a ratio such as 11:10, or a number", '"...", as "11:10", or a number', (str, int, float))
 WHOLE = Kind(int, "a whole number", "a whole number, without quotation marks", (int,))
 SWITCH = Kind(lambda text: _WORDS[text.lower()], "true or false", "true or false", (bool,))
 PATH = Kind(Path, "a path", '"...", in quotation marks', (str,))

@@ -199,20 +199,22 @@ def _known_frames(
         background(source, position, reach).to(source.device, torch.float32),
         None if ignore is None else ~ignore.to(source.device),
         optics,
-        exposure.moments(_motion(position, orientation, circle.radius), open_share, circle.radius),
+        exposure.moments(
+            _motion(position, orientation, circle.radius, source.durations(0, source.count)), open_share, circle.radius
+        ),
     )
 
 
-def _motion(position: Array, orientation: Array, radius: float) -> Tensor:
-    """Motion (n, 5) of all frames by the steps to their neighbours, px per frame, rotations times the ``radius``.
+def _motion(position: Array, orientation: Array, radius: float, durations: Array) -> Tensor:
+    """Motion (n, 5) of all frames by the steps to their neighbours, px per interval, rotations times the ``radius``.
 
-    0 where no neighbour is known.
+    ``durations`` (n - 1,) are the times of the steps, in frame intervals. 0 where no neighbour is known.
     """
     turns = orientation[1:] @ np.swapaxes(orientation[:-1], 1, 2)
     known = np.asarray(np.isfinite(turns).all((1, 2)))
     turned = So3.from_matrix(torch.from_numpy(np.where(known[:, None, None], turns, np.eye(3)))).log().numpy()
     steps = np.concatenate((np.diff(position, axis=0), radius * np.where(known[:, None], turned, np.nan)), 1)
-    steps = np.pad(steps, ((1, 1), (0, 0)), constant_values=np.nan)
+    steps = np.pad(steps / durations[:, None], ((1, 1), (0, 0)), constant_values=np.nan)
     around = np.stack((steps[:-1], steps[1:]))
     measured = np.isfinite(around)
     return torch.from_numpy(np.where(measured, around, 0.0).sum(0) / measured.sum(0).clip(1))

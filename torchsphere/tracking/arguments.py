@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from torchsphere.geometry.camera import Camera
-from torchsphere.recording import Recording
+from torchsphere.recording import Recording, display
 from torchsphere.recording.frame_range import resolve_range, restrict
 from torchsphere.settings.arrays import as_stack
 from torchsphere.settings.calibration import OPTION_NAMES, Calibration, implausible_units, with_option_names
@@ -77,6 +78,18 @@ def doubts_told(recording: Any) -> Iterator[None]:
             raise
         refusal = error if isinstance(error, SettingError) else SettingError(str(error))
         raise refusal.joined_by(doubt) from error
+
+
+def as_shown(recording: Any, pixel_aspect: float | None, bayer: str | None) -> Any:
+    """A recording of the images as a player shows them, where the sides of their pixels or a mosaic are given."""
+    if pixel_aspect is None and bayer is None:
+        return recording
+    if isinstance(recording, Recording):
+        return display.as_shown(recording.stored, pixel_aspect, bayer)
+    images = as_stack(recording, "recording").cpu().numpy()
+    n, height, width = images.shape
+    array = Recording(path=Path(), kind="array", shape=(n, height, width), _reader=lambda a, b: images[a:b])
+    return display.as_shown(array, pixel_aspect, bayer)
 
 
 def part_of(recording: Any, frames: tuple[int | None, int | None] | slice | None) -> tuple[Any, int]:

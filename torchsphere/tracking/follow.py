@@ -163,9 +163,10 @@ class Follower:
         measured = self.record.set_pairs(last, found, self._circles_after(found), count)
         self._failed_searches = []
         growth, explained = float(found.growth[count - 1]), found.explained[count - 1, 1]
-        self._set_state(last + count, image, measured[-1], growth, explained)
+        durations = self._source.durations(last, last + count + 1)
+        self._set_state(last + count, image, measured[-1] / durations[-1], growth / durations[-1], explained)
         if count >= TREND_FROM:
-            increment, trend = linear_trend(measured)
+            increment, trend = linear_trend(measured, durations)
             self._state = dataclasses.replace(self._state, increment=increment, trend=trend)
 
     def _set_state(
@@ -176,7 +177,7 @@ class Follower:
         growth: float = 0.0,
         explained: Tensor | None = None,
     ) -> None:
-        """Continue from ``frame``, where the record has the ball, with the expected ``increment``."""
+        """Continue from ``frame``, where the record has the ball, with the ``increment`` expected in an interval."""
         expected = torch.from_numpy(np.nan_to_num(increment))
         centre, radius = torch.from_numpy(self.record.position[frame]), float(self.record.size[frame])
         explained = None if explained is None or bool((explained == 1).all()) else explained
@@ -193,7 +194,7 @@ class Follower:
         if repeats_previous(pair, state)[0]:
             record.repeated.append(at)
             return
-        expected = state.increment * (at - state.frame)
+        expected = state.increment * self._source.elapsed(state.frame, at)
         setup = (
             self._setup if state.explained is None else recovery.without_occluder(state, state.explained, self._setup)
         )
@@ -245,7 +246,7 @@ class Follower:
         self.record.rotation[at] = motion[2:].numpy()
         self.record.status[at] = "lost"
         self._failed_searches = []
-        increment = motion.numpy() / (at - state.frame)
+        increment = motion.numpy() / self._source.elapsed(state.frame, at)
         self._set_state(at, image, increment, explained=found.explained[0, 1])
 
     def _step_by_outlines(self, at: int, pair: Tensor, place: Tensor) -> None:
@@ -266,7 +267,7 @@ class Follower:
             record.status[self._first] = "weak_texture"
         centre = state.centre if self._setup.in_place else state.centre + step
         record.place(at, centre.numpy(), state.radius)
-        self._set_state(at, pair[1:], increment / (at - state.frame))
+        self._set_state(at, pair[1:], increment / self._source.elapsed(state.frame, at))
 
     def _restart_by_outline(self, at: int, image: Tensor) -> None:
         """Continue with a ball found by its outline: with its rotation where its texture is that of the ball.
@@ -277,12 +278,13 @@ class Follower:
         centre = recovery.find_by_outline(image, state, setup)
         if centre is None:
             return
-        motion = None if whole is state else recovery.motion_to(image, centre, whole, at - whole.frame, setup)
+        since_whole = self._source.elapsed(whole.frame, at)
+        motion = None if whole is state else recovery.motion_to(image, centre, whole, since_whole, setup)
         if motion is not None:
             self._place(at, centre if setup.in_place else whole.centre + motion[:2])
             since = So3.exp(torch.from_numpy(self.record.turned(whole.frame, state.frame)))
             self.record.rotation[at] = (So3.exp(motion[None, 2:]) * since.inverse()).log()[0].numpy()
-            self._set_state(at, image, motion.numpy() / (at - whole.frame))
+            self._set_state(at, image, motion.numpy() / since_whole)
         elif setup.in_place or (self._is_alone and not recovery.is_other_object(image, centre, state, setup)):
             self._place(at, centre)
             self._set_state(at, image, np.full(5, np.nan))

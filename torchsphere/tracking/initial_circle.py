@@ -160,9 +160,9 @@ class _Flight:
         return torch.cat((torch.from_numpy(self.followed.position[frames]), radii[:, None]), -1)
 
     def motion(self, frames: NDArray[np.int64]) -> Tensor:
-        """Motion (m, 2) around the given frames, px per frame; 0 where no neighbour was followed."""
-        position = self.followed.position
-        steps = np.diff(position, axis=0, prepend=np.nan, append=np.nan)
+        """Motion (m, 2) around the given frames, px per interval; 0 where no neighbour was followed."""
+        steps = np.diff(self.followed.position, axis=0) / self.source.durations(0, self.source.count)[:, None]
+        steps = np.pad(steps, ((1, 1), (0, 0)), constant_values=np.nan)
         around = np.stack((steps[frames], steps[frames + 1]))
         known = np.isfinite(around)
         return torch.from_numpy(np.where(known, around, 0.0).sum(0) / known.sum(0).clip(1))

@@ -16,7 +16,8 @@ MIN_LENGTH_SD = 20.0
 def missing_frames(track: Track) -> tuple[tuple[int, int], ...]:
     """Frames before which images seem to be missing, and how many: ((frame, images), ...)."""
     to_px = np.array([1.0, 1.0, *3 * [track.circle.radius]])
-    steps = track.increment * to_px
+    # A gap that the images' own times state is not missing.
+    steps = track.increment * to_px / track.durations[:, None]
     sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2)) * to_px
     gaps = []
     for i in range(1, len(steps) - 1):

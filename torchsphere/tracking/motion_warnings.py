@@ -12,7 +12,7 @@ from torchsphere.detection.detect import MAX_CIRCLE_ERROR, given_circle_warning,
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime.warning_levels import by_level, note, severe
 from torchsphere.sphere_map.radius_error import RADIUS_ERROR_PER_TURN, turn_out_of_plane
-from torchsphere.tracking import edge_leakage
+from torchsphere.tracking import edge_leakage, raw_mosaic
 from torchsphere.tracking.camera_shake import camera_shake
 from torchsphere.tracking.frame_memory import lag_of
 from torchsphere.tracking.in_place import MIN_DRIFT_PX, SIGNIFICANT_SD
@@ -44,6 +44,7 @@ def motion_warnings(source: Source, track: Track, start: int, roi_given: bool) -
             *_map_warnings(track),
             *_growth_warnings(track),
             *_video_warnings(track),
+            *_pixel_warnings(track),
             *_distance_warnings(track),
             *_leakage_warnings(track, roi_given),
             *_shake_warnings(source, track, start),
@@ -111,6 +112,8 @@ def _video_warnings(track: Track) -> list[str]:
                 "all times are theirs."
             )
         )
+    if track.settings["mosaic"]:
+        sentences.append(raw_mosaic.about(track.settings["mosaic"], track.facts))
     if memory:
         sentences.append(
             f"Each image holds {100 * memory:.0f} % of the image beside it, by its noise, as after temporal noise "
@@ -126,6 +129,24 @@ def _video_warnings(track: Track) -> list[str]:
             "deviations include this. Save recordings as the camera's own raw file, or without loss."
         )
     return sentences
+
+
+def _pixel_warnings(track: Track) -> list[str]:
+    """Outlines of fixed axes, which pixels that are not square give."""
+    wide = track.settings["axis_ratio"]
+    if wide is None:
+        return []
+    # The outline of wide pixels is narrow.
+    percent, aspect = 100 * (max(wide, 1 / wide) - 1), 1 / wide
+    longer = "wider than high" if wide > 1 else "higher than wide"
+    return [
+        severe(
+            f"The outline of the ball is no circle: it is {percent:.1f} % {longer} all along its path, as pixels of "
+            f"about {aspect:.3g}:1 (width to height) show a sphere. Positions, speeds and rotations are wrong by as "
+            "much. If the pixels are not square, give --pixel-aspect with the ratio that camera or software state "
+            f"(about {aspect:.3g}); else the ball is no sphere."
+        )
+    ]
 
 
 def _circle_warnings(source: Source, track: Track, start: int) -> list[str]:

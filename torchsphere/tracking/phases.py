@@ -19,7 +19,7 @@ from torchsphere.imaging import interlacing
 from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map.nearness import UNKNOWN_SD
 from torchsphere.sphere_map.poses import MIN_FRAMES
-from torchsphere.tracking import coded_video, frame_memory, growth, hidden_ball, limb_path
+from torchsphere.tracking import coded_video, frame_memory, growth, hidden_ball, limb_path, outline_shape
 from torchsphere.tracking import in_place as place_of_ball
 from torchsphere.tracking.background_blocks import background_blocks
 from torchsphere.tracking.drift import AbsoluteMotion, absolute_motion
@@ -28,6 +28,7 @@ from torchsphere.tracking.follow import Follower, Progress, Watch
 from torchsphere.tracking.in_place import Limbs
 from torchsphere.tracking.initial_circle import find_initial_circle, is_interlaced, shows_outline
 from torchsphere.tracking.proof import needs_proof
+from torchsphere.tracking.raw_mosaic import without_mosaic
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.result import Track
 from torchsphere.tracking.steady_error import sd_steady, texture_fineness
@@ -74,14 +75,17 @@ class _Start:
     options: Options  # adapted to the ball
     grows: bool = False  # whether the ball comes nearer or goes away, which nobody said
     interlaced: bool = False  # whether only the even rows are used, as the others show another instant
+    mosaic: tuple[str, ...] = ()  # colour mosaics that the images may be, of which only the green pixels are used
 
 
 def run(task: Task, settings: Options, given: dict[str, Any]) -> tuple[Source, Track]:
     """All phases; also the images that were used. Options that were ``given`` are not adapted to the ball."""
-    start = _initial_circle(task, settings, given)
+    source, mosaic = without_mosaic(task.source)
+    task = dataclasses.replace(task, source=source)
+    start = dataclasses.replace(_initial_circle(task, settings, given), mosaic=mosaic)
     if is_interlaced(task.source, start.circle):
         task = dataclasses.replace(task, source=task.source.changed(interlacing.of_even_rows))
-        start = dataclasses.replace(_initial_circle(task, settings, given), interlaced=True)
+        start = dataclasses.replace(_initial_circle(task, settings, given), mosaic=mosaic, interlaced=True)
     return task.source, _measured_in_place(task, start) if task.in_place else _measured(task, start)
 
 
@@ -305,6 +309,11 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
     leakage = leakage_share(start.contrast, radius, start.options)
     steps = int(np.isfinite(measured.increment[:, 0]).sum())
     sd_nearness = _sd_nearness(task, start, motion)
+    allowed = outline_shape.Allowed.of(
+        *(start.options.camera, radius, motion.about_map, 0.0 if task.telecentric else sd_nearness),
+        stated=task.stated_exposure if task.exposure is None else task.exposure,
+    )
+    axis_ratio = outline_shape.axis_ratio(task.source, motion.position, radius, task.ignore, allowed)
     return Track(
         position=motion.position,
         increment=motion.increment,
@@ -323,6 +332,7 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
             uneven_light=int(measured.uneven_light.sum()) / max(steps, 1),
             leakage=leakage,
             sd_nearness=sd_nearness,
+            stretch=task.source.stretch,
         ),
         circle=circle,
         settings=dataclasses.asdict(start.options)
@@ -334,6 +344,7 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
             "telecentric": task.telecentric,
             "grows": start.grows,
             "interlaced": start.interlaced,
+            "mosaic": list(start.mosaic),
             "noise_memory": memory,
             "coded": is_coded,
             "hidden": is_hidden,
@@ -342,6 +353,7 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
             "repeated_frames": measured.repeated,
             "untried_frames": measured.untried,
             "leaked": leakage,
+            "axis_ratio": axis_ratio,
             "device": str(task.source.device),
             "dtype": str(task.source.dtype).removeprefix("torch."),
         },

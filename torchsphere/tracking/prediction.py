@@ -28,9 +28,9 @@ class BallState:
     image: Tensor  # of that frame (1, h, w)
     centre: Tensor  # (2,), px, float64, on the CPU
     radius: float  # px
-    increment: Tensor  # motion (5,) expected to the next frame, px and rad, float64
-    trend: Tensor  # change (5,) of the increment from each frame to the next
-    growth: float  # relative change of the radius from each frame to the next
+    increment: Tensor  # motion (5,) expected in the next frame interval, px and rad, float64
+    trend: Tensor  # change (5,) of the increment from each interval to the next
+    growth: float  # relative change of the radius from each interval to the next
     explained: Tensor | None = None  # share (c, c) of each cell that the ball's motion explained; None: the whole ball
 
     @property
@@ -45,10 +45,14 @@ class BallState:
         front = math.hypot(dx - self.radius * wy, dy + self.radius * wx, self.radius * wz)
         return max(front, math.hypot(dx, dy)) > MIN_MOTION_PX
 
-    def predict(self, count: int, in_place: bool) -> tuple[Tensor, Tensor]:
-        """Increments (m, 5) of the next ``count`` pairs, px and rad, and circles (m + 1, 3) from this frame on, px."""
-        steps = torch.arange(count + 1, dtype=torch.float64)[:, None]
-        increments = self.increment + steps[1:] * self.trend
+    def predict(self, durations: NDArray[np.float64], in_place: bool) -> tuple[Tensor, Tensor]:
+        """Increments (m, 5) of the next pairs, px and rad, and circles (m + 1, 3) from this frame on, px.
+
+        ``durations`` (m,) are the times from image to image, in frame intervals.
+        """
+        each = torch.from_numpy(durations)[:, None]
+        steps = torch.cat((torch.zeros_like(each[:1]), each.cumsum(0)))
+        increments = each * (self.increment + steps[1:] * self.trend)
         moving = torch.zeros_like(increments[:, :2]) if in_place else increments[:, :2]
         centres = self.centre + torch.cat((torch.zeros_like(moving[:1]), moving.cumsum(0)))
         return increments, torch.cat((centres, self.radius * (1 + self.growth) ** steps), -1)
@@ -63,9 +67,13 @@ class BallState:
         return float(((x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)).double().mean())
 
 
-def linear_trend(increments: NDArray[np.float64]) -> tuple[Tensor, Tensor]:
-    """Increment (5,) at the last of ``increments`` (m, 5) and its change (5,) per frame, by a straight line."""
-    slope, last = np.polyfit(np.arange(1 - len(increments), 1), increments, 1)
+def linear_trend(increments: NDArray[np.float64], durations: NDArray[np.float64]) -> tuple[Tensor, Tensor]:
+    """Increment (5,) per frame interval at the last of ``increments`` (m, 5), and its change, by a straight line.
+
+    ``durations`` (m,) are the times of the increments, in frame intervals.
+    """
+    ends = durations.cumsum()
+    slope, last = np.polyfit(ends - ends[-1], increments / durations[:, None], 1)
     return torch.from_numpy(last), torch.from_numpy(slope)
 
 

@@ -60,7 +60,8 @@ class Prefetcher:
             return
         moved = torch.zeros(len(coarse), 5, dtype=torch.float64)
         moved[:, : min(5, coarse.shape[-1])] = coarse[:, :5]
-        increment, trend = linear_trend(moved.numpy())
+        durations = self._source.durations(state.frame, state.frame + len(coarse) + 1)
+        increment, trend = linear_trend(moved.numpy(), durations)
         growth = float(coarse[:, 5].mean()) if coarse.shape[-1] == 6 else 0.0
         frame = state.frame + len(coarse)
         at_end = BallState(frame, last.images[-1:], circles[-1, :2], float(circles[-1, 2]), increment, trend, growth)
@@ -73,7 +74,7 @@ class Prefetcher:
             images = self._source.images_into(self._buffer(state.image, count + 1), state.frame, stop)
         else:
             images = self._source.unconverted(state.frame, stop)
-        expected, circles = state.predict(count, self._setup.in_place)
+        expected, circles = state.predict(self._source.durations(state.frame, stop), self._setup.in_place)
         return prepare(images, circles, expected, self._setup)
 
     def _buffer(self, image: Tensor, count: int) -> Tensor:

@@ -202,7 +202,7 @@ def moving_part(pair: Tensor, state: BallState, expected: Tensor, found: Correla
     return dataclasses.replace(moving, explained=explained[None])
 
 
-def motion_to(image: Tensor, centre: Tensor, state: BallState, frames: int, setup: PairSetup) -> Tensor | None:
+def motion_to(image: Tensor, centre: Tensor, state: BallState, frames: float, setup: PairSetup) -> Tensor | None:
     """Motion (5,) to a ball around ``centre`` (2,) in ``image`` (1, h, w), ``frames`` later; None if it is another."""
     pair = torch.cat((state.image, image))
     expected = torch.cat((centre - state.centre, frames * state.increment[2:]))

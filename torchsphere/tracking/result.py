@@ -68,6 +68,9 @@ class Track(Tabulated):
         Number of the first image in the whole recording.
     facts : Facts or None
         What the recording states.
+    times : ndarray or None
+        Times of the images (n,) since the first of the recording, in frame intervals; None where they are evenly
+        spaced. A step across a gap is the whole way, and its velocity is this over the gap's time.
     """
 
     position: NDArray[np.float64]
@@ -86,16 +89,23 @@ class Track(Tabulated):
     calibration: Calibration = field(default_factory=Calibration)
     first_frame: int = 0
     facts: Facts | None = field(default=None, repr=False)
+    times: NDArray[np.float64] | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{count} {name}" for name, count in status_counts(self).items())
         known = np.isfinite(self.increment)
-        steps = np.where(known, self.increment, 0.0).sum(0) / np.maximum(known.sum(0), 1)
+        duration = (known * self.durations[:, None]).sum(0)
+        steps = np.where(known, self.increment, 0.0).sum(0) / np.where(duration > 0, duration, 1.0)
         turn = np.degrees(np.linalg.norm(steps[2:])) if known[:, 2:].any() else np.nan
         motion = f"mean step {steps[0]:.3f}, {steps[1]:.3f} px and {turn:.3f} deg" if known[:, 0].any() else "no motion"
         count = len(self.warnings)
         warned = f"; {count} warning{'s' if count > 1 else ''}" if count else ""
         return f"<Track of {len(self.status)} frames: {counts}; circle {self.circle.text()} px; {motion}{warned}>"
+
+    @property
+    def durations(self) -> NDArray[np.float64]:
+        """Times (n - 1,) of the increments, in frame intervals."""
+        return np.ones(len(self.increment)) if self.times is None else np.diff(self.times)
 
     def save(
         self,

@@ -59,6 +59,10 @@ NEARER_FRONT = (0.7, 0.7, 0.1)
 #: Error of a step on a map of the ball, px (docs/constants.md).
 ON_MAP_PX = 0.0002
 
+#: Error of a step in images drawn from pixels that are not square, over their ratio of sides less 1, px
+#: (docs/constants.md).
+STRETCHED_PX = 0.005
+
 #: Positions across the ball, radii, and the share of the ball's area at each.
 POSITIONS = (np.arange(32) + 0.5) / 16 - 1
 AREA_SHARES = np.sqrt(1 - POSITIONS**2) / np.sqrt(1 - POSITIONS**2).sum()
@@ -97,19 +101,22 @@ def sd_steady(
     uneven_light: float = 0.0,
     leakage: float = 0.0,
     sd_nearness: float = 0.0,
+    stretch: float = 1.0,
 ) -> Array:
     """Standard deviation (5,) of the error that all steps of a flight have in common, px and rad.
 
     ``increment`` (n, 5), px and rad, NaN where not measured; ``radius``, px; ``fineness`` by `texture_fineness`.
     ``uneven_light`` is the share of steps with uneven light, ``leakage`` a share of the front's motion. A map of the
     ball (``on_map``) holds footprints, outline and background, so that only uneven light counts there. ``sd_nearness``
-    is the standard deviation of the ball's radius over the camera's distance: see `sd_of_apparent_turn`.
+    is the standard deviation of the ball's radius over the camera's distance: see `sd_of_apparent_turn`. ``stretch`` is
+    the ratio of the sides of the pixels that the images were drawn from.
     """
     light = uneven_light * np.array([UNEVEN_LIGHT_PX, UNEVEN_LIGHT_PX, UNEVEN_LIGHT_Z_PX / radius]) ** 2
     if on_map:
         squares = light + np.array([ON_MAP_PX, ON_MAP_PX, ON_MAP_PX / radius]) ** 2
     else:
         squares = light + _pair_squares(increment, radius, fineness, leakage)
+    squares += (STRETCHED_PX * (stretch - 1) * np.array([1.0, 1.0, 0.0])) ** 2
     step, about_z = np.sqrt(squares[:2]), np.sqrt(squares[2:])
     turn = np.concatenate((ROTATION_PER_STEP / radius * step[::-1], about_z))
     return np.concatenate((step, np.hypot(turn, sd_of_apparent_turn(increment, radius, sd_nearness))))

@@ -48,6 +48,8 @@ def track(
     diameter_m: float | None = None,
     m_per_px: float | None = None,
     mass_kg: float | None = None,
+    pixel_aspect: float | None = None,
+    bayer: str | None = None,
     map: str | None = None,  # noqa: A002  (the name of the command line)
     log: bool = True,
     **options: Any,
@@ -101,6 +103,13 @@ def track(
     frame_rate, diameter_m, m_per_px, mass_kg : float, optional
         Frames per second, the ball's diameter or the size of a pixel, m, and its mass, kg. They are carried by
         `Track.calibration` to `kinematics` and `impact`. By default the frame rate is the recording's.
+    pixel_aspect : float, optional
+        Width of a pixel over its height, where the images have other than square pixels. They are measured as a player
+        shows them, enlarged to square pixels: circle, mask, camera and positions are in these. By default as a
+        recording states it.
+    bayer : str, optional
+        Colours of the 2 x 2 pixels of a raw colour mosaic, row by row: "RGGB", "BGGR", "GRBG" or "GBRG". The green
+        pixels are measured.
     map : str, optional
         "auto", "on" or "off", as ``--map``: another name for `sphere_map` None, True or False.
     log : bool
@@ -136,6 +145,8 @@ def track(
     if telecentric and settings.camera is not None:
         raise ValueError("telecentric: a camera with a focal length or a distance is not telecentric; give one of both")
     stated = _stated_exposure(recording)
+    device = getattr(recording, "device", None) if device is None else device
+    recording = arguments.as_shown(recording, pixel_aspect, bayer)
     part, start = arguments.part_of(recording, frames)
     source = Source.open(part, device, dtype)
     first_image = source.images(0, 1)
@@ -148,9 +159,10 @@ def track(
         if circle is None:
             require_proof(found)
     first_frame += start
-    warnings = (*motion_warnings(source, found, first_frame, "roi" in options), *notes)
     known: dict[str, Any] = {"calibration": calibration, "first_frame": first_frame, "facts": facts}
-    found = dataclasses.replace(found, warnings=warnings, **known)
+    found = dataclasses.replace(found, times=getattr(part, "times", None), **known)
+    warnings = (*motion_warnings(source, found, first_frame, "roi" in options), *notes)
+    found = dataclasses.replace(found, warnings=warnings)
     if log:
         for sentence in found.warnings:
             _LOG.warning("%s", sentence)

@@ -1,0 +1,133 @@
+"""Outlines that are ellipses of fixed axes along the image's: pixels that are not square, which no file states.
+
+A near camera stretches outlines away from the middle of the image, a motion during the exposure along the path. What
+these may do is subtracted. A body that is no sphere shows other axes as it turns, and outlines that a background or a
+codec spoils differ from frame to frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchsphere.detection import limb_ellipse
+from torchsphere.detection.blurred_limb import SMEARED_PX
+from torchsphere.geometry.camera import Camera
+from torchsphere.recording.frame_source import Source
+
+#: Outlines that are fitted, the fewest that show fixed axes, and the share of them that have to agree.
+MOST_LOOKS, FEWEST_LOOKS, AGREEING = 6, 4, 0.8
+
+#: Least coefficient of an ellipse that is said: its axes differ by twice as much (docs/constants.md).
+LEAST = 0.0125
+
+#: Standard deviations of an outline within which outlines agree, and from which they are no circles; and share of the
+#: coefficient within which they agree, too.
+AGREEING_SD, SIGNIFICANT_SD, AGREEING_SHARE = 3.0, 4.0, 0.25
+
+#: Coefficient by a smear along the path, over the smear in radii (docs/constants.md).
+BY_SMEAR = 0.25
+
+#: Nearness of a camera of which nothing is known, radius over distance: five radii away.
+NEAREST = 0.2
+
+#: Room that a fit needs around the ball, radii.
+ROOM = 1.3
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """What may stretch an outline, at most."""
+
+    nearness: float  # radius over the camera's distance
+    open_share: float  # exposure over the time between frames
+    smear_px: float  # motion during the exposure
+
+    @classmethod
+    def of(
+        cls,
+        camera: Camera | None,
+        radius: float,
+        about_map: Mapping[str, Any],
+        sd_nearness: float,
+        stated: float | None,
+    ) -> Allowed:
+        """By the camera or else what the map found; by the exposure that was ``stated``, or else that of the map."""
+        is_mapped = bool(about_map["used"])
+        if camera is not None and camera.focal_px is not None:
+            nearness = radius / camera.focal_px
+        else:
+            nearness = float(about_map.get("radius_over_distance", 0.0)) + 2 * sd_nearness
+            nearness = nearness if is_mapped or sd_nearness == 0 else max(nearness, NEAREST)
+        found = float(about_map.get("open_share", 0.0))
+        share = stated if stated is not None else found or 1.0
+        # The map would have found more.
+        return cls(nearness, share, SMEARED_PX if is_mapped and not found else math.inf)
+
+
+def axis_ratio(source: Source, position: Array, radius: float, ignore: Tensor | None, allowed: Allowed) -> float | None:
+    """Width over height of the outlines where they are ellipses of fixed axes; None where they may be circles.
+
+    ``position`` (n, 2) is the ball's centre in each image, px, NaN where unknown.
+    """
+    size = np.array(source.images(0, 1).shape[-2:][::-1])
+    frames = _whole_balls(position, radius, size)
+    if len(frames) < FEWEST_LOOKS:
+        return None
+    images = torch.cat([source.images(int(frame), int(frame) + 1) for frame in frames])
+    circles = torch.from_numpy(np.column_stack((position[frames], np.full(len(frames), radius))))
+    found, sd = (values[:, 0].numpy() for values in limb_ellipse.fit(images, circles, ignore))
+    known = np.isfinite(found)
+    if known.sum() < FEWEST_LOOKS:
+        return None
+    found, sd, frames = found[known], sd[known], frames[known]
+    shape, typical = float(np.median(found)), float(np.median(sd))
+    agree = np.abs(found - shape) <= np.maximum(AGREEING_SD * sd, AGREEING_SHARE * abs(shape))
+    sign = np.sign(shape)
+    off = (position[frames] - 0.5 * (size - 1)) / radius
+    by_view = _by_view(sign * found, sign * (off[:, 0] ** 2 - off[:, 1] ** 2), typical, allowed.nearness)
+    smear = float(np.median(sign * _step_along(source, position, frames))) * allowed.open_share
+    by_smear = BY_SMEAR / radius * min(max(smear, 0.0), allowed.smear_px)
+    if agree.mean() < AGREEING or abs(shape) - by_view - by_smear < max(LEAST, SIGNIFICANT_SD * typical):
+        return None
+    return (1 + shape) / (1 - shape)
+
+
+def _whole_balls(position: Array, radius: float, size: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Numbers (m,) of up to `MOST_LOOKS` frames that show the whole ball in images of that ``size`` (w, h)."""
+    frames = np.flatnonzero(((position > ROOM * radius) & (position < size - 1 - ROOM * radius)).all(1))
+    return frames[np.unique(np.linspace(0, max(len(frames) - 1, 0), min(len(frames), MOST_LOOKS)).round().astype(int))]
+
+
+def _step_along(source: Source, position: Array, frames: NDArray[np.int64]) -> Array:
+    """Steps (m,) around the ``frames`` along the image's axes: positive along x, negative along y, px per interval."""
+    steps = np.diff(position, axis=0) / source.durations(0, source.count)[:, None]
+    steps = np.pad(steps, ((1, 1), (0, 0)), constant_values=np.nan)
+    around = np.stack((steps[frames], steps[frames + 1]))
+    known = np.isfinite(around)
+    x, y = (np.where(known, around, 0.0).sum(0) / known.sum(0).clip(1)).T
+    along: Array = (x**2 - y**2) / np.maximum(np.hypot(x, y), 1e-9)
+    return along
+
+
+def _by_view(found: Array, off: Array, sd: float, nearness: float) -> float:
+    """What a near camera may give of the coefficients ``found`` (m,), which are positive.
+
+    An outline at an angle b from the optical axis is longer by 1 / cos b along the way from the middle of the image:
+    the coefficient is a quarter of the square of the ``nearness`` times what is ``off`` (m,), squared radii. How the
+    coefficients change along the path tells the nearness, too.
+    """
+    about = off - off.mean()
+    square = float(about @ about)
+    slope = float(about @ found) / square if square > 0 else 0.0
+    most = max(slope + 2 * sd / np.sqrt(square), 0.0) if square > 0 else np.inf
+    return float(min(0.25 * nearness**2, most) * max(off.mean(), 0.0))
