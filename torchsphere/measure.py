@@ -37,7 +37,7 @@ from torchsphere.results import atomic_output, sampled_frames, writer
 from torchsphere.results.exports import check_exports
 from torchsphere.results.reader import read
 from torchsphere.results.writer import Measurement, versions
-from torchsphere.runtime import threads
+from torchsphere.runtime import steps, threads
 from torchsphere.runtime.file_hash import hash_files
 from torchsphere.runtime.warning_levels import by_level, note, severe
 from torchsphere.settings.calibration import Calibration
@@ -107,6 +107,8 @@ def measure(
                 )
             )
             seconds = time.perf_counter() - began
+            if hashed is None or not hashed.done():
+                steps.tell_if_large(recording.files, "computing the checksum of the recording")
             sha256 = hashed.result() if hashed is not None and not draw.failed(hashed) else hash_files(recording.files)
             done = Measurement(
                 *(recording, tracked, motion, found, start, warnings, seconds, sha256, extra or {}, name, every),
@@ -115,7 +117,8 @@ def measure(
                 if motion is None or request.cfc is None
                 else filtered_motion(tracked, motion, request.cfc),
             )
-            _LOG.info("writing %s", request.out)
+            drawing = ", with figures and report" if request.report else ""
+            steps.tell("writing the result to %s%s", request.out, drawing)
             _write(request, done, frame_rate, chosen, ignore, pool)
             _LOG.info("written")
     return done
@@ -205,6 +208,7 @@ def _contact_forces(
 def _kinematics(request: Request, tracked: Track, frame_rate: float | None, start: int) -> Kinematics | None:
     if frame_rate is None or (request.diameter_mm is None and request.mm_per_px is None):
         return None
+    steps.tell("computing velocities and forces")
     return kinematics(
         tracked,
         frame_rate=frame_rate,
@@ -285,6 +289,8 @@ def _export(request: Request, folder: Path) -> None:
         return
     result = read(folder)
     if request.overlay:
+        steps.tell("drawing overlay.mp4")
         overlay.write_overlay(result)
     if request.paraview and result.known.any():
+        steps.tell("writing the series for ParaView")
         paraview.write_paraview(result)

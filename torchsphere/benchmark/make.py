@@ -28,6 +28,7 @@ from torchsphere.benchmark.folder import (
 )
 from torchsphere.benchmark.suites import Recipe, recipes
 from torchsphere.results.atomic_output import atomic_folder, check_folder, recover
+from torchsphere.runtime import steps
 
 #: Decimals of the outline in frame 0, px: finer than any tracker, coarser than differences between processors.
 _DECIMALS = 6
@@ -64,6 +65,7 @@ def make(
     _check_renderer()
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     with atomic_folder(out, overwrite, *earlier) as new:
+        steps.tell("rendering %d suites", len(todo))
         _render_all(todo, new, workers or cores, progress)
         entries, versions = zip(*(_description(recipe, new / recipe.name) for recipe in todo), strict=True)
         index: dict[str, Any] = {"benchmark": NAME, "version": VERSION, "size": size, "suites": list(entries)}

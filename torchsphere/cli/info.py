@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchsphere.cli.console import told_steps
+from torchsphere.cli.console import loading_libraries
 from torchsphere.cli.exit_codes import DONE, UNUSABLE, UsageError
 from torchsphere.cli.options import add_command, add_verbose
 from torchsphere.runtime.shown_text import shown
@@ -41,8 +41,7 @@ def run(options: dict[str, Any]) -> int:
             print(f"{name:<11} {shown(text)}")
         if preview is None:
             return DONE
-        with told_steps(quiet=False, verbose=options["verbose"]):
-            return _preview(recording, preview)
+        return _preview(recording, preview)
 
 
 def _facts(recording: Recording) -> list[tuple[str, str]]:
@@ -66,10 +65,11 @@ def _facts(recording: Recording) -> list[tuple[str, str]]:
 
 def _preview(recording: Recording, path: Path) -> int:
     """Draw the circle that is found, with all that may be the ball, or else the first image with a grid."""
-    from torchsphere.correlation.options import Options
-    from torchsphere.recording.frame_source import Source
-    from torchsphere.report.preview_figure import grid_figure, preview_figure
-    from torchsphere.tracking.initial_circle import find_initial_circle
+    with loading_libraries():
+        from torchsphere.correlation.options import Options
+        from torchsphere.recording.frame_source import Source
+        from torchsphere.report.preview_figure import grid_figure, preview_figure
+        from torchsphere.tracking.initial_circle import find_initial_circle
 
     source = Source.open(recording, "cpu")
     try:

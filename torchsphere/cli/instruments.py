@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from torchsphere.cli.console import say
 from torchsphere.cli.exit_codes import UsageError
 from torchsphere.cli.options import add_command, add_quiet
+from torchsphere.runtime import steps
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -123,6 +124,7 @@ def run(options: dict[str, Any]) -> int:
         if given:
             raise UsageError(f"{', '.join(given)}: of a bar; add --strain-gauge, or leave it out")
     path = options["gate"] or options["accelerometer"] or options["strain_gauge"]
+    steps.tell("comparing %s with the track", path)
     signals = read_signals(path, time=options["time_column"], time_unit_s=TIME_UNITS[options["time_unit"]])
     if options["strain_gauge"]:
         numbers, lines = _strain_gauge(signals, result, options)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 import traceback
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from torchsphere.cli.console import say
+from torchsphere.cli.console import progress_bar, say
 from torchsphere.cli.options import add_command, add_quiet
+from torchsphere.runtime import steps
 
 
 def add(commands: Any) -> None:
@@ -56,6 +56,7 @@ def _compare(folders: list[Path], options: dict[str, Any]) -> int:
         if options[name]:
             raise ValueError(f"--{name} is made of one result; give it with one folder alone")
     page = Path(PAGE) if options["out"] is None else options["out"]
+    steps.tell("comparing %d results", len(folders))
     with _damage_named(f"one of {len(folders)} results"):
         say(options["quiet"], f"comparison  {write_comparison(folders, page)}")
     return 0
@@ -63,25 +64,27 @@ def _compare(folders: list[Path], options: dict[str, Any]) -> int:
 
 def _draw_again(folder: Path, options: dict[str, Any]) -> int:
     """Draw one result or all results of a folder."""
-    from tqdm import tqdm
-
     from torchsphere.report import pages
 
     quiet = options["quiet"]
     if not (folder / "summary.csv").is_file():
+        steps.tell("drawing %s", folder)
         _draw(folder, options)
         say(quiet, f"report  {folder / 'report.html'}")
         return 0
     rows = pages.read_rows(folder)
     failures = []
-    for row in tqdm(rows, unit="result", file=sys.stderr, leave=False, desc="drawing", disable=quiet):
-        result = pages.result_folder(folder, row)
-        if result is None:
-            continue
-        try:
-            _draw(result, options)
-        except (ValueError, OSError) as error:
-            failures.append(str(error) if str(error).startswith(str(result)) else f"{result}: {error}")
+    with progress_bar(quiet, "drawing", "result") as show:
+        for number, row in enumerate(rows):
+            if show is not None:
+                show(number, len(rows))
+            result = pages.result_folder(folder, row)
+            if result is None:
+                continue
+            try:
+                _draw(result, options)
+            except (ValueError, OSError) as error:
+                failures.append(str(error) if str(error).startswith(str(result)) else f"{result}: {error}")
     pages.write_index(folder, rows)
     say(quiet, f"report  {folder / 'index.html'}")
     if failures:

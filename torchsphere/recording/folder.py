@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from torchsphere.recording.recording import MAX_IMAGE_BYTES, MAX_PIXELS, Reader, Recording
 from torchsphere.recording.refusal import PNG_SIGNATURE, library_failures, looks_like
 from torchsphere.recording.tiff import Page, count_pages, describe, page_image, page_notes
+from torchsphere.runtime import steps
 
 _TIFF, _PNG = (".tif", ".tiff"), (".png",)
 _OTHER_IMAGES = (".jpg", ".jpeg", ".bmp", ".gif", ".webp", ".jp2", ".raw", ".dng")
@@ -27,6 +28,7 @@ _PNG_MAX_RATIO = 1100
 def open_folder(path: Path) -> Recording:
     """Open a folder of images of one size and kind, in the natural order of their names (img2 before img10)."""
     files, notes = _image_files(path)
+    steps.tell_if_large(files, "opening the %d images in %s", len(files), path)
     is_png = files[0].suffix.lower() in _PNG
     describe_file = _png_page if is_png else _tiff_page
     first = describe_file(files[0])

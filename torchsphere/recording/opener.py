@@ -14,6 +14,7 @@ from torchsphere.recording.recording import Recording
 from torchsphere.recording.refusal import looks_like
 from torchsphere.recording.tiff import open_tiff
 from torchsphere.recording.video import open_video
+from torchsphere.runtime import steps
 
 # Suffix: the function that opens the file, and the type of its first bytes (empty where the reader checks).
 _FORMATS: dict[str, tuple[Callable[[Path], Recording], str]] = {
@@ -82,6 +83,7 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
             f"{place}: looks like {look}, expected {expected} after its name; "
             "give it the right suffix or find the right file"
         )
+    steps.tell_if_large([place], "opening %s", place)
     return opener(place)
 
 
