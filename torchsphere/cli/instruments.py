@@ -124,7 +124,7 @@ def run(options: dict[str, Any]) -> int:
         if given:
             raise UsageError(f"{', '.join(given)}: of a bar; add --strain-gauge, or leave it out")
     path = options["gate"] or options["accelerometer"] or options["strain_gauge"]
-    steps.tell("comparing %s with the track", path)
+    steps.tell_if_large([path], "reading %s", path)
     signals = read_signals(path, time=options["time_column"], time_unit_s=TIME_UNITS[options["time_unit"]])
     if options["strain_gauge"]:
         numbers, lines = _strain_gauge(signals, result, options)

@@ -56,7 +56,6 @@ def _compare(folders: list[Path], options: dict[str, Any]) -> int:
         if options[name]:
             raise ValueError(f"--{name} is made of one result; give it with one folder alone")
     page = Path(PAGE) if options["out"] is None else options["out"]
-    steps.tell("comparing %d results", len(folders))
     with _damage_named(f"one of {len(folders)} results"):
         say(options["quiet"], f"comparison  {write_comparison(folders, page)}")
     return 0
@@ -68,7 +67,8 @@ def _draw_again(folder: Path, options: dict[str, Any]) -> int:
 
     quiet = options["quiet"]
     if not (folder / "summary.csv").is_file():
-        steps.tell("drawing %s", folder)
+        if (folder / "summary.json").is_file():
+            steps.tell("drawing %s", folder)
         _draw(folder, options)
         say(quiet, f"report  {folder / 'report.html'}")
         return 0
