@@ -75,6 +75,21 @@ def measured(table: Mapping[str, Any]) -> dict[str, Any]:
     return row
 
 
+def lacking(table: Mapping[str, Any]) -> str:
+    """What the result of a ``summary.json`` lacks as nobody gave it, in a sentence; empty where nothing is missing."""
+    settings = table.get("settings") or {}
+    has_scale = any(settings.get(name) is not None for name in ("diameter_mm", "mm_per_px"))
+    needed = (
+        (table.get("frame_rate") is not None, "a frame rate", "--fps"),
+        (has_scale, "a scale", "--diameter-mm or --mm-per-px"),
+    )
+    missing = [(name, option) for is_there, name, option in needed if not is_there]
+    if not missing:
+        return ""
+    names, options = (" and ".join(column) for column in zip(*missing, strict=True))
+    return f"without {names} there are no speeds and no forces; give {options}"
+
+
 def is_row(row: Mapping[str, Any]) -> bool:
     """Whether the values of a row have the types of their columns."""
     return all(_suits(row.get(name), kind) for name, kind in COLUMNS.items())

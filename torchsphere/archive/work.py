@@ -173,8 +173,9 @@ def _done(job: Job, table: Mapping[str, Any], run: str) -> Record:
     if not summary.is_row(row):
         raise ValueError(f"{job.folder / 'summary.json'}: holds values of other types than its columns")
     # Results of earlier versions do not say so.
-    reason = str(table.get("unusable") or "")
-    state, content = UNUSABLE if reason else DONE, table.get("input", {}).get("sha256")
+    unusable = str(table.get("unusable") or "")
+    state, content = UNUSABLE if unusable else DONE, table.get("input", {}).get("sha256")
+    reason = unusable or summary.lacking(table)
     return _write_record(job, state=state, reason=reason, content=content, run=run, row=row)
 
 
