@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.report import explanations, summary_tables
+from torchsphere.report.answer import answer
 from torchsphere.report.budget_table import budget_table
 from torchsphere.report.figure_style import STATUS_COLOURS
 from torchsphere.report.file_links import file_links
@@ -97,6 +98,7 @@ def report_html(result: ResultFolder) -> str:
         verdict=explanations.verdict(result),
         problems=explanations.problems(result),
         missing_inputs=explanations.missing_inputs(result),
+        answer=answer(result),
         severe=explanations.warnings(result, SEVERE),
         cautions=explanations.warnings(result, CAUTION),
         remarks=explanations.warnings(result, NOTE),
