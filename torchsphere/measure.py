@@ -29,6 +29,7 @@ from torchsphere.dynamics.kinematics import Kinematics, kinematics
 from torchsphere.recording import Recording, open_recording
 from torchsphere.recording.facts import Facts
 from torchsphere.recording.frame_range import resolve_range, restrict
+from torchsphere.recording.frame_source import require_device
 from torchsphere.recording.ignore_mask import hides_ball, read_ignore, without_effect
 from torchsphere.report import draw, frame_sampling, overlay, paraview
 from torchsphere.report.explanations import NO_IMPACT
@@ -42,6 +43,7 @@ from torchsphere.runtime.file_hash import hash_files
 from torchsphere.runtime.warning_levels import by_level, note, severe
 from torchsphere.settings.calibration import Calibration
 from torchsphere.settings.choices import MAPS
+from torchsphere.settings.limits import SettingError
 from torchsphere.tracking.follow import Progress, Watch
 from torchsphere.tracking.result import status_counts
 from torchsphere.tracking.track import Track, track
@@ -72,10 +74,7 @@ def measure(
     if request.overlay:
         overlay.check_library()
     check_exports(request.export)
-    if request.device.startswith("cuda") and not torch.cuda.is_available():
-        raise ValueError(
-            "--device cuda was asked for, but torch finds no CUDA device here; leave it out to use the CPU"
-        )
+    require_device(torch.device(request.device))
     began = time.perf_counter()
     with open_recording(request.input) as recording:
         start, stop = resolve_range(request.frames, len(recording))
@@ -175,12 +174,12 @@ def _exposure(request: Request, frame_rate: float | None) -> float | None:
     if request.shutter_us is None:
         return None
     if frame_rate is None:
-        raise ValueError("--shutter-us was given, but no frame rate is known to compare it with; give --fps, too")
+        raise SettingError("`shutter_us` was given, but no frame rate is known to compare it with; give `fps`, too")
     share = 1e-6 * request.shutter_us * frame_rate
     if share > 1 + 1e-6:
-        raise ValueError(
-            f"--shutter-us {request.shutter_us:g}: longer than the {1e6 / frame_rate:.4g} us from frame to frame; "
-            "give the exposure time, or correct --fps"
+        raise SettingError(
+            f"`shutter_us` = {request.shutter_us:g}: longer than the {1e6 / frame_rate:.4g} us from frame to frame; "
+            "give the exposure time, or correct `fps`"
         )
     return min(share, 1.0)
 

@@ -187,7 +187,7 @@ def test_without_the_renderer_the_error_names_the_package_to_install(
 @pytest.mark.parametrize(
     ("suites", "size", "options", "message"),
     [
-        (["plane"], "smoke", {}, "suite 'plane' is not known: expected one of plain, "),
+        (["plane"], "smoke", {}, "suite = plane is not known: expected one of plain, "),
         (["none.toml"], "smoke", {}, "there is no such file"),
         (["plain"], "huge", {}, "size 'huge' is not known: expected one of smoke, standard, full"),
         (["plain", "plain"], "smoke", {}, "'plain' is given twice"),

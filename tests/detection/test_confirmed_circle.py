@@ -38,10 +38,10 @@ def test_the_warning_about_a_fitted_circle_does_not_ask_for_a_circle(image: torc
     # The user gave --circle already.
     for radius, guessed, why in ((7.5, False, "so small"), (40.0, True, "no limb")):
         said = refined_circle_warning(Circle(64.3, 92.6, radius, 0.1, 0.1, 0.1, sd_guessed=guessed))
-        assert said.startswith(f"The circle that was given was fitted by --refine, at 64.3,92.6,{radius} px")
+        assert said.startswith(f"The circle that was given was fitted by `refine`, at 64.3,92.6,{radius} px")
         assert why in said
-        assert "leave out --refine" in said
-        assert "--circle" not in said
+        assert "leave out `refine`" in said
+        assert "`circle`" not in said
     assert refined_circle_warning(Circle(64.3, 92.6, 40.0, 0.1, 0.1, 0.1)) == ""
 
 
@@ -49,7 +49,7 @@ def test_for_a_small_ball_with_a_fitted_circle_the_advice_is_no_fit(tmp_path: Pa
     moves = torch.tensor([[22.0 + 1.5 * i, 32.3] for i in range(4)])
     images = ray_caster.render(speckle(0, 8.0), moves, 8.0, torch.eye(3).expand(4, 3, 3), 90.0, shape=(64, 64))
     np.save(tmp_path / "small.npy", images.round().numpy().astype(np.uint8))
-    for options, advice in (((), "give --circle"), (("--circle", "22.3,32.3,8", "--refine"), "leave out --refine")):
+    for options, advice in (((), "give --circle"), (("--circle", "22.3,32.3,8", "--refine"), "leave out `refine`")):
         out = tmp_path / advice[0]
         assert main(["track", str(tmp_path / "small.npy"), "--out", str(out), *options, "--no-report", "--quiet"]) == 0
         warnings = json.loads((out / "summary.json").read_text())["warnings"]

@@ -135,7 +135,7 @@ def test_any_value_in_any_field_of_a_summary_is_drawn_or_refused_in_a_sentence(
         (copy / "summary.json").write_text(json.dumps(damaged))
         codes.add(main(["report", str(copy), "--quiet"]))
         printed = capsys.readouterr().err
-        assert printed == "" or (printed.startswith("torchsphere: ") and printed.count("\n") == 1)
+        assert printed == "" or (printed.startswith(f"torchsphere: {copy}: the result") and printed.count("\n") == 1)
     assert codes == {0, 1}
 
 

@@ -12,7 +12,7 @@ import torchsphere as ts
 from torchsphere.cli.main import main
 from torchsphere.correlation.options import Options
 from torchsphere.request import Request
-from torchsphere.settings.limits import option_name
+from torchsphere.runtime.setting_names import option_name
 
 CIRCLE = "64.3,92.6,40"
 

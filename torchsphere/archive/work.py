@@ -19,7 +19,9 @@ from torchsphere.archive.claims import claims_of
 from torchsphere.archive.manifest import Item
 from torchsphere.archive.records import DONE, FAILED, UNUSABLE, Key, Record
 from torchsphere.request import Request
+from torchsphere.runtime.setting_names import as_options
 from torchsphere.runtime.shown_text import shown
+from torchsphere.settings.limits import SettingError
 
 #: Measures a recording, as `torchsphere.measure.measure`.
 Measure = Callable[[Request, None, Mapping[str, Path]], Any]
@@ -201,8 +203,10 @@ def _sentence(error: Exception) -> str:
     text = shown(" ".join(str(error).split()))
     if isinstance(error, OSError) and error.strerror is not None:
         return f"{shown(str(error.filename or 'file'))}: {error.strerror.lower()}"
+    if isinstance(error, SettingError):
+        return shown(error.as_options())
     if isinstance(error, (ValueError, OSError)) and text:
-        return text
+        return as_options(text)
     with contextlib.suppress(IndexError):
         frame = traceback.extract_tb(error.__traceback__)[-1]
         text = f"{text} ({Path(frame.filename).name}, line {frame.lineno})"

@@ -29,6 +29,7 @@ from torchsphere.benchmark.folder import (
 from torchsphere.benchmark.suites import Recipe, recipes
 from torchsphere.results.atomic_output import atomic_folder, check_folder, recover
 from torchsphere.runtime import steps
+from torchsphere.settings.limits import SettingError
 
 #: Decimals of the outline in frame 0, px: finer than any tracker, coarser than differences between processors.
 _DECIMALS = 6
@@ -58,7 +59,7 @@ def make(
     """
     todo = recipes(suites, size, seed)
     if workers is not None and workers < 1:
-        raise ValueError(f"workers = {workers}: expected at least 1")
+        raise SettingError(f"`workers` = {workers}: expected at least 1")
     earlier = ("benchmark", (INDEX,))
     recover(out, earlier[1])
     check_folder(out, overwrite, *earlier)

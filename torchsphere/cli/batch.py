@@ -182,6 +182,7 @@ def _engine(options: Mapping[str, Any], on_gpu: bool, measure: Measure | None) -
     import torch
 
     from torchsphere.archive import dask_engine, processes
+    from torchsphere.recording.frame_source import require_device
 
     if measure is None:
         from torchsphere.measure import measure as measure_one
@@ -189,11 +190,9 @@ def _engine(options: Mapping[str, Any], on_gpu: bool, measure: Measure | None) -
         measure = measure_one
     if options["scheduler"] is not None:
         return functools.partial(dask_engine.run, address=options["scheduler"], measure=measure)
-    if on_gpu and not torch.cuda.device_count():
+    if on_gpu:
         # Otherwise each recording would fail, and stay failed on a machine with a GPU.
-        raise ValueError(
-            "--device cuda was asked for, but torch finds no CUDA device here; leave it out to use the CPU"
-        )
+        require_device(torch.device("cuda"))
     workers = options["workers"]
     if workers is None:
         # Each process on a GPU takes memory of its own. A job scheduler may give fewer cores than there are.

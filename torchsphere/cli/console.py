@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from torchsphere.runtime import steps
 from torchsphere.runtime.imports import without_collections
+from torchsphere.runtime.setting_names import as_options
 from torchsphere.runtime.shown_text import shown
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ class _Steps(logging.Handler):
         from tqdm import tqdm
 
         # A progress bar goes on below the line.
-        tqdm.write(shown(line), file=sys.stderr)
+        tqdm.write(shown(as_options(line)), file=sys.stderr)
 
 
 @contextlib.contextmanager

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from torchsphere.cli.console import loading_libraries
 from torchsphere.cli.exit_codes import DONE, UNUSABLE, UsageError
 from torchsphere.cli.options import add_command, add_verbose
+from torchsphere.runtime.setting_names import as_options
 from torchsphere.runtime.shown_text import shown
 from torchsphere.settings.limits import SettingError
 
@@ -60,7 +61,7 @@ def _facts(recording: Recording) -> list[tuple[str, str]]:
         ("exposure", known(exposure, f"{1e6 * exposure:g} us" if exposure else "", "exposure_s")),
         ("trigger", known(trigger, f"first frame is number {trigger} from the trigger", "trigger_offset_frames")),
     ]
-    return facts + [("note", note) for note in recording.notes]
+    return facts + [("note", as_options(note)) for note in recording.notes]
 
 
 def _preview(recording: Recording, path: Path) -> int:
@@ -86,8 +87,8 @@ def _preview(recording: Recording, path: Path) -> int:
         print(f"{f'circle {number}':<11} --circle {x:.2f},{y:.2f},{radius:.2f}   (another round object)")
     choice = circle.choice("in the preview")
     if choice:
-        print(f"{'note':<11} {choice}")
+        print(f"{'note':<11} {as_options(choice)}")
     if circle.doubt:
-        print(f"{'note':<11} {circle.warning('in the preview')}")
+        print(f"{'note':<11} {as_options(circle.warning('in the preview'))}")
     print(f"{'preview':<11} {shown(str(path))}")
     return DONE

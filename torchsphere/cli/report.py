@@ -56,7 +56,7 @@ def _compare(folders: list[Path], options: dict[str, Any]) -> int:
         if options[name]:
             raise ValueError(f"--{name} is made of one result; give it with one folder alone")
     page = Path(PAGE) if options["out"] is None else options["out"]
-    with _damage_named(f"one of {len(folders)} results"):
+    with _damage_named(*folders):
         say(options["quiet"], f"comparison  {write_comparison(folders, page)}")
     return 0
 
@@ -64,11 +64,14 @@ def _compare(folders: list[Path], options: dict[str, Any]) -> int:
 def _draw_again(folder: Path, options: dict[str, Any]) -> int:
     """Draw one result or all results of a folder."""
     from torchsphere.report import pages
+    from torchsphere.results.reader import read
 
     quiet = options["quiet"]
     if not (folder / "summary.csv").is_file():
-        if (folder / "summary.json").is_file():
-            steps.tell("drawing %s", folder)
+        with _damage_named(folder):
+            # A damaged result is refused before anything is said or drawn.
+            pages.report_html(read(folder))
+        steps.tell("drawing %s", folder)
         _draw(folder, options)
         say(quiet, f"report  {folder / 'report.html'}")
         return 0
@@ -98,15 +101,20 @@ def _draw(folder: Path, options: dict[str, Any]) -> None:
 
 
 @contextlib.contextmanager
-def _damage_named(where: Path | str) -> Iterator[None]:
-    """Turn the errors of damaged numbers within the block into one sentence."""
+def _damage_named(*folders: Path) -> Iterator[None]:
+    """Turn the errors of damaged numbers of results within the block into one sentence."""
     import numpy as np
+
+    where = str(folders[0]) if len(folders) == 1 else f"one of {len(folders)} results"
 
     try:
         # A damaged number may overflow, which NumPy would say in two lines of its own.
         with np.errstate(over="ignore", invalid="ignore"):
             yield
-    except (TypeError, AttributeError, LookupError, ArithmeticError, RecursionError) as error:
+    except (ValueError, TypeError, AttributeError, LookupError, ArithmeticError, RecursionError) as error:
+        if isinstance(error, ValueError) and str(error).startswith(tuple(map(str, folders))):
+            # A sentence of this program names the result.
+            raise
         # A file of the result holds a value of another type than this program writes; the place helps if it did not.
         frame = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(frame.filename).name}, line {frame.lineno}"
