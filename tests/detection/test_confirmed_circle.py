@@ -49,7 +49,7 @@ def test_for_a_small_ball_with_a_fitted_circle_the_advice_is_no_fit(tmp_path: Pa
     moves = torch.tensor([[22.0 + 1.5 * i, 32.3] for i in range(4)])
     images = ray_caster.render(speckle(0, 8.0), moves, 8.0, torch.eye(3).expand(4, 3, 3), 90.0, shape=(64, 64))
     np.save(tmp_path / "small.npy", images.round().numpy().astype(np.uint8))
-    for options, advice in (((), "give --circle"), (("--circle", "22.3,32.3,8", "--refine"), "leave out `refine`")):
+    for options, advice in (((), "give --circle"), (("--circle", "22.3,32.3,8", "--refine"), "leave out --refine")):
         out = tmp_path / advice[0]
         assert main(["track", str(tmp_path / "small.npy"), "--out", str(out), *options, "--no-report", "--quiet"]) == 0
         warnings = json.loads((out / "summary.json").read_text())["warnings"]
