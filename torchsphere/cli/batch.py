@@ -182,7 +182,6 @@ def _engine(options: Mapping[str, Any], on_gpu: bool, measure: Measure | None) -
     import torch
 
     from torchsphere.archive import dask_engine, processes
-    from torchsphere.recording.frame_source import require_device
 
     if measure is None:
         from torchsphere.measure import measure as measure_one
@@ -190,9 +189,11 @@ def _engine(options: Mapping[str, Any], on_gpu: bool, measure: Measure | None) -
         measure = measure_one
     if options["scheduler"] is not None:
         return functools.partial(dask_engine.run, address=options["scheduler"], measure=measure)
-    if on_gpu:
+    if on_gpu and not torch.cuda.device_count():
         # Otherwise each recording would fail, and stay failed on a machine with a GPU.
-        require_device(torch.device("cuda"))
+        raise ValueError(
+            "--device cuda was asked for, but torch finds no CUDA device here; leave it out to use the CPU"
+        )
     workers = options["workers"]
     if workers is None:
         # Each process on a GPU takes memory of its own. A job scheduler may give fewer cores than there are.

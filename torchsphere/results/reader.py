@@ -220,12 +220,15 @@ def _check_complete(summary: Any, table: dict[str, NDArray[Any]], motion: SIMoti
 
 def _check_scale(scale: Any) -> None:
     """Raise _DamageError for a scale whose size of a pixel, m, or its standard deviation is no number."""
-    if scale is None:
-        return
-    told = [scale.get(key) for key in ("m_per_px", "sd_m_per_px")] if isinstance(scale, dict) else [None]
-    is_number = [isinstance(value, int | float) and not isinstance(value, bool) for value in told]
-    if not is_number[0] or not 0 < told[0] < math.inf or not (is_number[-1] or told[-1] is None):
+    told: dict[str, Any] = {"m_per_px": None, "sd_m_per_px": None} | (scale if isinstance(scale, dict) else {})
+    size, sd = told["m_per_px"], told["sd_m_per_px"]
+    is_whole = _is_number(size) and size > 0 and (sd is None or _is_number(sd))
+    if scale is not None and not is_whole:
         raise _DamageError(f"summary.json tells no size of a pixel as its scale, but {str(scale)[:100]}")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and -math.inf < value < math.inf
 
 
 def _frame_numbers(column: Array) -> NDArray[np.int64]:
