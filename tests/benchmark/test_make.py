@@ -248,7 +248,7 @@ def test_full_repeats_every_suite_under_separate_names() -> None:
 
 @needs_mitsuba
 def test_an_existing_folder_is_not_overwritten_without_the_option(copied: Path, tmp_path: Path) -> None:
-    with pytest.raises(FileExistsError, match="exists and is not empty; give another folder, or --overwrite"):
+    with pytest.raises(FileExistsError, match="exists and is not empty; give another folder, or `overwrite`"):
         make(["plain"], "smoke", copied)
     other = tmp_path / "other"
     other.mkdir()

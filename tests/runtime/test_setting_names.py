@@ -16,7 +16,7 @@ PACKAGE = Path(torchsphere.__file__).parent
 #: Packages whose sentences reach both readers. Those above them speak to the command line, the page or a report alone.
 FOR_BOTH = (
     *("recording", "geometry", "imaging", "correlation", "sphere_map", "detection", "tracking", "estimation"),
-    *("dynamics", "synthetic", "diagnostics", "notebook", "settings"),
+    *("dynamics", "synthetic", "results", "diagnostics", "notebook", "settings"),
 )
 
 

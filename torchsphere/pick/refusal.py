@@ -25,7 +25,7 @@ def sentence_of(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror is not None:
         text = f"{error.filename or 'file'}: {error.strerror.lower()}; check the name and the permissions"
     else:
-        said = error.as_options() if isinstance(error, SettingError) else str(error)
+        said = error.marked if isinstance(error, SettingError) else str(error)
         text = " ".join(said.split())
     text = shown(on_page(text))
     # A sentence may begin with the name of a file or of a setting, which stays as it is.
@@ -34,6 +34,8 @@ def sentence_of(error: Exception) -> str:
 
 def on_page(sentence: str) -> str:
     """A sentence of the measurement with the words of the page for options of the command line."""
+    for name, field in FIELDS.items():
+        sentence = sentence.replace(f"`{name}`", field.label)
     sentence = as_options(sentence)
     for option, place in ON_PAGE.items():
         sentence = sentence.replace(option, place)

@@ -27,16 +27,16 @@ FRAME_RATES = (1e-6, 1e13)
 class SettingError(ValueError):
     """A refusal in one sentence with marked names of settings (`setting_names`): "`mass_g` = -3: expected ...".
 
-    The text of the error has the names as in Python.
+    The text of the error has the names as in Python, ``marked`` the marks.
     """
 
     def __init__(self, sentence: str) -> None:
         super().__init__(as_arguments(sentence))
-        self._sentence = sentence
+        self.marked = sentence
 
     def as_options(self) -> str:
         """The sentence with the names as options of the command line: "--mass-g -3: expected ..."."""
-        return as_options(self._sentence)
+        return as_options(self.marked)
 
 
 def require_positive(name: str, value: float) -> None:
