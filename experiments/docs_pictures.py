@@ -22,7 +22,7 @@ from PIL import Image, ImageChops
 
 from experiments.experiment import DOCS
 from render import cli as render_cli
-from torchsphere.cli.main import main as cli
+from torchsphere.cli import main as cli
 from torchsphere.measure import Measurement, measure
 from torchsphere.pick.server import PickServer
 from torchsphere.pick.session import Places, Session
@@ -36,8 +36,8 @@ OUT = DOCS / "pictures"
 #: Width and height of the browser's window, and largest width of a picture, px.
 WINDOW, KEPT_HEIGHT, WIDEST = 1180, 860, 1180
 
-#: Frame that the report shows, in the middle of the contact.
-SHOWN = 33
+#: Frame up to which `pick` has measured, in the middle of the contact, and frame that the report shows, in flight.
+SHOWN, IN_FLIGHT = 33, 14
 
 
 def shoot(folder: Path) -> None:
@@ -146,7 +146,7 @@ def main() -> None:
         archive(folder)
 
         def seek(page: Any) -> None:
-            page.evaluate(f"const s = document.querySelector('#slider'); s.value = {SHOWN};")
+            page.evaluate(f"const s = document.querySelector('#slider'); s.value = {IN_FLIGHT};")
             page.dispatch_event("#slider", "input")
 
         def of_orbit(page: Any) -> None:

@@ -38,6 +38,8 @@ CALLS = "calls.txt"
 #: Grey level of a recording that `pretended` refuses, and reasons of recordings without a usable result.
 BAD = 255
 UNUSABLE: dict[str, str] = {}
+#: Numbers of severe warnings of recordings.
+SEVERE: dict[str, int] = {}
 #: Limit of every wait for an event, s, far above the time under heavy load.
 PATIENCE_S = 900.0
 
@@ -100,7 +102,8 @@ def write_result(request: Request, extra: Mapping[str, Path], tracked: Track | N
         if tracked is not None:
             writer.write_track(folder, tracked, request.fps, 0)
         table = {"input": {"sha256": hash_files([request.input])}, "frames_per_status": counts}
-        table |= {"unusable": UNUSABLE.get(request.input.stem, "")}
+        table |= {"unusable": UNUSABLE.get(request.input.stem, ""), "settings": {"diameter_mm": request.diameter_mm}}
+        table |= {"warning_levels": ["severe"] * SEVERE.get(request.input.stem, 0)}
         table |= {"mean_motion": {"increment_px_rad": step}, "frame_rate": request.fps}
         writer.write_summary(folder, table)
     with (request.input.parent / CALLS).open("a") as file:

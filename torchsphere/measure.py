@@ -29,6 +29,7 @@ from torchsphere.dynamics.kinematics import Kinematics, kinematics
 from torchsphere.recording import Recording, open_recording
 from torchsphere.recording.facts import Facts
 from torchsphere.recording.frame_range import resolve_range, restrict
+from torchsphere.recording.frame_source import require_device
 from torchsphere.recording.ignore_mask import hides_ball, read_ignore, without_effect
 from torchsphere.report import draw, frame_sampling, overlay, paraview
 from torchsphere.report.explanations import NO_IMPACT
@@ -37,11 +38,12 @@ from torchsphere.results import atomic_output, sampled_frames, writer
 from torchsphere.results.exports import check_exports
 from torchsphere.results.reader import read
 from torchsphere.results.writer import Measurement, versions
-from torchsphere.runtime import threads
+from torchsphere.runtime import steps, threads
 from torchsphere.runtime.file_hash import hash_files
 from torchsphere.runtime.warning_levels import by_level, note, severe
 from torchsphere.settings.calibration import Calibration
 from torchsphere.settings.choices import MAPS
+from torchsphere.settings.limits import SettingError
 from torchsphere.tracking.follow import Progress, Watch
 from torchsphere.tracking.result import status_counts
 from torchsphere.tracking.track import Track, track
@@ -72,17 +74,14 @@ def measure(
     if request.overlay:
         overlay.check_library()
     check_exports(request.export)
-    if request.device.startswith("cuda") and not torch.cuda.is_available():
-        raise ValueError(
-            "--device cuda was asked for, but torch finds no CUDA device here; leave it out to use the CPU"
-        )
+    require_device(torch.device(request.device))
     began = time.perf_counter()
     with open_recording(
         request.input, axes=request.axes, pixel_aspect=request.pixel_aspect, bayer=request.bayer
     ) as recording:
         start, stop = resolve_range(request.frames, len(recording))
-        steps = None if recording.times is None else np.diff(recording.times[start:stop])
-        _check_class(request, request.fps or recording.frame_rate, steps)
+        intervals = None if recording.times is None else np.diff(recording.times[start:stop])
+        _check_class(request, request.fps or recording.frame_rate, intervals)
         with draw.drawing_process(_draws_in_parallel(request, stop - start)) as pool, threads.single_threaded_torch():
             hashed = draw.begin(pool, hash_files, recording.files)
             chosen = restrict(recording, start, stop)
@@ -110,6 +109,8 @@ def measure(
                 )
             )
             seconds = time.perf_counter() - began
+            if hashed is None or not hashed.done():
+                steps.tell_if_large(recording.files, "computing the checksum of the recording")
             sha256 = hashed.result() if hashed is not None and not draw.failed(hashed) else hash_files(recording.files)
             done = Measurement(
                 *(recording, tracked, motion, found, start, warnings, seconds, sha256, extra or {}, name, every),
@@ -118,7 +119,8 @@ def measure(
                 if motion is None or request.cfc is None
                 else filtered_motion(tracked, motion, request.cfc),
             )
-            _LOG.info("writing %s", request.out)
+            drawing = ", with figures and report" if request.report else ""
+            steps.tell("writing the result to %s%s", request.out, drawing)
             _write(request, done, frame_rate, chosen, ignore, pool)
             _LOG.info("written")
     return done
@@ -175,25 +177,25 @@ def _exposure(request: Request, frame_rate: float | None) -> float | None:
     if request.shutter_us is None:
         return None
     if frame_rate is None:
-        raise ValueError("--shutter-us was given, but no frame rate is known to compare it with; give --fps, too")
+        raise SettingError("`shutter_us` was given, but no frame rate is known to compare it with; give `fps`, too")
     share = 1e-6 * request.shutter_us * frame_rate
     if share > 1 + 1e-6:
-        raise ValueError(
-            f"--shutter-us {request.shutter_us:g}: longer than the {1e6 / frame_rate:.4g} us from frame to frame; "
-            "give the exposure time, or correct --fps"
+        raise SettingError(
+            f"`shutter_us` = {request.shutter_us:g}: longer than the {1e6 / frame_rate:.4g} us from frame to frame; "
+            "give the exposure time, or correct `fps`"
         )
     return min(share, 1.0)
 
 
-def _check_class(request: Request, frame_rate: float | None, steps: NDArray[np.float64] | None) -> None:
-    """Raise ValueError for a channel frequency class that the frame rate or uneven ``steps`` of time do not allow."""
+def _check_class(request: Request, frame_rate: float | None, intervals: NDArray[np.float64] | None) -> None:
+    """Raise SettingError for a channel frequency class that the frame rate or uneven ``intervals`` do not allow."""
     if request.cfc is None or frame_rate is None:
         return
     require_class(request.cfc, frame_rate)
-    if steps is not None and not np.allclose(steps, steps[0]):
-        raise ValueError(
-            f"--cfc {request.cfc}: a channel frequency class needs evenly spaced images, and their own times have "
-            "gaps; leave it out, or measure a part without a gap with --frames"
+    if intervals is not None and not np.allclose(intervals, intervals[0]):
+        raise SettingError(
+            f"`cfc` = {request.cfc}: a channel frequency class needs evenly spaced images, and their own times have "
+            "gaps; leave it out, or measure a part without a gap with `frames`"
         )
 
 
@@ -214,6 +216,7 @@ def _contact_forces(
 def _kinematics(request: Request, tracked: Track, frame_rate: float | None, start: int) -> Kinematics | None:
     if frame_rate is None or (request.diameter_mm is None and request.mm_per_px is None):
         return None
+    steps.tell("computing velocities and forces")
     return kinematics(
         tracked,
         frame_rate=frame_rate,
@@ -294,6 +297,8 @@ def _export(request: Request, folder: Path) -> None:
         return
     result = read(folder)
     if request.overlay:
+        steps.tell("drawing overlay.mp4")
         overlay.write_overlay(result)
     if request.paraview and result.known.any():
+        steps.tell("writing the series for ParaView")
         paraview.write_paraview(result)

@@ -305,3 +305,52 @@ def test_results_among_the_recordings_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.npy").touch()
     with pytest.raises(ValueError, match="is the folder of the recordings itself"):
         manifest.read(tmp_path, {}, tmp_path / ".")
+
+
+@pytest.mark.parametrize("make_link", ["symbolic", "hard"])
+def test_a_link_to_a_recording_of_the_archive_is_left_out_with_a_note(make_link: str, tmp_path: Path) -> None:
+    shots = tmp_path / "shots"
+    write_tiff(shots / "shot.tif", 3)
+    write_tiff(shots / "other.tif", 3)
+    # By its name the link would come first, and in another folder it would have another name.
+    for link in (shots / "another.tif", shots / "day" / "copy.tif"):
+        link.parent.mkdir(exist_ok=True)
+        if make_link == "symbolic":
+            link.symlink_to(shots / "shot.tif")
+        else:
+            link.hardlink_to(shots / "shot.tif")
+    archive = manifest.read_all([shots], {}, tmp_path / "out")
+    kept = "shot.tif" if make_link == "symbolic" else "another.tif"
+    assert [item.recording for item in archive.items] == sorted([kept, "other.tif"])
+    assert len(archive.notes) == 2
+    assert all(f"is the same recording as {kept}, and is measured once" in note for note in archive.notes)
+
+
+def test_a_recording_that_several_sources_name_is_measured_once(tmp_path: Path) -> None:
+    write_tiff(tmp_path / "shots" / "shot.tif", 3)
+    archive = manifest.read_all([tmp_path / "shots", tmp_path / "shots" / "shot.tif"], {}, tmp_path / "out")
+    assert [item.recording for item in archive.items] == ["shots/shot.tif"]
+    assert archive.notes == ("shot.tif is the same recording as shots/shot.tif, and is measured once, by this name.",)
+
+
+def test_a_link_with_settings_or_a_result_of_its_own_is_measured(tmp_path: Path) -> None:
+    write_tiff(tmp_path / "shot.tif", 3)
+    for name in ("slow.tif", "again.tif", "same.tif"):
+        (tmp_path / name).symlink_to(tmp_path / "shot.tif")
+    rows = "recording,fps,result\nshot.tif,50,\nslow.tif,5,\nagain.tif,50,mine\nsame.tif,50,\ngone.tif,50,\n"
+    (tmp_path / "list.csv").write_text(rows)
+    archive = manifest.read_all([tmp_path / "list.csv"], {}, tmp_path / "out")
+    # A recording that is missing fails by its own name.
+    assert [item.recording for item in archive.items] == ["shot.tif", "slow.tif", "again.tif", "gone.tif"]
+    assert [note.partition(" is ")[0] for note in archive.notes] == ["same.tif"]
+
+
+def test_a_link_to_a_folder_elsewhere_is_noted(tmp_path: Path) -> None:
+    write_tiff(tmp_path / "elsewhere" / "shot.tif", 3)
+    write_tiff(tmp_path / "shots" / "day" / "shot.tif", 3)
+    (tmp_path / "shots" / "monday").symlink_to(tmp_path / "elsewhere")
+    (tmp_path / "shots" / "today").symlink_to(tmp_path / "shots" / "day")
+    made = scan.scan(tmp_path / "shots")
+    assert [path.name for path in made.recordings] == ["shot.tif"]
+    (note,) = made.notes
+    assert note.startswith(f"{tmp_path / 'shots' / 'monday'}: is a link to a folder, which is not searched")

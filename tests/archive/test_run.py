@@ -83,6 +83,33 @@ def test_a_recording_without_a_usable_result_is_counted_apart_and_not_measured_a
     assert again(shots, out, retry_failed=True) == Counts(done=2, unusable=1, failed=1, pending=0, measured=1)
 
 
+def test_the_page_grows_while_the_run_goes_on(shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("torchsphere.archive.run.EVERY_S", 0.0)
+    monkeypatch.setattr("torchsphere.archive.run.WRITING_TIMES", 0.0)
+    out = tmp_path / "out"
+    seen = []
+
+    def engine(jobs: Iterator[Job]) -> Iterator[Outcome]:
+        for job in jobs:
+            seen.append((out / "index.html").read_text())
+            yield run_job(job, pretended)
+
+    run(manifest.read(shots, {}, out), out, engine)
+    counts = ["4 pending", "1 done, 3 pending", "2 done, 2 pending", "2 done, 1 failed, 1 pending"]
+    for text, page in zip(counts, seen, strict=True):
+        assert f"4 recordings: {text}. The run goes on" in page
+    assert "4 recordings: 3 done, 1 failed.<" in (out / "index.html").read_text()
+
+
+def test_the_page_is_not_written_again_for_each_recording(
+    shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written = []
+    monkeypatch.setattr("torchsphere.report.pages.write_index", lambda *_, **about: written.append(about))
+    again(shots, tmp_path / "out")
+    assert written == [{"is_growing": True}, {"is_growing": False}]
+
+
 def test_a_second_run_measures_nothing(shots: Path, tmp_path: Path) -> None:
     again(shots, tmp_path / "out")
     assert again(shots, tmp_path / "out") == Counts(done=3, failed=1, pending=0, measured=0)

@@ -187,7 +187,7 @@ def test_without_the_renderer_the_error_names_the_package_to_install(
 @pytest.mark.parametrize(
     ("suites", "size", "options", "message"),
     [
-        (["plane"], "smoke", {}, "suite 'plane' is not known: expected one of plain, "),
+        (["plane"], "smoke", {}, "suite = plane is not known: expected one of plain, "),
         (["none.toml"], "smoke", {}, "there is no such file"),
         (["plain"], "huge", {}, "size 'huge' is not known: expected one of smoke, standard, full"),
         (["plain", "plain"], "smoke", {}, "'plain' is given twice"),
@@ -248,7 +248,7 @@ def test_full_repeats_every_suite_under_separate_names() -> None:
 
 @needs_mitsuba
 def test_an_existing_folder_is_not_overwritten_without_the_option(copied: Path, tmp_path: Path) -> None:
-    with pytest.raises(FileExistsError, match="exists and is not empty; give another folder, or --overwrite"):
+    with pytest.raises(FileExistsError, match="exists and is not empty; give another folder, or `overwrite`"):
         make(["plain"], "smoke", copied)
     other = tmp_path / "other"
     other.mkdir()

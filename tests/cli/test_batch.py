@@ -90,18 +90,51 @@ def test_the_closing_sentences_name_some_failures_and_the_file_with_all(
 ) -> None:
     out = tmp_path / "out"
     assert main(["batch", str(shots), "--out", str(out)]) == batch.SOME_FAILED
-    _, *told = capsys.readouterr().out.splitlines()
+    _, *told, incomplete = capsys.readouterr().out.splitlines()
     assert len(told) == 1
     assert told[0].startswith("failed  b.npy: ")
     assert told[0].endswith("is bad")
+    assert incomplete.startswith("1 of those that are done: without a frame rate and a scale there are no speeds")
     for k in range(6):
         write_array(shots / f"c{k}.npy", BAD)
     assert main(["batch", str(shots), "--out", str(out)]) == batch.SOME_FAILED
-    first, *told, last = capsys.readouterr().out.splitlines()
+    first, *told, last, _ = capsys.readouterr().out.splitlines()
     assert first.startswith("1 of 8 recordings done, 7 failed")
     # The failure of the earlier run is counted and named, too.
     assert [line.split(":")[0].split()[1] for line in told] == ["b.npy", "c0.npy", "c1.npy", "c2.npy", "c3.npy"]
     assert last == f"and 2 more; their reasons stand in {out / 'summary.csv'}"
+
+
+@pytest.mark.usefixtures("here")
+def test_severe_warnings_and_a_missing_scale_of_what_is_done_are_told(
+    shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for k in range(6):
+        write_array(shots / f"c{k}.npy", 3)
+    monkeypatch.setattr("archive_shots.SEVERE", {"a": 3, **{f"c{k}": 1 for k in range(5)}})
+    out = tmp_path / "out"
+    assert main(["batch", str(shots), "--out", str(out), "--fps", "50"]) == batch.SOME_FAILED
+    first, _, *told, more, incomplete = capsys.readouterr().out.splitlines()
+    assert first.startswith("7 of 8 recordings done (6 of them with severe warnings), 1 failed (8 measured")
+    assert told[0] == f"done, 3 severe  a.npy: numbers of it are wrong, and the report in {out / 'a'} says why"
+    assert [line.partition("  ")[0] for line in told] == ["done, 3 severe", *["done, 1 severe"] * 4]
+    assert more == f"and 1 more; see the column severe_warnings of {out / 'summary.csv'}"
+    sentence = "without a scale there are no speeds and no forces; give --diameter-mm or --mm-per-px"
+    assert incomplete == f"7 of those that are done: {sentence}"
+    table = {row["recording"]: row for row in rows(out)}
+    assert {row["state"] for row in table.values()} == {"done", "failed"}
+    assert (table["a.npy"]["severe_warnings"], table["c5.npy"]["severe_warnings"]) == ("3", "0")
+    assert table["a.npy"]["reason"] == sentence
+    assert "8 recordings: 7 done (6 of them with severe warnings), 1 failed." in (out / "index.html").read_text()
+
+
+@pytest.mark.usefixtures("here")
+def test_a_result_with_rate_and_scale_lacks_nothing(shots: Path, tmp_path: Path, capsys) -> None:
+    (shots / "b.npy").unlink()
+    scale = ["--fps", "50", "--diameter-mm", "30"]
+    assert main(["batch", str(shots), "--out", str(tmp_path / "out"), *scale]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 1
+    assert rows(tmp_path / "out")[0]["reason"] == ""
 
 
 @pytest.mark.usefixtures("here")

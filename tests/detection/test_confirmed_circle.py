@@ -38,10 +38,10 @@ def test_the_warning_about_a_fitted_circle_does_not_ask_for_a_circle(image: torc
     # The user gave --circle already.
     for radius, guessed, why in ((7.5, False, "so small"), (40.0, True, "no limb")):
         said = refined_circle_warning(Circle(64.3, 92.6, radius, 0.1, 0.1, 0.1, sd_guessed=guessed))
-        assert said.startswith(f"The circle that was given was fitted by --refine, at 64.3,92.6,{radius} px")
+        assert said.startswith(f"The circle that was given was fitted by `refine`, at 64.3,92.6,{radius} px")
         assert why in said
-        assert "leave out --refine" in said
-        assert "--circle" not in said
+        assert "leave out `refine`" in said
+        assert "`circle`" not in said
     assert refined_circle_warning(Circle(64.3, 92.6, 40.0, 0.1, 0.1, 0.1)) == ""
 
 

@@ -71,12 +71,24 @@ def test_a_restitution_that_no_target_at_rest_gives_is_reported(
     (sentence,) = impact_warnings(motion, dataclasses.replace(sound, restitution_normal=estimate(value)))
     assert f"{value:g}" in sentence
     assert word in sentence
-    assert "--frames" in sentence
+    assert "`frames`" in sentence
 
 
 @pytest.mark.parametrize("value", [-0.02, 1.02])
 def test_a_restitution_out_of_range_by_noise_gives_no_warning(motion: Kinematics, sound: Impact, value: float) -> None:
     assert impact_warnings(motion, dataclasses.replace(sound, restitution_normal=estimate(value))) == ()
+
+
+def test_a_short_contact_has_edges_as_uncertain_as_it_states_them(motion: Kinematics, sound: Impact) -> None:
+    start, short = sound.contact_start, 1.5 / RATE
+    for sd in (0.3 / RATE, 0.8 / RATE):
+        edge = dataclasses.replace(start, sd=np.array(sd))
+        end = dataclasses.replace(edge, value=start.value + short)
+        brief = dataclasses.replace(
+            sound, contact_start=edge, contact_end=end, duration=dataclasses.replace(edge, value=np.array(short))
+        )
+        sentence = next(each for each in impact_warnings(motion, brief) if "too few to see its course" in each)
+        assert f"its edges are known to {RATE * sd:.2g} frames" in sentence
 
 
 def pushed(motion: Kinematics, frames: slice, newton: float) -> Kinematics:

@@ -23,7 +23,7 @@ def test_a_window_longer_than_the_measured_frames_gives_a_warning_with_advice(fa
     (sentence,) = warnings_of(falling, "savitzky-golay", 11)
     assert "takes 11 frames measured in a row, and there are 9 at most" in sentence
     assert sentence.endswith(
-        "velocities, accelerations and spins are empty; give --window 9 or less, or --method smoother."
+        "velocities, accelerations and spins are empty; give `window` = 9 or less, or `method` = smoother."
     )
     assert warnings_of(falling, "savitzky-golay", 9) == warnings_of(falling, "smoother", 11) == ()
     # Frames 4 to 8 are left in a row.
@@ -31,12 +31,12 @@ def test_a_window_longer_than_the_measured_frames_gives_a_warning_with_advice(fa
     gap[3] = np.nan
     (sentence,) = warnings_of(dataclasses.replace(falling, increment=gap), "savitzky-golay", 7)
     assert "there are 5 at most" in sentence
-    assert "--window 5 or less" in sentence
+    assert "`window` = 5 or less" in sentence
     # Frames 0 to 3: no window beyond the order of 3 is left.
     gap[4:] = np.nan
     (sentence,) = warnings_of(dataclasses.replace(falling, increment=gap), "savitzky-golay", 7)
     assert sentence.endswith(
-        "there are 4 at most, so that velocities, accelerations and spins are empty; give --method smoother."
+        "there are 4 at most, so that velocities, accelerations and spins are empty; give `method` = smoother."
     )
     pairs = falling.increment.copy()
     pairs[::2] = np.nan
@@ -51,7 +51,7 @@ def test_a_window_too_long_for_the_rotation_alone_warns_of_the_spins(falling: ts
     rotation[5:, 2:] = np.nan
     (sentence,) = warnings_of(dataclasses.replace(falling, increment=rotation), "savitzky-golay", 7)
     assert sentence.endswith(
-        "there are 6 at most, so that spins are empty; give --window 5 or less, or --method smoother."
+        "there are 6 at most, so that spins are empty; give `window` = 5 or less, or `method` = smoother."
     )
     # Another sentence reports a rotation that was not measured at all.
     rotation[:, 2:] = np.nan

@@ -24,6 +24,7 @@ from torchsphere.archive.summary import COLUMNS
 from torchsphere.correlation.result import STATUSES
 from torchsphere.request import read_config
 from torchsphere.results.reader import TRACK_COLUMNS
+from torchsphere.runtime.steps import COMPILATION_TIME
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
@@ -172,6 +173,21 @@ def test_the_manifests_that_are_shown_are_understood(tmp_path: Path) -> None:
     assert second.settings == {"fps": 36000.0}
     (only,) = manifest.read(tmp_path / "list.toml", {}, tmp_path / "out").items
     assert only.result == "day1/shot1-flight"
+
+
+@pytest.mark.parametrize(
+    "page",
+    ["../README.md", "../CHANGELOG.md", "install.md", "archives.md", "tutorial.ipynb"],
+    ids=lambda page: page[-12:],
+)
+def test_pages_and_program_name_one_time_for_the_first_compilation(page: str) -> None:
+    """Wherever a page tells how long the loops are compiled."""
+    times = r"about (?:a |half a |\w+ |[\d-]+ )(?:seconds|minutes?)\b"
+    words = " ".join((DOCS / page).read_text(encoding="utf-8").split())
+    told = re.findall(rf"\bcompile[sd]?\b[^.|]{{0,70}}?[ .]*(?:This takes |takes |for )({times})", words)
+    told += re.findall(rf"({times}) more the very first time, when the loops over pixels are compiled", words)
+    assert told
+    assert set(told) == {COMPILATION_TIME}
 
 
 def test_the_pages_pictures_are_small() -> None:

@@ -107,7 +107,7 @@ def test_a_ratio_that_no_camera_has_is_doubted_and_not_used(tmp_path: Path) -> N
         assert recording.shape == IMAGES.shape
         assert recording.pixel_aspect is None
         assert "no camera has" in " ".join(recording.notes)
-        assert "--pixel-aspect" in " ".join(recording.notes)
+        assert "`pixel_aspect`" in " ".join(recording.notes)
 
 
 def test_a_given_ratio_wins_and_a_contradiction_is_said(tmp_path: Path) -> None:

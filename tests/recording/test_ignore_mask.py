@@ -71,7 +71,7 @@ def test_the_warning_on_a_transparent_mask_says_that_transparency_is_not_read(tm
 def test_the_warning_on_a_mask_over_the_ball_states_its_share() -> None:
     ball = inside_polygon(np.array([[2.5, 2.5], [17.5, 2.5], [17.5, 17.5], [2.5, 17.5]]), (20, 30))
     (warning,) = hides_ball(ball, 10.0, 10.0, 5.0, 3)
-    assert warning.startswith("--ignore covers 100 % of the ball in frame 3; ")
+    assert warning.startswith("`ignore` covers 100 % of the ball in frame 3; ")
     assert "invert" in warning
     assert hides_ball(~ball, 10.0, 10.0, 5.0, 3) == ()
     assert hides_ball(None, 10.0, 10.0, 5.0, 3) == ()
@@ -83,7 +83,7 @@ def test_an_empty_region_is_warned_of_and_a_full_region_is_refused(tmp_path) -> 
     texts = ["0,0 9,0 9,9", "100,100 110,100 110,110", str(tmp_path / "black.png"), ""]
     warnings = without_effect(texts, (20, 30))
     assert len(warnings) == 3
-    assert "--ignore '100,100 110,100 110,110' covers no pixel of the 30 x 20 px" in warnings[0]
+    assert "`ignore` = '100,100 110,100 110,110' covers no pixel of the 30 x 20 px" in warnings[0]
     assert "black.png" in warnings[1]
     assert "transparency" not in warnings[0]
     assert "its transparency is not read: paint the region white" in warnings[1]

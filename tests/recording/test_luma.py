@@ -6,7 +6,8 @@ import pytest
 from torchsphere.recording.luma import _MIXED, Luma
 
 av = pytest.importorskip("av", reason="the extra 'video' is not installed")
-WIDTH, HEIGHT = 38, 6
+#: Rows of whole vectors: FFmpeg's conversion may write beyond the end of others, and so into the next row.
+WIDTH, HEIGHT = 128, 6
 #: Layouts in one plane, and in several, that fill the high or the low bits of a word, in both orders of bytes.
 LAYOUTS = (
     *sorted(name for name in av.video.format.names if name.removesuffix("le") in _MIXED),
@@ -19,14 +20,8 @@ LAYOUTS = (
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_the_brightness_is_that_which_ffmpeg_puts_into_the_layout(layout: str) -> None:
     bits = av.VideoFormat(layout).components[0].bits
-    levels = np.random.default_rng(0).integers(0, 1 << bits, (HEIGHT, WIDTH)).astype("u1" if bits == 8 else "<u2")
     is_grey = layout.startswith(("gray", "ya"))
-    plain = av.VideoFrame(WIDTH, HEIGHT, ("gray" if is_grey else "yuv444p") + ("" if bits == 8 else f"{bits}le"))
-    for number, plane in enumerate(plain.planes):
-        rows = np.full((HEIGHT, plane.line_size // levels.itemsize), 1 << (bits - 1), levels.dtype)
-        if number == 0:
-            rows[:, :WIDTH] = levels
-        plane.update(rows.tobytes())
+    plain, levels = _frame(("gray" if is_grey else "yuv444p") + ("" if bits == 8 else f"{bits}le"), bits, WIDTH)
     try:
         frame = plain.reformat(format=layout)
     except (ValueError, OSError) as error:
@@ -34,6 +29,27 @@ def test_the_brightness_is_that_which_ffmpeg_puts_into_the_layout(layout: str) -
     luma = Luma.of(layout, bits)
     assert luma is not None
     np.testing.assert_array_equal(luma.levels(frame), levels)
+
+
+@pytest.mark.parametrize(("layout", "bits"), [("gray", 8), ("gray10le", 10), ("yuv422p", 8), ("yuv420p12le", 12)])
+def test_what_pads_the_rows_is_left_out(layout: str, bits: int) -> None:
+    frame, levels = _frame(layout, bits, 37)
+    assert frame.planes[0].line_size > levels.nbytes // HEIGHT
+    luma = Luma.of(layout, bits)
+    assert luma is not None
+    np.testing.assert_array_equal(luma.levels(frame), levels)
+
+
+def _frame(layout: str, bits: int, width: int):
+    """A frame with random levels in its first plane and a middle level in the others, and these levels (h, w)."""
+    levels = np.random.default_rng(0).integers(0, 1 << bits, (HEIGHT, width)).astype("u1" if bits == 8 else "<u2")
+    frame = av.VideoFrame(width, HEIGHT, layout)
+    for number, plane in enumerate(frame.planes):
+        rows = np.full((plane.height, plane.line_size // levels.itemsize), 1 << (bits - 1), levels.dtype)
+        if number == 0:
+            rows[:, :width] = levels
+        plane.update(rows.tobytes())
+    return frame, levels
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ def test_images_in_another_order_are_doubted_with_the_option_that_turns_them(tmp
         assert recording.shape == stored.shape
         sentence = recording.notes[-1]
         assert f"The array {stored.shape} is taken as (n, h, w) and looks like (h, w, n)" in sentence
-        assert "give --axes hwn to turn it, or --axes nhw if it is right as it is" in sentence
+        assert "give `axes` = hwn to turn it, or `axes` = nhw if it is right as it is" in sentence
     np.testing.assert_array_equal(open_recording(tmp_path / "a.npy", axes="hwn")[:], scene)
     savemat(tmp_path / "a.mat", {"a": scene})
     assert "looks like (n, h, w): give `axes` = nhw" in open_recording(tmp_path / "a.mat").doubt

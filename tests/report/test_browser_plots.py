@@ -1,6 +1,7 @@
 """Plots and tables of a report in a browser: values at the pointer, zoom, several shots, a batch."""
 
 import dataclasses
+import itertools
 import json
 import shutil
 from pathlib import Path
@@ -100,6 +101,20 @@ def test_a_batch_of_many_is_sorted_searched_and_paged(browser: Any, results: Pat
     page.close()
 
 
+def test_severe_warnings_stand_in_the_state_and_can_be_chosen(browser: Any, tmp_path: Path) -> None:
+    rows = [{"recording": f"{k}.tif", "state": "done", "severe_warnings": severe} for k, severe in enumerate((0, 3, 1))]
+    rows.append({"recording": "3.tif", "state": "failed", "severe_warnings": None})
+    page = browser.new_page()
+    page.goto(pages.write_index(tmp_path, rows).as_uri())
+    assert page.locator(".state").all_inner_texts() == ["done", "done, 3 severe", "done, 1 severe", "failed"]
+    assert page.text_content("#verdict") == "4 recordings: 3 done (2 of them with severe warnings), 1 failed."
+    page.select_option("#state", "done, severe")
+    assert page.locator(".state").all_inner_texts() == ["done, 3 severe", "done, 1 severe"]
+    page.select_option("#state", "done")
+    assert page.locator(".state").count() == 3
+    page.close()
+
+
 def test_the_plots_zoom_by_buttons_keys_and_a_drag_and_return(open_result: Any) -> None:
     report = open_result("si")
     page = report.page
@@ -167,6 +182,34 @@ def test_a_comparison_is_drawn_and_follows_a_click(browser: Any, results: Path, 
     assert page.locator("#plots canvas").count() >= 4
     assert said == []
     page.close()
+
+
+def test_shots_that_coincide_are_told_apart_by_marks_side_by_side(browser: Any, results: Path, tmp_path: Path) -> None:
+    for name in ("again", "third"):
+        shutil.copytree(results / "si", tmp_path / name)
+    write_comparison([results / "si", tmp_path / "again", tmp_path / "third"], tmp_path / "page.html")
+    for width, scheme in ((1280, "light"), (360, "dark")):
+        page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
+        page.goto((tmp_path / "page.html").as_uri())
+        marks = json.loads(page.get_attribute("#plot-velocity-x", "data-drawn"))["marks"]
+        # Three marks of each shot or more, and none on another.
+        assert all(sum(shot == k for shot, _, _ in marks) >= 3 for k in range(3))
+        places = sorted(x for _, x, _ in marks)
+        assert min(b - a for a, b in itertools.pairwise(places)) > 15
+        # What is seen where a mark lies has the colour of its shot.
+        colours = """marks => marks.map(([shot, x, y]) => {
+          const canvas = document.getElementById("plot-velocity-x"), ratio = window.devicePixelRatio || 1;
+          const [r, g, b] = canvas.getContext("2d").getImageData(x * ratio, y * ratio, 1, 1).data;
+          return "#" + [r, g, b].map((v) => v.toString(16).padStart(2, "0")).join("") === shotColour(shot);
+        })"""
+        cursor = json.loads(page.get_attribute("#plot-velocity-x", "data-drawn"))["cursor"]
+        seen = page.evaluate(colours, [m for m in marks if abs(m[1] - cursor) > 4])
+        assert all(seen)
+        # A shot alone needs none.
+        page.uncheck('[data-show="1"]')
+        page.uncheck('[data-show="2"]')
+        assert "marks" not in json.loads(page.get_attribute("#plot-velocity-x", "data-drawn"))
+        page.close()
 
 
 def test_a_ball_without_rotation_has_neither_graticule_nor_axes(browser: Any, results: Path, tmp_path: Path) -> None:

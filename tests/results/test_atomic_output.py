@@ -35,5 +35,5 @@ def test_only_output_of_the_same_kind_is_replaced(tmp_path: Path) -> None:
     check_folder(tmp_path, True, "benchmark", ("suites.json",))
     with pytest.raises(FileExistsError, match="holds files that are no result of torchsphere"):
         check_folder(tmp_path, overwrite=True)
-    with pytest.raises(FileExistsError, match="not empty; give another folder, or --overwrite"):
+    with pytest.raises(FileExistsError, match="not empty; give another folder, or `overwrite`"):
         check_folder(tmp_path, False, "benchmark", ("suites.json",))

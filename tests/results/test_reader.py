@@ -135,7 +135,7 @@ def test_any_value_in_any_field_of_a_summary_is_drawn_or_refused_in_a_sentence(
         (copy / "summary.json").write_text(json.dumps(damaged))
         codes.add(main(["report", str(copy), "--quiet"]))
         printed = capsys.readouterr().err
-        assert printed == "" or (printed.startswith("torchsphere: ") and printed.count("\n") == 1)
+        assert printed == "" or (printed.startswith(f"torchsphere: {copy}: the result") and printed.count("\n") == 1)
     assert codes == {0, 1}
 
 
@@ -188,3 +188,22 @@ def test_damaged_images_are_refused_whatever_their_archive_raises(
         refused += sentence is not None
         assert sentence is None or "the kept images are damaged" in sentence
     assert refused > 10
+
+
+@pytest.mark.parametrize(
+    "scale", ["text", 5, [], {}, {"m_per_px": None}, {"m_per_px": "0.1"}, {"m_per_px": 1e-4, "sd_m_per_px": [1]}, True]
+)
+def test_a_broken_scale_is_one_sentence_that_names_it(
+    measured: tuple[Path, Measurement], tmp_path: Path, scale: Any, capsys
+) -> None:
+    for name in ("track.csv", "kinematics.csv"):
+        shutil.copy(measured[0] / name, tmp_path / name)
+    summary = json.loads((measured[0] / "summary.json").read_text())
+    (tmp_path / "summary.json").write_text(json.dumps(summary | {"scale": scale}))
+    assert main(["report", str(tmp_path)]) == 1
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    said = f"torchsphere: {tmp_path}: the result is damaged (summary.json tells no size of a pixel as its scale, but "
+    assert printed.err.startswith(said)
+    assert printed.err.count("\n") == 1
+    assert not (tmp_path / "report.html").exists()

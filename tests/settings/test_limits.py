@@ -12,7 +12,8 @@ import torchsphere as ts
 from torchsphere.cli.main import main
 from torchsphere.correlation.options import Options
 from torchsphere.request import Request
-from torchsphere.settings.limits import SettingError, in_options, option_name
+from torchsphere.runtime.setting_names import as_options, option_name
+from torchsphere.settings.limits import SettingError
 
 CIRCLE = "64.3,92.6,40"
 
@@ -21,7 +22,7 @@ def test_a_second_sentence_of_a_refusal_has_the_names_of_both_worlds() -> None:
     error = SettingError("`fps` = 3: expected more").joined_by("give `axes` = hwn")
     assert str(error) == "fps = 3: expected more; give axes = hwn"
     assert error.as_options() == "--fps 3: expected more; give --axes hwn"
-    assert in_options("give `mass_g`") == "give --mass-g"
+    assert as_options("give `mass_g`") == "give --mass-g"
 
 
 #: Each refusal of a setting, by the words of the command line and by those of Python.

@@ -63,7 +63,7 @@ def test_a_warning_about_leakage_names_a_better_region(
         if "outline of so" in s
     ]
     assert len(found) == warned
-    assert all("leave --roi out, or give 0.9." in sentence for sentence in found)
+    assert all("leave `roi` out, or give 0.9." in sentence for sentence in found)
 
 
 def test_a_large_ball_or_a_ball_like_its_background_keeps_the_region() -> None:

@@ -123,9 +123,9 @@ def test_the_time_that_is_given_becomes_a_share() -> None:
 
 
 def test_an_exposure_without_a_frame_rate_or_longer_than_a_frame_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"--shutter-us was given, but no frame rate is known .*; give --fps, too"):
+    with pytest.raises(ValueError, match=r"shutter_us was given, but no frame rate is known .*; give fps, too"):
         measure._exposure(request(shutter_us=20), None)
-    with pytest.raises(ValueError, match=r"--shutter-us 200: longer than the 100 us from frame to frame"):
+    with pytest.raises(ValueError, match=r"shutter_us = 200: longer than the 100 us from frame to frame"):
         measure._exposure(request(shutter_us=200), 1e4)
 
 

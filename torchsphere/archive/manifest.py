@@ -34,6 +34,7 @@ class Item:
     result: str  # result folder, relative to the output folder, with slashes
     settings: Mapping[str, Any]  # fields of `torchsphere.request.Request`
     refusal: str = ""  # why this recording of a folder cannot be measured
+    has_own_result: bool = False  # whether a manifest names the result folder
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ def read_all(sources: Sequence[Path], common: Mapping[str, Any], out: Path) -> A
     Among several sources, the results of a folder lie in a folder of its name.
     """
     if len(sources) == 1:
-        return read(sources[0], common, out)
+        return _once(read(sources[0], common, out))
     placed: list[tuple[str, Item]] = []
     notes: list[str] = []
     for source in sources:
@@ -63,7 +64,38 @@ def read_all(sources: Sequence[Path], common: Mapping[str, Any], out: Path) -> A
                 item = dataclasses.replace(item, recording=recording, result=result)
             placed.append((str(source), item))
     _require_own_folders(sources[0], placed)
-    return Archive(tuple(item for _, item in placed), tuple(notes))
+    return _once(Archive(tuple(item for _, item in placed), tuple(notes)))
+
+
+def _once(archive: Archive) -> Archive:
+    """The archive without links to recordings that are in it with the same settings, and notes on these."""
+    same: dict[Any, list[Item]] = {}
+    for item in archive.items:
+        same.setdefault(_identity(item), []).append(item)
+    left_out: dict[int, str] = {}
+    for items in same.values():
+        if len(items) > 1:
+            # A file comes before the links to it.
+            first = min(items, key=lambda item: item.input.is_symlink())
+            left_out |= {id(item): first.recording for item in items if item is not first}
+    notes = [
+        f"{item.recording} is the same recording as {left_out[id(item)]}, and is measured once, by this name."
+        for item in archive.items
+        if id(item) in left_out
+    ]
+    return Archive(tuple(item for item in archive.items if id(item) not in left_out), (*archive.notes, *notes))
+
+
+def _identity(item: Item) -> Any:
+    """What two names of one recording share: the file itself, by any link, and the settings."""
+    try:
+        stat = item.input.stat()
+    except (OSError, ValueError):
+        # What is missing fails by its own name.
+        return item.result
+    if item.has_own_result or not stat.st_ino:
+        return item.result
+    return stat.st_dev, stat.st_ino, repr(sorted(item.settings.items()))
 
 
 def read(source: Path, common: Mapping[str, Any], out: Path) -> Archive:
@@ -225,7 +257,7 @@ def _item(
     reason = _reserved(result)
     if reason:
         raise ValueError(f"{where}: {reason}")
-    return Item(name, source.parent / name, result, together)
+    return Item(name, source.parent / name, result, together, has_own_result=RESULT in names)
 
 
 def _rebased(source: Path, own: Mapping[str, Any]) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from torchsphere.runtime.file_hash import hash_files
 
 #: UNUSABLE: the result is written, and nothing usable was measured.
 DONE, UNUSABLE, FAILED, PENDING = "done", "unusable", "failed", "pending"
+ENDS = (DONE, UNUSABLE, FAILED)
 
 #: Longest path of a result folder that its record mirrors, bytes; the system's limit of a whole path is 4096.
 _LONGEST_PATH = 1000
@@ -40,7 +41,7 @@ class Record:
 
     recording: str  # path as in the manifest
     state: str  # "done", "unusable" or "failed"
-    reason: str = ""  # of a failure, or why nothing usable was measured, in a sentence
+    reason: str = ""  # of a failure, why nothing usable was measured, or what is lacking, in a sentence
     stat: str  # as in `Key`
     settings: str  # as in `Key`
     content: str | None  # SHA-256 of the contents of the input
@@ -124,7 +125,7 @@ def _is_sound(record: Record) -> bool:
     row, content = values.pop("row"), values.pop("content")
     is_text = all(isinstance(value, str) for value in values.values())
     is_row = isinstance(row, dict) and summary.is_row(row)
-    return is_text and is_row and isinstance(content, str | None) and record.state in (DONE, UNUSABLE, FAILED)
+    return is_text and is_row and isinstance(content, str | None) and record.state in ENDS
 
 
 def write(out: Path, result: str, record: Record) -> None:

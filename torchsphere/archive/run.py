@@ -15,13 +15,17 @@ from typing import Any
 from torchsphere.archive import folder, records, summary
 from torchsphere.archive.claims import claims_of
 from torchsphere.archive.manifest import Archive
-from torchsphere.archive.records import DONE, FAILED, PENDING, UNUSABLE, key_of
+from torchsphere.archive.records import DONE, ENDS, FAILED, PENDING, UNUSABLE, key_of
 from torchsphere.archive.work import STOP, Job, Outcome, is_valid
 from torchsphere.report import pages
 from torchsphere.results.exports import check_exports
+from torchsphere.runtime import steps
 
 #: Measures jobs: `processes.run` or `dask_engine.run` with all arguments but the jobs given.
 Engine = Callable[[Iterator[Job]], Iterator[Outcome]]
+
+#: Recordings, each with a sentence.
+Named = tuple[tuple[str, str], ...]
 
 #: Shortest pause between two writings of the table, s, and as a multiple of the time of writing (docs/constants.md).
 EVERY_S, WRITING_TIMES = 30.0, 50.0
@@ -36,10 +40,13 @@ class Counts:
     pending: int = 0
     measured: int = 0  # in this run, with whatever outcome
     unusable: int = 0
-    # recordings that failed, and those without a usable result, in the order of the archive, each with its reason;
-    # empty until the run ends
-    failures: tuple[tuple[str, str], ...] = dataclasses.field(default=(), compare=False)
-    without_motion: tuple[tuple[str, str], ...] = dataclasses.field(default=(), compare=False)
+    # recordings that failed, those without a usable result, and those that are done and lack something, each with its
+    # reason, in the order of the archive; empty until the run ends
+    failures: Named = dataclasses.field(default=(), compare=False)
+    without_motion: Named = dataclasses.field(default=(), compare=False)
+    incomplete: Named = dataclasses.field(default=(), compare=False)
+    # recordings that are done with severe warnings, each with its result folder and their number
+    severe: tuple[tuple[str, str, int], ...] = dataclasses.field(default=(), compare=False)
 
     @property
     def total(self) -> int:
@@ -91,25 +98,34 @@ class _Table:
     def state(self, i: int) -> str:
         return str(self._rows[i]["state"])
 
-    def reasons(self, numbers: Sequence[int], state: str) -> tuple[tuple[str, str], ...]:
-        """Recordings of a state among these numbers, each with its reason."""
-        found = [self._rows[i] for i in numbers if self.state(i) == state]
-        return tuple((row["recording"], row["reason"] or "") for row in found)
+    def named(self, counts: Counts, numbers: Sequence[int]) -> Counts:
+        """The counts with the recordings among these numbers that a reader must know of."""
+        rows = [self._rows[i] for i in numbers]
+        of: dict[str, list[tuple[str, str]]] = {state: [] for state in (*ENDS, PENDING)}
+        for row in rows:
+            of[row["state"]].append((row["recording"], row["reason"] or ""))
+        severe = [row for row in rows if row["state"] == DONE and row.get("severe_warnings")]
+        return dataclasses.replace(
+            counts,
+            failures=tuple(of[FAILED]),
+            without_motion=tuple(of[UNUSABLE]),
+            incomplete=tuple((name, reason) for name, reason in of[DONE] if reason),
+            severe=tuple((row["recording"], row["result"], row["severe_warnings"]) for row in severe),
+        )
 
     def write_if_due(self) -> None:
         if time.monotonic() >= self._due:
             self.write(is_last=False)
 
     def write(self, *, is_last: bool) -> None:
-        """Write the table with the results of other runs; the last time also as a page."""
+        """Write the table, also as a page, with the results of other runs."""
         began = time.monotonic()
         with claims_of(self._out).summary_lock():
             for i in range(len(self._rows)):
                 if is_last or self.state(i) == PENDING:
                     self.read(i)
             summary.write(self._out, self._rows, self._exports if is_last else ())
-            if is_last:
-                pages.write_index(self._out, self._rows)
+            pages.write_index(self._out, self._rows, is_growing=not is_last)
         ended = time.monotonic()
         self._due = ended + max(EVERY_S, WRITING_TIMES * (ended - began))
 
@@ -131,6 +147,7 @@ def run(
     folder.prepare(out)
     check_exports(sorted({kind for item in archive.items for kind in item.settings.get("export", ())}))
     name = uuid.uuid4().hex
+    steps.tell("reading the state of %d recordings", len(archive.items))
     jobs = [Job(item, key_of(item.input, item.settings), out, name, retry_failed) for item in archive.items]
     table = _Table(out, jobs)
     results = [item.result for item in archive.items]
@@ -160,10 +177,10 @@ def run(
         if isinstance(error, KeyboardInterrupt):
             raise Interrupted(counts) from None
         raise
+    steps.tell("writing the table of %d recordings", len(jobs))
     folder.sweep(out, results)
     table.write(is_last=True)
-    failures, without_motion = (table.reasons(share, state) for state in (FAILED, UNUSABLE))
-    return dataclasses.replace(counts, failures=failures, without_motion=without_motion)
+    return table.named(counts, share)
 
 
 def in_shard(result: str, shard: tuple[int, int]) -> bool:

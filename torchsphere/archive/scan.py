@@ -13,6 +13,7 @@ from torchsphere.recording.opener import stacks_of
 from torchsphere.recording.photron_header import HEADER_SUFFIXES
 from torchsphere.recording.refusal import what_lies_in
 from torchsphere.recording.tiff import count_pages
+from torchsphere.runtime import steps
 
 TIFF = (".tif", ".tiff")
 PHOTRON = (*HEADER_SUFFIXES, ".mraw")
@@ -22,6 +23,8 @@ STACKS = (".h5", ".hdf5", ".mat")
 SUFFIXES = (*TIFF, *PHOTRON, *STACKS, ".npy", ".npz", ".cine", ".avi", ".mp4", ".m4v", ".mov", ".mkv", ".webm")
 #: Hidden folder in the output folder, with the records and the locks of the recordings.
 STATE = ".batch"
+#: Number of files from which a search takes about three seconds, at 3 ms each on a slow network drive.
+MANY_FILES = 1000
 
 
 @dataclass(frozen=True)
@@ -46,13 +49,23 @@ def scan(root: Path, leave_out: Path | None = None) -> Found:
     def closed(error: OSError) -> None:
         notes.append(f"{error.filename}: cannot be looked into ({(error.strerror or str(error)).lower()}).")
 
+    seen = 0
     for place, folders, names in os.walk(root, onerror=closed):
         folder = Path(place)
+        if seen < MANY_FILES <= seen + len(names):
+            steps.tell("looking for recordings in %s, which holds many files", root)
+        seen += len(names)
         is_result = STATE in folders or {"summary.json", "track.csv"} <= set(names)
         if is_result or (out is not None and folder.resolve() == out):
             folders.clear()
             continue
         folders[:] = sorted((name for name in folders if not name.startswith(".")), key=natural_key)
+        linked = [folder / name for name in folders if (folder / name).is_symlink()]
+        notes += [
+            f"{link}: is a link to a folder, which is not searched; name that folder, too."
+            for link in linked
+            if not link.resolve().is_relative_to(root.resolve())
+        ]
         visible = sorted((name for name in names if not name.startswith(".")), key=natural_key)
         recordings += _in_folder(folder, visible, notes)
     return Found(tuple(recordings), tuple(notes))

@@ -16,6 +16,7 @@ from torchsphere.results.atomic_output import atomic_path
 from torchsphere.results.columns import Columns
 from torchsphere.results.exports import SUFFIXES, write_export
 from torchsphere.results.spreadsheet import neutral_cell
+from torchsphere.results.vector_length import vector_length
 from torchsphere.runtime.warning_levels import SEVERE
 
 #: Radians per revolution: ``summary.json`` has the spin of an impact in rev/s, the table all spin in rad/s.
@@ -50,8 +51,8 @@ def measured(table: Mapping[str, Any]) -> dict[str, Any]:
     """The columns that come from the ``summary.json`` of a recording."""
     counts = table.get("frames_per_status") or {}
     circle, mean, impact = (table.get(name) or {} for name in ("circle", "mean_motion", "impact"))
-    speed = _length(mean.get("velocity_m_s"), mean.get("sd_velocity_m_s"))
-    spin = _length(mean.get("spin_rad_s"), mean.get("sd_spin_rad_s"))
+    speed = vector_length(mean.get("velocity_m_s"), mean.get("sd_velocity_m_s"))
+    spin = vector_length(mean.get("spin_rad_s"), mean.get("sd_spin_rad_s"))
     row = {
         "frames": sum(counts.values()),
         "ok": counts.get("ok", 0),
@@ -69,10 +70,25 @@ def measured(table: Mapping[str, Any]) -> dict[str, Any]:
     }
     for column, (name, factor) in IMPACT.items():
         estimate = impact.get(name) or {}
-        length, sd = _length(estimate.get("value"), estimate.get("sd"))
+        length, sd = vector_length(estimate.get("value"), estimate.get("sd"))
         row[column] = None if length is None else factor * length
         row[f"sd_{column}"] = None if sd is None else factor * sd
     return row
+
+
+def lacking(table: Mapping[str, Any]) -> str:
+    """What the result of a ``summary.json`` lacks as nobody gave it, in a sentence; empty where nothing is missing."""
+    settings = table.get("settings") or {}
+    has_scale = any(settings.get(name) is not None for name in ("diameter_mm", "mm_per_px"))
+    needed = (
+        (table.get("frame_rate") is not None, "a frame rate", "--fps"),
+        (has_scale, "a scale", "--diameter-mm or --mm-per-px"),
+    )
+    missing = [(name, option) for is_there, name, option in needed if not is_there]
+    if not missing:
+        return ""
+    names, options = (" and ".join(column) for column in zip(*missing, strict=True))
+    return f"without {names} there are no speeds and no forces; give {options}"
 
 
 def is_row(row: Mapping[str, Any]) -> bool:
@@ -91,21 +107,6 @@ def _suits(value: Any, kind: pa.DataType) -> bool:
         and (isinstance(value, float) or abs(value) < 2**53)
         and (pa.types.is_floating(kind) or isinstance(value, int))
     )
-
-
-def _length(value: Any, sd: Any = None) -> tuple[float | None, float | None]:
-    """Length of a vector, or a number with its sign, and its standard deviation; None if a component is unknown."""
-    parts, sds = _list(value), _list(sd)
-    if not parts or None in parts:
-        return None, None
-    length = parts[0] if len(parts) == 1 else math.hypot(*parts)
-    if length == 0 or len(sds) != len(parts) or None in sds:
-        return length, None
-    return length, math.hypot(*(part * s / length for part, s in zip(parts, sds, strict=True)))
-
-
-def _list(value: Any) -> list[Any]:
-    return list(value) if isinstance(value, list) else [] if value is None else [value]
 
 
 def write(out: Path, rows: Sequence[Mapping[str, Any]], exports: Sequence[str] = ()) -> None:

@@ -19,7 +19,9 @@ from torchsphere.archive.claims import claims_of
 from torchsphere.archive.manifest import Item
 from torchsphere.archive.records import DONE, FAILED, UNUSABLE, Key, Record
 from torchsphere.request import Request
+from torchsphere.runtime.setting_names import as_options
 from torchsphere.runtime.shown_text import shown
+from torchsphere.settings.limits import SettingError
 
 #: Measures a recording, as `torchsphere.measure.measure`.
 Measure = Callable[[Request, None, Mapping[str, Path]], Any]
@@ -177,8 +179,9 @@ def _done(job: Job, table: Mapping[str, Any], run: str) -> Record:
     if not summary.is_row(row):
         raise ValueError(f"{job.folder / 'summary.json'}: holds values of other types than its columns")
     # Results of earlier versions do not say so.
-    reason = str(table.get("unusable") or "")
-    state, content = UNUSABLE if reason else DONE, table.get("input", {}).get("sha256")
+    unusable = str(table.get("unusable") or "")
+    state, content = UNUSABLE if unusable else DONE, table.get("input", {}).get("sha256")
+    reason = unusable or summary.lacking(table)
     return _write_record(job, state=state, reason=reason, content=content, run=run, row=row)
 
 
@@ -204,8 +207,10 @@ def _sentence(error: Exception) -> str:
     text = shown(" ".join(str(error).split()))
     if isinstance(error, OSError) and error.strerror is not None:
         return f"{shown(str(error.filename or 'file'))}: {error.strerror.lower()}"
+    if isinstance(error, SettingError):
+        return shown(error.as_options())
     if isinstance(error, (ValueError, OSError)) and text:
-        return text
+        return as_options(text)
     with contextlib.suppress(IndexError):
         frame = traceback.extract_tb(error.__traceback__)[-1]
         text = f"{text} ({Path(frame.filename).name}, line {frame.lineno})"

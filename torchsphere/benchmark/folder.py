@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.orientation import matrices
+from torchsphere.runtime import steps
 
 Array = NDArray[np.float64]
 
@@ -136,6 +137,7 @@ def read_benchmark(folder: Path) -> Benchmark:
 
 def read_footage(suite: Suite) -> Footage:
     """Read images and truth of a suite; ValueError if a file is damaged or does not fit the checksum."""
+    steps.tell_if_large([suite.images_path], "reading suite %s", suite.name)
     columns, images = read_truth(suite.folder / TRUTH), read_images(suite.images_path)
     found = suite_checksum(images, columns)
     if found != suite.checksum:

@@ -28,6 +28,8 @@ from torchsphere.benchmark.folder import (
 )
 from torchsphere.benchmark.suites import Recipe, recipes
 from torchsphere.results.atomic_output import atomic_folder, check_folder, recover
+from torchsphere.runtime import steps
+from torchsphere.settings.limits import SettingError
 
 #: Decimals of the outline in frame 0, px: finer than any tracker, coarser than differences between processors.
 _DECIMALS = 6
@@ -57,13 +59,14 @@ def make(
     """
     todo = recipes(suites, size, seed)
     if workers is not None and workers < 1:
-        raise ValueError(f"workers = {workers}: expected at least 1")
+        raise SettingError(f"`workers` = {workers}: expected at least 1")
     earlier = ("benchmark", (INDEX,))
     recover(out, earlier[1])
     check_folder(out, overwrite, *earlier)
     _check_renderer()
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     with atomic_folder(out, overwrite, *earlier) as new:
+        steps.tell("rendering %d suites", len(todo))
         _render_all(todo, new, workers or cores, progress)
         entries, versions = zip(*(_description(recipe, new / recipe.name) for recipe in todo), strict=True)
         index: dict[str, Any] = {"benchmark": NAME, "version": VERSION, "size": size, "suites": list(entries)}

@@ -16,6 +16,7 @@ from torchsphere.benchmark import prediction_table, predictions
 from torchsphere.benchmark.folder import Benchmark, Suite, read_footage
 from torchsphere.benchmark.trackers import Entry, Task
 from torchsphere.recording import open_recording
+from torchsphere.runtime import steps
 
 #: Frames of the untimed first run of a built-in tracker (docs/constants.md).
 WARM_UP = 3
@@ -63,6 +64,7 @@ def run(
             footage = footage or read_footage(suite)
             if started is not None:
                 started(entry.name, suite.name)
+            steps.tell("running %s on suite %s", entry.name, suite.name)
             if entry.name not in warm and not entry.wants_array:
                 _warm_up(entry, suite, footage.images)
             warm.add(entry.name)

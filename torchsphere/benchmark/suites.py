@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from torchsphere.settings.limits import SettingError
+
 #: The suites of the package.
 FOLDER = Path(__file__).parent / "suites"
 
@@ -56,13 +58,13 @@ def recipes(suites: Sequence[str] | None, size: str, seed: int | None = None) ->
     if size not in SIZES:
         raise ValueError(f"size {size!r} is not known: expected one of {', '.join(SIZES)}")
     if seed is not None and seed < 0:
-        raise ValueError(f"seed = {seed}: expected a whole number of at least 0")
+        raise SettingError(f"`seed` = {seed}: expected a whole number of at least 0")
     chosen = names() if suites is None else list(suites)
     made = [recipe for name in chosen for recipe in _repetitions(find(name), size, seed or 0)]
     twice = sorted({recipe.kind for recipe in made if [r.name for r in made].count(recipe.name) > 1})
     if twice or not made:
         problem = f"{twice[0]!r} is given twice" if twice else "none is given"
-        raise ValueError(f"suites: {problem}; expected names from {', '.join(names())}, each once")
+        raise SettingError(f"`suite`: {problem}; expected names from {', '.join(names())}, each once")
     return made
 
 
@@ -71,10 +73,14 @@ def find(name: str) -> Path:
     path = Path(name)
     if path.suffix == ".toml":
         if not path.is_file():
-            raise ValueError(f"suite {name!r}: there is no such file; give its path, or one of {', '.join(names())}")
+            raise SettingError(
+                f"`suite` = {name}: there is no such file; give its path, or one of {', '.join(names())}"
+            )
         return path
     if name not in names():
-        raise ValueError(f"suite {name!r} is not known: expected one of {', '.join(names())}, or a .toml file's path")
+        raise SettingError(
+            f"`suite` = {name} is not known: expected one of {', '.join(names())}, or a .toml file's path"
+        )
     return FOLDER / f"{name}.toml"
 
 

@@ -7,11 +7,12 @@ import functools
 import os
 import re
 import sys
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchsphere.cli.console import progress_bar, say, told_steps
+from torchsphere.cli.console import loading_libraries, progress_bar, say
 from torchsphere.cli.exit_codes import DONE, INTERRUPTED, SOME_FAILED, UNUSABLE, UsageError, usage
 from torchsphere.cli.options import (
     add_command,
@@ -86,7 +87,8 @@ def run(options: dict[str, Any], measure: Measure | None = None) -> int:
     ``measure`` measures one recording, by default as `torchsphere.measure.measure`. Raises ValueError or OSError for an
     invalid manifest, output folder or engine.
     """
-    from torchsphere.archive import folder, manifest
+    with loading_libraries():
+        from torchsphere.archive import folder, manifest
 
     # Workers on other machines have other working folders, hence absolute paths.
     sources, out = [source.absolute() for source in options["source"]], options["out"].absolute()
@@ -114,7 +116,7 @@ def _run(archive: Archive, out: Path, engine: Engine, options: Mapping[str, Any]
 
     shard, retry, quiet = options["shard"] or (1, 1), options["retry_failed"], options["quiet"]
     try:
-        with told_steps(quiet, options["verbose"]), progress_bar(quiet, "", "recording") as show:
+        with progress_bar(quiet, "", "recording") as show:
 
             def changed(counts: Counts) -> None:
                 if show is not None:
@@ -126,7 +128,12 @@ def _run(archive: Archive, out: Path, engine: Engine, options: Mapping[str, Any]
         return INTERRUPTED
     table = out / SUMMARIES[0]
     say(quiet, f"{_counts_text(counts)}; see {table}")
-    for sentence in (*_named("failed", counts.failures, table), *_named("unusable", counts.without_motion, table)):
+    for sentence in (
+        *_named("failed", counts.failures, table),
+        *_named("unusable", counts.without_motion, table),
+        *_severe(counts, out, table),
+        *_incomplete(counts),
+    ):
         say(quiet, sentence)
     return SOME_FAILED if counts.failed else UNUSABLE if counts.unusable else DONE
 
@@ -134,7 +141,8 @@ def _run(archive: Archive, out: Path, engine: Engine, options: Mapping[str, Any]
 def _counts_text(counts: Counts) -> str:
     pending = f", {counts.pending} pending" if counts.pending else ""
     unusable = f", {counts.unusable} unusable" if counts.unusable else ""
-    of = f"{counts.done} of {counts.total} recordings done{unusable}, {counts.failed} failed{pending}"
+    severe = f" ({len(counts.severe)} of them with severe warnings)" if counts.severe else ""
+    of = f"{counts.done} of {counts.total} recordings done{severe}{unusable}, {counts.failed} failed{pending}"
     return f"{of} ({counts.measured} measured in this run)"
 
 
@@ -143,6 +151,22 @@ def _named(state: str, reasons: Sequence[tuple[str, str]], table: Path) -> list[
     named = [f"{state}  {name}: {reason.removeprefix(f'{name}: ')}" for name, reason in reasons[:FAILURES_NAMED]]
     more = len(reasons) - len(named)
     return [*named, f"and {more} more; their reasons stand in {table}"] if more else named
+
+
+def _severe(counts: Counts, out: Path, table: Path) -> list[str]:
+    """Sentences on the first results in which numbers are wrong, and on the number of the others."""
+    said = (
+        f"done, {count} severe  {name}: numbers of it are wrong, and the report in {out / result} says why"
+        for name, result, count in counts.severe[:FAILURES_NAMED]
+    )
+    more = len(counts.severe) - FAILURES_NAMED
+    return [*said, *([f"and {more} more; see the column severe_warnings of {table}"] if more > 0 else [])]
+
+
+def _incomplete(counts: Counts) -> list[str]:
+    """A sentence for each thing that results lack as nobody gave it."""
+    reasons = Counter(reason for _, reason in counts.incomplete)
+    return [f"{number} of those that are done: {reason}" for reason, number in reasons.items()]
 
 
 def _absolute(common: Mapping[str, Any]) -> dict[str, Any]:

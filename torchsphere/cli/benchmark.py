@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchsphere.cli.console import print_lines, progress_bar, say
+from torchsphere.cli.console import loading_libraries, print_lines, progress_bar, say
 from torchsphere.cli.exit_codes import SOME_FAILED
 from torchsphere.cli.options import add_command, add_out, add_quiet
 from torchsphere.runtime.shown_text import shown
@@ -89,11 +90,10 @@ def _make(options: dict[str, Any]) -> int:
 
 
 def _run(options: dict[str, Any]) -> int:
-    from tqdm import tqdm
-
-    from torchsphere.benchmark import score_rows, trackers
-    from torchsphere.benchmark.folder import read_benchmark, read_footage
-    from torchsphere.benchmark.run import folder_of, run
+    with loading_libraries():
+        from torchsphere.benchmark import score_rows, trackers
+        from torchsphere.benchmark.folder import read_benchmark, read_footage
+        from torchsphere.benchmark.run import folder_of, run
 
     made, out, quiet = read_benchmark(options["benchmark"]), options["out"], options["quiet"]
     asked = dict.fromkeys(options["tracker"] or ["torchsphere"])
@@ -101,11 +101,12 @@ def _run(options: dict[str, Any]) -> int:
     entries = [trackers.resolve(name) for name in names]
     suites = _suites(made, options["suite"])
     truth = {name: read_footage(made.suite(name)).truth for name in suites}
-    with tqdm(total=len(entries) * len(suites), unit="run", file=sys.stderr, leave=False, disable=quiet) as bar:
+    begun, total = itertools.count(), len(entries) * len(suites)
+    with progress_bar(quiet, "running", "run") as show:
 
         def started(tracker: str, suite: str) -> None:
-            bar.set_description(f"{tracker} on {suite}")
-            bar.update()
+            if show is not None:
+                show(next(begun), total, f"{tracker} on {suite}")
 
         try:
             outcomes = run(made, entries, out, suites=suites, keep=options["keep"], started=started)

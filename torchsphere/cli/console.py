@@ -9,14 +9,13 @@ import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, NoReturn
 
+from torchsphere.runtime import steps
+from torchsphere.runtime.imports import without_collections
+from torchsphere.runtime.setting_names import as_options
 from torchsphere.runtime.shown_text import shown
 
 if TYPE_CHECKING:
     from tqdm import tqdm
-
-
-#: Said when the first loop is compiled.
-COMPILING = "compiling the loops over pixels, once for this machine and version (about a minute)"
 
 
 def say(quiet: bool, sentence: str) -> None:
@@ -31,7 +30,10 @@ def print_lines(text: str) -> None:
 
 
 class _Steps(logging.Handler):
-    """Prints records of the package on the standard error: steps that take long, or all, each with its time."""
+    """Prints records of the package on the standard error: warnings and steps that take long, or all with their times.
+
+    Steps that take long are those of `torchsphere.runtime.steps`.
+    """
 
     def __init__(self, verbose: bool) -> None:
         super().__init__(logging.INFO)
@@ -43,17 +45,19 @@ class _Steps(logging.Handler):
             self._print(f"{time.monotonic() - self._began:7.2f} s  {record.getMessage()}")
         elif getattr(record, "takes_long", False):
             self._print(f"torchsphere: {record.getMessage()} ...")
+        elif record.levelno >= logging.WARNING:
+            self._print(f"torchsphere: {record.getMessage()}")
 
     def _print(self, line: str) -> None:
         from tqdm import tqdm
 
         # A progress bar goes on below the line.
-        tqdm.write(shown(line), file=sys.stderr)
+        tqdm.write(shown(as_options(line)), file=sys.stderr)
 
 
 @contextlib.contextmanager
 def told_steps(quiet: bool, verbose: bool) -> Iterator[None]:
-    """Say on the standard error which steps take long: nothing if ``quiet``, every step if ``verbose``."""
+    """Say on the standard error which steps take long: no step if ``quiet``, every step if ``verbose``."""
     log = logging.getLogger("torchsphere")
     if quiet and not verbose:
         yield
@@ -64,8 +68,7 @@ def told_steps(quiet: bool, verbose: bool) -> Iterator[None]:
     # Without this, a handler of the root logger would print the lines once more.
     log.propagate = False
     try:
-        with _compilation_told():
-            yield
+        yield
     finally:
         log.removeHandler(handler)
         log.setLevel(level)
@@ -73,13 +76,11 @@ def told_steps(quiet: bool, verbose: bool) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _compilation_told() -> Iterator[None]:
-    from torchsphere.runtime.compilation import on_compilation
-
-    def tell() -> None:
-        logging.getLogger("torchsphere").info(COMPILING, extra={"takes_long": True})
-
-    with on_compilation(tell):
+def loading_libraries() -> Iterator[None]:
+    """Say that libraries are imported within the block, which takes seconds the first time, and import them fast."""
+    if "torch" not in sys.modules:
+        steps.tell("loading the libraries")
+    with without_collections():
         yield
 
 
@@ -103,6 +104,8 @@ def progress_bar(
                 desc=description, total=total, initial=done, unit=unit, delay=delay_s, leave=False, file=sys.stderr
             )
         if done < bar.n and second_pass:
+            # The rate counts from 0, not from where the first pass began.
+            bar.initial = 0
             bar.reset(total)
             bar.set_description(second_pass)
         bar.total = total

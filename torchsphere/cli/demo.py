@@ -7,11 +7,13 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from torchsphere.cli.console import loading_libraries
 from torchsphere.cli.options import add_command, add_quiet, add_verbose
 from torchsphere.cli.outcome import status_text
 from torchsphere.cli.track import measure_with_progress
 from torchsphere.request import Request
 from torchsphere.results import atomic_output
+from torchsphere.runtime import steps
 from torchsphere.runtime.shown_text import shown
 
 if TYPE_CHECKING:
@@ -33,9 +35,11 @@ def add(commands: Any) -> None:
 
 def run(options: dict[str, Any]) -> int:
     """Make the shot, measure it and print both motions; raises ValueError or OSError for a bad result folder."""
-    from torchsphere.synthetic import demo_shot
+    with loading_libraries():
+        from torchsphere.synthetic import demo_shot
 
     atomic_output.recover(options["out"])
+    steps.tell("rendering the shot")
     shot = demo_shot.make_shot()
     with tempfile.TemporaryDirectory() as folder:
         images, truth = demo_shot.write_shot(Path(folder), shot)
@@ -51,7 +55,7 @@ def run(options: dict[str, Any]) -> int:
             paraview=True,
         )
         files = {"shot.tif": images, "truth.csv": truth}
-        done = measure_with_progress(request, options["quiet"], files, demo_shot.NAME, verbose=options["verbose"])
+        done = measure_with_progress(request, options["quiet"], files, demo_shot.NAME)
     _print_comparison(shot, done)
     print(f"result: {shown(str(options['out']))}")
     return 0

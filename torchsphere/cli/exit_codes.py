@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Iterator
 
 from torchsphere.results.atomic_output import FULL
+from torchsphere.runtime.setting_names import as_options
 from torchsphere.settings.limits import SettingError
 
 #: 0: all is written and measured. 1: an input or an output folder cannot be used. 2: the command line or a file of
@@ -26,7 +27,7 @@ def usage() -> Iterator[None]:
     except SettingError as error:
         raise UsageError(error.as_options()) from error
     except ValueError as error:
-        raise UsageError(str(error)) from error
+        raise UsageError(as_options(str(error))) from error
 
 
 def sentence(error: Exception) -> str:
@@ -36,4 +37,4 @@ def sentence(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror is not None:
         remedy = "make room" if error.errno in FULL else "check the name and the permissions"
         return f"{error.filename or 'file'}: {error.strerror.lower()}; {remedy}"
-    return " ".join(str(error).split())
+    return as_options(" ".join(str(error).split()))

@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchsphere.cli.console import told_steps
+from torchsphere.cli.console import loading_libraries
 from torchsphere.cli.exit_codes import DONE, UNUSABLE, UsageError, usage
 from torchsphere.cli.options import add_command, add_settings, add_verbose, given_settings
 from torchsphere.request import SETTINGS, check_settings
+from torchsphere.runtime.setting_names import as_options
 from torchsphere.runtime.shown_text import shown
 from torchsphere.settings.limits import SettingError
 
@@ -49,8 +50,7 @@ def run(options: dict[str, Any]) -> int:
             print(f"{name:<11} {shown(text)}")
         if preview is None:
             return DONE
-        with told_steps(quiet=False, verbose=options["verbose"]):
-            return _preview(recording, preview)
+        return _preview(recording, preview)
 
 
 def _facts(recording: Recording) -> list[tuple[str, str]]:
@@ -69,20 +69,21 @@ def _facts(recording: Recording) -> list[tuple[str, str]]:
         ("exposure", known(exposure, f"{1e6 * exposure:g} us" if exposure else "", "exposure_s")),
         ("trigger", known(trigger, f"first frame is number {trigger} from the trigger", "trigger_offset_frames")),
     ]
-    return facts + [("note", note) for note in recording.notes]
+    return facts + [("note", as_options(note)) for note in recording.notes]
 
 
 def _preview(recording: Recording, path: Path) -> int:
     """Draw the circle that is found, with all that may be the ball, or else the first image with a grid."""
-    from torchsphere.correlation.options import Options
-    from torchsphere.recording.frame_source import Source
-    from torchsphere.report.preview_figure import grid_figure, preview_figure
-    from torchsphere.tracking.initial_circle import find_initial_circle
-    from torchsphere.tracking.raw_mosaic import about, without_mosaic
+    with loading_libraries():
+        from torchsphere.correlation.options import Options
+        from torchsphere.recording.frame_source import Source
+        from torchsphere.report.preview_figure import grid_figure, preview_figure
+        from torchsphere.tracking.initial_circle import find_initial_circle
+        from torchsphere.tracking.raw_mosaic import about, without_mosaic
 
     source, patterns = without_mosaic(Source.open(recording, "cpu"))
     if patterns:
-        print(f"{'note':<11} {about(patterns, recording)}")
+        print(f"{'note':<11} {as_options(about(patterns, recording))}")
     try:
         circle, _ = find_initial_circle(source, None, None, False, Options())
     except SettingError as error:
@@ -97,8 +98,8 @@ def _preview(recording: Recording, path: Path) -> int:
         print(f"{f'circle {number}':<11} --circle {x:.2f},{y:.2f},{radius:.2f}   (another round object)")
     choice = circle.choice("in the preview")
     if choice:
-        print(f"{'note':<11} {choice}")
+        print(f"{'note':<11} {as_options(choice)}")
     if circle.doubt:
-        print(f"{'note':<11} {circle.warning('in the preview')}")
+        print(f"{'note':<11} {as_options(circle.warning('in the preview'))}")
     print(f"{'preview':<11} {shown(str(path))}")
     return DONE

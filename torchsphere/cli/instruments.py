@@ -14,9 +14,10 @@ from torchsphere.cli.exit_codes import usage
 from torchsphere.cli.options import add_command, add_quiet, add_settings, given_settings
 from torchsphere.cli.outcome import LABELS, in_red
 from torchsphere.instruments.instrument_request import INSTRUMENT_SETTINGS, InstrumentRequest
+from torchsphere.runtime import steps
+from torchsphere.runtime.setting_names import as_options
 from torchsphere.runtime.shown_text import shown
 from torchsphere.runtime.warning_levels import SEVERE
-from torchsphere.settings.limits import in_options
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,6 +62,7 @@ def run(options: dict[str, Any]) -> int:
             f"{result.path}: has no velocities, as frame rate or scale are not known; track again with --fps and "
             "--diameter-mm"
         )
+    steps.tell_if_large([request.path], "reading %s", request.path)
     signals = read_signals(
         request.path,
         time_column=request.time_column,
@@ -74,7 +76,7 @@ def run(options: dict[str, Any]) -> int:
         numbers, lines = _accelerometer(signals, values, result, request)
     else:
         numbers, lines = _strain_gauge(signals, values, result, request)
-    warnings = list(map(in_options, [*warnings, *numbers.get("warnings", ())]))
+    warnings = list(map(as_options, [*warnings, *numbers.get("warnings", ())]))
     if options["json"]:
         numbers |= {"columns": names, "read": dict(read), "warnings": warnings}
         print(json.dumps(numbers, indent=2, allow_nan=False))

@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 
 from torchsphere import __version__
 from torchsphere.cli import batch, benchmark, completion, demo, info, instruments, pick, plan, report, track, warm_up
+from torchsphere.cli.console import told_steps
 from torchsphere.cli.exit_codes import BAD_COMMAND, BAD_INPUT, DONE, INTERRUPTED, UsageError, sentence
 from torchsphere.cli.parsers import HelpWithExamples, command_parser, option_names
 from torchsphere.runtime import signals
@@ -66,8 +67,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     run, name = options.pop("run"), " ".join(filter(None, (options.pop("command"), options.pop("action", None))))
     if unknown:
         _refuse(parser, name, unknown)
+    quiet, verbose = (bool(options.get("quiet") or options.get("json")), bool(options.get("verbose")))
     try:
-        with signals.sigterm_as_exception():
+        with signals.sigterm_as_exception(), told_steps(quiet, verbose):
             return int(run(options))
     except UsageError as error:
         print(f"torchsphere: {shown(' '.join(str(error).split()))}", file=sys.stderr)

@@ -10,9 +10,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from torchsphere.cli.console import loading_libraries
 from torchsphere.cli.options import add_command, add_quiet, add_settings, given_settings
 from torchsphere.request import SETTINGS, check_settings, merged, read_config
-from torchsphere.runtime.imports import without_collections
+from torchsphere.runtime import steps
 from torchsphere.runtime.shown_text import shown
 
 
@@ -43,7 +44,7 @@ def _port(text: str) -> int:
 def run(options: dict[str, Any]) -> int:
     """Serve the page until Ctrl-C; raises ValueError or OSError for a recording or a port that cannot be used."""
     base = _settings(options)
-    with without_collections():
+    with loading_libraries():
         from torchsphere.pick.server import PickServer
         from torchsphere.pick.session import Places, Session
         from torchsphere.recording import open_recording
@@ -54,6 +55,7 @@ def run(options: dict[str, Any]) -> int:
     with open_recording(source, **shown_as) as recording:
         session = Session(recording, places, base)
         # A recording whose frames cannot be read is refused here, and not on the page.
+        steps.tell("reading some frames of %s", source)
         _ = session.footage.levels
         with PickServer(session, options["port"]) as server:
             print(server.address if quiet else f"page    {server.address}", flush=True)

@@ -7,10 +7,11 @@ import functools
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchsphere.cli.console import progress_bar, say
+from torchsphere.cli.console import loading_libraries, progress_bar, say
 from torchsphere.cli.exit_codes import UsageError, usage
 from torchsphere.cli.options import add_command, add_out, add_quiet, add_settings, given_settings
 from torchsphere.planning.plan_request import PLAN_SETTINGS, PlanRequest, Vector
+from torchsphere.runtime import steps
 
 if TYPE_CHECKING:
     from torchsphere.planning.example_image import Example
@@ -44,16 +45,20 @@ def add(commands: Any) -> None:
 
 def run(options: dict[str, Any]) -> int:
     """Make the plan, write the folder, print the table; raises ValueError or OSError before anything is written."""
-    from torchsphere.planning import presentation
-    from torchsphere.report import plan_figure
-    from torchsphere.results import atomic_output, writer
+    from torchsphere.results import atomic_output
 
     out, overwrite, quiet = options["out"], options["overwrite"], options["quiet"]
     atomic_output.recover(out)
     atomic_output.check_folder(out, overwrite)
     with usage():
         request = PlanRequest(**given_settings(options, PLAN_SETTINGS))
+    with loading_libraries():
+        from torchsphere.planning import presentation
+        from torchsphere.report import plan_figure
+        from torchsphere.results import writer
+
     made = _from_images(request, quiet) if request.flight is None else _from_flight(request, request.flight, quiet)
+    steps.tell("drawing the plan")
     with atomic_output.atomic_folder(out, overwrite) as folder:
         writer.write_summary(folder, presentation.as_table(made))
         (folder / "summary.json").rename(folder / "plan.json")
@@ -68,7 +73,7 @@ def _from_images(request: PlanRequest, quiet: bool) -> Plan:
 
     setup = _setup(request)
     modes = plan.read_modes(request.modes) if request.modes is not None else []
-    with progress_bar(quiet, "planning", delay_s=1.0) as progress:
+    with progress_bar(quiet, "planning", "step", delay_s=1.0) as progress:
         return plan.from_images(
             _examples(request, setup),
             setup,

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 import traceback
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from torchsphere.cli.console import say
+from torchsphere.cli.console import progress_bar, say
 from torchsphere.cli.options import add_command, add_quiet
+from torchsphere.runtime import steps
 
 
 def add(commands: Any) -> None:
@@ -56,32 +56,38 @@ def _compare(folders: list[Path], options: dict[str, Any]) -> int:
         if options[name]:
             raise ValueError(f"--{name} is made of one result; give it with one folder alone")
     page = Path(PAGE) if options["out"] is None else options["out"]
-    with _damage_named(f"one of {len(folders)} results"):
+    with _damage_named(*folders):
         say(options["quiet"], f"comparison  {write_comparison(folders, page)}")
     return 0
 
 
 def _draw_again(folder: Path, options: dict[str, Any]) -> int:
     """Draw one result or all results of a folder."""
-    from tqdm import tqdm
-
     from torchsphere.report import pages
+    from torchsphere.results.reader import read
 
     quiet = options["quiet"]
     if not (folder / "summary.csv").is_file():
+        with _damage_named(folder):
+            # A damaged result is refused before anything is said or drawn.
+            pages.report_html(read(folder))
+        steps.tell("drawing %s", folder)
         _draw(folder, options)
         say(quiet, f"report  {folder / 'report.html'}")
         return 0
     rows = pages.read_rows(folder)
     failures = []
-    for row in tqdm(rows, unit="result", file=sys.stderr, leave=False, desc="drawing", disable=quiet):
-        result = pages.result_folder(folder, row)
-        if result is None:
-            continue
-        try:
-            _draw(result, options)
-        except (ValueError, OSError) as error:
-            failures.append(str(error) if str(error).startswith(str(result)) else f"{result}: {error}")
+    with progress_bar(quiet, "drawing", "result") as show:
+        for number, row in enumerate(rows):
+            if show is not None:
+                show(number, len(rows))
+            result = pages.result_folder(folder, row)
+            if result is None:
+                continue
+            try:
+                _draw(result, options)
+            except (ValueError, OSError) as error:
+                failures.append(str(error) if str(error).startswith(str(result)) else f"{result}: {error}")
     pages.write_index(folder, rows)
     say(quiet, f"report  {folder / 'index.html'}")
     if failures:
@@ -95,15 +101,20 @@ def _draw(folder: Path, options: dict[str, Any]) -> None:
 
 
 @contextlib.contextmanager
-def _damage_named(where: Path | str) -> Iterator[None]:
-    """Turn the errors of damaged numbers within the block into one sentence."""
+def _damage_named(*folders: Path) -> Iterator[None]:
+    """Turn the errors of damaged numbers of results within the block into one sentence."""
     import numpy as np
+
+    where = str(folders[0]) if len(folders) == 1 else f"one of {len(folders)} results"
 
     try:
         # A damaged number may overflow, which NumPy would say in two lines of its own.
         with np.errstate(over="ignore", invalid="ignore"):
             yield
-    except (TypeError, AttributeError, LookupError, ArithmeticError, RecursionError) as error:
+    except (ValueError, TypeError, AttributeError, LookupError, ArithmeticError, RecursionError) as error:
+        if isinstance(error, ValueError) and str(error).startswith(tuple(map(str, folders))):
+            # A sentence of this program names the result.
+            raise
         # A file of the result holds a value of another type than this program writes; the place helps if it did not.
         frame = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(frame.filename).name}, line {frame.lineno}"

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchsphere.cli.console import progress_bar, told_steps
+from torchsphere.cli.console import loading_libraries, progress_bar
 from torchsphere.cli.exit_codes import DONE, SOME_FAILED, UNUSABLE, UsageError, sentence, usage
 from torchsphere.cli.options import (
     add_command,
@@ -21,7 +21,6 @@ from torchsphere.cli.options import (
 )
 from torchsphere.request import SETTINGS, Request, merged, read_config
 from torchsphere.results import atomic_output
-from torchsphere.runtime.imports import without_collections
 from torchsphere.runtime.shown_text import shown
 
 if TYPE_CHECKING:
@@ -46,18 +45,13 @@ def add(commands: Any) -> None:
 
 
 def measure_with_progress(
-    request: Request,
-    quiet: bool,
-    extra: dict[str, Path] | None = None,
-    name: str | None = None,
-    *,
-    verbose: bool = False,
+    request: Request, quiet: bool, extra: dict[str, Path] | None = None, name: str | None = None
 ) -> Measurement:
-    """`torchsphere.measure.measure`, with a progress bar and the steps that take long unless ``quiet``."""
-    with without_collections():
+    """`torchsphere.measure.measure`, with a progress bar unless ``quiet``."""
+    with loading_libraries():
         from torchsphere.measure import measure
 
-    with told_steps(quiet, verbose), progress_bar(quiet, "tracking", second_pass="on the map") as progress:
+    with progress_bar(quiet, "tracking", second_pass="on the map") as progress:
         return measure(request, progress, extra, name=name)
 
 
@@ -92,8 +86,7 @@ def _own_folders(inputs: Sequence[Path], out: Path) -> list[Path]:
 
 def _run_one(request: Request, options: dict[str, Any]) -> int:
     atomic_output.recover(request.out)
-    quiet = options["quiet"] or options["json"]
-    done = measure_with_progress(request, quiet, verbose=options["verbose"])
+    done = measure_with_progress(request, options["quiet"] or options["json"])
     code = _print_outcome(done, request.out, options)
     if options["json"]:
         print(_summary(request.out), end="")
@@ -108,7 +101,7 @@ def _run_several(requests: Sequence[Request], options: dict[str, Any]) -> int:
             print(f"{'' if number == 1 else chr(10)}{shown(str(request.input))} ({number} of {len(requests)})")
         try:
             atomic_output.recover(request.out)
-            done = measure_with_progress(request, options["quiet"] or options["json"], verbose=options["verbose"])
+            done = measure_with_progress(request, options["quiet"] or options["json"])
             codes.append(_print_outcome(done, request.out, options))
             summaries.append(json.loads(_summary(request.out)))
         except (ValueError, OSError) as error:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from torchsphere.cli.console import say
+from torchsphere.cli.console import loading_libraries, say
 from torchsphere.cli.options import add_command, add_quiet
+from torchsphere.runtime import steps
 
 #: Frames of the synthetic shot that are measured: enough for a map of the ball.
 FRAMES = 12
@@ -22,10 +23,13 @@ def add(commands: Any) -> None:
 def run(options: dict[str, Any]) -> int:
     """Measure a few frames of the synthetic shot, which needs all loops that a usual recording needs."""
     import torchsphere as ts
-    from torchsphere.kernels import jit
-    from torchsphere.synthetic import demo_shot
+
+    with loading_libraries():
+        from torchsphere.kernels import jit
+        from torchsphere.synthetic import demo_shot
 
     began = time.perf_counter()
+    steps.tell("measuring %d frames of a synthetic shot", FRAMES)
     images = demo_shot.make_shot().images[:FRAMES]
     tracked = ts.track(images, log=False)
     ts.kinematics(tracked, frame_rate=demo_shot.FRAME_RATE, diameter_m=1e-3 * demo_shot.DIAMETER_MM)

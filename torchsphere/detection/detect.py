@@ -253,7 +253,7 @@ def given_circle_warning(image: Tensor, given: Circle) -> str:
     difference = max(math.hypot(seen.x - given.x, seen.y - given.y), abs(seen.radius - given.radius))
     if difference <= max(MAX_CIRCLE_SDS * max(seen.sd_x, seen.sd_y, seen.sd_radius), MAX_CIRCLE_ERROR * seen.radius):
         return ""
-    return f"{text} is not the outline that the image shows at {seen.text(1)} px; --refine takes that. {CHECK_ADVICE}"
+    return f"{text} is not the outline that the image shows at {seen.text(1)} px; `refine` takes that. {CHECK_ADVICE}"
 
 
 def refined_circle_warning(fitted: Circle) -> str:
@@ -261,6 +261,6 @@ def refined_circle_warning(fitted: Circle) -> str:
     if not fitted.doubt:
         return ""
     return (
-        f"The circle that was given was fitted by --refine, at {fitted.text(1)} px, and may not be the ball's outline: "
-        f"{fitted.doubt}. See figures/path.png: where the circle as given is better, leave out --refine."
+        f"The circle that was given was fitted by `refine`, at {fitted.text(1)} px, and may not be the ball's outline: "
+        f"{fitted.doubt}. See figures/path.png: where the circle as given is better, leave out `refine`."
     )

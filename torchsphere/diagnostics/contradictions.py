@@ -43,7 +43,7 @@ def _velocity_against_position(motion: Kinematics | None) -> tuple[str, ...]:
                 f"Velocity and position contradict each other: from frame {first} to {last} the integral of the "
                 f"velocity leads {1e3 * gap[worst]:.3g} mm away from the measured position, and its standard deviation "
                 f"explains {1e3 * allowed[worst]:.3g} mm. One of the two is wrong: look at the path in the report, and "
-                "measure the parts before and after a jump alone with --frames."
+                "measure the parts before and after a jump alone with `frames`."
             ),
         )
     return ()

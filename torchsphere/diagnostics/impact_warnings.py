@@ -86,12 +86,12 @@ def _restitution_warnings(restitution: Estimate) -> list[str]:
         return [
             f"The normal restitution is {value:.3g}: after the contact the ball still flies the way it came. Either it "
             "went through its target or carried it on, or the recording ends within the contact or shows two impacts; "
-            "measure each impact alone with --frames."
+            "measure each impact alone with `frames`."
         ]
     if value > 1 + margin:
         return [
             f"The normal restitution is {value:.3g}: the ball leaves faster than it came. Either the recording starts "
-            "within the contact or shows two impacts, or the target moves; measure each impact alone with --frames."
+            "within the contact or shows two impacts, or the target moves; measure each impact alone with `frames`."
         ]
     return []
 
@@ -122,7 +122,7 @@ def _force_warnings(motion: Kinematics, impact: Impact) -> list[str]:
         first, middle, last = numbers[pause[[0, len(pause) // 2, -1]]]
         sentences.append(
             f"Within the contact, from frame {first} to {last}, there is next to no force: two impacts are stated as "
-            f"one, with the impulse and the energy of both. Measure each impact alone, with --frames up to {middle} "
+            f"one, with the impulse and the energy of both. Measure each impact alone, with `frames` up to {middle} "
             f"and from {middle}."
         )
     # Impacts that were found apart have numbers of their own.
@@ -131,7 +131,7 @@ def _force_warnings(motion: Kinematics, impact: Impact) -> list[str]:
         sentences.append(
             f"In frame {numbers[frame]}, outside the contact, the ball is pushed by {100 * other[frame] / largest:.0f} "
             "% of the contact's largest force: another impact, which the numbers do not include. Measure each impact "
-            "alone with --frames."
+            "alone with `frames`."
         )
     return sentences
 
@@ -152,8 +152,9 @@ def _duration_warnings(motion: Kinematics, impact: Impact) -> list[str]:
     frames = contact_frames(impact, motion.time_s)
     if frames >= MIN_RESOLVED_FRAMES:
         return []
+    sd_edge = motion.frame_rate * max(float(impact.contact_start.sd), float(impact.contact_end.sd))
     return [
-        f"The contact lasts {frames:.1f} frames, too few to see its course: its edges are known to about half a frame, "
-        "and its peak and mean force are left empty. Impulse, speeds and spin stand; for the force film at a higher "
-        "frame rate."
+        f"The contact lasts {frames:.1f} frames, too few to see its course: its edges are known to {sd_edge:.2g} "
+        "frames, and its peak and mean force are left empty. Impulse, speeds and spin stand; for the force film at a "
+        "higher frame rate."
     ]

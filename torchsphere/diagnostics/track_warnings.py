@@ -11,7 +11,7 @@ from torchsphere.recording import Recording
 from torchsphere.recording.facts import doubt_notes
 from torchsphere.request import Request
 from torchsphere.runtime.warning_levels import note, severe
-from torchsphere.settings.limits import option_name, unit_warnings
+from torchsphere.settings.limits import unit_warnings
 from torchsphere.tracking.result import Track
 
 #: Deviation of an acceleration from its median that no flight has, in standard deviations (docs/constants.md).
@@ -46,8 +46,8 @@ def window_warnings(track: Track, motion: Kinematics | None) -> tuple[str, ...]:
         if longest >= window:
             continue
         fits = longest - 1 + longest % 2
-        advice = [f"--window {fits} or less"] if method == "savitzky-golay" and fits > motion.about["order"] else []
-        advice.append("--method smoother")
+        advice = [f"`window` = {fits} or less"] if method == "savitzky-golay" and fits > motion.about["order"] else []
+        advice.append("`method` = smoother")
         return (
             f"The method {method} takes {window} frames measured in a row, and there are {longest} at most, so that "
             f"{quantities} empty; give {', or '.join(advice)}.",
@@ -74,24 +74,24 @@ def _calibration_warnings(request: Request, recording: Recording, frame_rate: fl
     """A frame rate that is not known or contradicts the file, and a scale that is not known."""
     sentences = []
     if frame_rate is None:
-        sentences.append(note("The frame rate is not known, so there are no times and no kinematics; give --fps."))
+        sentences.append(note("The frame rate is not known, so there are no times and no kinematics; give `fps`."))
     elif recording.frame_rate is not None and request.fps is not None and request.fps != recording.frame_rate:
         sentences.append(
             note(f"The file states {recording.frame_rate:g} frames/s; {request.fps:g} was given and used.")
         )
     if request.diameter_mm is None and request.mm_per_px is None:
-        sentences.append(note("No scale was given, so there are no kinematics; give --diameter-mm or --mm-per-px."))
+        sentences.append(note("No scale was given, so there are no kinematics; give `diameter_mm` or `mm_per_px`."))
     return sentences
 
 
 def _scale_warnings(request: Request, track: Track) -> list[str]:
     """A scale or a mass that may have been meant in another unit, and an uncertainty that is not known."""
     if request.diameter_mm is not None:
-        given = f"{option_name('diameter_mm')} {request.diameter_mm:g}"
+        given = f"`diameter_mm` = {request.diameter_mm:g}"
         return [severe(text) for text in unit_warnings(request.diameter_mm, request.mass_g, given)]
     if request.mm_per_px is None:
         return []
-    given = f"{option_name('mm_per_px')} {request.mm_per_px:g}"
+    given = f"`mm_per_px` = {request.mm_per_px:g}"
     return [
         note("The scale was given and taken as exact; its uncertainty is not included."),
         *map(severe, unit_warnings(2 * track.circle.radius * request.mm_per_px, request.mass_g, given)),

@@ -6,7 +6,6 @@ from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.request import IMPACT, KINEMATICS, POLYNOMIALS, SETTINGS, Request
 from torchsphere.runtime.warning_levels import note
-from torchsphere.settings.limits import option_name
 from torchsphere.settings.setting import Group
 
 
@@ -29,7 +28,7 @@ def _of_motion(
     """`unused_settings` of what is computed from the motion."""
     if motion is None:
         has_scale = request.diameter_mm is not None or request.mm_per_px is not None
-        needed = [(has_rate, "a frame rate (--fps)"), (has_scale, "a scale (--diameter-mm or --mm-per-px)")]
+        needed = [(has_rate, "a frame rate (`fps`)"), (has_scale, "a scale (`diameter_mm` or `mm_per_px`)")]
         lacking = " and ".join(name for is_there, name in needed if not is_there) or "a measured motion"
         # The distance of a pinhole camera is measured in radii of the ball, so that the diameter has an effect.
         given = _given(request, KINEMATICS, POLYNOMIALS, IMPACT)
@@ -40,7 +39,7 @@ def _of_motion(
     sentences: list[str] = []
     if method != "savitzky-golay":
         sentences += _sentences(
-            _given(request, POLYNOMIALS), f"the method {method} has neither; see --method savitzky-golay"
+            _given(request, POLYNOMIALS), f"the method {method} has neither; see `method` = savitzky-golay"
         )
     if request.mass_g is None and request.mass_sd_percent:
         sentences += _sentences(["mass_sd_percent"], "no mass was given")
@@ -60,4 +59,5 @@ def _given(request: Request, *groups: Group) -> list[str]:
 
 def _sentences(names: list[str], reason: str) -> tuple[str, ...]:
     """One sentence on the settings, or none without settings."""
-    return (note(f"Given and not used: {', '.join(map(option_name, names))}, as {reason}."),) if names else ()
+    given = ", ".join(f"`{name}`" for name in names)
+    return (note(f"Given and not used: {given}, as {reason}."),) if names else ()

@@ -76,12 +76,12 @@ class Circle(Presented):
         return (
             f"Frame {self.frame} shows {1 + len(self.others)} round objects of about one size: the one at "
             f"{self.text(1)} px is taken for the ball, not that at {rest} px; look at them {where}, and give "
-            "--circle X,Y,R of the ball."
+            "`circle` X,Y,R of the ball."
         )
 
     def warning(self, where: str) -> str:
         """A sentence with the `doubt` about a circle that was found, and ``where`` to look at it."""
         return (
             f"The circle found, of {self.radius:.1f} px radius, may not be the ball: {self.doubt}; look at it {where}, "
-            "and give --circle X,Y,R if it is wrong."
+            "and give `circle` X,Y,R if it is wrong."
         )

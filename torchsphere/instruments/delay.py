@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
+from torchsphere.runtime import steps
+
 Array = NDArray[np.float64]
 
 #: Fewest samples of a signal (docs/constants.md).
@@ -178,6 +180,7 @@ def sd_by_sampling(a: Array, b: Array, width: float) -> float:
 
 def whole_sample_delay(a: Array, b: Array) -> float:
     """Delay in whole samples at the peak of the correlation."""
+    steps.tell("looking for the delay of two signals of %d samples", len(a))
     correlation = _correlation(a, b)
     lags = np.concatenate((np.arange(len(b)), np.arange(-len(a) + 1, 0)))
     return float(lags[correlation[lags].argmax()])

@@ -17,6 +17,8 @@ from numba.core.compiler import Compiler
 from numpy.typing import NDArray
 from torch import Tensor
 
+from torchsphere.runtime import steps
+
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -94,11 +96,14 @@ def _forgive_disk(cache: Any) -> None:
 
     def load_or_none(*arguments: Any) -> Any:
         try:
-            return load(*arguments)
+            found = load(*arguments)
         except Exception:
+            found = None
             with contextlib.suppress(OSError):
                 cache.flush()
-            return None
+        if found is None:
+            _tell_compilation()
+        return found
 
     def save_or_tell(*arguments: Any) -> None:
         try:
@@ -109,6 +114,12 @@ def _forgive_disk(cache: Any) -> None:
     cache.load_overload, cache.save_overload = load_or_none, save_or_tell
 
 
+@functools.cache
+def _tell_compilation() -> None:
+    """Say once in a process that loops are compiled, which no kept loop needs."""
+    steps.tell("compiling the loops over pixels, once for this machine and version (%s)", steps.COMPILATION_TIME)
+
+
 #: Why compiled loops cannot be kept on disk, once known.
 _NOT_KEPT: list[str] = []
 
@@ -117,9 +128,10 @@ def _tell_not_kept(why: str) -> None:
     """Say once, and not in each worker, that compiled loops cannot be kept."""
     if not _NOT_KEPT and multiprocessing.parent_process() is None:
         _LOG.warning(
-            "compiled loops cannot be kept (%s); each process compiles them again, which takes about a minute: name a "
-            "folder that can be written in NUMBA_CACHE_DIR",
+            "compiled loops cannot be kept (%s); each process compiles them again, which takes %s: name a folder that "
+            "can be written in NUMBA_CACHE_DIR",
             why,
+            steps.COMPILATION_TIME,
         )
     _NOT_KEPT.append(why)
 

@@ -50,7 +50,7 @@ def save(
             if report:
                 draw.draw(new)
     except FileExistsError as error:
-        raise FileExistsError(str(error).replace("--overwrite", "overwrite=True")) from error
+        raise FileExistsError(str(error).replace("`overwrite`", "overwrite=True")) from error
     return place
 
 

@@ -16,6 +16,7 @@ from torchsphere.imaging import interpolation
 from torchsphere.recording import open_recording
 from torchsphere.recording.folder import IMAGE_SUFFIXES, read_image
 from torchsphere.settings.arrays import check_circle
+from torchsphere.settings.limits import SettingError
 from torchsphere.synthetic import ray_caster
 
 #: Background around a rendered ball, px: the reach of crop, spline and pre-blur.
@@ -56,10 +57,10 @@ def rendered_examples(
     ValueError if the ball is too small, the spots are not smaller than the radius, or the levels do not rise.
     """
     if not 0 <= low < high < math.inf:
-        raise ValueError(f"grey levels {low:g},{high:g}: expected two finite levels, the dark one first")
+        raise SettingError(f"`grey` = {low:g},{high:g}: expected two finite levels, the dark one first")
     if not 0 < speckle_px < radius_px:
-        raise ValueError(
-            f"spots of {speckle_px:.3g} px on a ball of radius {radius_px:.3g} px: expected spots above 0 and smaller "
+        raise SettingError(
+            f"`speckle_px` = {speckle_px:.3g} on a ball of radius {radius_px:.3g} px: expected spots above 0, smaller "
             "than the radius"
         )
     side = 2 * (math.ceil(radius_px) + MARGIN_PX) + 1
@@ -93,8 +94,8 @@ def filmed_example(path: Path, circle: tuple[float, float, float], noise: float)
     check_circle(torch.tensor([circle], dtype=torch.float64), image.shape)
     x, y, radius = circle
     if min(x - radius, y - radius, width - 1 - x - radius, height - 1 - y - radius) < -0.5:
-        raise ValueError(
-            f"circle {x:g},{y:g},{radius:g}: reaches beyond the image of {width} x {height} px; take an image that "
+        raise SettingError(
+            f"`circle` = {x:g},{y:g},{radius:g}: reaches beyond the image of {width} x {height} px; take an image that "
             "shows the whole ball"
         )
     return Example(image, white_noise(image, noise, seed=0), circle, f"example image {path.name}")

@@ -22,6 +22,7 @@ from torchsphere.correlation.reference import Filtered, Reference, build_referen
 from torchsphere.geometry import motion_models
 from torchsphere.imaging import crop
 from torchsphere.planning.example_image import Example, blurred, rescaled, white_noise
+from torchsphere.settings.limits import SettingError
 
 #: Largest motion blur, px: section 3.3 of the paper.
 MAX_BLUR_PX = 5.0
@@ -67,9 +68,9 @@ class Setup:
                 raise ValueError(f"{name} = {value}: expected {expected}")
         # An exposure as long as the interval is valid, whatever the rounding of its last digits.
         if self.shutter_s is not None and self.shutter_s * self.frame_rate > 1 + 1e-6:
-            raise ValueError(
-                f"an exposure of {1e6 * self.shutter_s:.4g} us is longer than the {1e6 / self.frame_rate:.4g} us from "
-                f"frame to frame at {self.frame_rate:g} frames/s; give a shorter one"
+            raise SettingError(
+                f"`shutter_us` = {1e6 * self.shutter_s:.4g}: longer than the {1e6 / self.frame_rate:.4g} us from frame "
+                f"to frame at {self.frame_rate:g} frames/s; give a shorter one"
             )
 
     @property

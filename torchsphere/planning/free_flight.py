@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from torchsphere.planning.expected import Setup
+from torchsphere.settings.limits import SettingError
 from torchsphere.tracking.result import Track
 
 #: Deviation of an interval from the usual one, as a share of it, from which it is a gap.
@@ -99,9 +100,9 @@ class Calibration(NamedTuple):
     def required(self, origin: str) -> tuple[float, float, float]:
         """Frame rate, diameter and mass; raises ValueError if one of them is not known."""
         if self.frame_rate is None or self.diameter_mm is None or self.mass_g is None:
-            named = {"--fps": self.frame_rate, "--diameter-mm": self.diameter_mm, "--mass-g": self.mass_g}
-            missing = " and ".join(name for name, value in named.items() if value is None)
-            raise ValueError(f"{origin}: a plan needs frame rate, diameter and mass; give {missing}")
+            named = {"fps": self.frame_rate, "diameter_mm": self.diameter_mm, "mass_g": self.mass_g}
+            missing = " and ".join(f"`{name}`" for name, value in named.items() if value is None)
+            raise SettingError(f"{origin}: a plan needs frame rate, diameter and mass; give {missing}")
         return self.frame_rate, self.diameter_mm, self.mass_g
 
 
@@ -157,9 +158,9 @@ def _recorded(summary: dict[str, Any], settings: dict[str, Any], radius: float) 
 
 def _require_rotation(origin: str, model: str | None) -> None:
     if model == "translation":
-        raise ValueError(
+        raise SettingError(
             f"{origin}: it was tracked with the model 'translation', which measures no rotation, and a plan needs it; "
-            "track again with --model rigid"
+            "track again with `model` = rigid"
         )
 
 

@@ -19,6 +19,7 @@ from torchsphere.planning.example_image import Example, blurred, rescaled
 from torchsphere.planning.expected import Differences, Setup, differences, increment_covariance, require_noise
 from torchsphere.planning.free_flight import Flight
 from torchsphere.planning.rehearsal import Rehearsal, Target, rehearse
+from torchsphere.runtime import steps
 
 #: Fewest images during the contact that resolve its force (docs/constants.md).
 MIN_CONTACT_FRAMES = 5.0
@@ -104,6 +105,7 @@ def from_images(
     """
     total = 2 + len(modes)
     report = progress or (lambda done, total: None)
+    steps.tell("computing the uncertainty of a step on examples of the ball")
     examples = source(setup.radius_px)
     covariance = increment_covariance(examples, setup, is_blurred=is_blurred)
     report(1, total)
@@ -117,6 +119,7 @@ def from_images(
     plan = dataclasses.replace(plan, width_px=width_px, example=example, assessments=tuple(assessments))
     if is_blurred:
         return plan
+    steps.tell("computing the cost of motion blur")
     cost = _cost_of_blur(examples[0], setup)
     return dataclasses.replace(plan, cost_of_blur=cost, example=blurred(example, setup.blur))
 
@@ -131,6 +134,7 @@ def from_flight(flight: Flight, target: Target, width_px: int | None = None) -> 
 def _plan(setup: Setup, target: Target, covariance: Array, origin: str) -> Plan:
     """The parts of a plan that follow from the covariance of an increment."""
     plain = differences(covariance, setup.frame_rate, setup.m_per_px, setup.mass_kg)
+    steps.tell("rehearsing the measurement of an impact")
     try:
         rehearsal = rehearse(covariance, setup, target)
     except ValueError:

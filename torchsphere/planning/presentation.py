@@ -12,6 +12,7 @@ from torchsphere.planning.expected import MAX_BLUR_PX, MAX_NOISE_ONLY_DEG
 from torchsphere.planning.free_flight import Flight, mean_and_sd
 from torchsphere.planning.plan import MIN_CONTACT_FRAMES, MIN_FRAMES_IN_VIEW, Assessment, Plan, best
 from torchsphere.planning.rehearsal import Rehearsal
+from torchsphere.runtime.setting_names import as_options
 from torchsphere.settings.limits import unit_warnings
 
 #: Error of the force as a share of its peak in the paper (table 3).
@@ -34,8 +35,8 @@ PAPER = ("72.32 +- 0.36", "0.72 +- 0.27", "0.07 +- 0.90", "0.02 +- 0.64")
 def cautions(plan: Plan) -> tuple[str, ...]:
     """Sentences on values that may be in another unit, or that come from a motion other than free flight."""
     setup = plan.setup
-    units = unit_warnings(setup.diameter_mm, setup.mass_g, f"--diameter-mm {setup.diameter_mm:g}")
-    return (*units, *(plan.flight.warnings if plan.flight else ()))
+    units = unit_warnings(setup.diameter_mm, setup.mass_g, f"`diameter_mm` = {setup.diameter_mm:g}")
+    return tuple(map(as_options, (*units, *(plan.flight.warnings if plan.flight else ()))))
 
 
 def remarks(plan: Plan) -> list[str]:

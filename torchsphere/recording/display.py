@@ -67,7 +67,7 @@ def _with_given(stored: Recording, pixel_aspect: float | None, bayer: str | None
         notes.append(
             f"The file states pixels of {ratio(stored.pixel_aspect)} (width to height, "
             f"{origins.get('pixel_aspect', 'its header')}), which no camera has: square pixels are taken. If they are "
-            "not, give --pixel-aspect."
+            "not, give `pixel_aspect`."
         )
         facts["pixel_aspect"] = None
         origins.pop("pixel_aspect", None)

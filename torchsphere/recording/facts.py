@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.settings.limits import in_options
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Facts:
@@ -51,7 +49,7 @@ class Facts:
     files : tuple of Path
         All files of the recording.
     doubt : str
-        A doubt about the order of an array's axes, with names of settings in backticks; empty without one.
+        A doubt about the order of an array's axes, with marked names of settings; empty without one.
     """
 
     path: Path
@@ -80,5 +78,5 @@ class Facts:
 
 
 def doubt_notes(doubt: str) -> tuple[str, ...]:
-    """The sentence of `Facts.notes` on a doubt, with options of the command line; none without a doubt."""
-    return (in_options(f"{doubt[0].upper()}{doubt[1:]}."),) if doubt else ()
+    """The sentence of `Facts.notes` on a doubt; none without a doubt."""
+    return (f"{doubt[0].upper()}{doubt[1:]}.",) if doubt else ()

@@ -21,6 +21,7 @@ from torchsphere.recording.recording import Reader, Recording
 from torchsphere.recording.refusal import PNG_SIGNATURE, library_failures, look_of, what_lies_in
 from torchsphere.recording.tiff import PLACES, Page, count_pages, describe, page_facts, page_image, page_notes
 from torchsphere.recording.tiff_display import pixel_aspect_of
+from torchsphere.runtime import steps
 
 _PNG_SAMPLES = {0: 1, 2: 3, 4: 2, 6: 4}  # colour type: channels; 3 is a palette
 # Deflate, which PNG uses, compresses 1032 to 1 at most.
@@ -32,6 +33,7 @@ LOSSY_NOTE = "{} images have lost fine detail to compression; images without los
 def open_folder(path: Path) -> Recording:
     """Open a folder of images of one size and kind, in the natural order of their names (img2 before img10)."""
     kind, files, notes = _image_files(path)
+    steps.tell_if_large(files, "opening the %d images in %s", len(files), path)
     first = kind.describe(files[0])
     for file in files[1:]:
         header = kind.describe(file)

@@ -16,6 +16,7 @@ from torchsphere.recording import Recording
 from torchsphere.recording.square_pixels import stretch
 from torchsphere.settings.arrays import as_stack
 from torchsphere.settings.choices import DEVICES
+from torchsphere.settings.limits import SettingError
 
 #: Limit of the memory for images that are read ahead or kept for a second use, bytes (docs/constants.md).
 CACHE_BYTES = 2**27
@@ -46,7 +47,7 @@ class Source:
         try:
             device = None if device is None else torch.device(device)
         except RuntimeError as error:
-            raise ValueError(f"device {device!r}: torch knows no such device; use 'cpu' or 'cuda'") from error
+            raise SettingError(f"`device` = {device}: torch knows no such device; give cpu or cuda") from error
         if isinstance(recording, Recording):
             longer = stretch(recording.pixel_aspect)
             source = cls(
@@ -56,7 +57,7 @@ class Source:
         else:
             images = as_stack(recording, "recording")
             source = cls(lambda start, stop: images[start:stop], len(images), device or images.device, dtype)
-        _require_device(source.device)
+        require_device(source.device)
         if source.count < 2:
             raise ValueError(f"the recording has {source.count} image(s); motion needs two or more")
         return source
@@ -122,12 +123,14 @@ class Source:
         return replace(self, read=read, is_file=False)
 
 
-def _require_device(chosen: torch.device) -> None:
-    """Raise ValueError unless the device is supported and present."""
+def require_device(chosen: torch.device) -> None:
+    """Raise SettingError unless the device is supported and present."""
     if chosen.type not in DEVICES:
-        raise ValueError(f"device {str(chosen)!r}: expected one of {', '.join(DEVICES)}")
+        raise SettingError(f"`device` = {chosen}: expected one of {', '.join(DEVICES)}")
     if chosen.type == "cuda" and not torch.cuda.is_available():
-        raise ValueError("device 'cuda' was asked for, but torch finds no CUDA device here; use device 'cpu'")
+        raise SettingError(
+            f"`device` = {chosen} was asked for, but torch finds no CUDA device here; leave it out to use the CPU"
+        )
     if chosen.type == "cuda" and (chosen.index or 0) >= torch.cuda.device_count():
         count = torch.cuda.device_count()
-        raise ValueError(f"device {str(chosen)!r}: torch finds {count} CUDA device(s) here, counted from cuda:0")
+        raise SettingError(f"`device` = {chosen}: torch finds {count} CUDA device(s) here, counted from cuda:0")

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.recording.folder import IMAGE_SUFFIXES, read_image
+from torchsphere.settings.limits import SettingError
 
 #: Covered share of the ball's disc from which a mask counts as inverted (docs/constants.md).
 MOST_OF_BALL = 0.7
@@ -26,8 +27,8 @@ def read_ignore(texts: Sequence[str], shape: tuple[int, ...]) -> NDArray[np.bool
     for text in texts:
         mask |= _region(text, shape)
     if mask.all():
-        raise ValueError(
-            f"ignore {', '.join(texts)}: leaves nothing of the recording's images; pixels that are not black in a "
+        raise SettingError(
+            f"`ignore` = {', '.join(texts)}: leaves nothing of the recording's images; pixels that are not black in a "
             "mask, or lie within a polygon, are ignored, and a mask's transparency is not read; invert an "
             "inverted mask again"
         )
@@ -51,7 +52,7 @@ def without_effect(texts: Sequence[str], shape: tuple[int, ...]) -> tuple[str, .
     """Sentences on the texts that ignore no pixel of the images (h, w)."""
     black = "; pixels that are not black in a mask are ignored, its transparency is not read: paint the region white"
     return tuple(
-        f"Given and without effect: --ignore {text!r} covers no pixel of the {shape[1]} x {shape[0]} px"
+        f"Given and without effect: `ignore` = {text!r} covers no pixel of the {shape[1]} x {shape[0]} px"
         f"{black if _is_image(text) else ''}."
         for text in texts
         if not _region(text, shape).any()
@@ -68,7 +69,7 @@ def hides_ball(ignore: NDArray[np.bool_] | None, x: float, y: float, radius: flo
     if share < MOST_OF_BALL:
         return ()
     return (
-        f"--ignore covers {100 * share:.0f} % of the ball in frame {frame}; pixels that are not black in a mask are "
+        f"`ignore` covers {100 * share:.0f} % of the ball in frame {frame}; pixels that are not black in a mask are "
         "ignored, so invert a mask that shows the ball in white.",
     )
 
@@ -83,8 +84,8 @@ def _region(text: str, shape: tuple[int, ...]) -> NDArray[np.bool_]:
     if _is_image(text):
         image = read_image(Path(text))
         if image.shape != tuple(shape):
-            raise ValueError(
-                f"ignore {text}: has {image.shape[1]} x {image.shape[0]} px, "
+            raise SettingError(
+                f"`ignore` = {text}: has {image.shape[1]} x {image.shape[0]} px, "
                 f"the recording {shape[1]} x {shape[0]} px; save the mask at the size of the recording"
             )
         return image > 0
@@ -97,9 +98,13 @@ def _corners(text: str) -> NDArray[np.float64]:
     try:
         numbers = [float(v) for v in re.split(r"[\s,]+", text.strip()) if v]
     except ValueError as error:
-        raise ValueError(f"ignore {text!r}: expected a PNG image or a polygon as 'x,y x,y x,y ...' in px") from error
+        raise SettingError(
+            f"`ignore` = {text!r}: expected a PNG image or a polygon as 'x,y x,y x,y ...' in px"
+        ) from error
     if len(numbers) < 6 or len(numbers) % 2 or not all(map(math.isfinite, numbers)):
-        raise ValueError(f"ignore {text!r}: a polygon needs three or more corners 'x,y', all finite numbers in px")
+        raise SettingError(
+            f"`ignore` = {text!r}: a polygon needs three or more corners 'x,y', all finite numbers in px"
+        )
     return np.array(numbers).reshape(-1, 2)
 
 

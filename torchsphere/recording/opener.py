@@ -17,6 +17,7 @@ from torchsphere.recording.recording import Recording
 from torchsphere.recording.refusal import HDF5, ISO_VIDEO, MATLAB, MATROSKA, NPZ, ZIP, look_of
 from torchsphere.recording.tiff import open_tiff
 from torchsphere.recording.video import open_video
+from torchsphere.runtime import steps
 from torchsphere.settings.choices import AXES
 from torchsphere.settings.limits import SettingError, require_one_of
 
@@ -111,6 +112,7 @@ def _opened(place: Path, axes: str | None) -> Recording:
         )
     of_array = {"axes": axes} if suffix in ARRAYS else {}
     of_several = {"name": name} if suffix in member.SUFFIXES else {}
+    steps.tell_if_large([place], "opening %s", place)
     recording = opener(place, **of_array, **of_several)
     return with_header_beside(recording) if opener is open_tiff else recording
 

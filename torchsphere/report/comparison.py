@@ -16,6 +16,7 @@ from torchsphere.report import pages
 from torchsphere.report.summary_tables import IMPACT, NOT_MEASURED, with_sd
 from torchsphere.results.atomic_output import atomic_file
 from torchsphere.results.reader import ResultFolder, read
+from torchsphere.runtime import steps
 from torchsphere.runtime.warning_levels import SEVERE, levels_of
 
 #: Name of the page where none is given.
@@ -83,6 +84,7 @@ def _shots(folders: Sequence[Path]) -> list[Shot]:
     for i, folder in enumerate(whole):
         if folder in whole[:i]:
             raise ValueError(f"{folders[i]}: is named twice; name each result once")
+    steps.tell("comparing %d results", len(folders))
     results = [read(folder) for folder in folders]
     # The axes of the page are those of the laboratory only if all results have them.
     is_lab = all(result.lab_frame for result in results if result.motion is not None)

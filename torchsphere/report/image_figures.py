@@ -228,5 +228,7 @@ def thumbnail(result: ResultFolder) -> bytes:
 def kept_images(result: ResultFolder) -> Sampled:
     """The images that a result keeps; raises ValueError if there are none."""
     if result.sampled is None:
-        raise ValueError(f"{result.path}: the result keeps no images; track again without --no-report")
+        raise ValueError(
+            f"{result.path}: the result keeps no images, as it was made without a report; make it again with one"
+        )
     return result.sampled

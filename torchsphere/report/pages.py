@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.report import explanations, summary_tables
+from torchsphere.report.answer import answer
 from torchsphere.report.budget_table import budget_table
 from torchsphere.report.figure_style import STATUS_COLOURS
 from torchsphere.report.file_links import file_links
@@ -97,6 +98,7 @@ def report_html(result: ResultFolder) -> str:
         verdict=explanations.verdict(result),
         problems=explanations.problems(result),
         missing_inputs=explanations.missing_inputs(result),
+        answer=answer(result),
         severe=explanations.warnings(result, SEVERE),
         cautions=explanations.warnings(result, CAUTION),
         remarks=explanations.warnings(result, NOTE),
@@ -241,23 +243,30 @@ def numbers(values: NDArray[Any], digits: int) -> list[Any]:
     return [float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in values.tolist()]
 
 
-def write_index(out_dir: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
+def write_index(out_dir: Path, rows: Sequence[Mapping[str, Any]], *, is_growing: bool = False) -> Path:
     """Write ``index.html`` for the results of a batch, whole or not at all, and return its path.
 
     A row per recording has "recording", "state" ("done", "unusable", "failed" or "pending"), "reason", "frames", "ok",
-    "result" (the result folder, relative to ``out_dir`` or absolute), and further numbers with units in their names.
-    The page shows "not measured" in a cell that is None, empty or NaN.
+    "severe_warnings", "result" (the result folder, relative to ``out_dir`` or absolute), and further numbers with units
+    in their names. The page shows "not measured" in a cell that is None, empty or NaN. ``is_growing`` says that the run
+    goes on.
     """
     names = dict.fromkeys(name for row in rows for name in row)
     columns = [name for name in FIRST_COLUMNS if name in names]
     columns += [name for name in names if name not in (*FIRST_COLUMNS, *RESULT_COLUMNS)]
     states = Counter(str(row.get("state", "")) for row in rows)
-    counts = ", ".join(f"{states[name]} {name}" for name in ("done", "unusable", "failed", "pending") if states[name])
+    severe = sum(row.get("state") == "done" and bool(_cell(row.get("severe_warnings"))) for row in rows)
+    texts = {name: f"{states[name]} {name}" for name in ("done", "unusable", "failed", "pending") if states[name]}
+    if severe:
+        texts["done"] += f" ({severe} of them with severe warnings)"
+    verdict = f"{len(rows)} recordings: {', '.join(texts.values())}." if rows else "There are no recordings yet."
+    growing = " The run goes on: load the page again to see what is new." if is_growing else ""
+    is_bad = states["failed"] or states["unusable"] or severe
     html = page(
         "index.html",
         title="Recordings",
-        grade="bad" if states["failed"] or states["unusable"] else "part" if states["pending"] else "good",
-        verdict=f"{len(rows)} recordings: {counts}." if rows else "There are no recordings yet.",
+        grade="bad" if is_bad else "part" if states["pending"] else "good",
+        verdict=verdict + growing,
         data={"columns": columns, "rows": [_cells(out_dir, row, columns) for row in rows]},
     )
     with atomic_file(out_dir / "index.html") as stream:
@@ -293,7 +302,8 @@ def _has_summary(folder: Path) -> bool:
 
 def _cells(out_dir: Path, row: Mapping[str, Any], columns: Sequence[str]) -> dict[str, Any]:
     """A row for the page's script: values, and relative addresses of report and thumbnail, None if they are missing."""
-    folder = result_folder(out_dir, row)
+    # What is to be measured again has an earlier result, which is not that of this row.
+    folder = None if row.get("state") == "pending" else result_folder(out_dir, row)
 
     def address(name: str) -> str | None:
         path = None if folder is None else folder / name

@@ -68,7 +68,7 @@ def sections(result: ResultFolder) -> list[tuple[str, list[Row]]]:
 def _impact(result: ResultFolder) -> list[Row]:
     impact = result.summary.get("impact")
     if not impact:
-        return [("Contact", _no_impact(result))]
+        return [("Contact", no_impact(result))]
     rows = []
     for key, name, unit, factor in IMPACT:
         if key in impact or key in ALWAYS_SHOWN:
@@ -116,7 +116,7 @@ def energy_table(result: ResultFolder) -> Table | None:
     return Table("Energy", (*(name for _, name in ENERGY_COLUMNS), "share of all energy before"), rows)
 
 
-def _no_impact(result: ResultFolder) -> str:
+def no_impact(result: ResultFolder) -> str:
     """The reason why there is no impact."""
     if not result.has_steps:
         return f"{NOT_MEASURED}: no motion was measured"

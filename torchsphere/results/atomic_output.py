@@ -55,7 +55,7 @@ def check_folder(folder: Path, overwrite: bool, kind: str = "result", files: tup
     if not any(folder.iterdir()):
         return
     if not overwrite:
-        raise FileExistsError(f"{folder} exists and is not empty; give another folder, or --overwrite to replace it")
+        raise FileExistsError(f"{folder} exists and is not empty; give another folder, or `overwrite` to replace it")
     if not any((folder / name).is_file() for name in files):
         raise FileExistsError(f"{folder} holds files that are no {kind} of torchsphere; they are not overwritten")
 

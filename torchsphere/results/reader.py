@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -161,11 +162,11 @@ class ResultFolder:
 def read(path: Path) -> ResultFolder:
     """Read a result folder; raises ValueError if ``path`` is no result of ``torchsphere track``, or is damaged."""
     if not path.exists():
-        raise ValueError(f"{path}: does not exist; give the result folder that --out named")
+        raise ValueError(f"{path}: does not exist; give the folder of a result")
     for name in ("track.csv", "summary.json"):
         if not (path / name).is_file():
             problem = f"there is no {name}, so this is no result folder of 'torchsphere track'"
-            raise ValueError(f"{path}: {problem}; give the one that --out named")
+            raise ValueError(f"{path}: {problem}; give the folder of a result")
     try:
         summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
         table = _columns(path / "track.csv", ("status",))
@@ -204,6 +205,7 @@ def _check_complete(summary: Any, table: dict[str, NDArray[Any]], motion: SIMoti
         section = sections.get(name)
         if not isinstance(section, dict) or any(section.get(key) is None for key in keys):
             raise _DamageError(f"summary.json does not tell {', '.join(keys) or 'anything'} of its {name}")
+    _check_scale(summary.get("scale"))
     first = summary["input"]["first_frame"]
     for row, status in enumerate(table["status"]):
         if status not in STATUSES:
@@ -214,6 +216,19 @@ def _check_complete(summary: Any, table: dict[str, NDArray[Any]], motion: SIMoti
     for name, length in lengths.items():
         if length != count:
             raise _DamageError(f"{name} has {length} of the {count} frames")
+
+
+def _check_scale(scale: Any) -> None:
+    """Raise _DamageError for a scale whose size of a pixel, m, or its standard deviation is no number."""
+    told: dict[str, Any] = {"m_per_px": None, "sd_m_per_px": None} | (scale if isinstance(scale, dict) else {})
+    size, sd = told["m_per_px"], told["sd_m_per_px"]
+    is_whole = _is_number(size) and size > 0 and (sd is None or _is_number(sd))
+    if scale is not None and not is_whole:
+        raise _DamageError(f"summary.json tells no size of a pixel as its scale, but {str(scale)[:100]}")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and -math.inf < value < math.inf
 
 
 def _frame_numbers(column: Array) -> NDArray[np.int64]:

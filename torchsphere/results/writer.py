@@ -36,6 +36,7 @@ from torchsphere.results.columns import (
 )
 from torchsphere.results.exports import SUFFIXES, write_export
 from torchsphere.results.reader import INCREMENTS
+from torchsphere.runtime.setting_names import as_options
 from torchsphere.runtime.shown_text import shown
 from torchsphere.runtime.warning_levels import level_of
 from torchsphere.tracking.result import Track, status_counts, why_unusable
@@ -202,7 +203,7 @@ def summary(request: Request, done: Measurement, frame_rate: float | None) -> di
         "impact": _impact(done),
         "impacts": _impacts(done),
         "contact_s": None if done.motion is None else done.motion.contact_s,
-        "warnings": list(done.warnings),
+        "warnings": [as_options(sentence) for sentence in done.warnings],
         "warning_levels": [level_of(sentence) for sentence in done.warnings],
         "seconds": round(done.seconds, 3),
         "versions": versions(),

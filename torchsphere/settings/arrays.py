@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
+
+from torchsphere.settings.limits import SettingError
 
 
 def as_images(images: Any, name: str = "images") -> Tensor:
@@ -27,16 +30,36 @@ def as_stack(images: Any, name: str = "images") -> Tensor:
     try:
         tensor = images.detach() if isinstance(images, Tensor) else torch.from_numpy(_native(np.asarray(images)))
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name}: expected an array (n, h, w) of grey levels, got {_describe(images)}") from error
-    if tensor.is_complex() or tensor.ndim not in (2, 3) or 0 in tensor.shape:
-        raise ValueError(f"{name}: expected real grey levels (n, h, w) or (h, w), got shape {tuple(tensor.shape)}")
+        raise ValueError(
+            f"{name}: expected an array (n, h, w) of grey levels, got {_describe(images, name)}"
+        ) from error
+    hint = _channels(tuple(tensor.shape), name)
+    if tensor.is_complex() or tensor.ndim not in (2, 3) or 0 in tensor.shape or hint:
+        shape = tuple(tensor.shape)
+        raise ValueError(f"{name}: expected real grey levels (n, h, w) or (h, w), got shape {shape}{hint}")
     return tensor if tensor.ndim == 3 else tensor[None]
 
 
-def _describe(images: Any) -> str:
+def _channels(shape: tuple[int, ...], name: str) -> str:
+    """A hint on how to get grey levels from an array of this ``shape`` with an axis of channels; empty without one."""
+    # No ball is in images three or four pixels wide.
+    is_last = len(shape) in (3, 4) and shape[-1] in ((3, 4) if len(shape) == 3 else (1, 3, 4))
+    if not is_last and not (len(shape) == 4 and shape[1] in (1, 3, 4)):
+        return ""
+    axis, part = (-1, "..., ") if is_last else (1, ":, ")
+    if shape[axis] == 1:
+        return f"; leave the axis of channels out: {name}[{part}0]"
+    return f", in colour; give one channel, as in {name}[{part}1], or their mean, {name}[{part}:3].mean({axis})"
+
+
+def _describe(images: Any, name: str) -> str:
     """The type of an object in place of images, and a hint."""
-    if isinstance(images, (str, Path)):
-        hint = f"; open the file with torchsphere.open_recording({str(images)!r}) first"
+    if isinstance(images, (str, bytes, Path)):
+        opened = f"torchsphere.open_recording({os.fsdecode(images)!r})"
+        # A function of pairs takes images, `track` takes the recording itself.
+        hint = f"; open the file first: {name} = {opened}{'' if name == 'recording' else '.images(0, 1)'}"
+    elif isinstance(images, (list, tuple)) and any(isinstance(each, (str, bytes, Path)) for each in images):
+        hint = " with names of files; put these into a folder and open it with torchsphere.open_recording"
     elif isinstance(images, np.ndarray):
         hint = f" of type {images.dtype}"
     elif hasattr(images, "images"):
@@ -99,21 +122,20 @@ def as_rows(values: Any, n: int, k: int, name: str) -> Tensor:
 
 
 def check_circle(circles: Tensor, shape: tuple[int, ...] | torch.Size) -> None:
-    """Raise ValueError unless all circles (n, 3) are finite, centred in the image (h, w), of one radius >= 3 px."""
+    """Raise SettingError unless all circles (n, 3) are finite, centred in the image (h, w), of one radius >= 3 px."""
     height, width = shape
     for x, y, radius in circles.tolist():
+        given = f"`circle` = {x:g},{y:g},{radius:g}"
         if not all(map(math.isfinite, (x, y, radius))):
-            raise ValueError(f"circle ({x:g}, {y:g}, {radius:g}): expected three finite numbers x, y, radius in px")
+            raise SettingError(f"{given}: expected three finite numbers x, y, radius in px")
         if radius < 3:
-            raise ValueError(f"circle of radius {radius:g} px: the ball must have a radius of 3 px or more")
+            raise SettingError(f"{given}: expected a radius of 3 px or more")
         if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
-            raise ValueError(
-                f"circle centred at ({x:g}, {y:g}) lies outside the image of {width} x {height} px (width x height)"
-            )
+            raise SettingError(f"{given}: its centre lies outside the image of {width} x {height} px (width x height)")
         if 2 * radius > 2 * max(height, width):
-            raise ValueError(f"circle of radius {radius:g} px is larger than the image of {width} x {height} px")
+            raise SettingError(f"{given}: its radius is larger than the image of {width} x {height} px")
     if len(circles) and bool((circles[:, 2] != circles[0, 2]).any()):
-        raise ValueError("circle: all pairs of one call must have the same radius")
+        raise SettingError("`circle`: all pairs of one call must have the same radius")
 
 
 def check_finite_around(image: Tensor, x: float, y: float, reach: float) -> None:

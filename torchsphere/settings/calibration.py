@@ -115,6 +115,9 @@ def with_option_names(
         number = as_float(value)
         if not math.isfinite(number):
             raise ValueError(f"{name} = {shown_value(value)}: expected a finite number")
+        if number <= 0 and not name.endswith("_percent"):
+            # The value in the unit in which it was given.
+            raise ValueError(f"{name} = {shown_value(value)}: expected a finite, positive number")
         found[own] = factor * number
     return found
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import functools
 import math
-import re
 from collections.abc import Callable, Sequence
 from numbers import Integral, Real
 from typing import Any
 
+from torchsphere.runtime.setting_names import as_arguments, as_options
 from torchsphere.settings.choices import CHANNEL_CLASSES
 
 #: Smallest and largest radius of the region of interest, shares of the ball's radius (docs/constants.md).
@@ -28,32 +28,22 @@ PIXEL_ASPECTS = (0.25, 4.0)
 
 
 class SettingError(ValueError):
-    """A refusal in one sentence with names of settings in backticks: "`mass_g` = -3: expected ...".
+    """A refusal in one sentence with marked names of settings (`setting_names`): "`mass_g` = -3: expected ...".
 
-    The text of the error has the names as in Python, without backticks.
+    The text of the error has the names as in Python, ``marked`` the marks.
     """
 
     def __init__(self, sentence: str) -> None:
-        super().__init__(sentence.replace("`", ""))
-        self._sentence = sentence
+        super().__init__(as_arguments(sentence))
+        self.marked = sentence
 
     def as_options(self) -> str:
         """The sentence with the names as options of the command line: "--mass-g -3: expected ..."."""
-        return in_options(self._sentence)
+        return as_options(self.marked)
 
     def joined_by(self, sentence: str) -> SettingError:
-        """The refusal with another ``sentence`` behind it, with names of settings in backticks too."""
-        return SettingError(f"{self._sentence}; {sentence}")
-
-
-def in_options(sentence: str) -> str:
-    """A sentence with names of settings in backticks, with their names as options of the command line."""
-    return re.sub(r"`(\w+)`(?: =)?", lambda match: option_name(match[1]), sentence)
-
-
-def option_name(name: str) -> str:
-    """The name of a setting on the command line."""
-    return f"--{name.replace('_', '-')}"
+        """The refusal with another ``sentence`` behind it, with marked names of settings too."""
+        return SettingError(f"{self.marked}; {sentence}")
 
 
 def require_positive(name: str, value: float) -> None:
@@ -164,7 +154,7 @@ DENSITIES_KG_M3 = (8.0, 23_000.0)
 
 
 def unit_warnings(diameter_mm: float, mass_g: float | None, scale: str) -> tuple[str, ...]:
-    """A warning if the diameter or the mass is likely in another unit; ``scale`` is the option of the diameter."""
+    """A warning if the diameter or the mass is likely in another unit; ``scale`` is the setting that gives it."""
     given = f"{diameter_mm:.3g} mm by {scale}"
     if not DIAMETERS_MM[0] <= diameter_mm <= DIAMETERS_MM[1]:
         return (f"The ball's diameter is {given}, which is implausible: check that the unit is mm.",)
@@ -172,6 +162,6 @@ def unit_warnings(diameter_mm: float, mass_g: float | None, scale: str) -> tuple
     if density is None or DENSITIES_KG_M3[0] <= density <= DENSITIES_KG_M3[1]:
         return ()
     return (
-        f"The ball's diameter is {given} and its mass {mass_g:g} g by --mass-g {mass_g:g}, which makes {density:.2g} "
+        f"The ball's diameter is {given} and its mass {mass_g:g} g by `mass_g` = {mass_g:g}, which makes {density:.2g} "
         "kg/m3 and is implausible: check that the units are mm and g.",
     )

@@ -16,6 +16,7 @@ from torchsphere.geometry import orientation
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging.interpolation import noise_gains
 from torchsphere.recording.frame_source import Source
+from torchsphere.runtime import steps
 from torchsphere.sphere_map import poses
 from torchsphere.sphere_map.bundle_adjustment import NO_SOLUTION
 from torchsphere.sphere_map.poses import MapPoses
@@ -106,6 +107,7 @@ def absolute_motion(
     plain = AbsoluteMotion(*motion, chained, circle, about, np.zeros(len(known), dtype=bool))
     if reason:
         return plain
+    steps.tell("making a map of the ball")
     known = measured.zncc[np.isfinite(measured.zncc)]
     lack = float(np.median(1 - known)) if len(known) else 0.0
     # Variance of the images' noise over that of their grey levels.

@@ -19,6 +19,7 @@ from torchsphere.detection import limb_fit
 from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source
+from torchsphere.runtime import steps
 from torchsphere.tracking.drift import AbsoluteMotion
 
 #: Most frames whose limbs are fitted, and the fewest that show a place (docs/constants.md).
@@ -58,6 +59,7 @@ class Limbs:
 def fit_limbs(source: Source, circle: Circle, ignore: Tensor | None, camera: Camera | None) -> Limbs | None:
     """Limbs of a ball that stays at about ``circle``; None where too few frames show one there."""
     frames = np.unique(np.linspace(0, source.count - 1, min(MAX_FRAMES, source.count)).round().astype(int))
+    steps.tell("looking at the outlines of the ball in %d frames", len(frames))
     images = torch.cat([source.images(int(i), int(i) + 1) for i in frames])
     guess = torch.tensor([[circle.x, circle.y, circle.radius]], dtype=torch.float64).expand(len(images), 3)
     found, _ = limb_fit.fit(images, guess, ignore=ignore, camera=camera)

@@ -9,7 +9,6 @@ has these in its model.
 from __future__ import annotations
 
 import dataclasses
-import logging
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -27,12 +26,11 @@ from torchsphere.geometry.camera import Camera, require_distance, sphere_of_outl
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import background, crop, interlacing
 from torchsphere.recording.frame_source import Source
+from torchsphere.runtime import steps
 from torchsphere.settings.arrays import check_circle
 from torchsphere.settings.limits import SettingError, is_whole
 from torchsphere.tracking.follow import Follower
 from torchsphere.tracking.record import Record
-
-_LOG = logging.getLogger("torchsphere")
 
 #: Largest number of followed frames, and of those chosen for radius and background (docs/constants.md).
 FRAMES, MAX_CHOSEN = 65, 16
@@ -59,9 +57,9 @@ def find_initial_circle(
     """The ball in the first tracked frame, and the options with a camera whose focal length is known."""
     if given is not None:
         return _check_given_circle(source, given, refine, options)
-    _LOG.info("looking for the ball in %d frames", source.count, extra={"takes_long": True})
+    steps.tell("looking for the ball in %d frames", source.count)
     outline = detect.find(source.images, source.count, mask)
-    _LOG.info("found the circle %s px in frame %d; following it to measure its radius", outline.text(), outline.frame)
+    steps.tell("following the circle %s px of frame %d to measure its radius", outline.text(), outline.frame)
     circle, options = _sphere_from_outline(outline, source, options)
     if options.camera is not None:
         circle = _fit_in_perspective(source, outline, circle, options.camera)

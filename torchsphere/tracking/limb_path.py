@@ -20,6 +20,7 @@ from torchsphere.correlation.result import Correlation
 from torchsphere.detection import blurred_limb, limb_fit
 from torchsphere.geometry.camera import Camera
 from torchsphere.recording.frame_source import Source
+from torchsphere.runtime import steps
 from torchsphere.tracking.record import Record
 
 #: Most limbs that are looked at, the fewest that show a path, and the last ones of it (docs/constants.md).
@@ -95,6 +96,7 @@ def fit_limbs(source: Source, measured: Record, ignore: Tensor | None, camera: C
     path = np.column_stack((measured.position[frames], measured.size[frames]))
     if not len(frames):
         return Limbs(frames, path, path, path)
+    steps.tell("comparing the path of the ball with its outlines in %d frames", len(frames))
     images = torch.cat([source.images(frame, frame + 1) for frame in frames.tolist()])
     guesses = torch.from_numpy(path)
     circles, sd = _as_arrays(*limb_fit.fit(images, guesses, ignore=ignore, camera=camera))

@@ -15,7 +15,7 @@ from torchsphere.sphere_map.radius_error import RADIUS_ERROR_PER_TURN, turn_out_
 from torchsphere.tracking import edge_leakage, raw_mosaic
 from torchsphere.tracking.camera_shake import camera_shake
 from torchsphere.tracking.frame_memory import lag_of
-from torchsphere.tracking.in_place import MIN_DRIFT_PX, SIGNIFICANT_SD
+from torchsphere.tracking.in_place import MIN_DRIFT_PX, SIGNIFICANT_SD, STAY_SD
 from torchsphere.tracking.missing_frames import missing_frames
 from torchsphere.tracking.result import Track, status_counts
 from torchsphere.tracking.steady_error import ROTATION_PER_STEP, sd_of_apparent_turn
@@ -80,7 +80,7 @@ def _frame_warnings(track: Track, start: int) -> list[str]:
             severe(
                 "Images seem to be missing, as the ball moves and turns a whole number of times as far in one step as "
                 f"in the steps next to it: {numbers}{', ...' if len(gaps) > MAX_NAMED_GAPS else ''}. Times, velocities "
-                "and forces are wrong there; measure the parts between with --frames."
+                "and forces are wrong there; measure the parts between with `frames`."
             )
         )
     return sentences
@@ -143,7 +143,7 @@ def _pixel_warnings(track: Track) -> list[str]:
         severe(
             f"The outline of the ball is no circle: it is {percent:.1f} % {longer} all along its path, as pixels of "
             f"about {aspect:.3g}:1 (width to height) show a sphere. Positions, speeds and rotations are wrong by as "
-            "much. If the pixels are not square, give --pixel-aspect with the ratio that camera or software state "
+            "much. If the pixels are not square, give `pixel_aspect` with the ratio that camera or software state "
             f"(about {aspect:.3g}); else the ball is no sphere."
         )
     ]
@@ -194,11 +194,11 @@ def _place_warnings(track: Track) -> list[str]:
         return []
     radius, limbs, shown = place["first_radius_px"], place["limbs"], place["limbs_radius_px"]
     if place["recognised"]:
-        within = max(place["limbs_sd_px"][:2])
+        within = STAY_SD * max(place["limbs_sd_px"][:2])
         sentences.append(
             note(
                 f"The ball turns without leaving its place: its outline stays within {within:.2f} px in {limbs} "
-                "frames, and the steps that lead away from it are errors. All frames have one position; --in-place "
+                "frames, and the steps that lead away from it are errors. All frames have one position; `in_place` "
                 "says so beforehand."
             )
         )
@@ -206,7 +206,7 @@ def _place_warnings(track: Track) -> list[str]:
         sentences.append(
             severe(
                 "The ball was said to stay in its place, but its outline moves: the positions and rotations are wrong "
-                "if it does; leave --in-place out."
+                "if it does; leave `in_place` out."
             )
         )
     if place["limbs_stay"] and abs(shown - radius) > SIGNIFICANT_SD * place["limbs_sd_px"][2]:
@@ -228,7 +228,7 @@ def _place_warnings(track: Track) -> list[str]:
             severe(
                 f"The ball was held in its place against steps that add up to {np.hypot(*drift):.1f} px. Likely "
                 f"causes: a wrong radius (here {track.circle.radius:.2f} px{by_limbs}), a camera so near that its "
-                "perspective matters (give --focal-px or --distance-mm), or a ball that does leave its place. The "
+                "perspective matters (give `focal_px` or `distance_mm`), or a ball that does leave its place. The "
                 "rotations are wrong, too, by more than they state."
             )
         )
@@ -240,18 +240,18 @@ def _map_warnings(track: Track) -> list[str]:
     sphere_map, sentences = track.settings["sphere_map"], []
     if not sphere_map["used"] and not track.settings["in_place"] and _turns_in_place(track):
         sentences.append(
-            "The ball turns fast and hardly moves; if it cannot leave its place, give --in-place to avoid drift."
+            "The ball turns fast and hardly moves; if it cannot leave its place, give `in_place` to avoid drift."
         )
     if not sphere_map["used"] and not sphere_map["reason"].startswith("not needed"):
         sentences.append(f"Poses rest on the frame-to-frame steps, whose errors add up: {sphere_map['reason']}.")
-    off, radius = sphere_map.get("radius_off_outline_px", 0.0), track.circle.radius
-    if off > MAX_OFF_OUTLINE * radius:
+    radius, sd = track.circle.radius, track.circle.sd_radius
+    if sphere_map.get("radius_off_outline_px", 0.0) > MAX_OFF_OUTLINE * radius:
         sentences.append(
             severe(
-                f"The radius on the map of the ball, {radius:.2f} px, may be {off:.2f} px off: its outline shows "
+                f"The radius on the map of the ball, {radius:.2f} px, may be {sd:.2g} px off: its outline shows "
                 "another one, or does not tell it, and the ball hardly turns. Scale, speeds and rotations may be "
-                f"wrong by {100 * off / radius:.1f} %, which their errors include. Look at the circle in the preview, "
-                "and give it with circle."
+                f"wrong by {100 * sd / radius:.2g} %, which their errors include. Look at the circle in the preview, "
+                "and give it with `circle`."
             )
         )
     return sentences
@@ -281,7 +281,7 @@ def _distance_warnings(track: Track) -> list[str]:
     return [
         f"The camera's distance {known}, and a near ball is seen from another side as it moves sideways, and shows "
         f"its front larger: all turns may be off by the same {apparent:.2g} deg per frame, which their standard "
-        "deviations include; give --distance-mm with --diameter-mm, or --focal-px, or --telecentric for such a lens."
+        "deviations include; give `distance_mm` with `diameter_mm`, or `focal_px`, or `telecentric` for such a lens."
     ]
 
 
@@ -293,7 +293,7 @@ def _leakage_warnings(track: Track, roi_given: bool) -> list[str]:
         return []
     advice = "film the ball larger"
     if roi_given:
-        advice = f"leave --roi out, or give {edge_leakage.roi_without_leakage(radius):g}"
+        advice = f"leave `roi` out, or give {edge_leakage.roi_without_leakage(radius):g}"
     return [
         "The ball is much brighter or darker than the background, which reaches over the outline of so small a ball "
         f"into the region of interest: rotations about x and y may be {100 * ROTATION_PER_STEP * share:.0f} % too "
@@ -311,7 +311,7 @@ def _shake_warnings(source: Source, track: Track, start: int) -> list[str]:
         severe(
             f"The background has moved by {size} in frame {start + shake.frame}: the camera was shaken or moved, or a "
             "target that fills the image. Positions, velocities and forces are those in the image, with that motion in "
-            "them; mount the camera apart from the target, or take the frames before it moves with --frames."
+            "them; mount the camera apart from the target, or take the frames before it moves with `frames`."
         )
     ]
 
@@ -325,6 +325,6 @@ def _model_warnings(model: str) -> list[str]:
     if model == "translation":
         return [
             "The translation model takes any rotation of the ball for translation and measures none: rotation and spin "
-            "are left empty, and frames are weak_texture at best. Give --model rigid to have them."
+            "are left empty, and frames are weak_texture at best. Give `model` = rigid to have them."
         ]
     return []

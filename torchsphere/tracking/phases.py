@@ -17,6 +17,7 @@ from torchsphere.correlation.options import Options
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import interlacing
 from torchsphere.recording.frame_source import Source
+from torchsphere.runtime import steps
 from torchsphere.sphere_map.nearness import UNKNOWN_SD
 from torchsphere.sphere_map.poses import MIN_FRAMES
 from torchsphere.tracking import coded_video, frame_memory, growth, hidden_ball, limb_path, outline_shape
@@ -255,7 +256,7 @@ def _failed_trial(task: Task, start: _Start) -> Record | None:
     """
     first, count = start.circle, task.source.count
     stop = min(first.frame + 1 + TRIAL_PAIRS, count)
-    _LOG.info("testing the circle %s px, which its image leaves in doubt", first.text(), extra={"takes_long": True})
+    steps.tell("testing the circle %s px, which its image leaves in doubt", first.text())
     follower = Follower(task.source, first, task.ignore, start.options, in_place=task.in_place, searches=TRIAL_SEARCHES)
     measured = follower.run(stop)
     tried = measured.status[first.frame + 1 : stop]
@@ -270,9 +271,7 @@ def _absolute_motion(task: Task, start: _Start, measured: Record) -> AbsoluteMot
     """Phase 3: the poses on a map of the ball where a map is made, else the sum of the increments."""
     fineness = texture_fineness(start.image, start.circle, task.ignore)
     asked, options = task.sphere_map, start.options
-    good = int((measured.status == "ok").sum())
-    onward = "" if asked is False else "; next the poses on a map of the ball"
-    _LOG.info("followed: %d of %d frames are ok%s", good, len(measured.status), onward)
+    _LOG.info("followed: %d of %d frames are ok", int((measured.status == "ok").sum()), len(measured.status))
     return absolute_motion(
         task.source,
         measured,

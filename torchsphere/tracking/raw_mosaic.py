@@ -39,9 +39,9 @@ def about(patterns: Sequence[str], facts: Facts | None) -> str:
     if facts is not None and facts.bayer is not None:
         return severe(
             f"The images still show a mosaic of 2 x 2 pixels after {facts.bayer}, whose green pixels are on the wrong "
-            f"diagonal: give --bayer {named}. The numbers are not to be trusted."
+            f"diagonal: give `bayer` = {named}. The numbers are not to be trusted."
         )
     return (
         "The images are the raw mosaic of a colour sensor, not grey: pixels differ in blocks of 2 x 2. They are "
-        f"measured on the pixels that look green; give --bayer {named} to say so, or export them in grey."
+        f"measured on the pixels that look green; give `bayer` = {named} to say so, or export them in grey."
     )

@@ -12,7 +12,7 @@ import torch
 from torchsphere.correlation.options import options_for
 from torchsphere.recording.facts import Facts
 from torchsphere.recording.frame_source import Source
-from torchsphere.runtime import threads
+from torchsphere.runtime import steps, threads
 from torchsphere.settings.arrays import as_mask
 from torchsphere.settings.limits import require_switch
 from torchsphere.tracking import arguments, phases
@@ -159,6 +159,7 @@ def track(
         if circle is None:
             require_proof(found)
     first_frame += start
+    steps.tell("checking the result against the images")
     known: dict[str, Any] = {"calibration": calibration, "first_frame": first_frame, "facts": facts}
     found = dataclasses.replace(found, times=getattr(part, "times", None), **known)
     warnings = (*motion_warnings(source, found, first_frame, "roi" in options), *notes)

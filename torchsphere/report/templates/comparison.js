@@ -14,6 +14,58 @@ function shotDash(shot) {
   return SHOT_DASHES[Math.floor(shot / COLOURS) % SHOT_DASHES.length];
 }
 
+// Corners of the marks of the shots, in units of their size: square, diamond, triangles, bow ties, hexagon; the first is
+// a disc. Shots of one colour have different marks.
+const MARKS = [
+  null, [[-1, -1], [1, -1], [1, 1], [-1, 1]], [[0, -1.3], [1.3, 0], [0, 1.3], [-1.3, 0]], [[0, -1.2], [1.2, 1], [-1.2, 1]],
+  [[0, 1.2], [1.2, -1], [-1.2, -1]], [[-1.2, -1], [1.2, 1], [1.2, -1], [-1.2, 1]], [[-1, -1.2], [1, 1.2], [-1, 1.2], [1, -1.2]],
+  [[-1.2, 0], [-0.6, 1.1], [0.6, 1.1], [1.2, 0], [0.6, -1.1], [-0.6, -1.1]],
+];
+const MARK_PX = 3.4, MARKS_APART_PX = 26;
+
+function mark(context, shot, x, y) {
+  const corners = MARKS[(shot + Math.floor(shot / COLOURS)) % MARKS.length];
+  context.fillStyle = shotColour(shot);
+  context.strokeStyle = colour("panel");
+  context.lineWidth = 1;
+  context.beginPath();
+  if (corners) corners.forEach(([u, v]) => context.lineTo(x + MARK_PX * u, y + MARK_PX * v));
+  else context.arc(x, y, MARK_PX, 0, 2 * Math.PI);
+  context.closePath();
+  context.stroke();
+  context.fill();
+}
+
+// Marks on the curves of all shots that are shown, each shot at places of its own: where curves coincide, the marks lie
+// side by side along the one that is seen.
+function drawMarks(context, panel, x, y, [left, right]) {
+  const seen = data.names.map((_, shot) => shot).filter((shot) => shown[shot]);
+  if (seen.length < 2) return;
+  const apart = Math.max(MARKS_APART_PX, (right - left) / (4 * seen.length));
+  drawn[panel.key].marks = [];
+  seen.forEach((shot, k) => {
+    for (let at = left + (k + 0.5) * apart; at < right; at += seen.length * apart) {
+      const place = onCurve(panel.values[shot], data.times[shot], x, at);
+      if (place === null) continue;
+      mark(context, shot, at, y(place));
+      drawn[panel.key].marks.push([shot, at, y(place)]);
+    }
+  });
+}
+
+// The value of a curve at a place between two known neighbours, px; null where there is none.
+function onCurve(values, times, x, at) {
+  let low = 0, high = times.length - 1;
+  if (high < 1 || at < x(times[0]) || at > x(times[high])) return null;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (x(times[middle]) <= at) low = middle; else high = middle;
+  }
+  const [a, b] = [values[low], values[high]];
+  if (a == null || b == null) return null;
+  return a + ((at - x(times[low])) / (x(times[high]) - x(times[low]))) * (b - a);
+}
+
 // The whole span of the shots that are shown, or that around the contact.
 function span() {
   const ends = range(data.times.filter((times, shot) => shown[shot] && times.length));
@@ -70,6 +122,7 @@ function drawCompared(panel) {
   const limits = comparedLimits(panel, [from, to]);
   const box = { left: MARGIN.left, right: width - MARGIN.right, top: MARGIN.top, bottom: height - 42 };
   const x = (v) => box.left + ((v - from) / (to - from || 1)) * (box.right - box.left);
+  drawn[panel.key] = { left: box.left, width: box.right - box.left, from, to, limits, cursor: x(view.at) };
   comparedAxes(context, panel, box, limits, x, [from, to]);
   if (limits) {
     const y = (v) => box.bottom - ((v - limits[0]) / (limits[1] - limits[0])) * (box.bottom - box.top);
@@ -78,6 +131,7 @@ function drawCompared(panel) {
     context.rect(box.left, box.top, box.right - box.left, box.bottom - box.top);
     context.clip();
     panel.values.forEach((_, shot) => shown[shot] && drawShot(context, panel, shot, x, y));
+    drawMarks(context, panel, x, y, [box.left, box.right]);
     context.strokeStyle = colour("accent");
     context.lineWidth = 1.2;
     context.beginPath();
@@ -86,7 +140,6 @@ function drawCompared(panel) {
     context.stroke();
     context.restore();
   }
-  drawn[panel.key] = { left: box.left, width: box.right - box.left, from, to, limits, cursor: x(view.at) };
   canvas.dataset.drawn = JSON.stringify(drawn[panel.key]);
 }
 
@@ -199,13 +252,23 @@ function writeMoment() {
 }
 
 function drawAllShots() {
-  for (const mark of document.querySelectorAll("i[data-shot]")) {
-    const shot = Number(mark.dataset.shot);
-    mark.style.borderTopColor = shotColour(shot);
-    mark.style.borderTopStyle = ["solid", "dashed", "dotted", "double"][Math.floor(shot / COLOURS) % 4];
-  }
+  document.querySelectorAll("canvas[data-shot]").forEach(drawKey);
   data.panels.forEach(drawCompared);
   writeMoment();
+}
+
+// Line and mark of a shot, beside its name.
+function drawKey(canvas) {
+  const shot = Number(canvas.dataset.shot), context = prepared(canvas, 30, 12);
+  context.strokeStyle = shotColour(shot);
+  context.lineWidth = 2;
+  context.setLineDash(shotDash(shot));
+  context.beginPath();
+  context.moveTo(0, 6);
+  context.lineTo(30, 6);
+  context.stroke();
+  context.setLineDash([]);
+  mark(context, shot, 15, 6);
 }
 
 function choose(around) {
@@ -230,6 +293,7 @@ function startComparison() {
   choose(data.around !== null);
   new ResizeObserver(drawAllShots).observe(document.querySelector("main"));
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawAllShots);
+  drawForPrint(drawAllShots);
   window.torchsphere = { data, view, drawn, shown, moveTo, span };
 }
 

@@ -2,11 +2,12 @@
 // The table of recordings. Rows are sorted and searched in memory; the document has one page of rows at a time.
 
 const PAGE = 200;
+const SEVERE = "done, severe";
 const { columns, rows } = JSON.parse(document.getElementById("data").textContent);
 const table = document.getElementById("table");
 const byId = (id) => document.getElementById(id);
 const look = { column: -1, falling: false, page: 0 };
-const stateColumn = columns.indexOf("state");
+const stateColumn = columns.indexOf("state"), severeColumn = columns.indexOf("severe_warnings");
 let found = rows;
 
 // "peak_force_N" -> "peak force (N)": the unit is the end of the name.
@@ -14,6 +15,16 @@ function heading(name) {
   const unit = name.match(/_(px|mm|m|s|ms|us|N|kN|J|deg|rad|m_s|rad_s|rev_s|fps|percent)$/);
   const words = (unit ? name.slice(0, unit.index) : name).replaceAll("_", " ");
   return unit ? `${words} (${unit[1].replace("_s", "/s").replace("percent", "%")})` : words;
+}
+
+// "done, 3 severe": a result that is there, and numbers in it that are wrong.
+function severeOf({ cells }) {
+  return cells[stateColumn] === "done" ? cells[severeColumn] || 0 : 0;
+}
+
+function stateOf(row) {
+  const severe = severeOf(row);
+  return severe ? `${row.cells[stateColumn]}, ${severe} severe` : row.cells[stateColumn];
 }
 
 function compare(a, b) {
@@ -24,8 +35,8 @@ function compare(a, b) {
 
 function update() {
   const words = byId("search").value.toLowerCase(), state = byId("state").value;
-  found = rows.filter(({ cells }) => (!state || cells[stateColumn] === state)
-    && (!words || cells.some((cell) => cell !== null && String(cell).toLowerCase().includes(words))));
+  found = rows.filter((row) => (!state || row.cells[stateColumn] === state || (state === SEVERE && severeOf(row)))
+    && (!words || row.cells.some((cell) => cell !== null && String(cell).toLowerCase().includes(words))));
   if (look.column >= 0) found.sort((a, b) => compare(a.cells[look.column], b.cells[look.column]));
   const pages = Math.max(Math.ceil(found.length / PAGE), 1);
   look.page = Math.min(Math.max(look.page, 0), pages - 1);
@@ -70,8 +81,8 @@ function cell(value, name, row) {
     td.append(link);
   } else if (name === "state") {
     const mark = document.createElement("span");
-    mark.className = `state ${value}`;
-    mark.textContent = value;
+    mark.className = `state ${severeOf(row) ? "severe-state" : value}`;
+    mark.textContent = stateOf(row);
     td.append(mark);
   } else {
     td.textContent = typeof value === "number" ? String(Number(value.toPrecision(5))).replace("-", "\u2212") : value;
@@ -102,6 +113,7 @@ makeHead();
 for (const state of new Set(rows.map(({ cells }) => cells[stateColumn]).filter(Boolean))) {
   byId("state").append(new Option(state, state));
 }
+if (rows.some(severeOf)) byId("state").append(new Option(SEVERE, SEVERE));
 byId("search").addEventListener("input", () => { look.page = 0; update(); });
 byId("state").addEventListener("change", () => { look.page = 0; update(); });
 byId("previous").addEventListener("click", () => { look.page -= 1; update(); });

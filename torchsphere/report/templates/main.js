@@ -69,6 +69,7 @@ function start() {
   drawAll();
   new ResizeObserver(drawAll).observe(document.querySelector("main"));
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawAll);
+  drawForPrint(drawAll);
   window.torchsphere = { data, state, drawn, seek };
 }
 

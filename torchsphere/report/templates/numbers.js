@@ -52,6 +52,7 @@ function writeNotes() {
   const points = data.panels.some((panel) => panel.raw) ? " Grey points: raw differences." : "";
   const frame = data.lab && data.panels[0].unit !== "px" ? "Lab frame: x right, y up, z to the camera."
     : "Camera frame: x right, y down, z away.";
-  document.getElementById("plots-note").textContent =
-    `${frame} Bands: 2 standard deviations (sd); below each plot: the sd.${points}${shaded}${thinned} Click or drag to go there; drag with Shift to zoom, double click for the whole.`;
+  document.getElementById("plots-note").replaceChildren(
+    `${frame} Bands: 2 standard deviations (sd); below each plot: the sd.${points}${shaded}${thinned}`,
+    onScreenOnly(" Click or drag to go there; drag with Shift to zoom, double click for the whole."));
 }

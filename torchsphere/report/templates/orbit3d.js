@@ -121,8 +121,9 @@ function orbitNote(m) {
   if (!m) parts.push("The orientation is not measured at this frame.");
   if (!known) parts.push("The spin is not measured at this frame.");
   parts.push("x\u2032, y\u2032, z\u2032: axes of the ball, those of the first frame turned with it (dashed: behind). Thick arrow: "
-    + "spin axis by the right-hand rule; thin line: the path of its tip. Drag, or use the arrow keys.");
-  document.getElementById("orbit-note").textContent = parts.join(" ");
+    + "spin axis by the right-hand rule; thin line: the path of its tip.");
+  const note = document.getElementById("orbit-note");
+  note.replaceChildren(parts.join(" "), onScreenOnly(" Drag, or use the arrow keys."));
 }
 
 function turnView(yaw, pitch) {
