@@ -71,7 +71,7 @@ def _preview(recording: Recording, path: Path) -> int:
     from torchsphere.report.preview_figure import grid_figure, preview_figure
     from torchsphere.tracking.initial_circle import find_initial_circle
 
-    source = Source.open(recording, "cpu")
+    source = Source.open(recording, "cpu").standardised()
     try:
         circle, _ = find_initial_circle(source, None, None, False, Options())
     except SettingError as error:

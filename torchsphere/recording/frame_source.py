@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.recording import Recording
+from torchsphere.recording.level_scale import LevelScale
 from torchsphere.settings.arrays import as_stack
 from torchsphere.settings.choices import DEVICES
 
@@ -30,6 +32,7 @@ class Source:
     device: torch.device
     dtype: torch.dtype
     is_file: bool = False
+    rounding_variance: float = LevelScale().rounding_variance  # that the steps of the levels leave
 
     @classmethod
     def open(
@@ -56,11 +59,17 @@ class Source:
         """Grey levels (stop - start, h, w)."""
         return torch.as_tensor(self.read(start, stop)).to(self.device, self.dtype)
 
-    def unconverted(self, start: int, stop: int) -> Tensor:
-        """`images`, but whole numbers in memory as they are: a crop of them is sooner converted than all."""
-        images = torch.as_tensor(self.read(start, stop))
-        stays = self.dtype == torch.float32 and not images.is_floating_point()
-        return images.to(self.device, None if stays else self.dtype)
+    def standardised(self) -> Source:
+        """The same images on the scale of `LevelScale`, which neither gain nor offset of the recording changes."""
+        scale = LevelScale.of(self.read, self.count)
+
+        def read(start: int, stop: int, out: NDArray[Any] | None = None) -> Tensor:
+            if out is None:
+                return scale.standard(torch.as_tensor(self.read(start, stop)).to(self.device), self.dtype)
+            self.read(start, stop, out=out)
+            return scale.standard_in_place(torch.from_numpy(out))
+
+        return replace(self, read=read, rounding_variance=scale.rounding_variance)
 
     @property
     def fills_buffers(self) -> bool:
@@ -76,7 +85,7 @@ class Source:
 
     def changed(self, change: Callable[[Tensor], Tensor]) -> Source:
         """The images (m, h, w) after a ``change``, which must not write to them."""
-        return Source(lambda start, stop: change(self.images(start, stop)), self.count, self.device, self.dtype)
+        return replace(self, read=lambda start, stop: change(self.images(start, stop)), is_file=False)
 
     def cached(self, start: int, stop: int) -> Source:
         """The same images, of which ``start`` to ``stop - 1`` are read once; unchanged where they are too large.
@@ -102,7 +111,7 @@ class Source:
                     is_read[gap:end] = [True] * (end - gap)
             return cache[a:b]
 
-        return Source(read, self.count, self.device, self.dtype)
+        return replace(self, read=read, is_file=False)
 
 
 def _require_device(chosen: torch.device) -> None:

@@ -32,6 +32,7 @@ from torchsphere.sphere_map.light import fit_light
 from torchsphere.sphere_map.map_fit import MapEquations
 from torchsphere.sphere_map.nearness import NearnessChange
 from torchsphere.sphere_map.perspective import Optics
+from torchsphere.sphere_map.pixel_weights import ROUNDING_VARIANCE
 from torchsphere.sphere_map.rays import rim_points
 from torchsphere.sphere_map.state import State, drawn, fit_map, linearised, reweighted, with_cells
 from torchsphere.sphere_map.window import Windows, texture_variance
@@ -137,11 +138,12 @@ def adjust(
     progress: Callable[[float], None] | None = None,
     *,
     optics_px: float = 0.0,
+    least_variance: float = ROUNDING_VARIANCE,
 ) -> Adjustment:
     """Adjust map and poses to n images, from ``poses`` within half a speckle and a ``radius`` within a px.
 
-    ``cell_px`` is the width of the map's cells, ``noise_variance`` that of the images, grey levels squared; ``shared``
-    shares images out among threads. ``progress`` is called with the share that is done. The adjustment starts from the
+    ``cell_px`` is the width of the map's cells, ``noise_variance`` that of the images, grey levels squared, and
+    ``least_variance`` that which the steps of the levels leave; ``shared`` shares images out among threads. ``progress`` is called with the share that is done. The adjustment starts from the
     blur ``optics_px`` of the images, 0 where they are sharp. Singular equations raise LinAlgError.
     """
     like = windows.levels
@@ -149,7 +151,10 @@ def adjust(
     blur, none, light = torch.full_like(size, max(optics_px, INITIAL_BLUR_PX)), like.new_zeros(0), uniform_light(size)
     ball = TexturedBall(size, blur, 0, none, light, rim_points=rim_points(radius))
     state = State(
-        windows, _with_initial_gains(windows, poses), ball, pixel_weights.uniform_profile(size, noise_variance)
+        windows,
+        _with_initial_gains(windows, poses),
+        ball,
+        pixel_weights.uniform_profile(size, noise_variance, least_variance),
     )
     state = _with_first_map(state, max(COARSE_PX, cell_px), shared)
     adjustment = _adjust_level(state, _Level(max(COARSE_PX, cell_px), 0.1, 20, is_last=False), shared)

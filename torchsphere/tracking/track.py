@@ -137,7 +137,7 @@ def track(
         raise ValueError("telecentric: a camera with a focal length or a distance is not telecentric; give one of both")
     stated = _stated_exposure(recording)
     part, start = arguments.part_of(recording, frames)
-    source = Source.open(part, device, dtype)
+    source = Source.open(part, device, dtype).standardised()
     first_image = source.images(0, 1)
     facts = Facts.of(recording, (len(recording), *first_image.shape[-2:]))
     mask = None if ignore is None else as_mask(ignore, first_image)
