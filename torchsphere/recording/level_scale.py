@@ -27,6 +27,9 @@ MOST_PIXELS = 100_000
 #: Distance of levels from whole steps, in steps, that float32 leaves.
 MAX_OFF_STEP = 0.1
 
+#: Difference below which two standard levels are the same. The step of 16 bit is 0.004, and every camera's noise is more.
+SAME = 0.01
+
 #: Least standard deviation of a standard level: the rounding errors of float32 over a hundred terms.
 LEAST_SD = 1e-5 * WHITE
 
@@ -70,6 +73,11 @@ class LevelScale:
     def standard_in_place(self, images: Tensor) -> Tensor:
         """Standard levels of recorded floating-point ``images``, in their own memory."""
         return images.sub_(self.black).mul_(1 / self.unit)
+
+
+def alike(one: Tensor, other: Tensor) -> Tensor:
+    """True where two images hold the same standard level: a copy, as a camera's noise is new in each image."""
+    return (one - other).abs() < SAME
 
 
 def _some_levels(image: Any) -> NDArray[Any]:
