@@ -74,7 +74,7 @@ OUTLINE_FOUND_PX = 0.02
 MAX_UNSETTLED_PX = 0.02
 
 #: Most rounds of light and poses in turns.
-LIGHT_ROUNDS = 4
+LIGHT_ROUNDS = 8
 
 #: Conjugate gradients for the map to which a light is fitted (docs/constants.md).
 LIGHT_MAP_STEPS = 12

@@ -14,10 +14,10 @@ from torchsphere.sphere_map.soft_limit import share_beyond
 from torchsphere.sphere_map.state import State, drawn
 
 #: Share of the squared residuals that a light must explain, and largest number of its changes (docs/constants.md).
-MIN_EXPLAINED, ROUNDS = 0.01, 4
+MIN_EXPLAINED, ROUNDS = 0.01, 3
 
 #: Change of the light, relative to it, that needs no further one.
-LAST_CHANGE = 0.003
+LAST_CHANGE = 0.002
 
 #: Share of the squared residuals beside the map from which a light is looked for (docs/constants.md).
 MIN_SEEN = 2e-4
