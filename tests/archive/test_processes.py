@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
@@ -21,15 +22,16 @@ from archive_shots import (
     wait_until,
     write_archive,
 )
+from processes import started
 
 from torchsphere.cli import batch
 
 SCRIPT = Path(__file__).parents[1] / "archive_shots.py"
 
 
-def start(source: Path, out: Path, workers: int) -> subprocess.Popen[bytes]:
+def start(source: Path, out: Path, workers: int) -> AbstractContextManager["subprocess.Popen[bytes]"]:
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    return subprocess.Popen([sys.executable, str(SCRIPT), str(source), str(out), str(workers)], env=environment)
+    return started([sys.executable, str(SCRIPT), str(source), str(out), str(workers)], env=environment)
 
 
 def is_alive(pid: int) -> bool:

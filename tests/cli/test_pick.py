@@ -1,5 +1,6 @@
 """The command `torchsphere pick`."""
 
+import contextlib
 import json
 import os
 import signal
@@ -7,10 +8,13 @@ import socket
 import subprocess
 import sys
 import urllib.request
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from processes import started
 from refusals import refused
 
 from torchsphere.archive import processes
@@ -22,27 +26,52 @@ from torchsphere.pick.configuration import Choice
 from torchsphere.results.reader import read
 
 
-def test_the_page_is_served_until_ctrl_c_which_is_no_error(short: Path, tmp_path: Path) -> None:
-    program = [sys.executable, "-m", "torchsphere", "pick", str(short), "--no-browser", "--fps", "36000"]
+@contextlib.contextmanager
+def served(program: list[str], folder: Path) -> Iterator[tuple["subprocess.Popen[str]", str]]:
+    """The running program and the address that it prints."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    with subprocess.Popen(
-        program, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as running:
+    piped: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with started(program, cwd=folder, env=environment, **piped) as running:
         assert running.stdout is not None
         name, address = running.stdout.readline().split()
         assert name == "page"
+        yield running, address
+
+
+#: Tests that a shell starts in the background ignore Ctrl-C, and processes inherit this.
+HEARS_CTRL_C = (
+    "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    "from torchsphere.cli.main import main; sys.exit(main())"
+)
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
+def test_the_page_is_served_until_ctrl_c_or_a_request_to_terminate(
+    number: signal.Signals, code: int, short: Path, tmp_path: Path
+) -> None:
+    program = [sys.executable, "-c", HEARS_CTRL_C, "pick", str(short), "--no-browser", "--fps", "36000"]
+    with served(program, tmp_path) as (running, address):
         assert address.startswith("http://127.0.0.1:")
-        with urllib.request.urlopen(address, timeout=60) as page:
+        with urllib.request.urlopen(address, timeout=600) as page:
             html = page.read().decode()
         assert 'name="fps"\n      value="36000"' in html
-        running.send_signal(signal.SIGINT)
-        _, errors = running.communicate(timeout=60)
-    assert running.returncode == 0
+        running.send_signal(number)
+        _, errors = running.communicate(timeout=600)
+    assert running.returncode == code
     *steps, last = filter(None, errors.splitlines())
     assert last == "ended"
     assert all(line.startswith("torchsphere: ") and line.endswith(" ...") for line in steps)
     # Nothing was asked for, and nothing was written.
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_page_that_ignores_ctrl_c_ends_with_a_request_to_terminate(short: Path, tmp_path: Path) -> None:
+    ignores = HEARS_CTRL_C.replace("signal.default_int_handler", "signal.SIG_IGN")
+    with served([sys.executable, "-c", ignores, "pick", str(short), "--no-browser"], tmp_path) as (running, _):
+        running.send_signal(signal.SIGINT)
+        running.terminate()
+        running.communicate(timeout=600)
+    assert running.returncode == 143
 
 
 def test_what_cannot_be_shown_is_refused_in_one_sentence(short: Path, tmp_path: Path, capsys) -> None:

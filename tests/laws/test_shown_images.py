@@ -151,7 +151,7 @@ def test_a_raw_mosaic_is_measured_right_and_is_not_interlaced(pattern: str, is_g
         track = measured(made, images, **({"bayer": pattern} if is_given else {}))
         assert not track.settings["interlaced"]
         assert (track.status == "ok").all()
-        named = [text for text in track.warnings if "--bayer" in text]
+        named = [text for text in track.warnings if "`bayer`" in text]
         assert bool(named) != is_given
         assert is_given or pattern in named[0]
         ratios.append(errors_over_sd(track, made))

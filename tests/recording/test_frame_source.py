@@ -67,11 +67,19 @@ def test_images_in_memory_fill_no_buffer() -> None:
     assert not Source.open(torch.rand(6, 4, 5)).fills_buffers
 
 
-@pytest.mark.parametrize("kind", ["uint8", "uint16"])
-def test_whole_numbers_in_memory_stay_as_they_are(kind: str) -> None:
-    levels = np.arange(6 * 4 * 5).reshape(6, 4, 5).astype(kind)
-    source = Source.open(levels)
-    assert np.shares_memory(source.unconverted(2, 5).numpy(), levels)
-    assert torch.equal(source.unconverted(2, 5).float(), source.images(2, 5))
-    assert Source.open(levels, dtype=torch.float64).unconverted(2, 5).dtype == torch.float64
-    assert Source.open(levels.astype(float)).unconverted(2, 5).dtype == torch.float32
+def test_images_of_a_file_and_of_an_array_have_one_scale(tmp_path: Path) -> None:
+    levels = np.arange(12 * 4 * 5, dtype=np.uint8).reshape(12, 4, 5)
+    tifffile.imwrite(tmp_path / "shot.tif", levels, metadata=None)
+    with open_recording(tmp_path / "shot.tif") as recording:
+        source = Source.open(recording).standardised()
+        read = source.images(2, 5)
+        np.testing.assert_array_equal(source.images_into(torch.empty(3, 4, 5), 2, 5), read)
+    for array in (levels, levels.astype(np.uint16), torch.from_numpy(levels).double()):
+        np.testing.assert_array_equal(Source.open(array).standardised().images(2, 5), read)
+
+
+def test_cached_and_changed_images_keep_their_scale() -> None:
+    source = Source.open(np.arange(12 * 4 * 5, dtype=np.float32).reshape(12, 4, 5) / 7).standardised()
+    for other in (source.cached(3, 9), source.changed(lambda images: images)):
+        assert torch.equal(other.images(4, 8), source.images(4, 8))
+        assert other.rounding_variance == source.rounding_variance

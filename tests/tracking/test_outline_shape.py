@@ -106,7 +106,7 @@ def test_a_track_says_by_how_much_and_what_to_give() -> None:
     wrong = ts.track(made.images, circle=made.circle, sphere_map=False, log=False)
     sentence = next(text for text in wrong.warnings if "no circle" in text)
     assert "higher than wide" in sentence
-    assert "--pixel-aspect" in sentence
+    assert "`pixel_aspect`" in sentence
     assert "1.1" in sentence
     # The other side is enlarged as well: the ball is round, and larger.
     x, y, radius = (1.1 * value for value in slow(seed=1).circle)

@@ -81,7 +81,7 @@ def _preview(recording: Recording, path: Path) -> int:
         from torchsphere.tracking.initial_circle import find_initial_circle
         from torchsphere.tracking.raw_mosaic import about, without_mosaic
 
-    source, patterns = without_mosaic(Source.open(recording, "cpu"))
+    source, patterns = without_mosaic(Source.open(recording, "cpu").standardised())
     if patterns:
         print(f"{'note':<11} {as_options(about(patterns, recording))}")
     try:

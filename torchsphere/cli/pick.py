@@ -66,10 +66,11 @@ def run(options: dict[str, Any]) -> int:
             try:
                 server.serve_forever()
             except KeyboardInterrupt:
-                if not quiet:
-                    print("\nended", file=sys.stderr)
+                pass
             finally:
                 session.close()
+                if not quiet:
+                    print("\nended", file=sys.stderr)
     return 0
 
 

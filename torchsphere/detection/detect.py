@@ -19,6 +19,7 @@ from torchsphere.detection.blurred_limb import LimbBlur
 from torchsphere.detection.silhouette import Images, saturated, silhouettes, still_background
 from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.circle import Circle
+from torchsphere.recording.level_scale import alike
 from torchsphere.settings.arrays import check_finite_around
 from torchsphere.settings.limits import SettingError
 
@@ -151,7 +152,7 @@ def _frames_to_try(count: int) -> Iterator[int]:
 
 def _find_in(images: Images, frame: int, count: int, background: Tensor | None, ignore: Tensor | None) -> Circle | None:
     image = images(frame, frame + 1)[0]
-    if bool((image == image[0, 0]).all()):
+    if bool(alike(image, image[0, 0]).all()):
         # A blank image differs from the background where the ball is in other images.
         return None
     seen = list(silhouettes(images, frame, count, background, ignore))

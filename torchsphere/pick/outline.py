@@ -61,7 +61,7 @@ def find_ball(
 
     ``check`` is called again and again, and may raise to give the search up.
     """
-    source = footage.source(start, stop, check)
+    source = footage.source(start, stop, check).standardised()
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
     circle = calibrate_circle(source, detect.find(source.images, source.count, mask), mask, Options())
     circle = dataclasses.replace(circle, frame=start + circle.frame)

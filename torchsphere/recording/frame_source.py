@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.recording import Recording
+from torchsphere.recording.level_scale import LevelScale
 from torchsphere.recording.square_pixels import stretch
 from torchsphere.settings.arrays import as_stack
 from torchsphere.settings.choices import DEVICES
@@ -36,6 +37,7 @@ class Source:
     is_file: bool = False
     times: NDArray[np.float64] | None = None  # of the images, in frame intervals; None where they are evenly spaced
     stretch: float = 1.0  # longer over shorter side of the pixels that the images were drawn from
+    rounding_variance: float = LevelScale().rounding_variance  # that the steps of the levels leave
 
     @classmethod
     def open(
@@ -74,11 +76,17 @@ class Source:
         """Grey levels (stop - start, h, w)."""
         return torch.as_tensor(self.read(start, stop)).to(self.device, self.dtype)
 
-    def unconverted(self, start: int, stop: int) -> Tensor:
-        """`images`, but whole numbers in memory as they are: a crop of them is sooner converted than all."""
-        images = torch.as_tensor(self.read(start, stop))
-        stays = self.dtype == torch.float32 and not images.is_floating_point()
-        return images.to(self.device, None if stays else self.dtype)
+    def standardised(self) -> Source:
+        """The same images on the scale of `LevelScale`, which neither gain nor offset of the recording changes."""
+        scale = LevelScale.of(self.read, self.count)
+
+        def read(start: int, stop: int, out: NDArray[Any] | None = None) -> Tensor:
+            if out is None:
+                return scale.standard(torch.as_tensor(self.read(start, stop)).to(self.device), self.dtype)
+            self.read(start, stop, out=out)
+            return scale.standard_in_place(torch.from_numpy(out))
+
+        return replace(self, read=read, rounding_variance=scale.rounding_variance)
 
     @property
     def fills_buffers(self) -> bool:

@@ -111,7 +111,7 @@ def _grey_levels(source: Source, rows: NDArray[np.int64]) -> tuple[float, float]
     tails = (LEVEL_TAIL, 100 - LEVEL_TAIL)
     found = np.array([np.percentile(source.images(int(r), int(r) + 1)[0, ::2, ::2].numpy(), tails) for r in picks])
     low, high = float(found[:, 0].min()), float(found[:, 1].max())
-    return low, max(high, low + 1.0)
+    return low, high if high > low else low + 1.0
 
 
 @dataclass(frozen=True)

@@ -28,10 +28,11 @@ from torchsphere.sphere_map.ball import Poses, TexturedBall, uniform_light
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
 from torchsphere.sphere_map.footprint import fit_footprint, with_footprint_of_outline
 from torchsphere.sphere_map.forward_model import Linearisation
-from torchsphere.sphere_map.light import fit_light
+from torchsphere.sphere_map.light import LAST_CHANGE, fit_light
 from torchsphere.sphere_map.map_fit import MapEquations
 from torchsphere.sphere_map.nearness import NearnessChange
 from torchsphere.sphere_map.perspective import Optics
+from torchsphere.sphere_map.pixel_weights import ROUNDING_VARIANCE
 from torchsphere.sphere_map.rays import rim_points
 from torchsphere.sphere_map.state import State, drawn, fit_map, linearised, reweighted, with_cells
 from torchsphere.sphere_map.window import Windows, texture_variance
@@ -46,6 +47,7 @@ class _Level(NamedTuple):
     is_last: bool
     # Whether the optics blur the footprint of a pixel as they blur the outline.
     is_blurred: bool = False
+    is_outline_found: bool = False  # from the start
 
 
 #: Why there is no map, where its equations are singular.
@@ -71,11 +73,15 @@ OUTLINE_FOUND_PX = 0.02
 #: is registered again (docs/constants.md).
 MAX_UNSETTLED_PX = 0.02
 
+#: Most rounds of light and poses in turns.
+LIGHT_ROUNDS = 8
+
 #: Conjugate gradients for the map to which a light is fitted (docs/constants.md).
 LIGHT_MAP_STEPS = 12
 
-#: Move of a pose below which it counts as settled, in standard deviations (docs/constants.md).
-SETTLED_SD = 1.0
+#: Move of a pose below which it counts as settled on the last map, px, and in standard deviations (docs/constants.md).
+LAST_SETTLED_PX = 0.0015
+SETTLED_SD = 0.3
 
 #: Conjugate gradients for a map on new cells, and for a step of map and poses together (docs/constants.md).
 NEW_MAP_STEPS, STEPS = 6, 16
@@ -104,6 +110,9 @@ EXPOSURE_ROUNDS, EXPOSURE_STEPS, LAST_EXPOSURE_CHANGE = 4, 10, 0.01
 
 #: Largest move of a pose in a step, px (docs/constants.md).
 MAX_MOVE_PX = 1.0
+
+#: Least share of a step that is taken.
+LEAST_SHARE = 0.3
 
 
 class LastStep(NamedTuple):
@@ -137,19 +146,24 @@ def adjust(
     progress: Callable[[float], None] | None = None,
     *,
     optics_px: float = 0.0,
+    least_variance: float = ROUNDING_VARIANCE,
 ) -> Adjustment:
     """Adjust map and poses to n images, from ``poses`` within half a speckle and a ``radius`` within a px.
 
-    ``cell_px`` is the width of the map's cells, ``noise_variance`` that of the images, grey levels squared; ``shared``
-    shares images out among threads. ``progress`` is called with the share that is done. The adjustment starts from the
-    blur ``optics_px`` of the images, 0 where they are sharp. Singular equations raise LinAlgError.
+    ``cell_px`` is the width of the map's cells, ``noise_variance`` that of the images, grey levels squared, and
+    ``least_variance`` that which the steps of the levels leave; ``shared`` shares images out among threads.
+    ``progress`` is called with the share that is done. The adjustment starts from the blur ``optics_px`` of the
+    images, 0 where they are sharp. Singular equations raise LinAlgError.
     """
     like = windows.levels
     size = torch.tensor(radius, dtype=torch.float64, device=like.device)
     blur, none, light = torch.full_like(size, max(optics_px, INITIAL_BLUR_PX)), like.new_zeros(0), uniform_light(size)
     ball = TexturedBall(size, blur, 0, none, light, rim_points=rim_points(radius))
     state = State(
-        windows, _with_initial_gains(windows, poses), ball, pixel_weights.uniform_profile(size, noise_variance)
+        windows,
+        _with_initial_gains(windows, poses),
+        ball,
+        pixel_weights.uniform_profile(size, noise_variance, least_variance),
     )
     state = _with_first_map(state, max(COARSE_PX, cell_px), shared)
     adjustment = _adjust_level(state, _Level(max(COARSE_PX, cell_px), 0.1, 20, is_last=False), shared)
@@ -157,7 +171,7 @@ def adjust(
     if not adjustment.settled:
         # Poses that jump about on a coarse map do so on a fine one.
         return adjustment
-    last = _Level(cell_px, 0.004, 30, is_last=True, is_blurred=optics_px > 0)
+    last = _Level(cell_px, LAST_SETTLED_PX, 30, is_last=True, is_blurred=optics_px > 0)
     # The noise as the steps between images saw it may hold more than noise, and so may a residual on coarse cells.
     noise = min(noise_variance, float(adjustment.state.profile.variance[0]))
     state = replace(adjustment.state, smoothness=map_fit.smoothness_for(noise, texture_variance(windows)))
@@ -169,8 +183,11 @@ def adjust(
     # A light that differs from side to side pulls at the outline: it is fitted before the poses are.
     state = _with_light(state, last, shared)
     adjustment = _adjust_level(state, last, shared)
-    if not bool((state.ball.light == ball.light).all()):
-        adjustment = _adjust_level(_with_light(adjustment.state, last, shared), last, shared)
+    for _ in range(LIGHT_ROUNDS):
+        lit = _with_light(adjustment.state, last, shared)
+        if float((lit.ball.light - adjustment.state.ball.light).abs().max()) < LAST_CHANGE:
+            break
+        adjustment = _adjust_level(lit, last._replace(is_outline_found=True), shared)
     _report(progress, 1.0)
     return replace(adjustment, covariance=_with_radius_error(adjustment))
 
@@ -189,7 +206,9 @@ def find_exposure(
     The given one and 1 where poses do not settle with another exposure.
     """
     start, factor = adjustment, 1.0
-    level = _Level(cell_px, 0.004, EXPOSURE_STEPS, is_last=True, is_blurred=optics_px > 0)
+    level = _Level(
+        cell_px, LAST_SETTLED_PX, EXPOSURE_STEPS, is_last=True, is_blurred=optics_px > 0, is_outline_found=True
+    )
     for _ in range(EXPOSURE_ROUNDS):
         assert adjustment.last is not None
         found = exposure_share.measure(*adjustment.last, factor, shared)
@@ -225,7 +244,7 @@ def _measured_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner
 
 def _with_nearness(adjustment: Adjustment, optics: Optics, cell_px: float, shared: RowRunner) -> Adjustment:
     state = replace(adjustment.state, windows=adjustment.state.windows.seen_by(optics))
-    level = _Level(cell_px, 0.004, NEARNESS_STEPS, is_last=True)
+    level = _Level(cell_px, LAST_SETTLED_PX, NEARNESS_STEPS, is_last=True)
     found = _measured_nearness(adjustment, optics, shared)
     sd = min(math.hypot(float(found.change), found.total_sd), nearness.UNKNOWN_SD)
     unseen = _not_seen(adjustment, found, sd)
@@ -319,7 +338,7 @@ def _adjust_level(state: State, level: _Level, shared: RowRunner) -> Adjustment:
     if not math.isfinite(float(state.ball.radius)):
         raise torch.linalg.LinAlgError(NO_SOLUTION)  # type: ignore[attr-defined]
     state = with_cells(state, cube_map.cells_per_face(float(state.ball.radius), level.cell_px))
-    limit = MAX_RING_VARIANCE
+    limit, before, share = (math.inf if level.is_outline_found else MAX_RING_VARIANCE), None, 1.0
     for _ in range(level.max_steps):
         # The map follows each step with delay: what it lacks would be taken for a motion.
         state, equations = fit_map(state, shared, NEW_MAP_STEPS)
@@ -328,7 +347,9 @@ def _adjust_level(state: State, level: _Level, shared: RowRunner) -> Adjustment:
         weights = state.profile.weights(state.windows, state.poses.centre)
         equations = MapEquations.of(equations.design, weights, shared, state.smoothness)
         last = LastStep(state, model, elimination.joint_equations(model, equations, state.poses))
-        state, move = _moved(state, last.joint, *_step(last))
+        of_map, step = _step(last)
+        share, before = _share_of_step(share, before, step), step
+        state, move = _moved(state, last.joint, share * of_map, share * step)
         if level.is_blurred:
             state = with_footprint_of_outline(state)
         if not math.isfinite(move):
@@ -349,6 +370,18 @@ def _step(at: LastStep) -> tuple[Tensor, Tensor]:
     by_unknowns = elimination.spread_gradient(torch.bmm(weighted, model.jacobian)[:, 0].double())
     by_map = joint.map.gradient(state.ball.coefficients, state.windows.levels)
     return joint.solve(by_map, by_unknowns, STEPS)
+
+
+def _share_of_step(share: float, before: Tensor | None, step: Tensor) -> float:
+    """The share of a ``step`` (u,) to take, after that ``share`` of the step ``before``.
+
+    Steps that go back a part of the step before, as the weights change with what is drawn, would go on to and fro. By
+    both steps the end lies where they would vanish (the secant rule).
+    """
+    if before is None:
+        return 1.0
+    back = float(step @ before / (before @ before).clamp_min(1e-30))
+    return min(1.0, max(share / (1 - back), LEAST_SHARE)) if back < 1 else 1.0
 
 
 def _moved(state: State, joint: JointEquations, of_map: Tensor, step: Tensor) -> tuple[State, float]:

@@ -50,9 +50,9 @@ class KnownFrames:
         """Windows of the given frames around ``centres`` (k, 2)."""
         first, last = numbers[0], numbers[-1] + 1
         if last - first == len(numbers):
-            images = self.source.unconverted(first, last)
+            images = self.source.images(first, last)
         else:
-            images = torch.cat([self.source.unconverted(i, i + 1) for i in numbers])
+            images = torch.cat([self.source.images(i, i + 1) for i in numbers])
         # Single precision is nearly twice as fast and moves a pose by 1e-6 px.
         images = images.float() if images.dtype == torch.float64 else images
         moments = None if self.moments is None else self.moments[numbers]

@@ -10,10 +10,14 @@ from torch import Tensor
 from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map.ball import LIGHT_TERMS
 from torchsphere.sphere_map.map_fit import MapEquations
+from torchsphere.sphere_map.soft_limit import share_beyond
 from torchsphere.sphere_map.state import State, drawn
 
 #: Share of the squared residuals that a light must explain, and largest number of its changes (docs/constants.md).
-MIN_EXPLAINED, ROUNDS = 0.01, 4
+MIN_EXPLAINED, ROUNDS = 0.01, 3
+
+#: Change of the light, relative to it, that needs no further one.
+LAST_CHANGE = 0.002
 
 #: Share of the squared residuals beside the map from which a light is looked for (docs/constants.md).
 MIN_SEEN = 2e-4
@@ -30,20 +34,27 @@ def fit_light(state: State, shared: RowRunner) -> State:
 
     Map and light are solved for together: in turns, the map would keep the light that the map has already absorbed.
     """
-    if not _is_seen(state, shared):
+    is_lit = bool(state.ball.light[1:].any())
+    seen = 1.0 if is_lit else _seen_share(state, shared)
+    if not seen:
         return state
     for _ in range(ROUNDS):
-        change, of_map, explained = _change(state, shared)
-        if not bool(explained > MIN_EXPLAINED):
-            break
         ball = state.ball
+        change, response, explained = _change(state, shared)
+        change = seen * share_beyond(explained, MIN_EXPLAINED) * (ball.light[1:] + change) - ball.light[1:]
         light = ball.light + torch.cat((torch.zeros_like(change[:1]), change))
-        state = replace(state, ball=replace(ball, light=light, coefficients=ball.coefficients + of_map))
+        coefficients = ball.coefficients - response @ change.to(response)
+        state = replace(state, ball=replace(ball, light=light, coefficients=coefficients))
+        if float(change.abs().max()) < LAST_CHANGE:
+            break
     return state
 
 
-def _is_seen(state: State, shared: RowRunner) -> bool:
-    """Whether the residuals hold more of a light than noise would: most of a light is taken up by the map."""
+def _seen_share(state: State, shared: RowRunner) -> float:
+    """0 where the residuals hold no more of a light than noise would, 1 where they hold more.
+
+    Most of a light is taken up by the map.
+    """
     windows, poses = state.windows, state.poses
     weights = state.profile.weights(windows, poses.centre)
     levels = drawn(state, shared).levels(state.ball.coefficients)
@@ -57,13 +68,14 @@ def _is_seen(state: State, shared: RowRunner) -> bool:
     weighted = weights.flatten().unsqueeze(1) * columns
     gradient = weighted.T @ residual.flatten()
     seen = gradient @ torch.linalg.solve(weighted.T @ columns, gradient)
-    return bool(seen > MIN_SEEN * (weights * residual.square()).sum())
+    return share_beyond(seen, MIN_SEEN * (weights * residual.square()).sum())
 
 
 def _change(state: State, shared: RowRunner) -> tuple[Tensor, Tensor, Tensor]:
-    """Change of the light's last three terms, change (m,) of the map, and share of the squares that they explain.
+    """Change of the light's last three terms, response (m, 3) of the map, and share of the squares that they explain.
 
-    The first term is left out: it scales as the map does.
+    The first term is left out: it scales as the map does. The share is that of the changed light, of the squares that
+    would be left without any.
     """
     ball, windows = state.ball, state.windows
     weights = state.profile.weights(windows, state.poses.centre)
@@ -82,5 +94,6 @@ def _change(state: State, shared: RowRunner) -> tuple[Tensor, Tensor, Tensor]:
     by_map = equations.gradient(ball.coefficients, windows.levels)
     gradient = (weighted.T @ residual.flatten() - response.T @ by_map).double()
     change = torch.linalg.solve(reduced, gradient)
-    squares = (weights * residual.square()).sum().double()
-    return change, -response @ change.to(response), (change @ gradient) / squares
+    squares, terms = (weights * residual.square()).sum().double(), ball.light[1:] + change
+    explained = terms @ reduced @ terms
+    return change, response, explained / (squares + explained - change @ gradient)

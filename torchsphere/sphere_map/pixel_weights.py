@@ -38,6 +38,7 @@ class ResidualProfile:
 
     limits: Tensor  # limits (m - 1,) of the rings, px from the ball's centre
     variance: Tensor  # variance (m,) in each ring, grey levels squared
+    least: float = ROUNDING_VARIANCE  # that the steps of the levels leave in each ring
 
     def at(self, windows: Windows, centre: Tensor) -> Tensor:
         """Variance (n, s, s) at the windows' pixels, with the ball's ``centre`` (n, 2) in each image."""
@@ -60,10 +61,11 @@ def _ring_numbers(windows: Windows, centre: Tensor, limits: Tensor) -> Tensor:
     return torch.bucketize(x.square() + y.square(), limits.to(x).clamp_min(0).square())
 
 
-def uniform_profile(radius: Tensor, variance: float) -> ResidualProfile:
+def uniform_profile(radius: Tensor, variance: float, least: float = ROUNDING_VARIANCE) -> ResidualProfile:
     """Profile with the same ``variance`` in all rings, before any residual is known."""
     limits = _ring_limits(radius)
-    return ResidualProfile(limits, torch.full((len(limits) + 1,), variance, dtype=radius.dtype, device=radius.device))
+    same = torch.full((len(limits) + 1,), variance, dtype=radius.dtype, device=radius.device)
+    return ResidualProfile(limits, same, least)
 
 
 def ring_sums(windows: Windows, centre: Tensor, residual: Tensor, radius: Tensor, leverage: Tensor) -> Tensor:
@@ -78,13 +80,13 @@ def ring_sums(windows: Windows, centre: Tensor, residual: Tensor, radius: Tensor
     return torch.stack([none.index_add(0, ring, part.flatten().double()) for part in (squares, free)])
 
 
-def profile_of(sums: Tensor, radius: Tensor) -> ResidualProfile:
+def profile_of(sums: Tensor, radius: Tensor, least: float = ROUNDING_VARIANCE) -> ResidualProfile:
     """Variance per ring from the `ring_sums` (2, m) of all images."""
     limits, (total, count) = _ring_limits(radius), sums
-    variance = (total / count.clamp_min(1)).clamp_min(ROUNDING_VARIANCE)
+    variance = (total / count.clamp_min(1)).clamp_min(least)
     # What exceeds the noise is an error of the model, which is alike over a speckle: neighbours repeat each other.
     beyond = (variance - variance[0]).clamp_min(0)
-    return ResidualProfile(limits, variance + (ALIKE_PIXELS - 1) * beyond)
+    return ResidualProfile(limits, variance + (ALIKE_PIXELS - 1) * beyond, least)
 
 
 def estimate_visibility(windows: Windows, variance: Tensor, residual: Tensor) -> Windows:

@@ -30,7 +30,6 @@ from torchsphere.sphere_map.keyframes import choose_keyframes, choose_map_frames
 from torchsphere.sphere_map.known_frames import KnownFrames, register_frames
 from torchsphere.sphere_map.nearness import UNKNOWN_SD, nearness_of
 from torchsphere.sphere_map.perspective import Optics
-from torchsphere.sphere_map.pixel_weights import ROUNDING_VARIANCE
 from torchsphere.sphere_map.pose_errors import step_covariances, without_leverage
 from torchsphere.sphere_map.registration import Registration
 from torchsphere.sphere_map.settling import settle
@@ -132,7 +131,7 @@ def poses_on_map(
     keys = choose_keyframes(known, orientation)
     initial = Poses.at(frames.position[keys], frames.orientation[keys])
     windows = frames.windows(keys, initial.centre, circle.radius)
-    noise = max(noise_share * texture_variance(windows), ROUNDING_VARIANCE)
+    noise = max(noise_share * texture_variance(windows), source.rounding_variance)
     cell_px = float(np.clip(CELLS_PER_TEXTURE / np.sqrt(fineness), MIN_CELL_PX, MAX_CELL_PX))
     cell_px *= WIDER_CELLS if noise_share > NOISY else 1.0
 

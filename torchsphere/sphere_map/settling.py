@@ -44,7 +44,15 @@ def settle(
     The exposure stays where it ``is_share_known``, and the camera where ``is_distance_known``.
     """
     adjustment = bundle_adjustment.adjust(
-        windows, initial, radius, noise_variance, cell_px, shared, progress, optics_px=blur.optics_px
+        windows,
+        initial,
+        radius,
+        noise_variance,
+        cell_px,
+        shared,
+        progress,
+        optics_px=blur.optics_px,
+        least_variance=frames.source.rounding_variance,
     )
     open_share = blur.open_share
     if frames.moments is not None and adjustment.settled and not blur.is_share_known:

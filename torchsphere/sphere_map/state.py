@@ -92,7 +92,7 @@ def reweighted(state: State, residual: Tensor, leverage: Tensor, shared: RowRunn
         ),
         len(windows),
     )
-    profile = pixel_weights.profile_of(torch.stack(sums).sum(0), state.ball.radius)
+    profile = pixel_weights.profile_of(torch.stack(sums).sum(0), state.ball.radius, state.profile.least)
     profile = replace(profile, variance=profile.variance.minimum(limit * profile.variance[0]))
 
     def visibility(a: int, b: int) -> Tensor:

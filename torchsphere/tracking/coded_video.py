@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from torchsphere.recording.level_scale import SAME, alike
 from torchsphere.tracking.background_blocks import MIN_BLOCKS
 
 #: Share of the background's blocks with a texture that are copies, from which the video is a codec's
@@ -29,8 +30,8 @@ def is_coded(looks: Sequence[Tensor]) -> bool:
     """Whether parts of the background, `background_blocks`, are copied from image to image."""
     copies, total = 0, 0
     for first, following, _ in looks:
-        is_textured = first.var(1) > 0 if len(first) else torch.zeros(0, dtype=torch.bool)
-        is_copy = (following == first).all(1)
+        is_textured = first.var(1) > SAME**2 if len(first) else torch.zeros(0, dtype=torch.bool)
+        is_copy = alike(following, first).all(1)
         if not bool(is_copy.all()):
             # An image that is shown twice is no sign of a codec.
             copies, total = copies + int((is_copy & is_textured).sum()), total + int(is_textured.sum())

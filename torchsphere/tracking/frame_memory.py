@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.geometry.circle import Circle
+from torchsphere.recording.level_scale import SAME
 from torchsphere.tracking.background_blocks import MIN_BLOCKS
 
 #: Smallest memory that is more than chance (docs/constants.md).
@@ -39,7 +40,7 @@ def noise_memory(looks: Sequence[Tensor]) -> float:
         return 0.0
     # Flicker changes a block as a whole.
     near, far = (torch.cat([blocks[k] - blocks[0] for blocks in looks]).var(1) for k in (1, 2))
-    if float(far.median()) == 0:
+    if float(far.median()) < SAME**2:
         return 0.0
     memory = 1 - float(near.median() / far.median())
     return memory if memory > MIN_MEMORY else 0.0

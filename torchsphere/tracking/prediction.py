@@ -13,6 +13,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from torchsphere.recording.level_scale import alike
+
 #: Motion of the ball's front per frame, px, from which two images cannot be identical (docs/constants.md).
 MIN_MOTION_PX = 0.05
 
@@ -88,7 +90,7 @@ def repeats_previous(images: Tensor, state: BallState) -> NDArray[np.bool_]:
     """True (m,) for images (m + 1, h, w), after the first, that repeat the image before while the ball moves."""
     if not state.is_moving:
         return np.zeros(len(images) - 1, dtype=bool)
-    same = (images[1:, ::ROW_STEP] == images[:-1, ::ROW_STEP]).flatten(1).all(-1)
+    same = alike(images[1:, ::ROW_STEP], images[:-1, ::ROW_STEP]).flatten(1).all(-1)
     if bool(same.any()):
-        same = (images[1:] == images[:-1]).flatten(1).all(-1)
+        same = alike(images[1:], images[:-1]).flatten(1).all(-1)
     return same.cpu().numpy()

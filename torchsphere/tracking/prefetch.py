@@ -73,7 +73,7 @@ class Prefetcher:
         if self._source.fills_buffers:
             images = self._source.images_into(self._buffer(state.image, count + 1), state.frame, stop)
         else:
-            images = self._source.unconverted(state.frame, stop)
+            images = self._source.images(state.frame, stop)
         expected, circles = state.predict(self._source.durations(state.frame, stop), self._setup.in_place)
         return prepare(images, circles, expected, self._setup)
 

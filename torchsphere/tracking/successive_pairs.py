@@ -40,7 +40,7 @@ class PairSetup:
 class PreparedBatch:
     """m pairs of successive images, filtered and coarsely correlated."""
 
-    images: Tensor  # grey levels (m + 1, h, w), perhaps whole numbers
+    images: Tensor  # grey levels (m + 1, h, w)
     circles: Tensor  # expected circles (m + 1, 3), px, float64, on the CPU
     start: Tensor  # expected increments (m, 5), px and rad
     filtered: Filtered  # the images around the circles, by one of their fields where ``interlaced``

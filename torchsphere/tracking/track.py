@@ -148,7 +148,7 @@ def track(
     device = getattr(recording, "device", None) if device is None else device
     recording = arguments.as_shown(recording, pixel_aspect, bayer)
     part, start = arguments.part_of(recording, frames)
-    source = Source.open(part, device, dtype)
+    source = Source.open(part, device, dtype).standardised()
     first_image = source.images(0, 1)
     facts = Facts.of(recording, (len(recording), *first_image.shape[-2:]))
     mask = None if ignore is None else as_mask(ignore, first_image)
