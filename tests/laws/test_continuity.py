@@ -1,0 +1,39 @@
+"""The law of continuity: what cannot be seen in the images changes no result, as rounding must decide nothing.
+
+Neither levels changed in their last digits nor gain and offset of the images do. The experiment
+`experiments.validation.continuity` has more recordings, threads and processors.
+"""
+
+import functools
+
+import numpy as np
+import pytest
+
+import torchsphere as ts
+from experiments.validation.continuity import AS_IT_IS, MOST, VARIATIONS, changes
+from torchsphere.synthetic.demo_shot import make_shot
+
+#: Largest change of a number by gain and offset, in its standard deviations.
+MOST_BY_GAIN = 0.01
+
+#: Changes of the images alone, and those of them that are a gain and an offset.
+BY_NAME = {variation.name: variation for variation in (AS_IT_IS, *VARIATIONS) if not variation.environment}
+GAINS = ("levels / 65535", "levels / 255 + 3", "levels x 1e4 + 1e6")
+
+
+@functools.cache
+def recording() -> np.ndarray:
+    """Images (n, h, w) of the demo's contact."""
+    return make_shot().images[26:38].astype(np.float64)
+
+
+@functools.cache
+def track_of(variation: str) -> ts.Track:
+    return ts.track(BY_NAME[variation].images(recording()), log=False)
+
+
+@pytest.mark.parametrize("variation", [name for name in BY_NAME if name != AS_IT_IS.name])
+def test_what_cannot_be_seen_changes_no_result(variation: str) -> None:
+    statuses, most = changes(track_of(AS_IT_IS.name), track_of(variation))
+    assert statuses == 0
+    assert most < (MOST_BY_GAIN if variation in GAINS else MOST)
