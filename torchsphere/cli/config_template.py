@@ -17,6 +17,8 @@ EXAMPLES = {
     "shutter_us": "5",
     "ignore": '["mask.png", "96,156 113,147 106,128"]',
     "axes": '"hwn"',
+    "pixel_aspect": "1.1",
+    "bayer": '"RGGB"',
     "roi": "0.95",
     "focal_px": "1200",
     "distance_mm": "500",
