@@ -182,7 +182,10 @@ BAD = {
     "complex images": ({"recording": np.zeros((3, 80, 90), complex)}, "got ndarray of type complex128"),
     "a circle of text": ({"circle": Circle("left", 40, 20)}, "three numbers"),  # type: ignore[arg-type]
     "a circle in half a frame": ({"circle": Circle(40, 40, 20, frame=0.5)}, "frame 0.5"),  # type: ignore[arg-type]
-    "a device that is not supported": ({"circle": (40, 40, 20), "device": "meta"}, "device = meta: expected one of cpu, cuda"),
+    "a device that is not supported": (
+        {"circle": (40, 40, 20), "device": "meta"},
+        "= meta: expected one of cpu, cuda",
+    ),
     "a camera that is none": ({"circle": (40, 40, 20), "model": "pinhole", "camera": 500}, "torchsphere.Camera"),
     "a map in words": (
         {"circle": (40, 40, 20), "sphere_map": "off"},
