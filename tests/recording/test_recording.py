@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from torchsphere import Recording, open_recording
+from torchsphere.recording.frame_range import restrict
 
 
 @pytest.fixture
@@ -44,3 +45,12 @@ def test_the_short_form_has_name_size_and_rate(recording: Recording) -> None:
     text = repr(recording)
     assert "shot.npy" in text
     assert "7 images of 16 x 12 px, frame rate not stated" in text
+
+
+def test_a_part_of_a_recording_keeps_what_is_stated_of_its_exposure(tmp_path: Path) -> None:
+    facts = {"frame_rate": 36000.0, "exposure_s": 5e-6, "times": np.array([0.0, 1.0, 4.0, 5.0])}
+    images = np.zeros((4, 6, 8), np.float32)
+    whole = Recording(path=tmp_path, kind="array", shape=images.shape, _reader=lambda a, b: images[a:b], **facts)
+    part = restrict(whole, 1, 3)
+    assert (part.frame_rate, part.exposure_s, len(part)) == (36000.0, 5e-6, 2)
+    np.testing.assert_array_equal(np.diff(part.times), [3.0])
