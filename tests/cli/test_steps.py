@@ -54,7 +54,7 @@ def last_word(monkeypatch: pytest.MonkeyPatch, told: list[str]) -> Callable[...,
 
 #: Options of `track`, the function that takes long, and what is told before.
 OF_TRACK = {
-    "finding the ball": ([], "tracking.initial_circle.detect.find", "looking for the ball in 8 frames"),
+    "finding the ball": ([], "tracking.initial_circle.ball_search.find", "looking for the ball in 8 frames"),
     "its radius": ([], "tracking.initial_circle.calibrate_circle", "to measure its radius"),
     "limbs": (CIRCLE, "tracking.limb_path._as_arrays", "comparing the path of the ball with its outlines"),
     "a map": (CIRCLE, "tracking.drift.image_blur", "making a map of the ball"),
@@ -131,7 +131,7 @@ def test_a_plan_tells_what_takes_long(
 
 
 def test_info_tells_that_it_looks_for_the_ball(short: Path, tmp_path: Path, last_word: Callable[..., str]) -> None:
-    word = last_word("tracking.initial_circle.detect.find", "info", short, "--preview", tmp_path / "ball.png")
+    word = last_word("tracking.initial_circle.ball_search.find", "info", short, "--preview", tmp_path / "ball.png")
     assert word == "looking for the ball in 8 frames"
 
 

@@ -29,6 +29,8 @@ class Circle(Presented):
     others : tuple
         Circles (x, y, radius), px, of other round objects of about that size in the image of a circle that was found:
         one of them may be the ball instead.
+    unproven : str
+        Why nothing shows that a circle that was found is a ball's outline; empty where something does.
     """
 
     x: float
@@ -40,6 +42,7 @@ class Circle(Presented):
     frame: int = 0
     sd_guessed: bool = False
     others: tuple[tuple[float, float, float], ...] = ()
+    unproven: str = ""
 
     def __repr__(self) -> str:
         sd = "" if math.isnan(self.sd_radius) else f", {self.sd_text}"
@@ -64,6 +67,8 @@ class Circle(Presented):
     @property
     def doubt(self) -> str:
         """Reason why the circle may not be the ball's outline; empty without one."""
+        if self.unproven:
+            return self.unproven
         if self.sd_guessed:
             return "no limb of a speckled ball was seen along it"
         return "it is so small that it may be anything bright or dark" if self.radius < SMALL_PX else ""

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from torchsphere.correlation.options import Options
-from torchsphere.detection import detect
+from torchsphere.detection import ball_search, detect
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import polar
 from torchsphere.pick.footage import Footage
@@ -63,7 +63,7 @@ def find_ball(
     """
     source = footage.source(start, stop, check).standardised()
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
-    circle = calibrate_circle(source, detect.find(source.images, source.count, mask), mask, Options())
+    circle = calibrate_circle(source, ball_search.find(source.images, source.count, mask), mask, Options())
     circle = dataclasses.replace(circle, frame=start + circle.frame)
     where = "here"
     doubts = (circle.choice(where), circle.warning(where) if circle.doubt else "")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.correlation.options import Options
-from torchsphere.detection import blurred_limb, detect, limb_fit, outline_fit
+from torchsphere.detection import ball_search, blurred_limb, detect, limb_fit, outline_fit
 from torchsphere.detection.blurred_limb import LimbBlur
 from torchsphere.detection.detect import at_limb, unblurred
 from torchsphere.geometry.camera import Camera, require_distance, sphere_of_outline
@@ -58,10 +58,10 @@ def find_initial_circle(
     if given is not None:
         return _check_given_circle(source, given, refine, options)
     steps.tell("looking for the ball in %d frames", source.count)
-    outline = detect.find(source.images, source.count, mask)
+    outline = ball_search.find(source.images, source.count, mask)
     steps.tell("following the circle %s px of frame %d to measure its radius", outline.text(), outline.frame)
     circle, options = _sphere_from_outline(outline, source, options)
-    if options.camera is not None:
+    if options.camera is not None and not outline.unproven:
         circle = _fit_in_perspective(source, outline, circle, options.camera)
     return calibrate_circle(source, circle, mask, options), options
 
@@ -171,6 +171,8 @@ def calibrate_circle(source: Source, found: Circle, ignore: Tensor | None, optio
 
     A plain ball, or a ball that cannot be followed, keeps its circle.
     """
+    if found.unproven:
+        return found
     stop = min(found.frame + FRAMES, source.count)
     source = source.cached(found.frame, stop)
 

@@ -28,7 +28,7 @@ from torchsphere.tracking.edge_leakage import adapt_options, background_contrast
 from torchsphere.tracking.follow import Follower, Progress, Watch
 from torchsphere.tracking.in_place import Limbs
 from torchsphere.tracking.initial_circle import find_initial_circle, is_interlaced, shows_outline
-from torchsphere.tracking.proof import needs_proof
+from torchsphere.tracking.proof import needs_proof, require_ball
 from torchsphere.tracking.raw_mosaic import without_mosaic
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.result import Track
@@ -87,6 +87,7 @@ def run(task: Task, settings: Options, given: dict[str, Any]) -> tuple[Source, T
     if is_interlaced(task.source, start.circle):
         task = dataclasses.replace(task, source=task.source.changed(interlacing.of_even_rows))
         start = dataclasses.replace(_initial_circle(task, settings, given), mosaic=mosaic, interlaced=True)
+    require_ball(start.circle)
     return task.source, _measured_in_place(task, start) if task.in_place else _measured(task, start)
 
 

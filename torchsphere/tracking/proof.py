@@ -36,6 +36,15 @@ def lacking_proof(found: Track) -> str:
     return circle.doubt if needs_proof(circle) else ""
 
 
+def require_ball(circle: Circle) -> None:
+    """Raise ValueError for a circle that was found where nothing shows that it is a ball's outline."""
+    if circle.unproven:
+        raise SettingError(
+            f"the circle found, {circle.text(1)} px in frame {circle.frame}, may not be the ball: {circle.unproven}; "
+            "if it is, give its outline with `circle` as x, y, radius in px of the first frame to track"
+        )
+
+
 def require_proof(found: Track) -> None:
     """Raise ValueError for a circle of a track that lacks a proof: `lacking_proof`."""
     circle, reason = found.circle, lacking_proof(found)

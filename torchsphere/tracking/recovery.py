@@ -16,8 +16,8 @@ from torch import Tensor
 from torchsphere.correlation.correlate import correlate_pairs
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.result import CELLS, Correlation
-from torchsphere.detection import detect, limb_fit, outline_fit
-from torchsphere.detection.detect import MIN_SUPPORT
+from torchsphere.detection import ball_search, limb_fit, outline_fit
+from torchsphere.detection.candidates import MIN_SUPPORT
 from torchsphere.geometry import motion_models
 from torchsphere.imaging import template_matching
 from torchsphere.tracking import rotation_search
@@ -169,11 +169,8 @@ def find_by_outline(image: Tensor, state: BallState, setup: PairSetup) -> Tensor
     """Centre (2,), px, of a ball that shows another side in ``image`` (1, h, w); None without a ball."""
     if setup.in_place:
         return state.centre if _shows_limb(image, state, setup) else None
-    try:
-        found = detect.find(lambda start, stop: image[start:stop], 1, setup.ignore)
-    except ValueError:
-        return None
-    if abs(found.radius - state.radius) > RESTART_RADIUS * state.radius:
+    found = ball_search.find_in_image(image[0], setup.ignore)
+    if found is None or abs(found.radius - state.radius) > RESTART_RADIUS * state.radius:
         return None
     fit = outline_fit.refine(
         image,

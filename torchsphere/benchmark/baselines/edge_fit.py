@@ -23,7 +23,7 @@ from torchsphere.benchmark.baselines.frame_loop import (
     result,
 )
 from torchsphere.detection import outline_fit
-from torchsphere.detection.detect import MIN_SUPPORT
+from torchsphere.detection.candidates import MIN_SUPPORT
 from torchsphere.detection.outline_fit import OutlineFit
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import background as still
