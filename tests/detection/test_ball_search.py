@@ -47,6 +47,21 @@ def test_a_ball_that_comes_late_is_preferred_to_what_stays(plain: bool) -> None:
     assert circle.doubt == ""
 
 
+def test_a_ball_that_its_background_hides_in_part_is_found_in_its_first_frame() -> None:
+    # In the first frame 11 of 14 arcs show the outline: too few to know a ball by, enough for one that is known.
+    count, thrown_back = 40, 21
+    times = torch.arange(count)
+    x = 22.0 + 6.0 * times.clamp(max=thrown_back) - 1.5 * (times - thrown_back).clamp(min=0)
+    waves = torch.sin(torch.arange(220) / 9.0) * torch.cos(torch.arange(90)[:, None] / 11.0)
+    behind = 90.0 + 20.0 * torch.linspace(-1, 1, 220) + 8.0 * waves
+    behind[:, int(x.max()) + 17 :] = 170.0
+    moves, still = torch.stack((x, torch.full_like(x, 46.0)), -1), torch.eye(3).expand(count, 3, 3)
+    circle = found_in(noisy(ray_caster.render(speckle(3, RADIUS), moves, RADIUS, still, behind), 2.0, 4))
+    assert circle.frame == 0
+    assert (circle.x, circle.y, circle.radius) == pytest.approx((22.0, 46.0, RADIUS), abs=0.3)
+    assert circle.others == ()
+
+
 def test_a_short_flight_in_a_long_recording_is_found_from_its_first_frames() -> None:
     flight = crossing(blotch(), 0, 18, plain=False)
     empty = noisy(blotch()[None], 2.0, 5)

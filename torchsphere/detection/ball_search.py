@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from torchsphere.detection.ball_motion import Disc, step_of_ball
-from torchsphere.detection.candidates import OTHER_SCORE, Candidate, candidates_in, others
+from torchsphere.detection.candidates import MIN_PART, OTHER_SCORE, Candidate, candidates_in, others, within
 from torchsphere.detection.detect import as_circle, as_values, at_limb
 from torchsphere.detection.outline_arcs import Arcs
 from torchsphere.detection.scene import Scene
@@ -90,7 +90,7 @@ def find(images: Images, count: int, ignore: Tensor | None = None) -> Circle:
             step = step_of_ball(scene, outline.disc) if kind is found.whole else None
             if step is not None:
                 before = max((other for other in tried if other < frame), default=-1)
-                return _with_others(scene, _on_path(kind, outline, step) or _first_view(scene, outline, before))
+                return _with_others(scene, _first_view(scene, _on_path(kind, outline, step) or outline, step, before))
             kind.append(outline)
         tried.append(frame)
     ball = _rough_ball(scene, found.rough) or _turning_part(scene, found.partial)
@@ -144,12 +144,16 @@ def _outlines(scene: Scene, frame: int) -> list[_Outline]:
 def _circle(scene: Scene, candidate: Candidate, frame: int) -> Circle:
     """The circle of a candidate, at the limb of a speckled ball."""
     circle = as_circle(candidate.circle, candidate.fit.covariance[0], frame)
-    return circle if candidate.plain else at_limb(scene.views(frame), circle, scene.ignore)
+    if candidate.plain:
+        return circle
+    # In a view with a ghost of the ball the first fit may be off by more than the limb's fit reaches.
+    near = at_limb(scene.views(frame), circle, scene.ignore)
+    return near if near.sd_guessed else at_limb(scene.views(frame), near, scene.ignore)
 
 
 def _with_others(scene: Scene, ball: _Outline) -> Circle:
     """The circle of the ``ball``, with other objects of its size in its frame."""
-    return dataclasses.replace(ball.circle, others=others(ball.among, ball.candidate, scene.ignore))
+    return dataclasses.replace(ball.circle, others=others(scene, ball.circle.frame, ball.among, ball.candidate))
 
 
 def _on_path(outlines: list[_Outline], ball: _Outline, step: Tensor) -> _Outline | None:
@@ -163,8 +167,11 @@ def _on_path(outlines: list[_Outline], ball: _Outline, step: Tensor) -> _Outline
     return None
 
 
-def _first_view(scene: Scene, ball: _Outline, before: int) -> _Outline:
-    """The ``ball`` in the first frame that shows the whole of it, after the frame ``before`` that does not."""
+def _first_view(scene: Scene, ball: _Outline, step: Tensor, before: int) -> _Outline:
+    """The ``ball`` in the first frame that shows the whole of it, by its ``step`` (2,) per frame, px.
+
+    ``before`` is the last frame before it in which no outline is known to be the ball's.
+    """
     while ball.circle.frame - before > 1:
         frame = (ball.circle.frame + before) // 2
         whole = (o for o in _outlines(scene, frame) if o.arcs.are_all_round and not o.circle.doubt)
@@ -173,7 +180,23 @@ def _first_view(scene: Scene, ball: _Outline, before: int) -> _Outline:
             before = frame
         else:
             ball = earlier
+    # Where something else is more like a disc, the ball is not among the outlines that were found.
+    while (earlier := _a_frame_before(scene, ball, step)) is not None:
+        ball = earlier
     return ball
+
+
+def _a_frame_before(scene: Scene, ball: _Outline, step: Tensor) -> _Outline | None:
+    """The whole ball a frame before, about a ``step`` (2,), px, from where it is; None where it is not there."""
+    frame = ball.circle.frame - 1
+    if frame < 0 or ball.candidate.plain:
+        return None
+    x, y = (as_values(ball.circle)[:2] - step).tolist()
+    circle = at_limb(scene.views(frame), dataclasses.replace(ball.circle, x=x, y=y, frame=frame), scene.ignore)
+    found = dataclasses.replace(ball, circle=circle, arcs=scene.arcs(frame, as_values(circle)))
+    # The ball is known: its outline need not be there on so many arcs again.
+    is_seen = found.arcs.share >= MIN_PART and within(as_values(circle), scene.image(frame).shape)
+    return found if is_seen and not circle.doubt and found.has_size_of(ball) else None
 
 
 def _rough_ball(scene: Scene, outlines: list[_Outline]) -> _Outline | None:

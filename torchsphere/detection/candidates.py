@@ -45,6 +45,13 @@ class Candidate:
         """The circle (3,), px."""
         return self.fit.circle[0]
 
+    def rest(self) -> tuple[Tensor, Tensor]:
+        """The silhouette without this outline, and the contrast."""
+        x, y, radius = self.circle.tolist()
+        rows, columns = (torch.arange(size, device=self.contrast.device) for size in self.contrast.shape)
+        is_disc = (rows[:, None] - y) ** 2 + (columns - x) ** 2 < (disc_filter.RING * radius) ** 2
+        return self.silhouette.masked_fill(is_disc, 0.0), self.contrast
+
 
 def candidates_in(scene: Scene, frame: int) -> list[Candidate]:
     """The best outlines in a frame, the one with the highest score first."""
@@ -53,24 +60,26 @@ def candidates_in(scene: Scene, frame: int) -> list[Candidate]:
         # A blank image differs from the background where the ball is in other images.
         return []
     seen = list(silhouettes(scene.images, frame, scene.count, scene.background, scene.ignore))
-    return sorted(_candidates(seen, scene.ignore), key=lambda c: -c.score)
+    found = _candidates(seen, scene.ignore)
+    # Where the ball stood or will be, a silhouette may show more of a disc than at the ball itself.
+    partial = [candidate for candidate in found if not scene.arcs(frame, candidate.circle).are_all_round]
+    found += _candidates([candidate.rest() for candidate in partial], scene.ignore)
+    return sorted(found, key=lambda c: -c.score)
 
 
 def others(
-    candidates: list[Candidate], best: Candidate, ignore: Tensor | None
+    scene: Scene, frame: int, candidates: list[Candidate], best: Candidate
 ) -> tuple[tuple[float, float, float], ...]:
     """Circles of other objects that may be the ball: those in other silhouettes, and that beside the ``best`` one."""
     x, y, radius = best.circle.tolist()
-    rows, columns = (torch.arange(size, device=best.contrast.device) for size in best.contrast.shape)
-    is_ball = (rows[:, None] - y) ** 2 + (columns - x) ** 2 < (disc_filter.RING * radius) ** 2
-    rest = best.silhouette.masked_fill(is_ball, 0.0)
-    beside = _candidates([(rest, best.contrast)], ignore, (OTHER_SIZES[0] * radius, OTHER_SIZES[1] * radius))
+    sizes = OTHER_SIZES[0] * radius, OTHER_SIZES[1] * radius
+    beside = _candidates([best.rest()], scene.ignore, sizes)
     found: list[tuple[float, float, float]] = []
     for candidate in sorted(candidates + beside, key=lambda c: -c.score):
         at_x, at_y, size = candidate.circle.tolist()
         apart = all(math.hypot(at_x - u, at_y - v) > OTHER_DISTANCE * radius for u, v, _ in [(x, y, radius), *found])
         like_ball = OTHER_SIZES[0] < size / radius < OTHER_SIZES[1] and candidate.score > OTHER_SCORE * best.score
-        if apart and like_ball:
+        if apart and like_ball and scene.arcs(frame, candidate.circle).are_all_round:
             found.append((at_x, at_y, size))
     return tuple(found)
 
@@ -98,13 +107,13 @@ def _outline_of(
 ) -> tuple[OutlineFit, bool] | None:
     """The outline from a ``guess`` (1, 3), first in the silhouette, then in the image; True if the ball is plain."""
     coarse = outline_fit.refine(silhouette[None], guess, window=max(2.0, 0.08 * float(guess[0, 2])))
-    if float(coarse.support[0]) < MIN_SUPPORT or not _within(coarse.circle[0], silhouette.shape):
+    if float(coarse.support[0]) < MIN_SUPPORT or not within(coarse.circle[0], silhouette.shape):
         return None
     if arcs_of(contrast, coarse.circle[0], ignore, slack=SLACK).share < MIN_PART:
         return None
     plain = outline_fit.is_plain(contrast, coarse.circle[0])
     fine = outline_fit.refine(contrast[None], coarse.circle, window=outline_fit.STEP_BLUR_PX, plain=plain)
-    if float(fine.support[0]) < MIN_SUPPORT or not _within(fine.circle[0], silhouette.shape):
+    if float(fine.support[0]) < MIN_SUPPORT or not within(fine.circle[0], silhouette.shape):
         return None
     moved = float((fine.circle - coarse.circle).abs().max())
     if moved >= max(3.0, 0.04 * float(guess[0, 2])):
@@ -112,8 +121,8 @@ def _outline_of(
     return fine, plain
 
 
-def _within(circle: Tensor, shape: torch.Size) -> bool:
-    """Whether the circle lies in the image, to about a pixel."""
+def within(circle: Tensor, shape: torch.Size) -> bool:
+    """Whether the ``circle`` (3,) lies in an image of this ``shape`` (h, w), to about a pixel."""
     x, y, radius = circle.tolist()
     height, width = shape
     return min(x, y, width - 1 - x, height - 1 - y) > radius - 1.5
