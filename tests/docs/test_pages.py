@@ -190,6 +190,12 @@ def test_pages_and_program_name_one_time_for_the_first_compilation(page: str) ->
     assert set(told) == {COMPILATION_TIME}
 
 
+def test_the_readme_is_read_in_one_sitting() -> None:
+    text = (DOCS / "../README.md").read_text(encoding="utf-8")
+    assert len(text.split()) <= 1100
+    assert len(text.splitlines()) <= 120
+
+
 def test_the_pages_pictures_are_small() -> None:
     sizes = {path.name: path.stat().st_size for path in (DOCS / "pictures").iterdir()}
     assert len(sizes) == 7
