@@ -16,7 +16,15 @@ author = "The torchsphere developers"
 project_copyright = author
 version = release = __version__
 
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "myst_parser", "mathml", "command_line", "fields"]
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "myst_parser",
+    "mathml",
+    "command_line",
+    "fields",
+    "constants",
+]
 exclude_patterns = ["_build", "tables"]  # pages include the tables
 
 myst_enable_extensions = ["dollarmath", "colon_fence"]

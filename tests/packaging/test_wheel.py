@@ -19,7 +19,12 @@ import torchsphere
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Files that a checkout may hold and that do not belong to the project.
-LEFTOVERS = ("torchsphere/kernels/__pycache__/loop.nbi", "docs/_build/index.html", "experiments/cache/shot.npz")
+LEFTOVERS = (
+    "torchsphere/kernels/__pycache__/loop.nbi",
+    "docs/_build/index.html",
+    "docs/constants.md",
+    "experiments/cache/shot.npz",
+)
 BUILD = "import sys; from setuptools import build_meta; getattr(build_meta, sys.argv[1])(sys.argv[2])"
 
 

@@ -23,7 +23,7 @@ from pathlib import Path
 
 from torchsphere.archive.scan import STATE
 
-#: Wait before the next attempt at a lock of another process, s (docs/constants.md).
+#: Wait before the next attempt at a lock of another process, s (docs/constants.toml).
 PAUSE_S = 1.0
 
 #: Errors while another process holds the lock; any other error means that the file system has no locks.

@@ -15,9 +15,9 @@ from torchsphere.archive.claims import PAUSE_S
 from torchsphere.archive.work import BUSY, Job, Measure, Outcome, fail_job, run_job
 from torchsphere.recording.refusal import LibraryMissingError
 
-#: Tasks in flight per worker, the running task and the next (docs/constants.md).
+#: Tasks in flight per worker, the running task and the next (docs/constants.toml).
 IN_FLIGHT = 2
-#: Number of drops by the scheduler, after deaths of workers, at which a recording fails (docs/constants.md).
+#: Number of drops by the scheduler, after deaths of workers, at which a recording fails (docs/constants.toml).
 _MAX_DROPS = 10
 _LOG = logging.getLogger(__name__)
 

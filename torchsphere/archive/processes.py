@@ -23,11 +23,11 @@ from torchsphere.runtime import signals
 
 #: Workers are spawned, as the threads of torch, and CUDA, do not survive a fork.
 _CONTEXT = multiprocessing.get_context("spawn")
-#: Failed starts in a row after which the run ends (docs/constants.md).
+#: Failed starts in a row after which the run ends (docs/constants.toml).
 _MAX_FAILED_STARTS = 3
 #: Numbers of threads that libraries read when loaded; processes with many threads slow each other down.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-#: Time for workers to clean up when the run is interrupted, s (docs/constants.md).
+#: Time for workers to clean up when the run is interrupted, s (docs/constants.toml).
 _GRACE_S = 5.0
 
 

@@ -27,7 +27,7 @@ Engine = Callable[[Iterator[Job]], Iterator[Outcome]]
 #: Recordings, each with a sentence.
 Named = tuple[tuple[str, str], ...]
 
-#: Shortest pause between two writings of the table, s, and as a multiple of the time of writing (docs/constants.md).
+#: Shortest pause between two writings of the table, s, and as a multiple of the time of writing (docs/constants.toml).
 EVERY_S, WRITING_TIMES = 30.0, 50.0
 
 

@@ -31,7 +31,7 @@ Measure = Callable[[Request, None, Mapping[str, Path]], Any]
 BUSY, STOP = "busy", "stop"
 _NOT_WRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
-#: Deaths of the worker in a run after which a recording fails (docs/constants.md).
+#: Deaths of the worker in a run after which a recording fails (docs/constants.toml).
 MAX_DEATHS = 2
 #: File in a result folder with the hashes of its input and settings.
 KEY_FILE = "batch.json"

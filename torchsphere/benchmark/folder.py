@@ -32,7 +32,7 @@ TRUTH_COLUMNS = ("frame", "time_s", "x_px", "y_px", "radius_px", "qw", "qx", "qy
 #: Kinds of suites whose ball has no pattern, so that no tracker can see its rotation.
 WITHOUT_PATTERN = ("no-speckle",)
 
-#: Decimals of the truth in the checksum (docs/constants.md).
+#: Decimals of the truth in the checksum (docs/constants.toml).
 CHECKSUM_DECIMALS = 9
 
 _BLOCK_FRAMES = 64

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 #: Values of the column ``status`` with a valid position, and with a valid rotation.
 VALID_POSITION, VALID_ROTATION = ("", "ok", "weak_texture"), ("", "ok")
 
-#: Largest deviation of a quaternion's length from 1 (docs/constants.md).
+#: Largest deviation of a quaternion's length from 1 (docs/constants.toml).
 LENGTH_TOLERANCE = 0.01
 
 

@@ -18,7 +18,7 @@ from torchsphere.benchmark.trackers import Entry, Task
 from torchsphere.recording import open_recording
 from torchsphere.runtime import steps
 
-#: Frames of the untimed first run of a built-in tracker (docs/constants.md).
+#: Frames of the untimed first run of a built-in tracker (docs/constants.toml).
 WARM_UP = 3
 
 

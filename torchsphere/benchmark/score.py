@@ -22,13 +22,13 @@ from torchsphere.benchmark.predictions import Prediction, rotation_vectors
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Largest error of a right position, px, and of a right orientation, deg (docs/constants.md).
+#: Largest error of a right position, px, and of a right orientation, deg (docs/constants.toml).
 LIMIT_PX, LIMIT_DEG = 1.0, 2.0
 
-#: Largest error that counts, and that of a lost frame, px and deg (docs/constants.md).
+#: Largest error that counts, and that of a lost frame, px and deg (docs/constants.toml).
 CAP_PX, CAP_DEG = 5 * LIMIT_PX, 5 * LIMIT_DEG
 
-#: Smallest share of the outline's area in view with which the ball counts as visible (docs/constants.md).
+#: Smallest share of the outline's area in view with which the ball counts as visible (docs/constants.toml).
 MIN_VISIBLE = 0.3
 
 #: Standard deviations on either side that hold 95 % of normal errors.

@@ -17,10 +17,10 @@ from torchsphere.correlation.result import CELLS
 from torchsphere.geometry import motion_models, rotation
 from torchsphere.geometry.motion_models import Displacement
 
-#: Least correlation coefficient of an explained point, as a share of the median (docs/constants.md).
+#: Least correlation coefficient of an explained point, as a share of the median (docs/constants.toml).
 TYPICAL_SHARE = 0.9
 
-#: Least share of the explained parts of two pairs that must be the same (docs/constants.md).
+#: Least share of the explained parts of two pairs that must be the same (docs/constants.toml).
 MIN_COMMON_SHARE = 0.5
 
 

@@ -18,13 +18,13 @@ from torchsphere.imaging import interpolation
 from torchsphere.kernels import gauss_newton as descent
 from torchsphere.kernels import jit
 
-#: Steps after which a point that left sight or crop stays out (docs/constants.md).
+#: Steps after which a point that left sight or crop stays out (docs/constants.toml).
 SETTLE_AFTER = 5
 
-#: Steps from one test for convergence to the next, on a CPU and on a GPU (docs/constants.md).
+#: Steps from one test for convergence to the next, on a CPU and on a GPU (docs/constants.toml).
 CHECK_STEP, CHECK_STEP_ON_GPU = 1, 4
 
-#: Largest motion of a point in a step after which the modes are kept, px (docs/constants.md).
+#: Largest motion of a point in a step after which the modes are kept, px (docs/constants.toml).
 MODES_HOLD_PX = 0.02
 
 

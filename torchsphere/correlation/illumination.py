@@ -17,10 +17,10 @@ from torchsphere.correlation.reference import Reference, nuisances
 from torchsphere.geometry import motion_models
 from torchsphere.geometry.motion_models import Displacement
 
-#: Least sum of 15 squared scores of uneven light (docs/constants.md).
+#: Least sum of 15 squared scores of uneven light (docs/constants.toml).
 MIN_UNEVEN_SCORE = 40.0
 
-#: Largest turn out of the image plane at which uneven light is allowed for, deg (docs/constants.md).
+#: Largest turn out of the image plane at which uneven light is allowed for, deg (docs/constants.toml).
 MAX_LIGHT_TURN_DEG = 1.0
 
 #: Largest squared distance from the axis, in radii, at which the normal of a block is taken.

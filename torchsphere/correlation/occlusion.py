@@ -23,19 +23,19 @@ from torchsphere.kernels import jit, region
 #: Quantile of the residual's energy that stands for the calm part of the ball.
 CALM_QUANTILE = 0.3
 
-#: Largest energy of a window on the ball, times that of the calm part (docs/constants.md).
+#: Largest energy of a window on the ball, times that of the calm part (docs/constants.toml).
 MAX_ENERGY = 10.0
 
-#: Largest energy of the calm part, times the noise of the raw image (docs/constants.md).
+#: Largest energy of the calm part, times the noise of the raw image (docs/constants.toml).
 MAX_CALM = 5.0
 
-#: Misplacement of foreshortened texture, px, and its growth with the turn, px per deg (docs/constants.md).
+#: Misplacement of foreshortened texture, px, and its growth with the turn, px per deg (docs/constants.toml).
 MISPLACED_PX, MISPLACED_PX_PER_DEG = 0.06, 0.027
 
 #: Least cosine of a view that a misplacement is computed for.
 MIN_COSINE = 0.1
 
-#: Misplacement at which a point has half its weight, px (docs/constants.md).
+#: Misplacement at which a point has half its weight, px (docs/constants.toml).
 TOLERATED_PX = 0.35
 
 #: Every how many points the quantile uses: sorting all takes as long as two iterations.

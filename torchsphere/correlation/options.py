@@ -13,10 +13,10 @@ from torchsphere.geometry.camera import Camera
 from torchsphere.imaging import interpolation
 from torchsphere.settings.limits import ROI, is_whole, require_switch, require_within
 
-#: Least pre-blur of small balls, px (docs/constants.md).
+#: Least pre-blur of small balls, px (docs/constants.toml).
 MIN_PRE_BLUR_PX = 0.7
 
-#: Room between the region of interest and the outline, in pre-blurs (docs/constants.md).
+#: Room between the region of interest and the outline, in pre-blurs (docs/constants.toml).
 PRE_BLUR_ROOM = 1.5
 
 

@@ -24,10 +24,10 @@ SLACK_PX = 3.0
 #: Distance of neighbouring points on a chessboard of pixels, px.
 CHESSBOARD = math.sqrt(2)
 
-#: Least pre-blur, px, and least number of pixels of a region that uses a chessboard of them (docs/constants.md).
+#: Least pre-blur, px, and least number of pixels of a region that uses a chessboard of them (docs/constants.toml).
 MIN_CHESSBOARD_BLUR_PX, MIN_CHESSBOARD_POINTS = 0.7, 2000
 
-#: Every how many points the covariance uses (docs/constants.md).
+#: Every how many points the covariance uses (docs/constants.toml).
 COVARIANCE_STEP = 4
 
 

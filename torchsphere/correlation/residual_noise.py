@@ -25,13 +25,13 @@ BLOCK, MIN_BLOCK_PX = 0.2, 4
 #: Ratio of variances that about 80 blocks reach by chance: one standard deviation above 1.
 MAX_CHANCE_SCATTER = 1.2
 
-#: Share of the noise's variance that the blocks show after the fit (docs/constants.md).
+#: Share of the noise's variance that the blocks show after the fit (docs/constants.toml).
 BLOCK_NOISE_SHARE = 0.75
 
-#: Radius of the part that faces the camera and shows the noise, share of the ball's (docs/constants.md).
+#: Radius of the part that faces the camera and shows the noise, share of the ball's (docs/constants.toml).
 FACING = 0.5
 
-#: Standard deviations below the mean from which and at which that part counts as quieter (docs/constants.md).
+#: Standard deviations below the mean from which and at which that part counts as quieter (docs/constants.toml).
 MIN_QUIET_SDS, FULL_QUIET_SDS = 1.0, 3.0
 
 

@@ -15,7 +15,7 @@ STATUSES = ("ok", "weak_texture", "low_correlation", "not_converged", "out_of_fr
 #: Fields of `Correlation` with a row per pair that are tensors.
 _TENSORS = ("q", "covariance", "zncc", "iterations", "growth", "sd_growth", "uneven_light", "explained")
 
-#: Cells along a side of the square around the ball in `Correlation.explained` (docs/constants.md).
+#: Cells along a side of the square around the ball in `Correlation.explained` (docs/constants.toml).
 CELLS = 12
 
 

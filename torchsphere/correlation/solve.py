@@ -29,19 +29,19 @@ from torchsphere.imaging import crop
 #: Turn per pair from which the gradient of the deformed image is used, deg: at the limb the reference's is too far off.
 GRADIENT_FROM_DEG = 2.0
 
-#: Least turn per pair that is measured both ways, rad (docs/constants.md).
+#: Least turn per pair that is measured both ways, rad (docs/constants.toml).
 MIN_TWO_WAY_TURN = math.radians(1.0)
 
-#: Largest difference of both ways at the ball's front, share of the radius (docs/constants.md).
+#: Largest difference of both ways at the ball's front, share of the radius (docs/constants.toml).
 MAX_DISAGREEMENT = 0.05
 
-#: Largest difference of both ways in the translation alone, share of the radius (docs/constants.md).
+#: Largest difference of both ways in the translation alone, share of the radius (docs/constants.toml).
 MAX_SHIFT_DISAGREEMENT = 0.1
 
-#: Every how many points the coarse solution uses, and the least number of points it needs (docs/constants.md).
+#: Every how many points the coarse solution uses, and the least number of points it needs (docs/constants.toml).
 COARSE_STEP, MIN_COARSE_POINTS = 4, 400
 
-#: Most iterations of the coarse solution, and its tolerance, px (docs/constants.md).
+#: Most iterations of the coarse solution, and its tolerance, px (docs/constants.toml).
 MAX_COARSE_ITERATIONS, COARSE_TOLERANCE_PX = 10, 0.05
 
 

@@ -17,10 +17,10 @@ from torchsphere.geometry import motion_models, rotation
 from torchsphere.geometry.motion_models import Displacement
 from torchsphere.imaging import interpolation
 
-#: Least energy of the gradients over that of noise, in the worst combination of modes (docs/constants.md).
+#: Least energy of the gradients over that of noise, in the worst combination of modes (docs/constants.toml).
 MIN_TEXTURE_SIGNAL = 3.0
 
-#: Largest ratio of the best to the worst combination of modes in that measure (docs/constants.md).
+#: Largest ratio of the best to the worst combination of modes in that measure (docs/constants.toml).
 MAX_CONDITION = 15.0
 
 #: Every how many points the products of the modes use: the modes change slowly over the ball.

@@ -20,7 +20,7 @@ from torchsphere.detection.scene import Scene
 from torchsphere.imaging import template_matching
 from torchsphere.imaging.interpolation import blur
 
-#: Least motion that proves a ball, px at its front, and the same in standard deviations (docs/constants.md).
+#: Least motion that proves a ball, px at its front, and the same in standard deviations (docs/constants.toml).
 MIN_MOTION_PX, MIN_MOTION_SD = 0.5, 6.0
 
 #: Distances of the frames that are compared with that of the circle, frames: a slow ball needs time.
@@ -29,7 +29,7 @@ DISTANCES = (1, 2, 4, 8, 16, 32)
 #: Reach of the search for the disc in the next frame, radii beyond its outline.
 REACH = 8.0
 
-#: Largest relative difference of the radius of one ball in two frames (docs/constants.md).
+#: Largest relative difference of the radius of one ball in two frames (docs/constants.toml).
 MAX_RADIUS_CHANGE = 0.05
 
 #: Side of the blocks that show the motion of what surrounds a ball, px, the most of them, and the fewest that tell.
@@ -38,7 +38,7 @@ BLOCK_PX, MAX_BLOCKS, MIN_BLOCKS = 24, 48, 4
 #: Distance of a block from the outline, px, and blur of the blocks against noise, px.
 CLEARANCE_PX, BLOCK_BLUR_PX = 6.0, 1.0
 
-#: Correlation coefficient of a block that is seen again (docs/constants.md).
+#: Correlation coefficient of a block that is seen again (docs/constants.toml).
 MIN_ALIKE = 0.5
 
 

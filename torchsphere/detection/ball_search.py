@@ -30,10 +30,10 @@ MAX_DOUBTFUL = 4
 #: Outlines of one size that are looked at: a thing on the wall is elsewhere in each image of a camera held by hand.
 MAX_JUDGED = 4
 
-#: Relative difference of the radii up to which two circles may be one object (docs/constants.md).
+#: Relative difference of the radii up to which two circles may be one object (docs/constants.toml).
 SAME_RADIUS = 0.05
 
-#: Largest distance of an earlier outline of the ball from its path, radii (docs/constants.md).
+#: Largest distance of an earlier outline of the ball from its path, radii (docs/constants.toml).
 NEAR_PATH = 0.25
 
 #: Reasons of a doubt.

@@ -36,17 +36,17 @@ FIRST_BLUR_PX, ROUNDS, TRIAL_ROUNDS = 0.72, 30, 4
 #: Largest change of the blur's variance in a round, as a share of it, and step, px, after which the fit has settled.
 MOST_CHANGE, SETTLED_PX = 0.5, 0.005
 
-#: Smallest and largest blur with the pixel's, px (docs/constants.md).
+#: Smallest and largest blur with the pixel's, px (docs/constants.toml).
 LEAST_BLUR_PX, MOST_BLUR_PX = 0.45, 5.0
 
 #: Blur and smear of the outline from which an image counts as blurred, px, and the blur after the rounds of the trial
-#: from which the fit goes on (docs/constants.md).
+#: from which the fit goes on (docs/constants.toml).
 BLURRED_PX, SMEARED_PX, TRIAL_PX = 0.85, 2.2, 0.78
 
 #: Least motion from frame to frame that may smear the outline, px.
 LEAST_MOTION_PX = 2.0
 
-#: Variance of the pattern over that which is left about the mean of its own arc (docs/constants.md).
+#: Variance of the pattern over that which is left about the mean of its own arc (docs/constants.toml).
 OWN_MEAN = 1.1
 
 #: Reach inwards and start of the background in units of the blur, and length of the background's places, px.
@@ -55,10 +55,10 @@ INWARDS, INWARDS_MORE_PX, CLEAR, BACKGROUND_PX = 1.6, 3.0, 2.1, 4.5
 #: Rays of one exposure: the points of a Gauss rule over the smear, px, and number of smears in the table.
 SMEAR_POINTS, SMEARS = 3, 9
 
-#: Standard deviation of the pattern's correlation on the ball, px (docs/constants.md).
+#: Standard deviation of the pattern's correlation on the ball, px (docs/constants.toml).
 PATTERN_PX = 2.4
 
-#: Standard deviation of the result over that of the scores (docs/constants.md).
+#: Standard deviation of the result over that of the scores (docs/constants.toml).
 SCORES_TO_SD = 2.5
 
 #: Root of the depth of the pattern below the outline, px, and number of places in it.

@@ -22,11 +22,11 @@ from torchsphere.recording.level_scale import alike
 #: Least share of the rays whose edge lies on the circle of an outline.
 MIN_SUPPORT = 0.4
 
-#: Least share of the arcs that show an outline, and slack of the circle in the silhouette (docs/constants.md).
+#: Least share of the arcs that show an outline, and slack of the circle in the silhouette (docs/constants.toml).
 MIN_PART, SLACK = 0.5, 2.5
 
 #: Size, in radii of the ball, of other objects that may be the ball, least distance of their centres, in radii, and
-#: least score, as a share of that of the ball (docs/constants.md).
+#: least score, as a share of that of the ball (docs/constants.toml).
 OTHER_SIZES, OTHER_DISTANCE, OTHER_SCORE = (0.6, 1.67), 1.0, 0.6
 
 

@@ -14,7 +14,7 @@ from torch import Tensor
 #: Longest side of the filtered images, px.
 COARSE_PX = 192
 
-#: Radius from which an image is halved, px (docs/constants.md).
+#: Radius from which an image is halved, px (docs/constants.toml).
 HALVED_FROM = 12.0
 
 #: Ratio of successive radii, and outer radius of the ring in radii of the disc.

@@ -14,7 +14,7 @@ from torch import Tensor
 from torchsphere.geometry.camera import Camera
 from torchsphere.imaging import polar
 
-#: Standard deviation of the passage from background to pattern along a ray, px (docs/constants.md).
+#: Standard deviation of the passage from background to pattern along a ray, px (docs/constants.toml).
 BLUR_PX = 0.66
 
 #: Blur in the first round, px, and rounds: half of them with a decreasing blur, half with the last.
@@ -23,23 +23,24 @@ FIRST_BLUR_PX, ROUNDS = 1.0, 8
 #: Reach of the rays inwards and outwards, start of the background, and distance of the places on a ray, px.
 INWARDS_PX, OUTWARDS_PX, CLEAR_PX, SPACING_PX = 4.0, 6.0, 1.5, 0.5
 
-#: End of the places that give the background's level and start of those that give its variance, px (docs/constants.md).
+#: End of the places that give the background's level and start of those that give its variance, px
+#: (docs/constants.toml).
 MIDDLE_PX = 3.75
 
 #: Error of a grey level between pixels, as a share of the contrast: the interpolation rings beside a sharp edge
-#: (docs/constants.md).
+#: (docs/constants.toml).
 RINGING = 0.03
 
 #: Share of the outline over which the variances are averaged and the errors of rays are correlated.
 ARC = 0.1
 
-#: Systematic error of an arc, px, and the share of the outline of such an arc (docs/constants.md).
+#: Systematic error of an arc, px, and the share of the outline of such an arc (docs/constants.toml).
 SYSTEMATIC_PX, SYSTEMATIC_ARC = 0.2, 0.125
 
-#: Error of the radius that all shots of a kind share, px (docs/constants.md).
+#: Error of the radius that all shots of a kind share, px (docs/constants.toml).
 COMMON_PX = 0.05
 
-#: Error of an arc and of all arcs before a background as strong as the pattern, px (docs/constants.md).
+#: Error of an arc and of all arcs before a background as strong as the pattern, px (docs/constants.toml).
 TEXTURE_ARC_PX, TEXTURE_PX = 2.0, 4.0
 
 

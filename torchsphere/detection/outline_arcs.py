@@ -16,17 +16,18 @@ from torchsphere.imaging import polar
 #: Number of arcs around a circle; each is looked at with its halves of both neighbours.
 ARCS = 16
 
-#: Share of the arcs that an outline seen all round shows, and most arcs in a row that it may lack (docs/constants.md).
+#: Share of the arcs that an outline seen all round shows, and most arcs in a row that it may lack
+#: (docs/constants.toml).
 MIN_SEEN, MAX_GAP = 0.8, 3
 
 #: Least share of the arcs that must lie in the image.
 MIN_KNOWN = 0.5
 
 #: Least logarithm of the likelihood ratio of a change at the circle, and least share of the largest one beside it
-#: (docs/constants.md).
+#: (docs/constants.toml).
 MIN_LOG_RATIO, MIN_OF_LARGEST = 2.0, 0.6
 
-#: Distance of a change that is at the circle, px and share of the radius (docs/constants.md).
+#: Distance of a change that is at the circle, px and share of the radius (docs/constants.toml).
 AT_CIRCLE_PX, AT_CIRCLE = 1.0, 0.02
 
 #: Reach to both sides, share of the radius, with its limits inwards and outwards, px, and largest share inwards.

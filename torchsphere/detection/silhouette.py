@@ -41,7 +41,7 @@ def _selectable(values: Tensor) -> bool:
 BACKGROUND_FRAMES = 25
 
 #: Median of a difference along the image's border, over that in the whole image, below which the border alone is taken
-#: for the background (docs/constants.md).
+#: for the background (docs/constants.toml).
 QUIET_BORDER = 0.2
 
 Images = Callable[[int, int], Tensor]

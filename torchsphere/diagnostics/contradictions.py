@@ -10,14 +10,14 @@ from torchsphere.runtime.warning_levels import severe
 from torchsphere.tracking.result import Track
 
 #: Difference of positions and the integral of the velocity, in standard deviations of the velocity, that contradicts
-#: it (docs/constants.md).
+#: it (docs/constants.toml).
 CONTRADICTION_SD = 5.0
 
-#: Difference of positions and the integral of the velocity that is none, px (docs/constants.md).
+#: Difference of positions and the integral of the velocity that is none, px (docs/constants.toml).
 NEGLIGIBLE_PX = 0.25
 
 #: Factor on the standard deviations of the steps, and residual over noise, of a residual that is no noise
-#: (docs/constants.md).
+#: (docs/constants.toml).
 STRUCTURED_WIDENING, STRUCTURED_RESIDUAL = 3.0, 1.5
 
 Array = NDArray[np.float64]

@@ -12,22 +12,22 @@ from torchsphere.dynamics.impact_estimate import Estimate, Impact
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.runtime.warning_levels import severe
 
-#: Standard deviations beyond which a restitution is out of its range, and a force is measured (docs/constants.md).
+#: Standard deviations beyond which a restitution is out of its range, and a force is measured (docs/constants.toml).
 SIGNIFICANT_SD = 3.0
 
-#: Share of the contact's largest force below which there is no force (docs/constants.md).
+#: Share of the contact's largest force below which there is no force (docs/constants.toml).
 NO_FORCE = 0.1
 
-#: Frames in a row without a force that part two impacts (docs/constants.md).
+#: Frames in a row without a force that part two impacts (docs/constants.toml).
 MIN_PAUSE_FRAMES = 3
 
-#: Share of the contact's largest force that is another impact, outside the contact (docs/constants.md).
+#: Share of the contact's largest force that is another impact, outside the contact (docs/constants.toml).
 OTHER_IMPACT = 0.05
 
-#: Distance beyond which a force is no part of the contact, frames (docs/constants.md).
+#: Distance beyond which a force is no part of the contact, frames (docs/constants.toml).
 CLEARANCE_FRAMES = 2
 
-#: Share of the largest acceleration that a channel frequency class may take without a warning (docs/constants.md).
+#: Share of the largest acceleration that a channel frequency class may take without a warning (docs/constants.toml).
 MAX_FILTERED_SHARE = 0.05
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from torchsphere.runtime.warning_levels import note, severe
 from torchsphere.settings.limits import unit_warnings
 from torchsphere.tracking.result import Track
 
-#: Deviation of an acceleration from its median that no flight has, in standard deviations (docs/constants.md).
+#: Deviation of an acceleration from its median that no flight has, in standard deviations (docs/constants.toml).
 MAX_FLIGHT_SD = 6.0
 
 

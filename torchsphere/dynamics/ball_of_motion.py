@@ -10,10 +10,10 @@ from torchsphere.dynamics.ball import Ball, ball
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.settings.calibration import with_option_names
 
-#: Largest relative difference of a ball's mass from that of the motion that is no contradiction (docs/constants.md).
+#: Largest relative difference of a ball's mass from that of the motion that is no contradiction (docs/constants.toml).
 SAME_MASS = 1e-6
 
-#: The same of its diameter, which the motion may have from an outline (docs/constants.md).
+#: The same of its diameter, which the motion may have from an outline (docs/constants.toml).
 SAME_DIAMETER = 0.05
 
 #: Where the warnings go.

@@ -19,13 +19,13 @@ from torchsphere.settings.limits import SettingError, as_positive, require_chann
 
 Array = NDArray[np.float64]
 
-#: Frequency at which one pass loses 3 dB, Hz per unit of the class: SAE J211-1 (docs/constants.md).
+#: Frequency at which one pass loses 3 dB, Hz per unit of the class: SAE J211-1 (docs/constants.toml).
 DESIGN_PER_CLASS = 2.0775
 
-#: Least frame rate, 1/s per unit of the class: SAE J211-1 and ISO 6487 (docs/constants.md).
+#: Least frame rate, 1/s per unit of the class: SAE J211-1 and ISO 6487 (docs/constants.toml).
 MIN_RATE_PER_CLASS = 10.0
 
-#: Length of the padding at each end, times one over the class in Hz (docs/constants.md).
+#: Length of the padding at each end, times one over the class in Hz (docs/constants.toml).
 PADDING_PER_CLASS = 1.0
 
 #: Errors whose responses are computed at once; chosen for the memory that they take.

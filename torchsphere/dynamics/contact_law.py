@@ -20,23 +20,23 @@ from torchsphere.dynamics.kinematics import Kinematics
 #: Power of the penetration in the law of Hertz for two spheres, or a sphere and a plane.
 POWER = 1.5
 
-#: Fewest frames of the loading branch: the law has two unknowns (docs/constants.md).
+#: Fewest frames of the loading branch: the law has two unknowns (docs/constants.toml).
 MIN_LOADING_FRAMES = 3
 
 #: Share of the drawn motions whose misfit by errors alone is smaller than the limit of the misfit.
 CONFIDENCE = 0.95
 
-#: Least misfit that speaks against the law, as share of the largest force (docs/constants.md).
+#: Least misfit that speaks against the law, as share of the largest force (docs/constants.toml).
 MIN_MISFIT = 0.01
 
 #: Largest way from the law's onset to the start of the contact, in ways of a frame, besides two standard deviations
-#: (docs/constants.md).
+#: (docs/constants.toml).
 MAX_ONSET_FRAMES = 0.5
 
-#: Steps of Gauss and Newton (docs/constants.md).
+#: Steps of Gauss and Newton (docs/constants.toml).
 STEPS = 30
 
-#: Longest step of the onset, as share of the largest penetration (docs/constants.md).
+#: Longest step of the onset, as share of the largest penetration (docs/constants.toml).
 LARGEST_STEP = 0.05
 
 

@@ -18,7 +18,7 @@ from torchsphere.tracking.result import Track
 
 Array = NDArray[np.float64]
 
-#: Half the distance of the points of the central differences that give the local scale, px (docs/constants.md).
+#: Half the distance of the points of the central differences that give the local scale, px (docs/constants.toml).
 DIFFERENCE_PX = 0.5
 
 

@@ -18,16 +18,16 @@ from torchsphere.dynamics.kinematics import FoundContact, Kinematics
 from torchsphere.estimation.process_model import FLIGHT_STATES
 
 #: Distance of a flight from the contact's edge, and of its accelerations from a limit, standard deviations
-#: (docs/constants.md).
+#: (docs/constants.toml).
 MARGIN_SD = 2.0
 
-#: Share of the contact's mean acceleration that is a push (docs/constants.md).
+#: Share of the contact's mean acceleration that is a push (docs/constants.toml).
 PUSH_SHARE = 0.1
 
-#: Measured frames on a side below which the spin is tested so (docs/constants.md).
+#: Measured frames on a side below which the spin is tested so (docs/constants.toml).
 FEW_FRAMES = 12
 
-#: Fewest measured frames on either side that surely tell flight from contact (docs/constants.md).
+#: Fewest measured frames on either side that surely tell flight from contact (docs/constants.toml).
 MIN_SURE_FRAMES = 6
 
 Array = NDArray[np.float64]

@@ -17,10 +17,10 @@ from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import FoundContact, Kinematics
 from torchsphere.dynamics.rebound import dot, rebound
 
-#: Fewest frames in the contact whose forces make a path (docs/constants.md).
+#: Fewest frames in the contact whose forces make a path (docs/constants.toml).
 MIN_FRAMES = 3
 
-#: Frames of flight on each side of the contact for drawn motions whose contact begins earlier (docs/constants.md).
+#: Frames of flight on each side of the contact for drawn motions whose contact begins earlier (docs/constants.toml).
 FLIGHT_FRAMES = 3
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from torchsphere.dynamics.estimate import Array, Estimate, estimated
 from torchsphere.dynamics.rebound import Rebound, dot, slip, tangential
 
-#: Least slip, or ratio of the impulses, that differs from 0, in standard deviations (docs/constants.md).
+#: Least slip, or ratio of the impulses, that differs from 0, in standard deviations (docs/constants.toml).
 MIN_SLIP_SD = 2.0
 
 

@@ -34,13 +34,13 @@ from torchsphere.settings.limits import as_float
 Array = NDArray[np.float64]
 Quantity = Callable[[Rebound], Array]
 
-#: Least duration of a contact whose force is resolved, frames (docs/constants.md).
+#: Least duration of a contact whose force is resolved, frames (docs/constants.toml).
 MIN_RESOLVED_FRAMES = 2.5
 
-#: Fewest measured frames in the contact for its force and its edges, if frames are missing (docs/constants.md).
+#: Fewest measured frames in the contact for its force and its edges, if frames are missing (docs/constants.toml).
 MIN_SEEN_FRAMES = 3
 
-#: Standard deviation of an edge of a shorter contact, frames (docs/constants.md).
+#: Standard deviation of an edge of a shorter contact, frames (docs/constants.toml).
 SHORT_CONTACT_SD = 0.5
 
 _STRUCK_FROM_BEHIND = (

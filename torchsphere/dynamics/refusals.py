@@ -11,10 +11,10 @@ from torchsphere.dynamics.draws import Draws
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.dynamics.rebound import Rebound, dot
 
-#: Least change of the velocity in one component that is an impact, in standard deviations (docs/constants.md).
+#: Least change of the velocity in one component that is an impact, in standard deviations (docs/constants.toml).
 MIN_CHANGE_SD = 2.0
 
-#: Least acceleration that noise does not explain, in standard deviations (docs/constants.md).
+#: Least acceleration that noise does not explain, in standard deviations (docs/constants.toml).
 MIN_ACCELERATION_SD = 5.0
 
 

@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 from torchsphere.dynamics.scale import Scale
 from torchsphere.tracking.result import Track
 
-#: Error of a step, px, per px of error of the radius and rad of rotation: by pairs, and on a map (docs/constants.md).
+#: Error of a step, px, per px of error of the radius and rad of rotation: by pairs, and on a map (docs/constants.toml).
 STEP_PER_RADIUS, STEP_PER_RADIUS_ON_MAP = 3.0, 1.3
 
-#: Relative change of the rotation per relative change of the radius: by pairs, and on a map (docs/constants.md).
+#: Relative change of the rotation per relative change of the radius: by pairs, and on a map (docs/constants.toml).
 ROTATION_PER_RADIUS, ROTATION_PER_RADIUS_ON_MAP = 2.1, 0.85
 
-#: Rotation about z by an error (d_x, d_y) of the centre, per ``(w_x d_x + w_y d_y) / R`` (docs/constants.md).
+#: Rotation about z by an error (d_x, d_y) of the centre, per ``(w_x d_x + w_y d_y) / R`` (docs/constants.toml).
 ROTATION_Z_PER_CENTRE = -0.85
 
-#: Change of the steady error from the start of a flight to its end, as a share of that error (docs/constants.md).
+#: Change of the steady error from the start of a flight to its end, as a share of that error (docs/constants.toml).
 STEADY_CHANGE = 1.4
 
 #: Sources of the errors that all frames share, by their names in a budget.

@@ -16,7 +16,7 @@ HALF_POWER = 0.5**0.5
 #: Frequencies up to the highest at which the response is computed.
 FREQUENCIES = 2000
 
-#: Frames on either side whose weights are computed (docs/constants.md).
+#: Frames on either side whose weights are computed (docs/constants.toml).
 RESPONSE_FRAMES = 60
 
 

@@ -23,14 +23,14 @@ from torchsphere.estimation.model_averaging import (
 )
 from torchsphere.estimation.process_fits import FLIGHT_RANGE, clamped, grid_steps, posterior
 
-#: Shortest step of an edge in the search with the rough process, frames (docs/constants.md).
+#: Shortest step of an edge in the search with the rough process, frames (docs/constants.toml).
 MIN_EDGE_STEP = 0.1
 
 #: Coarse grid of all possible intensities, powers of ten, in flight and in contact.
 FLIGHT_GRID = tuple(float(power) for power in range(-12, 5))
 CONTACT_GRID = tuple(float(power) for power in range(-12, 9))
 
-#: Steps of the intensities, powers of ten, while the steps of the edges are halved (docs/constants.md).
+#: Steps of the intensities, powers of ten, while the steps of the edges are halved (docs/constants.toml).
 INTENSITY_STEPS = (1.5, 0.9, 0.5, 0.3, 0.2)
 
 #: Moves of the two edges, in steps; the far moves because the likelihood has several maxima.
@@ -39,19 +39,20 @@ EDGE_MOVES = (
     *((a * d, b * d) for d in (1, 3) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1))),
 )
 
-#: Intensities of the first search, powers of ten, in flight and in contact (docs/constants.md).
+#: Intensities of the first search, powers of ten, in flight and in contact (docs/constants.toml).
 START_FLIGHT, START_CONTACT = (-11.0, -8.0, -5.0), (-9.0, -4.0, -1.5, 0.5, 2.5, 4.5)
 
-#: Number of first intervals, and the longest as a power of two of their spacing (docs/constants.md).
+#: Number of first intervals, and the longest as a power of two of their spacing (docs/constants.toml).
 STARTS, LONGEST = 16, 3
 
-#: Frames that are searched at once (docs/constants.md).
+#: Frames that are searched at once (docs/constants.toml).
 MAX_FRAMES = 128
 
-#: Margin of the next, finer search around the edges, and its shortest edge step, in frame spacings (docs/constants.md).
+#: Margin of the next, finer search around the edges, and its shortest edge step, in frame spacings
+#: (docs/constants.toml).
 MARGIN, EDGE_STEP = 4, 0.25
 
-#: Frames before and after the contact that are weighed for its edges (docs/constants.md).
+#: Frames before and after the contact that are weighed for its edges (docs/constants.toml).
 FLIGHT_FRAMES = 128
 
 

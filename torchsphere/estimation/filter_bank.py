@@ -20,10 +20,10 @@ from torchsphere.kernels import filter_step
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
-#: Variance of a state before the first measurement, in units of the noise's (docs/constants.md).
+#: Variance of a state before the first measurement, in units of the noise's (docs/constants.toml).
 PRIOR_VARIANCE = 1e8
 
-#: Columns of a product of small matrices for which NumPy starts no threads (docs/constants.md).
+#: Columns of a product of small matrices for which NumPy starts no threads (docs/constants.toml).
 SINGLE_THREAD_COLUMNS = 2048
 
 #: Frames whose innovations are kept before their sums are taken.

@@ -29,16 +29,16 @@ NAMES = ("onset_power", "decay_power", "risen_share", "falling_share", "roughnes
 HERTZ_POWER = 1.5
 
 #: Roughness of a force that follows its form, and of one that departs from it by as much as its size
-#: (docs/constants.md).
+#: (docs/constants.toml).
 SMOOTH, ROUGH = 5e-4, 1.0
 
 #: Points in a table of half of that force: linear interpolation is exact to 1e-7 of the peak.
 HERTZ_POINTS = 1001
 
-#: Least part of the contact before, between and after the kinks, as a share (docs/constants.md).
+#: Least part of the contact before, between and after the kinks, as a share (docs/constants.toml).
 MIN_PART = 0.03
 
-#: The forms that are weighed (docs/constants.md).
+#: The forms that are weighed (docs/constants.toml).
 FORMS = (
     *((power, power, 0.0, 1.0, SMOOTH, 0.0) for power in (1.0, 1.25, 1.5, 1.75, 2.0)),
     (HERTZ_POWER, HERTZ_POWER, 0.0, 1.0, SMOOTH, 1.0),

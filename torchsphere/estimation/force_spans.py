@@ -8,13 +8,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-#: Steps on either side of a frame whose slopes are compared (docs/constants.md).
+#: Steps on either side of a frame whose slopes are compared (docs/constants.toml).
 SLOPE_STEPS = (4, 16)
 
-#: Change of the slope that is a force, in standard deviations (docs/constants.md).
+#: Change of the slope that is a force, in standard deviations (docs/constants.toml).
 MIN_SLOPE_CHANGE_SD = 8.0
 
-#: Steps of flight that part two forces (docs/constants.md).
+#: Steps of flight that part two forces (docs/constants.toml).
 PARTING_STEPS = 8
 
 Array = NDArray[np.float64]

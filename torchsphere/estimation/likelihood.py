@@ -43,16 +43,16 @@ from torchsphere.estimation.process_model import (
     white_noise,
 )
 
-#: Observations that the stated noise counts as (docs/constants.md).
+#: Observations that the stated noise counts as (docs/constants.toml).
 STATED_COUNTS = 20.0
 
-#: Filters that run at once, and filters of one interval (docs/constants.md).
+#: Filters that run at once, and filters of one interval (docs/constants.toml).
 FILTERS_AT_ONCE, INTENSITIES_AT_ONCE = 8192, 1024
 
-#: Frames seen after the last contact before the flight is shared by all filters (docs/constants.md).
+#: Frames seen after the last contact before the flight is shared by all filters (docs/constants.toml).
 SETTLING_FRAMES = 8
 
-#: Fewest frames of a flight that all filters share (docs/constants.md).
+#: Fewest frames of a flight that all filters share (docs/constants.toml).
 MIN_SHARED_FRAMES = 8
 
 

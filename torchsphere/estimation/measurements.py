@@ -32,19 +32,19 @@ FREEDOMS = 5
 #: Degrees of freedom of the position, and of the rotation.
 XY, TURNS = np.arange(2), np.arange(2, FREEDOMS)
 
-#: Regularisation of the separation, share of the variances (docs/constants.md).
+#: Regularisation of the separation, share of the variances (docs/constants.toml).
 RIDGE = 1e-9
 
-#: Share of an increment's variance that stays in all later poses, without a map of the ball (docs/constants.md).
+#: Share of an increment's variance that stays in all later poses, without a map of the ball (docs/constants.toml).
 DRIFT_SHARE = 0.08
 
-#: Standard deviation of a position found anew by the outline, relative to those before, px (docs/constants.md).
+#: Standard deviation of a position found anew by the outline, relative to those before, px (docs/constants.toml).
 REFOUND_PX = 0.05
 
-#: Drift of an orientation after a broken chain, in variances of the pose (docs/constants.md).
+#: Drift of an orientation after a broken chain, in variances of the pose (docs/constants.toml).
 BROKEN = 1e8
 
-#: Least share of its variance that remains to a separated value (docs/constants.md).
+#: Least share of its variance that remains to a separated value (docs/constants.toml).
 MIN_OWN_SHARE = 0.01
 
 

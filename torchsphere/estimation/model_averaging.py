@@ -30,34 +30,34 @@ from torchsphere.estimation.process_fits import (
 )
 
 #: Nodes that represent the uncertainty of edges and kinks of a process, and their spread in standard deviations
-#: (docs/constants.md).
+#: (docs/constants.toml).
 NODES, NODE_SPREAD = 32, 1.2
 
 #: Fall of the log-evidence beyond that of a normal distribution, from which a node of a process with kinks counts less
-#: (docs/constants.md).
+#: (docs/constants.toml).
 MAX_EXCESS_FALL = 3.0
 
-#: Power of a process's evidence among the others (docs/constants.md): no force has just one of the forms.
+#: Power of a process's evidence among the others (docs/constants.toml): no force has just one of the forms.
 EVIDENCE_POWER = 0.5
 
-#: Intervals and intensities that represent the posterior (docs/constants.md).
+#: Intervals and intensities that represent the posterior (docs/constants.toml).
 CANDIDATES = 32
 
-#: Share of the contact by which a soft start or end is added to the candidates (docs/constants.md).
+#: Share of the contact by which a soft start or end is added to the candidates (docs/constants.toml).
 SOFT_SHARE = 0.1
 
 #: Intensities in flight that are weighed, powers of ten relative to the best, and the range that each represents.
 FLIGHT_OFFSETS, FLIGHT_WIDTHS = (-3.0, -1.5, -0.75, 0.0, 0.75), (1.5, 1.125, 0.75, 0.75, 0.75)
 
 #: Intensities in contact that are weighed, powers of ten relative to the best, and the range that each represents
-#: (docs/constants.md).
+#: (docs/constants.toml).
 DRAWN_OFFSETS = (-2.25, -1.5, -1.0, *(0.25 * i for i in range(-3, 4)), 1.0, 1.5, 2.25)
 DRAWN_WIDTHS = (0.75, 0.625, 0.375, *7 * (0.25,), 0.375, 0.625, 0.75)
 
-#: Range of intensities, powers of ten, that no force at all counts as (docs/constants.md).
+#: Range of intensities, powers of ten, that no force at all counts as (docs/constants.toml).
 NO_FORCE_WIDTH = 0.75
 
-#: Rise of the log-likelihood that counts, and drop that makes an intensity negligible (docs/constants.md).
+#: Rise of the log-likelihood that counts, and drop that makes an intensity negligible (docs/constants.toml).
 MIN_RISE, NEGLIGIBLE_DROP = 0.01, 5.0
 
 

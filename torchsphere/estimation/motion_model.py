@@ -32,7 +32,7 @@ FLIGHT_SIZE = FLIGHT_STATES * FREEDOMS
 #: Degrees of freedom in the image plane.
 IN_PLANE = 2
 
-#: Points in the shortest contact at which the force is read off, and most of them in a frame (docs/constants.md).
+#: Points in the shortest contact at which the force is read off, and most of them in a frame (docs/constants.toml).
 POINTS_IN_CONTACT, MAX_SUBSTEPS = 2400, 32
 
 

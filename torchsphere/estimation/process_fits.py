@@ -13,42 +13,42 @@ from torchsphere.estimation.force_forms import FALLING, FORMS, MIN_PART, RISEN
 from torchsphere.estimation.likelihood import Series, log_likelihood
 from torchsphere.estimation.process_model import ROUGH_STATES, end_variance
 
-#: Range of the intensity in flight, powers of ten of the noise variance per frame^5 (docs/constants.md).
+#: Range of the intensity in flight, powers of ten of the noise variance per frame^5 (docs/constants.toml).
 FLIGHT_RANGE = (-12.0, 8.0)
 
-#: Lowest and highest intensity in contact, powers of ten (docs/constants.md).
+#: Lowest and highest intensity in contact, powers of ten (docs/constants.toml).
 CONTACT_RANGE = (-12.0, 8.0)
 
-#: Shortest contact, frames (docs/constants.md).
+#: Shortest contact, frames (docs/constants.toml).
 MIN_CONTACT_FRAMES = 0.5
 
-#: Least and largest standard deviation of an edge or a kink, frames (docs/constants.md).
+#: Least and largest standard deviation of an edge or a kink, frames (docs/constants.toml).
 EDGE_SD_RANGE = (2e-4, 3.0)
 
 #: Steps of edges and kinks, shares of the interval, before and after the intensities are refined, and last steps in
-#: their standard deviations (docs/constants.md).
+#: their standard deviations (docs/constants.toml).
 COARSE_STEPS, FINE_STEPS, LAST_STEPS = (0.1, 0.05, 0.03, 0.015), (0.01, 0.004, 0.0015), (1.0, 0.5)
 
-#: First guess of the standard deviation of an edge or a kink, frames (docs/constants.md).
+#: First guess of the standard deviation of an edge or a kink, frames (docs/constants.toml).
 FIRST_SD = 0.1
 
-#: Newton steps of edges and kinks together, and the longest in standard deviations (docs/constants.md).
+#: Newton steps of edges and kinks together, and the longest in standard deviations (docs/constants.toml).
 NEWTON_STEPS, MAX_NEWTON_SD = 3, 2.0
 
 #: Intensities in contact that are tried with each step of the edges, powers of ten relative to the present one: the
-#: better the edges, the less a force departs from its form (docs/constants.md).
+#: better the edges, the less a force departs from its form (docs/constants.toml).
 MOVED_OFFSETS = (0.0, -1.0, -3.0)
 
-#: Variance of the acceleration that a flight allows, noise variance per frame^4 (docs/constants.md).
+#: Variance of the acceleration that a flight allows, noise variance per frame^4 (docs/constants.toml).
 FLIGHT_VARIANCE = 1e-4
 
-#: Intensities in contact over which the evidence is summed, powers of ten relative to the best (docs/constants.md).
+#: Intensities in contact over which the evidence is summed, powers of ten relative to the best (docs/constants.toml).
 CONTACT_OFFSETS = tuple(0.75 * i for i in range(-3, 4))
 
-#: Loss of log-likelihood per power of ten of the intensity in flight, as a prior (docs/constants.md).
+#: Loss of log-likelihood per power of ten of the intensity in flight, as a prior (docs/constants.toml).
 FLIGHT_PENALTY = 1.0
 
-#: Largest correlation of the errors of two edges or kinks, and least eigenvalue of them all (docs/constants.md).
+#: Largest correlation of the errors of two edges or kinks, and least eigenvalue of them all (docs/constants.toml).
 MAX_CORRELATION, MIN_EIGENVALUE = 0.99, 0.02
 
 #: Edges and kinks of a contact: start, end, first and last kink.

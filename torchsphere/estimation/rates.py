@@ -23,13 +23,13 @@ from torchsphere.tracking.result import Track
 
 Array = NDArray[np.float64]
 
-#: Motions drawn from the posterior, for quantities that depend on many frames at once (docs/constants.md).
+#: Motions drawn from the posterior, for quantities that depend on many frames at once (docs/constants.toml).
 SAMPLES = 400
 
-#: Longest recording whose samples hold all frames, else frames before and after the contact (docs/constants.md).
+#: Longest recording whose samples hold all frames, else frames before and after the contact (docs/constants.toml).
 MAX_WHOLE_FRAMES, MARGIN_FRAMES = 256, 100
 
-#: Largest standard deviation of a value that means anything, in those of a pose's error (docs/constants.md).
+#: Largest standard deviation of a value that means anything, in those of a pose's error (docs/constants.toml).
 MAX_SD = 0.5 * PRIOR_VARIANCE**0.5
 
 

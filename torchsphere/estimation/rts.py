@@ -33,10 +33,10 @@ from torchsphere.estimation.process_model import (
     STATES,
 )
 
-#: Least eigenvalue of a scaled covariance that is not taken for rounding, share of the largest (docs/constants.md).
+#: Least eigenvalue of a scaled covariance that is not taken for rounding, share of the largest (docs/constants.toml).
 MIN_EIGENVALUE = 1e-10
 
-#: Covariances that are computed at once (docs/constants.md).
+#: Covariances that are computed at once (docs/constants.toml).
 COVARIANCES_AT_ONCE = 512
 
 

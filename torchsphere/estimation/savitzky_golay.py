@@ -18,7 +18,7 @@ from torchsphere.settings.limits import require_window
 
 Array = NDArray[np.float64]
 
-#: Frames whose windows are fitted at once (docs/constants.md).
+#: Frames whose windows are fitted at once (docs/constants.toml).
 FRAMES_AT_ONCE = 2000
 
 

@@ -21,22 +21,22 @@ from torchsphere.estimation.measurements import FREEDOMS, Poses, poses
 from torchsphere.estimation.rates import Motion, MotionContact, motion_of_states, smoothed_whole
 from torchsphere.tracking.result import Track
 
-#: Longest recording that is smoothed as a whole, frames (docs/constants.md).
+#: Longest recording that is smoothed as a whole, frames (docs/constants.toml).
 MAX_UNDIVIDED_FRAMES = 512
 
-#: Frames of flight on either side of a force in its window (docs/constants.md).
+#: Frames of flight on either side of a force in its window (docs/constants.toml).
 WINDOW_MARGIN = 64
 
-#: Frames next to a force at which its window alone counts (docs/constants.md).
+#: Frames next to a force at which its window alone counts (docs/constants.toml).
 OWN_MARGIN = 12
 
-#: Frames that give the intensity of a flight (docs/constants.md).
+#: Frames that give the intensity of a flight (docs/constants.toml).
 FLIGHT_SAMPLE = 384
 
-#: Fewest frames of a flight that is smoothed by itself (docs/constants.md).
+#: Fewest frames of a flight that is smoothed by itself (docs/constants.toml).
 MIN_FLIGHT = 24
 
-#: Least share of a motion in the frames that it covers (docs/constants.md).
+#: Least share of a motion in the frames that it covers (docs/constants.toml).
 MIN_SHARE = 1e-6
 
 Array = NDArray[np.float64]

@@ -20,7 +20,7 @@ from torchsphere.settings.limits import SettingError, as_float, as_positive
 #: Steps that invert the distortion; each gains about two digits at the corners of usual lenses.
 INVERSION_STEPS = 12
 
-#: Least distance of the camera from the ball's centre, radii (docs/constants.md).
+#: Least distance of the camera from the ball's centre, radii (docs/constants.toml).
 MIN_DISTANCE_RADII = 1.5
 
 #: Rays on which a circle is compared with the outline of a sphere, and rounds of the fit.

@@ -15,14 +15,14 @@ from torch import Tensor
 #: Side of the blocks that are compared, px, and fewest blocks.
 BLOCK, MIN_BLOCKS = 16, 20
 
-#: Least correlation, over the blocks, of the patterns along rows and columns, and their ratio (docs/constants.md).
+#: Least correlation, over the blocks, of the patterns along rows and columns, and their ratio (docs/constants.toml).
 MIN_CORRELATION, MAX_RATIO = 0.8, 1.25
 
-#: Least share of a chessboard's blocks of one sign, where red is as bright as blue (docs/constants.md).
+#: Least share of a chessboard's blocks of one sign, where red is as bright as blue (docs/constants.toml).
 MIN_COHERENCE = 0.9
 
 #: Least size of the patterns, in standard deviations of the grey levels: what is weaker does no harm
-#: (docs/constants.md).
+#: (docs/constants.toml).
 MIN_SIZE = 0.02
 
 #: Patterns by the diagonal of the green pixels: the first from the top right, the second from the top left.

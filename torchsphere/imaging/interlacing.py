@@ -14,16 +14,17 @@ from torch import Tensor
 from torchsphere.imaging.crop import Crops
 from torchsphere.kernels import fields, jit
 
-#: Shift (x, y) between the fields above which an image counts as interlaced, px (docs/constants.md).
+#: Shift (x, y) between the fields above which an image counts as interlaced, px (docs/constants.toml).
 MIN_SHIFT_PX = (0.05, 0.15)
 
 #: Least ratio of a shift to its standard deviation.
 MIN_SIGNIFICANCE = 5.0
 
-#: Least share of the difference between the rows that a shift explains (docs/constants.md).
+#: Least share of the difference between the rows that a shift explains (docs/constants.toml).
 MIN_EXPLAINED = 0.08
 
-#: Least combing of an image of two instants that are so far apart that no small shift explains it (docs/constants.md).
+#: Least combing of an image of two instants that are so far apart that no small shift explains it
+#: (docs/constants.toml).
 MIN_COMBING = 2.0
 
 #: Least share of the examined images that are interlaced.

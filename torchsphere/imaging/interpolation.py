@@ -17,7 +17,7 @@ from torch import Tensor
 
 from torchsphere.kernels import jit, spline
 
-#: Share of the B-spline's second derivative in the kernel (docs/constants.md).
+#: Share of the B-spline's second derivative in the kernel (docs/constants.toml).
 SHARPNESS = 1 / 24
 
 #: Values of the kernel at the nodes -1, 0, 1.
@@ -32,7 +32,7 @@ SPLINE_REACH = 24
 #: Rows of a filter's matrix that are applied together.
 BLOCK = 24
 
-#: Standard deviation of the Gaussian pre-blur, px (docs/constants.md).
+#: Standard deviation of the Gaussian pre-blur, px (docs/constants.toml).
 PRE_BLUR_PX = 1.0
 
 #: Weights of the four nodes around each point, along one axis.

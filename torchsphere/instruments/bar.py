@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from torchsphere.settings.limits import as_positive
 
-#: Wave speeds of bars, m/s (docs/constants.md).
+#: Wave speeds of bars, m/s (docs/constants.toml).
 WAVE_SPEEDS_M_S = (100.0, 20000.0)
 
 

@@ -12,10 +12,10 @@ from torchsphere.runtime.warning_levels import severe
 
 Array = NDArray[np.float64]
 
-#: Fewest samples at the value at which a signal is clipped (docs/constants.md).
+#: Fewest samples at the value at which a signal is clipped (docs/constants.toml).
 MIN_CLIPPED = 3
 
-#: Steps of a signal in which its top is looked at (docs/constants.md).
+#: Steps of a signal in which its top is looked at (docs/constants.toml).
 TOP_STEPS = 4
 
 

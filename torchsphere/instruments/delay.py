@@ -20,16 +20,16 @@ from torchsphere.runtime import steps
 
 Array = NDArray[np.float64]
 
-#: Fewest samples of a signal (docs/constants.md).
+#: Fewest samples of a signal (docs/constants.toml).
 MIN_SAMPLES = 8
 
-#: Smoothing of both signals, as a share of the half width of their correlation's peak (docs/constants.md).
+#: Smoothing of both signals, as a share of the half width of their correlation's peak (docs/constants.toml).
 SMOOTHING = 0.1
 
-#: Least correlation of two aligned signals of the same event (docs/constants.md).
+#: Least correlation of two aligned signals of the same event (docs/constants.toml).
 MIN_CORRELATION = 0.7
 
-#: Fewest neighbouring frequencies of a noise that tell its power (docs/constants.md).
+#: Fewest neighbouring frequencies of a noise that tell its power (docs/constants.toml).
 MIN_FREQUENCIES = 50
 
 #: Most steps of the search for the delay, and the step at which it has converged, samples.
@@ -138,7 +138,7 @@ def sd_by_raw_noise(a: Array, b: Array, fit: DelayFit, width: float) -> float:
     """Standard deviation of a delay in samples by the noise of the raw signals, which were smoothed for the fit.
 
     The residual of the smoothed signals lacks the part of the noise that moved the delay, so that it states too little
-    (docs/constants.md). The raw noise's spectrum is taken as smooth over a twentieth of the frequencies instead. The
+    (docs/constants.toml). The raw noise's spectrum is taken as smooth over a twentieth of the frequencies instead. The
     fit of gain, offset and delay takes a share of the noise at these frequencies, which is added again.
     """
     moved = np.arange(float(len(b))) - fit.delay

@@ -16,13 +16,13 @@ Array = NDArray[np.float64]
 #: Largest relative difference of the intervals of even times.
 MAX_UNEVENNESS = 0.01
 
-#: Times that count from 1970, s: those of 2001 to 2096 (docs/constants.md).
+#: Times that count from 1970, s: those of 2001 to 2096 (docs/constants.toml).
 EPOCH_S = (1e9, 4e9)
 
-#: Fewest unusual steps by which rounding is told from gaps (docs/constants.md).
+#: Fewest unusual steps by which rounding is told from gaps (docs/constants.toml).
 MIN_ODD_STEPS = 3
 
-#: Largest last digit of rounded times as a share of their duration (docs/constants.md).
+#: Largest last digit of rounded times as a share of their duration (docs/constants.toml).
 MAX_DIGIT = 2e-3
 
 #: A time of day, which may stand behind a date: hours, minutes, seconds, then half of the day, and zone.

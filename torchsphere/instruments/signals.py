@@ -28,7 +28,7 @@ from torchsphere.runtime.warning_levels import severe
 Array = NDArray[np.float64]
 
 
-#: Largest ratio, up or down, of two measurements of one acceleration (docs/constants.md).
+#: Largest ratio, up or down, of two measurements of one acceleration (docs/constants.toml).
 MAX_RATIO = 2.0
 
 #: Ratios of sensor and track that a wrong unit makes.
@@ -39,7 +39,7 @@ UNIT_RATIOS = {
     1e3: "its signal were in a unit a thousand times as small",
 }
 
-#: Relative difference from such a ratio up to which the unit is named (docs/constants.md).
+#: Relative difference from such a ratio up to which the unit is named (docs/constants.toml).
 LIKE_UNIT = 0.1
 
 

@@ -29,13 +29,13 @@ from torchsphere.settings.limits import SettingError, as_positive
 
 Array = NDArray[np.float64]
 
-#: Largest strain of an elastic bar (docs/constants.md).
+#: Largest strain of an elastic bar (docs/constants.toml).
 MAX_STRAIN = 0.05
 
-#: Largest ratio of both forces, above which a unit is wrong (docs/constants.md).
+#: Largest ratio of both forces, above which a unit is wrong (docs/constants.toml).
 MAX_RATIO = 10.0
 
-#: Fewest frames in contact that are compared (docs/constants.md).
+#: Fewest frames in contact that are compared (docs/constants.toml).
 MIN_FRAMES = 3
 
 _TURNED = "if compression is positive in the record, say so with `compression_positive`"

@@ -20,7 +20,7 @@ Array = NDArray[Any]
 REACH, NO_TOP, LEAST_HEIGHT = 4.0, -1.0, 1e-5
 
 #: Least share of the roots' variance that drawing them together leaves, and largest bend of the new roots by the old
-#: ones in units of both standard deviations (docs/constants.md).
+#: ones in units of both standard deviations (docs/constants.toml).
 LEAST_SQUARE, MOST_SKEW = 1e-4, 0.25
 
 _HALF, _TINY, _LEAST, _THIN = (np.float32(v) for v in (0.5, 1e-6, 0.03, 1e-3))

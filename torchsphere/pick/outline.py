@@ -22,7 +22,7 @@ from torchsphere.tracking.initial_circle import calibrate_circle
 #: Reach of the unrolled edge to both sides of the circle, px and share of the radius, and its sampling, px.
 REACH_PX, REACH, SPACING_PX = 12.0, 0.5, 0.5
 
-#: Reach of the fit from a drawn circle, share of the radius (docs/constants.md).
+#: Reach of the fit from a drawn circle, share of the radius (docs/constants.toml).
 FIT_REACH = 0.15
 
 

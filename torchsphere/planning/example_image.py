@@ -25,13 +25,13 @@ MARGIN_PX = 14
 #: Sub-frames per px of motion blur.
 SUB_FRAMES_PER_PX = 2.0
 
-#: Rays along a side of a pixel (docs/constants.md).
+#: Rays along a side of a pixel (docs/constants.toml).
 RAYS = 6
 
 #: Least motion blur that changes the image, px.
 MIN_BLUR_PX = 0.05
 
-#: Rotations that show six sides of a rendered ball, rad (docs/constants.md).
+#: Rotations that show six sides of a rendered ball, rad (docs/constants.toml).
 SIDES = tuple((x * math.pi / 2, y * math.pi / 2, 0.0) for x, y in ((0, 0), (0, 1), (0, 2), (0, 3), (1, 0), (-1, 0)))
 
 #: Grey level of a rendered background.

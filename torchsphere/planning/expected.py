@@ -27,16 +27,16 @@ from torchsphere.settings.limits import SettingError
 #: Largest motion blur, px: section 3.3 of the paper.
 MAX_BLUR_PX = 5.0
 
-#: Largest turn per frame whose errors are those of the noise alone, deg (docs/constants.md).
+#: Largest turn per frame whose errors are those of the noise alone, deg (docs/constants.toml).
 MAX_NOISE_ONLY_DEG = 2.0
 
-#: Correlation of the errors of successive increments, which share an image (docs/constants.md).
+#: Correlation of the errors of successive increments, which share an image (docs/constants.toml).
 SUCCESSIVE_CORRELATION = -0.45
 
 #: Least eigenvalue of the texture's operator, over the mean of the noise's operator.
 MIN_EIGENVALUE = 1e-3
 
-#: Least standard deviation of a step, px, and of a turn times the radius (docs/constants.md).
+#: Least standard deviation of a step, px, and of a turn times the radius (docs/constants.toml).
 MIN_STEP_SD_PX = 1e-6
 
 Array = NDArray[np.float64]

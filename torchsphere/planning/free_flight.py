@@ -24,16 +24,16 @@ from torchsphere.tracking.result import Track
 #: Deviation of an interval from the usual one, as a share of it, from which it is a gap.
 LONGER = 0.1
 
-#: Fewest increments that give a standard deviation, to a fifth (docs/constants.md).
+#: Fewest increments that give a standard deviation, to a fifth (docs/constants.toml).
 MIN_STEPS = 12
 
-#: Least change of the velocity over the recording that is no scatter, in standard deviations (docs/constants.md).
+#: Least change of the velocity over the recording that is no scatter, in standard deviations (docs/constants.toml).
 MIN_CHANGE_SD = 5.0
 
-#: Least sudden change that no free flight has, as a share of the speed (docs/constants.md).
+#: Least sudden change that no free flight has, as a share of the speed (docs/constants.toml).
 MIN_SUDDEN_SHARE = 0.1
 
-#: Deviation from a straight line over time of a sudden change, as a share of the change (docs/constants.md).
+#: Deviation from a straight line over time of a sudden change, as a share of the change (docs/constants.toml).
 MIN_NONLINEARITY = 0.1
 
 Array = NDArray[np.float64]

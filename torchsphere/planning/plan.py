@@ -21,13 +21,13 @@ from torchsphere.planning.free_flight import Flight
 from torchsphere.planning.rehearsal import Rehearsal, Target, rehearse
 from torchsphere.runtime import steps
 
-#: Fewest images during the contact that resolve its force (docs/constants.md).
+#: Fewest images during the contact that resolve its force (docs/constants.toml).
 MIN_CONTACT_FRAMES = 5.0
 
-#: Fewest images of the whole ball in flight before the target (docs/constants.md).
+#: Fewest images of the whole ball in flight before the target (docs/constants.toml).
 MIN_FRAMES_IN_VIEW = 4
 
-#: Least radius of a ball that is measured reliably, px (docs/constants.md).
+#: Least radius of a ball that is measured reliably, px (docs/constants.toml).
 MIN_RADIUS_PX = 10.0
 
 #: Lengths of the motion blur whose cost is shown, px: the paper's figure 3 goes from 2 to 20.

@@ -18,7 +18,7 @@ from torchsphere.settings.limits import unit_warnings
 #: Error of the force as a share of its peak in the paper (table 3).
 PAPER_SHARE = 0.015
 
-#: Relative difference of two modes' errors below which they are equally good (docs/constants.md).
+#: Relative difference of two modes' errors below which they are equally good (docs/constants.toml).
 EQUAL_SHARE = 0.15
 
 #: Axes of the image, and of the flight.

@@ -31,7 +31,7 @@ from torchsphere.tracking.steady_error import sd_steady
 #: Frames of flight before and after the contact, and the most frames in contact.
 FLIGHT_FRAMES, MAX_CONTACT_FRAMES = 18, 60
 
-#: Simulated recordings of one rehearsal (docs/constants.md).
+#: Simulated recordings of one rehearsal (docs/constants.toml).
 DRAWS = 12
 
 #: Spin that friction gives, rev/s: the paper's frontal impact (section 5.3).
@@ -201,7 +201,7 @@ def _errors(n: int, covariance: Array, steady: Array | None, generator: np.rando
     """Errors (n, 5) of the poses: independent ones of half the covariance each, and for pairs what adds up.
 
     ``steady`` (5,) is the standard deviation of the pairs' steady error; None for poses on a map, where nothing adds
-    up. The part of a step that stays has the correlations of the whole error (docs/constants.md, `DRIFT_SHARE`).
+    up. The part of a step that stays has the correlations of the whole error (docs/constants.toml, `DRIFT_SHARE`).
     """
     variances, axes = np.linalg.eigh(covariance)
     # Rounding may leave a variance just below zero where the covariance is singular.

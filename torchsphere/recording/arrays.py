@@ -18,7 +18,7 @@ from torchsphere.recording.refusal import library_failures
 from torchsphere.recording.stack import NUMBERS, Convention, chosen, open_stack, stacks_among
 from torchsphere.recording.stack_axes import ArrayType, Stored
 
-#: Largest number of arrays that an archive is searched for the images (docs/constants.md).
+#: Largest number of arrays that an archive is searched for the images (docs/constants.toml).
 _MAX_MEMBERS = 1000
 
 _NPY = Convention("NumPy array (NPY)", "NPY", depth_from="NumPy type uint8")

@@ -19,10 +19,10 @@ from torchsphere.settings.arrays import as_stack
 from torchsphere.settings.choices import DEVICES
 from torchsphere.settings.limits import SettingError
 
-#: Limit of the memory for images that are read ahead or kept for a second use, bytes (docs/constants.md).
+#: Limit of the memory for images that are read ahead or kept for a second use, bytes (docs/constants.toml).
 CACHE_BYTES = 2**27
 
-#: Number of images that are read at once into a buffer (docs/constants.md).
+#: Number of images that are read at once into a buffer (docs/constants.toml).
 CHUNK = 4
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torchsphere.recording.folder import IMAGE_SUFFIXES, read_image
 from torchsphere.settings.limits import SettingError
 
-#: Covered share of the ball's disc from which a mask counts as inverted (docs/constants.md).
+#: Covered share of the ball's disc from which a mask counts as inverted (docs/constants.toml).
 MOST_OF_BALL = 0.7
 
 

@@ -13,19 +13,20 @@ from numpy.typing import NDArray
 
 from torchsphere.settings.limits import FRAME_RATES
 
-#: Longest time between two images of one recording, s; more is a damaged time (docs/constants.md).
+#: Longest time between two images of one recording, s; more is a damaged time (docs/constants.toml).
 LONGEST_PAUSE_S = 86_400.0
 
-#: Deviation of the images from an even spacing, share of it, that is jitter of the stamps (docs/constants.md).
+#: Deviation of the images from an even spacing, share of it, that is jitter of the stamps (docs/constants.toml).
 EVEN_WITHIN = 0.01
 
 #: Deviation of an interval from the usual one, as a share of it, from which it is a gap or another rate.
 IRREGULAR = 0.1
 
-#: Relative difference of two frame rates that say the same (docs/constants.md).
+#: Relative difference of two frame rates that say the same (docs/constants.toml).
 SAME_RATE = 1e-4
 
-#: Steps of clocks that stamp images coarsely, s, and intervals that are enough to show such a step (docs/constants.md).
+#: Steps of clocks that stamp images coarsely, s, and intervals that are enough to show such a step
+#: (docs/constants.toml).
 STAMPS_S, ENOUGH_INTERVALS = (1e-6, 1e-3), 8
 
 #: Times that differ by less are the same, s: a clock of 32 bits per second, of which two serve as flags, rounds so.

@@ -24,7 +24,7 @@ _TYPES = {"double": "f8", "single": "f4", "logical": "u1"} | {
     f"{sign}int{bits}": f"{sign or 'i'}{bits // 8}" for sign in ("", "u") for bits in (8, 16, 32, 64)
 }
 
-#: Largest array that is loaded as a whole, bytes: no array of these files may be larger (docs/constants.md).
+#: Largest array that is loaded as a whole, bytes: no array of these files may be larger (docs/constants.toml).
 MAX_BYTES = 2**31
 
 

@@ -20,7 +20,7 @@ from torchsphere.recording.photron_header import (
 )
 from torchsphere.recording.recording import Reader, Recording
 
-#: Bytes that are unpacked at once (docs/constants.md).
+#: Bytes that are unpacked at once (docs/constants.toml).
 _CHUNK_BYTES = 3 * 2**17
 
 

@@ -19,7 +19,7 @@ from torchsphere.runtime.presentation import Presented
 Reader = Callable[[int, int], NDArray[Any]]
 
 #: Largest image, px, and its size as stored with all channels, bytes; larger images come from damaged headers, not from
-#: cameras (docs/constants.md).
+#: cameras (docs/constants.toml).
 MAX_PIXELS, MAX_IMAGE_BYTES = 2**26, 2**28
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: Ratio of the sides less 1 that counts as the rounding of a square pixel's (docs/constants.md).
+#: Ratio of the sides less 1 that counts as the rounding of a square pixel's (docs/constants.toml).
 SQUARE_WITHIN = 1e-4
 
 #: Weight of a stored pixel that is left out, of a spline's that fall by a factor of 3.7 per px.

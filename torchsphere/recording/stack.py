@@ -22,7 +22,7 @@ from torchsphere.settings.limits import SettingError
 #: Names of numbers beside the images, and the facts of a recording that they are: 1/s, 1/s and s.
 NUMBERS = {"frame_rate": "frame_rate", "fps": "frame_rate", "exposure_s": "exposure_s"}
 
-#: Bytes of images that are read at once where single images cannot be read alone (docs/constants.md).
+#: Bytes of images that are read at once where single images cannot be read alone (docs/constants.toml).
 BLOCK_BYTES = 2**27
 
 #: Number of arrays that a refusal lists.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 #: Spread of the images' mean and contrast along the axis of time over that along the axis that may be it instead, from
-#: which the order is doubted (docs/constants.md).
+#: which the order is doubted (docs/constants.toml).
 DOUBT_RATIO = 4.0
 #: Largest number of planes, and of their values along an axis, that a look at an array takes.
 LOOK_PLANES, LOOK_VALUES = 32, 256

@@ -38,7 +38,7 @@ PLACES = {
 _FREE_TAGS = frozenset((270, 271, 272, 282, 283, 296, 305, 306, 315, 316))
 _STRIP_OFFSETS = 273
 
-#: Bytes of a page beside its image, its tags and their values, that count as used (docs/constants.md).
+#: Bytes of a page beside its image, its tags and their values, that count as used (docs/constants.toml).
 PAGE_BYTES = 1024
 
 #: Codes of the types of a place in the file: 16, 32 and 64 bit.

@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 # PyAV's reader of each type; a named reader keeps the content of the file from choosing another.
 _READERS = {"an AVI video": "avi", ISO_VIDEO: "mov", MATROSKA: "matroska"}
 
-#: Number of the latest images that are held for a batch that is read again (docs/constants.md).
+#: Number of the latest images that are held for a batch that is read again (docs/constants.toml).
 RECENT_IMAGES = 80
 
-#: Bytes of decoded images that are kept for later passes over the recording (docs/constants.md).
+#: Bytes of decoded images that are kept for later passes over the recording (docs/constants.toml).
 CACHE_BYTES = 2**28
 
 #: PyAV's picture type of an image that needs no other image; some encoders mark other images as key images.

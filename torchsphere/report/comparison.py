@@ -25,10 +25,10 @@ PAGE = "comparison.html"
 #: What a table shows for a number that a shot does not have.
 NONE = "\u2013"
 
-#: Most frames of a shot in the plots at even distances (docs/constants.md).
+#: Most frames of a shot in the plots at even distances (docs/constants.toml).
 MOST_FRAMES = 2000
 
-#: Most such frames of all shots together (docs/constants.md).
+#: Most such frames of all shots together (docs/constants.toml).
 MOST_FRAMES_IN_ALL = 16_000
 
 #: Durations of the contact, before and after, in which all frames are plotted, and that the page shows first.

@@ -34,7 +34,7 @@ IMAGE_FIGURES: dict[str, Callable[[ResultFolder], Figure]] = {
     "residuals": image_figures.residual_figure,
 }
 
-#: Compression level of PNG and PDF (docs/constants.md).
+#: Compression level of PNG and PDF (docs/constants.toml).
 COMPRESSION = 1
 
 Result = TypeVar("Result")

@@ -32,7 +32,7 @@ from torchsphere.tracking.follow import BATCH
 from torchsphere.tracking.raw_mosaic import without_mosaic
 from torchsphere.tracking.result import Track
 
-#: Size of all images together, bytes (docs/constants.md).
+#: Size of all images together, bytes (docs/constants.toml).
 BUDGET_BYTES = 1_150_000
 
 #: Longest side and area of an image at most, px.
@@ -50,10 +50,10 @@ LEVEL_IMAGES, LEVEL_TAIL = 5, 0.2
 #: Unit of residual maps, share of the range of grey levels: 1/4 of 254 levels, so that int8 reaches to 32 levels.
 RESIDUAL_STEP = 1 / 1016
 
-#: Largest radius of a ball whose map has the pixels of the images, px (docs/constants.md).
+#: Largest radius of a ball whose map has the pixels of the images, px (docs/constants.toml).
 MAX_FULL_RADIUS_PX = 72.0
 
-#: Radius of a larger ball in its map, whose pixels are binned, px (docs/constants.md).
+#: Radius of a larger ball in its map, whose pixels are binned, px (docs/constants.toml).
 BINNED_RADIUS_PX = 48.0
 
 

@@ -40,7 +40,8 @@ from torchsphere.tracking.result import why_unusable
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-#: Most frames at even distances in a plot of a longer recording, besides all frames with an image (docs/constants.md).
+#: Most frames at even distances in a plot of a longer recording, besides all frames with an image
+#: (docs/constants.toml).
 MAX_PLOTTED = 2000
 
 #: Longest side of a residual map in the page, px, and its WebP quality.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-#: Most frames that a result keeps (docs/constants.md).
+#: Most frames that a result keeps (docs/constants.toml).
 MAX_FRAMES = 300
 
 #: Value of a pixel without a residual.

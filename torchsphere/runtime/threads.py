@@ -20,10 +20,10 @@ from typing import Any, Generic, TypeVar
 
 import torch
 
-#: Pixels of a batch per thread, from which a further thread saves time, px (docs/constants.md).
+#: Pixels of a batch per thread, from which a further thread saves time, px (docs/constants.toml).
 PIXELS_PER_THREAD = 400_000
 
-#: Most threads for functions of many short operations (docs/constants.md).
+#: Most threads for functions of many short operations (docs/constants.toml).
 SHORT_CALL_THREADS = 2
 
 Result = TypeVar("Result")

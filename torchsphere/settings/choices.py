@@ -9,7 +9,7 @@ MODELS = ("translation", "published", "rigid", "finite", "pinhole", "pinhole6")
 #: Methods of differentiation; the paper's figures are central differences.
 METHODS = ("smoother", "savitzky-golay", "differences")
 
-#: Default window (frames) and order of the local polynomials (docs/constants.md).
+#: Default window (frames) and order of the local polynomials (docs/constants.toml).
 WINDOW, ORDER = 7, 3
 
 #: Channel frequency classes of ISO 6487 and SAE J211, for `channel_filter`.

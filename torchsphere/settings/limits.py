@@ -11,7 +11,7 @@ from typing import Any
 from torchsphere.runtime.setting_names import as_arguments, as_options
 from torchsphere.settings.choices import CHANNEL_CLASSES
 
-#: Smallest and largest radius of the region of interest, shares of the ball's radius (docs/constants.md).
+#: Smallest and largest radius of the region of interest, shares of the ball's radius (docs/constants.toml).
 ROI = (0.1, 1.0)
 
 #: Digits of the largest whole number that a refusal repeats.
@@ -20,10 +20,10 @@ _MOST_DIGITS = 20
 #: Characters of the longest value that a refusal repeats whole.
 _MOST_CHARACTERS = 200
 
-#: Lowest and highest frame rate, 1/s (docs/constants.md).
+#: Lowest and highest frame rate, 1/s (docs/constants.toml).
 FRAME_RATES = (1e-6, 1e13)
 
-#: Least and largest width of a pixel over its height: more is no pixel, but a wrong number (docs/constants.md).
+#: Least and largest width of a pixel over its height: more is no pixel, but a wrong number (docs/constants.toml).
 PIXEL_ASPECTS = (0.25, 4.0)
 
 
@@ -146,10 +146,10 @@ def require_window(window: int, order: int) -> None:
         )
 
 
-#: Plausible diameters of a ball, mm (docs/constants.md).
+#: Plausible diameters of a ball, mm (docs/constants.toml).
 DIAMETERS_MM = (0.5, 2000.0)
 
-#: Plausible mean densities of a ball, kg/m3 (docs/constants.md).
+#: Plausible mean densities of a ball, kg/m3 (docs/constants.toml).
 DENSITIES_KG_M3 = (8.0, 23_000.0)
 
 

@@ -53,62 +53,63 @@ class _Level(NamedTuple):
 #: Why there is no map, where its equations are singular.
 NO_SOLUTION = "the equations of the map have no solution"
 
-#: Width of the first map's cells, px: coarse cells align poses that are off by a px (docs/constants.md).
+#: Width of the first map's cells, px: coarse cells align poses that are off by a px (docs/constants.toml).
 COARSE_PX = 2.0
 
-#: Least blur of the outline at the start, px (docs/constants.md).
+#: Least blur of the outline at the start, px (docs/constants.toml).
 INITIAL_BLUR_PX = 0.3
 
 #: Systematic error of the radius by the model of the edge, px, further error where the ball does not turn, as the map
-#: takes a texture at the limb for a part of the outline, and turn of the limb that halves it, px (docs/constants.md).
+#: takes a texture at the limb for a part of the outline, and turn of the limb that halves it, px (docs/constants.toml).
 RADIUS_ERROR_PX, STILL_RADIUS_ERROR_PX, HALVING_TURN_PX = 0.003, 0.055, 4.0
 
-#: Largest variance of a ring over that within the disc while the outline is not yet found (docs/constants.md).
+#: Largest variance of a ring over that within the disc while the outline is not yet found (docs/constants.toml).
 MAX_RING_VARIANCE = 4.0
 
-#: Move of a pose by a step below which the outline counts as found, px (docs/constants.md).
+#: Move of a pose by a step below which the outline counts as found, px (docs/constants.toml).
 OUTLINE_FOUND_PX = 0.02
 
 #: Move of a pose by the last step from which an adjustment is given up, px: smaller ones do not matter, as every image
-#: is registered again (docs/constants.md).
+#: is registered again (docs/constants.toml).
 MAX_UNSETTLED_PX = 0.02
 
 #: Most rounds of light and poses in turns.
 LIGHT_ROUNDS = 8
 
-#: Conjugate gradients for the map to which a light is fitted (docs/constants.md).
+#: Conjugate gradients for the map to which a light is fitted (docs/constants.toml).
 LIGHT_MAP_STEPS = 12
 
-#: Move of a pose below which it counts as settled on the last map, px, and in standard deviations (docs/constants.md).
+#: Move of a pose below which it counts as settled on the last map, px, and in standard deviations
+#: (docs/constants.toml).
 LAST_SETTLED_PX = 0.0015
 SETTLED_SD = 0.3
 
-#: Conjugate gradients for a map on new cells, and for a step of map and poses together (docs/constants.md).
+#: Conjugate gradients for a map on new cells, and for a step of map and poses together (docs/constants.toml).
 NEW_MAP_STEPS, STEPS = 6, 16
 
 #: Largest change of the edge's blur in a step, px: its effect on the grey levels is far from linear.
 MAX_BLUR_STEP_PX = 0.2
 
 #: Nearness of the camera in its standard deviations from which the view is taken as perspective, and largest nearness
-#: (docs/constants.md).
+#: (docs/constants.toml).
 SEEN_NEARNESS_SD, MAX_NEARNESS = 2.0, 0.3
 
 #: Nearness by the first step, in its standard deviations, from which the search goes on: a step reaches a tenth to a
-#: third of the nearness, as the map follows with delay (docs/constants.md).
+#: third of the nearness, as the map follows with delay (docs/constants.toml).
 SUSPECTED_NEARNESS_SD = 1.3
 
 #: Rounds of the search for the nearness, steps of the adjustment in each, and largest share of a change that the next
-#: is expected to have (docs/constants.md).
+#: is expected to have (docs/constants.toml).
 NEARNESS_ROUNDS, NEARNESS_STEPS, MAX_NEARNESS_SHARE = 15, 2, 0.6
 
-#: Change of the nearness below which the search ends, and below which it has settled at least (docs/constants.md).
+#: Change of the nearness below which the search ends, and below which it has settled at least (docs/constants.toml).
 LAST_NEARNESS_CHANGE, SETTLED_NEARNESS = 0.0001, 0.0004
 
 #: Rounds of the search for the exposure, steps of the adjustment in each, and change of the exposure, as a share of it,
-#: below which the search ends (docs/constants.md).
+#: below which the search ends (docs/constants.toml).
 EXPOSURE_ROUNDS, EXPOSURE_STEPS, LAST_EXPOSURE_CHANGE = 4, 10, 0.01
 
-#: Largest move of a pose in a step, px (docs/constants.md).
+#: Largest move of a pose in a step, px (docs/constants.toml).
 MAX_MOVE_PX = 1.0
 
 #: Least share of a step that is taken.

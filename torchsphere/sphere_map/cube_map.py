@@ -15,7 +15,7 @@ from torch import Tensor
 
 from torchsphere.imaging.interpolation import slope_weights, spline_weights
 
-#: Largest number of cells along a face, which limits the memory (docs/constants.md).
+#: Largest number of cells along a face, which limits the memory (docs/constants.toml).
 MAX_CELLS = 320
 
 #: Width of a map of one face in coefficients, beyond its cells.

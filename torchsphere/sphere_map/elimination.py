@@ -25,10 +25,10 @@ PER_IMAGE, COMMON = 7, 2
 MEAN_GAIN_SD, MEAN_OFFSET_SD = 1e-6, 1e-4
 
 #: Standard deviation of a change of the edge's blur, px: where the outline has no contrast, nothing else holds it
-#: (docs/constants.md).
+#: (docs/constants.toml).
 BLUR_SD_PX = 0.1
 
-#: Least share of the normal matrix that the map leaves, where it would leave less than nothing (docs/constants.md).
+#: Least share of the normal matrix that the map leaves, where it would leave less than nothing (docs/constants.toml).
 LEAST_LEFT = 1e-4
 
 

@@ -20,10 +20,10 @@ from torchsphere.sphere_map.design import Design
 from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.window import Windows
 
-#: Least smear of any point that is drawn, px: one of a px has the variance of a pixel (docs/constants.md).
+#: Least smear of any point that is drawn, px: one of a px has the variance of a pixel (docs/constants.toml).
 LEAST_SMEAR_PX = 1.0
 
-#: Smear per moment, px, and largest number of moments (docs/constants.md).
+#: Smear per moment, px, and largest number of moments (docs/constants.toml).
 SMEAR_PER_MOMENT_PX, MAX_MOMENTS = 1.5, 16
 
 

@@ -18,7 +18,7 @@ from torchsphere.sphere_map.shared_unknown import SharedChange
 from torchsphere.sphere_map.state import State, drawn
 
 #: Standard deviation of the share as the outlines tell it, and largest change at once, both over the share
-#: (docs/constants.md).
+#: (docs/constants.toml).
 OUTLINES_SD, MAX_CHANGE = 0.2, 0.2
 
 #: Change over which the model's derivative is taken.

@@ -14,16 +14,16 @@ from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map.map_fit import MapEquations
 from torchsphere.sphere_map.state import State, drawn
 
-#: Blur of the outline, px, up to which the image is taken as sharp (docs/constants.md).
+#: Blur of the outline, px, up to which the image is taken as sharp (docs/constants.toml).
 SHARP_PX = 0.2
 
-#: Largest variance of the blur, px^2, its step for the derivative, and number of changes (docs/constants.md).
+#: Largest variance of the blur, px^2, its step for the derivative, and number of changes (docs/constants.toml).
 MAX_VARIANCE_PX2, DERIVATIVE_STEP_PX2, ROUNDS = 16.0, 0.01, 4
 
-#: Change of the variance, px^2, after which no further one is needed (docs/constants.md).
+#: Change of the variance, px^2, after which no further one is needed (docs/constants.toml).
 LAST_CHANGE_PX2 = 0.005
 
-#: Conjugate gradients for the map's response to the blur (docs/constants.md).
+#: Conjugate gradients for the map's response to the blur (docs/constants.toml).
 MAP_STEPS = 16
 
 

@@ -25,7 +25,7 @@ from torchsphere.sphere_map.design import Design
 from torchsphere.sphere_map.rays import Rays, coverage, rays_of, rule
 from torchsphere.sphere_map.window import Windows
 
-#: Least blur of the edge by the optics, px (docs/constants.md).
+#: Least blur of the edge by the optics, px (docs/constants.toml).
 MIN_BLUR_PX = 0.05
 
 #: Columns of `Linearisation.jacobian`: the motion, what all images share, and the brightness of each image.

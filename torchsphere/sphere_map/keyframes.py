@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-#: Angle between the directions of two keyframes, deg, that is small enough to show every side (docs/constants.md).
+#: Angle between the directions of two keyframes, deg, that is small enough to show every side (docs/constants.toml).
 APART_DEG = 20.0
 
-#: Smallest and largest number of keyframes: they share the noise of the map (docs/constants.md).
+#: Smallest and largest number of keyframes: they share the noise of the map (docs/constants.toml).
 MIN_KEYFRAMES, MAX_KEYFRAMES = 12, 48
 
-#: Smallest number of views of each side, an oblique view counted by its cosine (docs/constants.md).
+#: Smallest number of views of each side, an oblique view counted by its cosine (docs/constants.toml).
 MIN_VIEWS = 4.0
 
 #: Number of the first known frames over which keyframes are spread that are not needed for a direction
-#: (docs/constants.md).
+#: (docs/constants.toml).
 SPREAD_OVER = 300
 
 

@@ -20,10 +20,10 @@ from torchsphere.sphere_map.registration import Registration
 from torchsphere.sphere_map.state import State
 from torchsphere.sphere_map.window import Windows, cut_windows
 
-#: Frames that are registered at once (docs/constants.md).
+#: Frames that are registered at once (docs/constants.toml).
 BATCH = 32
 
-#: Largest misfit of a frame on the map, and largest move by its registration, radii (docs/constants.md).
+#: Largest misfit of a frame on the map, and largest move by its registration, radii (docs/constants.toml).
 MAX_FRAME_MISFIT, MAX_MOVE = 2.0, 0.1
 
 #: Numbers of frames, and their poses before and after the registration.

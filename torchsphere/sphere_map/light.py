@@ -13,19 +13,19 @@ from torchsphere.sphere_map.map_fit import MapEquations
 from torchsphere.sphere_map.soft_limit import share_beyond
 from torchsphere.sphere_map.state import State, drawn
 
-#: Share of the squared residuals that a light must explain, and largest number of its changes (docs/constants.md).
+#: Share of the squared residuals that a light must explain, and largest number of its changes (docs/constants.toml).
 MIN_EXPLAINED, ROUNDS = 0.01, 3
 
 #: Change of the light, relative to it, that needs no further one.
 LAST_CHANGE = 0.002
 
-#: Share of the squared residuals beside the map from which a light is looked for (docs/constants.md).
+#: Share of the squared residuals beside the map from which a light is looked for (docs/constants.toml).
 MIN_SEEN = 2e-4
 
-#: Prior standard deviation of the light's terms (docs/constants.md).
+#: Prior standard deviation of the light's terms (docs/constants.toml).
 TERM_SD = 0.3
 
-#: Conjugate gradients for the map's response to the light (docs/constants.md).
+#: Conjugate gradients for the map's response to the light (docs/constants.toml).
 MAP_STEPS = 16
 
 

@@ -21,15 +21,15 @@ from torchsphere.sphere_map import cube_map
 from torchsphere.sphere_map.design import Design
 
 #: Prior weight of the map's second differences, against the heaviest pixel, where noise is weak: a heavy prior flattens
-#: the map and pulls at the radius; and weight of its coefficients, against those (docs/constants.md).
+#: the map and pulls at the radius; and weight of its coefficients, against those (docs/constants.toml).
 SMOOTHNESS, RIDGE = 4e-4, 0.25
 
 #: Prior weight over the square of noise over texture, both as variances, where that is more: a map that may follow the
-#: noise holds each image where it was (docs/constants.md).
+#: noise holds each image where it was (docs/constants.toml).
 SMOOTHNESS_IN_NOISE, MAX_SMOOTHNESS = 17.0, 1.0
 
 #: Mean square of a spline that is 1 at its node and 0 at all others, and largest leverage of a pixel: the variance of
-#: the noise is not divided by less than what is left (docs/constants.md).
+#: the noise is not divided by less than what is left (docs/constants.toml).
 NODE_SHARE, MAX_LEVERAGE = 0.7, 0.8
 
 

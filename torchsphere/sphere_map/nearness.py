@@ -22,21 +22,21 @@ from torchsphere.sphere_map.shared_unknown import SharedChange
 from torchsphere.sphere_map.state import State, drawn
 
 #: Prior standard deviation of the nearness, radius over distance, of a camera that is not known: 33 radii are the
-#: distance of half a metre from a ball of 30 mm (docs/constants.md).
+#: distance of half a metre from a ball of 30 mm (docs/constants.toml).
 UNKNOWN_SD = 0.03
 
 #: Systematic error of a nearness that was measured, and the part of it that looks like a near camera where there is
-#: none (docs/constants.md).
+#: none (docs/constants.toml).
 SYSTEMATIC_SD, APPARENT_SD = 0.0007, 0.0005
 
-#: Share of the squared residuals that a near camera must explain where the images hardly tell (docs/constants.md).
+#: Share of the squared residuals that a near camera must explain where the images hardly tell (docs/constants.toml).
 MIN_GAIN = 0.005
 
 #: Squared residuals with a new map, in those without a near camera, from which no near camera is looked for
-#: (docs/constants.md).
+#: (docs/constants.toml).
 HOPELESS = 4.0
 
-#: Largest change of the nearness at once (docs/constants.md).
+#: Largest change of the nearness at once (docs/constants.toml).
 MAX_CHANGE = 0.1
 
 #: Nearness over which the model's derivative is taken.

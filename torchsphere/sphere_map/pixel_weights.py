@@ -16,16 +16,16 @@ from torchsphere.kernels import region
 from torchsphere.kernels.jit import suits
 from torchsphere.sphere_map.window import Windows
 
-#: Limits of the rings in which the residual variance is measured, px from the outline (docs/constants.md).
+#: Limits of the rings in which the residual variance is measured, px from the outline (docs/constants.toml).
 RING_LIMITS_PX = (-6.0, -4.0, -3.0, -2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0)
 
-#: Side of the square over which squared residuals are averaged to find hidden parts, px (docs/constants.md).
+#: Side of the square over which squared residuals are averaged to find hidden parts, px (docs/constants.toml).
 NEIGHBOURHOOD_PX = 5
 
-#: Mean squared residual of the square, in variances of the ring, from which visibility falls (docs/constants.md).
+#: Mean squared residual of the square, in variances of the ring, from which visibility falls (docs/constants.toml).
 HIDDEN_FROM = 3.0
 
-#: Number of neighbouring pixels over which an error of the model near the outline is alike (docs/constants.md).
+#: Number of neighbouring pixels over which an error of the model near the outline is alike (docs/constants.toml).
 ALIKE_PIXELS = 2.0
 
 #: Variance that rounding to whole grey levels leaves, grey levels squared.

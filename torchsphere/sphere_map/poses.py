@@ -41,38 +41,38 @@ Array = NDArray[np.float64]
 #: Smallest number of frames for a map.
 MIN_FRAMES = 6
 
-#: Pixels of the images that make the map, all in all (docs/constants.md).
+#: Pixels of the images that make the map, all in all (docs/constants.toml).
 MAP_PIXELS = 700_000
 
 #: Pixels of plain arithmetic that the forward model of a pixel is worth: it decides how images are shared out.
 PIXELS_PER_PIXEL = 16.0
 
-#: Width of the map's cells in units of the texture's width, and its limits, px (docs/constants.md).
+#: Width of the map's cells in units of the texture's width, and its limits, px (docs/constants.toml).
 CELLS_PER_TEXTURE, MIN_CELL_PX, MAX_CELL_PX = 0.75, 1.0, 1.2
 
 #: Variance of the noise over that of the texture from which the cells are wider, and by which factor: narrow cells take
-#: up the noise, at the outline most (docs/constants.md).
+#: up the noise, at the outline most (docs/constants.toml).
 NOISY, WIDER_CELLS = 0.1, 1.7
 
-#: Residual variance within the disc, in variances of the noise, from which the map is refused (docs/constants.md).
+#: Residual variance within the disc, in variances of the noise, from which the map is refused (docs/constants.toml).
 MAX_MISFIT = 4.0
 
 #: Blur of the outline beyond that of the optics, px, from which the map is refused: a blur by an object in front
-#: (docs/constants.md).
+#: (docs/constants.toml).
 MAX_EDGE_BLUR_PX = 2.0
 
 #: Systematic error of the radius as a share of it, where the model explains the images down to white noise, and more
-#: where it does not, by the factor in the steps' errors less 1, up to `MAX_EXCESS` (docs/constants.md).
+#: where it does not, by the factor in the steps' errors less 1, up to `MAX_EXCESS` (docs/constants.toml).
 RADIUS_ERROR_SHARE, RADIUS_ERROR_SHARE_MORE, MAX_EXCESS = 0.00015, 0.001, 1.0
 
-#: Standard deviation of the nearness of the camera per unit of that excess (docs/constants.md).
+#: Standard deviation of the nearness of the camera per unit of that excess (docs/constants.toml).
 SD_NEARNESS_MORE = 0.003
 
 #: Factor in the steps' errors from which the images tell nothing of the camera's distance: what the model lacks may be
-#: a near camera, or look like one (docs/constants.md).
+#: a near camera, or look like one (docs/constants.toml).
 MAX_FACTOR_OF_NEARNESS = 2.0
 
-#: Largest correction of the radius by the map, as a share of the radius (docs/constants.md).
+#: Largest correction of the radius by the map, as a share of the radius (docs/constants.toml).
 MAX_RADIUS_CHANGE = 0.05
 
 #: Why there is no map, where its poses do not settle.

@@ -10,19 +10,19 @@ from torch import Tensor
 from torchsphere.geometry.circle import Circle
 
 #: Blur that optics alone make, px, and error per px of further blur of a radius whose start has no known error
-#: (docs/constants.md).
+#: (docs/constants.toml).
 OPTICS_BLUR_PX, RADIUS_ERROR_PER_BLUR = 0.3, 0.8
 
 #: Blur of the map's outline over that of the images from which both are that of the optics, and error of the radius
-#: per px of it, px (docs/constants.md).
+#: per px of it, px (docs/constants.toml).
 LEAST_OF_OPTICS, RADIUS_ERROR_PER_OPTICS = 0.7, 0.05
 
 #: Error of the radius of a ball whose outline is not known, px, for a turn of 1 rad out of the image plane
-#: (docs/constants.md).
+#: (docs/constants.toml).
 RADIUS_ERROR_PER_TURN = 0.05
 
 #: Distance of the map's radius from that of the outline, in standard deviations of the latter, from which one of the
-#: two is wrong and the distance counts as the radius' error (docs/constants.md).
+#: two is wrong and the distance counts as the radius' error (docs/constants.toml).
 MAX_OFF_OUTLINE_SD = 3.0
 
 #: A turn, rad, that tells nothing of the radius.

@@ -12,18 +12,19 @@ from torch import Tensor
 from torchsphere.kernels.rays import LEAST_HEIGHT, LEAST_SQUARE, MOST_SKEW, NO_TOP, REACH, Rule
 from torchsphere.sphere_map.ball import TexturedBall
 
-#: Distance from the centre, radii, to which all rays further out are drawn (docs/constants.md).
+#: Distance from the centre, radii, to which all rays further out are drawn (docs/constants.toml).
 MAX_RAY_DISTANCE = 0.9998
 
-#: Number of points of the Gauss rule along the radius at the limb, of sharp and of blurred pixels (docs/constants.md).
+#: Number of points of the Gauss rule along the radius at the limb, of sharp and of blurred pixels
+#: (docs/constants.toml).
 LIMB_RULE_POINTS, BLURRED_RULE_POINTS = 5, 8
 
 #: Longest arc of the surface in a sharp pixel for that rule, px, and arc per point of the rule for longer arcs, px:
-#: these pixels hold as much of the texture as they show (docs/constants.md).
+#: these pixels hold as much of the texture as they show (docs/constants.toml).
 LONG_ARC_PX, ARC_PER_POINT_PX = 5.0, 1.0
 
 #: Distance from the centre, radii, and distance from the outline, px, from which a sharp pixel is at the limb: there
-#: the surface is so steep that two rays are not enough (docs/constants.md).
+#: the surface is so steep that two rays are not enough (docs/constants.toml).
 LIMB_FROM, LEAST_LIMB_PX = 0.92, 1.5
 
 #: Smallest component of an outline's normal, as the limit of an edge along the rows or columns of pixels.

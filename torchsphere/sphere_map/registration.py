@@ -16,7 +16,7 @@ from torchsphere.sphere_map.pixel_weights import ResidualProfile
 from torchsphere.sphere_map.window import Windows
 
 #: Largest number of steps, and length of a step, px, after which no further one is needed: a step leaves about the
-#: square of the error (docs/constants.md).
+#: square of the error (docs/constants.toml).
 MAX_STEPS, LAST_STEP_PX = 8, 0.03
 
 #: Ridge of the normal equations, as a share of their trace.

@@ -20,13 +20,13 @@ from torchsphere.sphere_map.pixel_weights import ResidualProfile
 from torchsphere.sphere_map.registration import COLUMNS, normal_equations
 from torchsphere.sphere_map.window import Windows
 
-#: Most frames whose residuals are examined (docs/constants.md).
+#: Most frames whose residuals are examined (docs/constants.toml).
 FRAMES = 16
 
-#: Side of a block, radii (docs/constants.md).
+#: Side of a block, radii (docs/constants.toml).
 BLOCK = 0.3
 
-#: Least side of a block, px (docs/constants.md).
+#: Least side of a block, px (docs/constants.toml).
 MIN_BLOCK_PX = 8
 
 

@@ -11,13 +11,13 @@ from torch import Tensor
 
 from torchsphere.recording.frame_source import Source
 
-#: Images apart whose noise has nothing in common, and groups of images that are looked at (docs/constants.md).
+#: Images apart whose noise has nothing in common, and groups of images that are looked at (docs/constants.toml).
 FAR_APART, LOOKS = 8, 6
 
 #: Distance from the ball's centre beyond which a pixel is background, radii, and side of a block of them, px.
 CLEAR_RADII, BLOCK_PX = 1.4, 8
 
-#: Fewest blocks that say something, and number that is enough (docs/constants.md).
+#: Fewest blocks that say something, and number that is enough (docs/constants.toml).
 MIN_BLOCKS, ENOUGH_BLOCKS = 12, 1000
 
 Array = NDArray[np.float64]

@@ -17,25 +17,25 @@ from torchsphere.imaging import interpolation
 from torchsphere.recording.frame_source import Source
 from torchsphere.tracking.result import Track
 
-#: Side of a subset, px; the most subsets that are compared, and the fewest that show a shake (docs/constants.md).
+#: Side of a subset, px; the most subsets that are compared, and the fewest that show a shake (docs/constants.toml).
 SUBSET_PX, MAX_SUBSETS, MIN_SUBSETS = 32, 32, 6
 
-#: Most images that are compared with the first image (docs/constants.md).
+#: Most images that are compared with the first image (docs/constants.toml).
 IMAGES = 12
 
-#: Least distance of a subset from the ball's outline, px (docs/constants.md).
+#: Least distance of a subset from the ball's outline, px (docs/constants.toml).
 CLEARANCE_PX = 6.0
 
-#: Blur of the subsets, px, and width of the border that lacks neighbours for the blur, px (docs/constants.md).
+#: Blur of the subsets, px, and width of the border that lacks neighbours for the blur, px (docs/constants.toml).
 BLUR_PX, BLUR_BORDER = 1.0, 4
 
-#: Standard deviation of a displacement from which the subset's texture is too weak, px (docs/constants.md).
+#: Standard deviation of a displacement from which the subset's texture is too weak, px (docs/constants.toml).
 MAX_SD_PX = 0.05
 
-#: Least shake that is reported, px (docs/constants.md).
+#: Least shake that is reported, px (docs/constants.toml).
 MIN_SHAKE_PX = 0.1
 
-#: Least ratio of the median to its standard deviation, and to the spread of the subsets (docs/constants.md).
+#: Least ratio of the median to its standard deviation, and to the spread of the subsets (docs/constants.toml).
 MIN_OVER_MEDIAN_SD, MIN_OVER_SPREAD = 6.0, 2.0
 
 Array = NDArray[np.float64]

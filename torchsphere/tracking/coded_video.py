@@ -17,10 +17,11 @@ from torchsphere.recording.level_scale import SAME, alike
 from torchsphere.tracking.background_blocks import MIN_BLOCKS
 
 #: Share of the background's blocks with a texture that are copies, from which the video is a codec's
-#: (docs/constants.md).
+#: (docs/constants.toml).
 MIN_COPIES = 0.03
 
-#: Error of the steps on a map of such images over the stated one, and size of a codec's steps, px (docs/constants.md).
+#: Error of the steps on a map of such images over the stated one, and size of a codec's steps, px
+#: (docs/constants.toml).
 WIDENING, VECTOR_PX = 2.0, 0.25
 
 Array = NDArray[np.float64]

@@ -27,13 +27,13 @@ from torchsphere.tracking.record import Record
 Array = NDArray[np.float64]
 
 #: Squared difference of a step on the map and by a pair of images in uneven light, in their variances, from which one
-#: of both is wrong (docs/constants.md).
+#: of both is wrong (docs/constants.toml).
 MAX_DISAGREEMENT = 12.5
 
-#: Misfit of a frame on the map, in the median of all frames, from which the map is wrong there (docs/constants.md).
+#: Misfit of a frame on the map, in the median of all frames, from which the map is wrong there (docs/constants.toml).
 SHADED_MISFIT = 1.5
 
-#: Share of the known frames that are on the map of a ball whose path has not slipped (docs/constants.md).
+#: Share of the known frames that are on the map of a ball whose path has not slipped (docs/constants.toml).
 MIN_ON_MAP = 0.9
 
 #: Models of a rigid motion at a constant distance, which a map replaces.

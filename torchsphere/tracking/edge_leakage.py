@@ -17,22 +17,22 @@ from torchsphere.correlation.options import Options, adapt_pre_blur
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import crop
 
-#: Error of a step over the motion of the front, per squared leakage in contrasts of the texture (docs/constants.md).
+#: Error of a step over the motion of the front, per squared leakage in contrasts of the texture (docs/constants.toml).
 ERROR_PER_LEAKAGE = 0.4
 
-#: Blur of a pixel and of the spline, px, in addition to the pre-blur (docs/constants.md).
+#: Blur of a pixel and of the spline, px, in addition to the pre-blur (docs/constants.toml).
 PIXEL_BLUR_PX = 0.5
 
-#: Largest share that is stated (docs/constants.md).
+#: Largest share that is stated (docs/constants.toml).
 MAX_SHARE = 0.6
 
-#: Radius of the texture, radii, and distances of the background from the outline, px (docs/constants.md).
+#: Radius of the texture, radii, and distances of the background from the outline, px (docs/constants.toml).
 TEXTURE_RADIUS, BACKGROUND_PX = 0.9, (2.0, 5.0)
 
-#: Leakage from which the region is made smaller, and distance of its border from the outline, px (docs/constants.md).
+#: Leakage from which the region is made smaller, and distance of its border from the outline, px (docs/constants.toml).
 NOTABLE_SHARE, BORDER_DISTANCE_PX = 0.02, 2.5
 
-#: Smallest region of interest by default, share of the radius (docs/constants.md).
+#: Smallest region of interest by default, share of the radius (docs/constants.toml).
 MIN_ROI = 0.7
 
 

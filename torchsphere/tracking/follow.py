@@ -38,22 +38,22 @@ from torchsphere.tracking.successive_pairs import (
     prepare,
 )
 
-#: Pairs correlated at once (docs/constants.md).
+#: Pairs correlated at once (docs/constants.toml).
 BATCH = 32
 
-#: Number of pairs of a batch from which the trend of the increments is extrapolated (docs/constants.md).
+#: Number of pairs of a batch from which the trend of the increments is extrapolated (docs/constants.toml).
 TREND_FROM = 16
 
-#: Error of the centre times the rotation, px rad, from which a pair is correlated again (docs/constants.md).
+#: Error of the centre times the rotation, px rad, from which a pair is correlated again (docs/constants.toml).
 CENTRE_TOLERANCE_PX_RAD = 0.005
 
-#: Weight of an error of the radius relative to one of the centre (docs/constants.md).
+#: Weight of an error of the radius relative to one of the centre (docs/constants.toml).
 RADIUS_WEIGHT = 10.0
 
-#: Memory that the process keeps from batch to batch, bytes (docs/constants.md).
+#: Memory that the process keeps from batch to batch, bytes (docs/constants.toml).
 KEPT_BYTES = 2**24
 
-#: Number of frames without the ball from which its outline alone is enough to go on (docs/constants.md).
+#: Number of frames without the ball from which its outline alone is enough to go on (docs/constants.toml).
 RESTART_AFTER = 3
 
 Progress = Callable[[int, int], None]

@@ -19,13 +19,13 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.recording.level_scale import SAME
 from torchsphere.tracking.background_blocks import MIN_BLOCKS
 
-#: Smallest memory that is more than chance (docs/constants.md).
+#: Smallest memory that is more than chance (docs/constants.toml).
 MIN_MEMORY = 0.15
 
-#: Largest lag of the ball behind the images, frames: half of an image is another one (docs/constants.md).
+#: Largest lag of the ball behind the images, frames: half of an image is another one (docs/constants.toml).
 MAX_LAG = 1.0
 
-#: Error of the steps of such images over the stated one: the ball is drawn twice in them (docs/constants.md).
+#: Error of the steps of such images over the stated one: the ball is drawn twice in them (docs/constants.toml).
 WIDENING = 1.5
 
 Array = NDArray[np.float64]

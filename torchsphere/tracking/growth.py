@@ -20,16 +20,16 @@ from torchsphere.geometry.camera import Camera
 from torchsphere.tracking.limb_path import MIN_LOOKS, Limbs
 from torchsphere.tracking.record import Record
 
-#: Growth over its standard deviation that is significant (docs/constants.md).
+#: Growth over its standard deviation that is significant (docs/constants.toml).
 SIGNIFICANT_SD = 6.0
 
-#: Relative scatter of the limbs' radii from which they may lie beside the ball (docs/constants.md).
+#: Relative scatter of the limbs' radii from which they may lie beside the ball (docs/constants.toml).
 SUSPECT_SCATTER = 0.01
 
-#: Ratio up to which the growths by limbs and by pairs, whose errors add up, are the same (docs/constants.md).
+#: Ratio up to which the growths by limbs and by pairs, whose errors add up, are the same (docs/constants.toml).
 SAME_GROWTH = 2.0
 
-#: Motion models that a growth spoils, and distance in radii of a camera without perspective (docs/constants.md).
+#: Motion models that a growth spoils, and distance in radii of a camera without perspective (docs/constants.toml).
 RIGID_MODELS, FAR_RADII = ("rigid", "finite", "pinhole"), 1000.0
 
 Array = NDArray[np.float64]

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 #: Share of unmeasured frames, of those with the whole ball in view, from which the others count as beside an object
-#: in front of the ball (docs/constants.md).
+#: in front of the ball (docs/constants.toml).
 MOST_UNMEASURED = 0.3
 
-#: Error of the measured frames of such a recording, and of its circle, over the stated one (docs/constants.md).
+#: Error of the measured frames of such a recording, and of its circle, over the stated one (docs/constants.toml).
 WIDENING = 2.0
 
 #: Steps that tell where the ball came from.

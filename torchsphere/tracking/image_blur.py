@@ -15,16 +15,16 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map.exposure import Blur
 
-#: Most frames whose outlines are fitted together (docs/constants.md).
+#: Most frames whose outlines are fitted together (docs/constants.toml).
 FRAMES = 6
 
-#: Largest change of the motion of such a frame, as a share of the motion (docs/constants.md).
+#: Largest change of the motion of such a frame, as a share of the motion (docs/constants.toml).
 MOST_BEND = 0.2
 
-#: Share by the outlines over the stated one below which the stated one is wrong (docs/constants.md).
+#: Share by the outlines over the stated one below which the stated one is wrong (docs/constants.toml).
 CONTRADICTED = 0.5
 
-#: Room that the fit of a blurred outline needs around the ball, px (docs/constants.md).
+#: Room that the fit of a blurred outline needs around the ball, px (docs/constants.toml).
 ROOM_PX = 6.0
 
 #: Variance of the blur by the width of a pixel, px^2.

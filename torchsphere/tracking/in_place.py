@@ -22,25 +22,26 @@ from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import steps
 from torchsphere.tracking.drift import AbsoluteMotion
 
-#: Most frames whose limbs are fitted, and the fewest that show a place (docs/constants.md).
+#: Most frames whose limbs are fitted, and the fewest that show a place (docs/constants.toml).
 MAX_FRAMES, MIN_FRAMES = 16, 6
 
-#: Share of these frames that must show the limb (docs/constants.md).
+#: Share of these frames that must show the limb (docs/constants.toml).
 MIN_SHARE = 0.8
 
-#: Largest standard deviation of a limb's centre that shows a place, px (docs/constants.md).
+#: Largest standard deviation of a limb's centre that shows a place, px (docs/constants.toml).
 MAX_SD_PX = 1.0
 
-#: Largest deviation of a limb, and of the limbs' trend, of a ball that stays, standard deviations (docs/constants.md).
+#: Largest deviation of a limb, and of the limbs' trend, of a ball that stays, standard deviations
+#: (docs/constants.toml).
 STAY_SD = 3.0
 
-#: Deviation of a path or of a radius from the limbs that is significant, standard deviations (docs/constants.md).
+#: Deviation of a path or of a radius from the limbs that is significant, standard deviations (docs/constants.toml).
 SIGNIFICANT_SD = 4.0
 
-#: Least way of the ball's surface over the extent of its path, for a ball that turns in place (docs/constants.md).
+#: Least way of the ball's surface over the extent of its path, for a ball that turns in place (docs/constants.toml).
 MIN_SURFACE_WAY = 3.0
 
-#: Least sum of the steps of a ball in its place that a warning reports, px (docs/constants.md).
+#: Least sum of the steps of a ball in its place that a warning reports, px (docs/constants.toml).
 MIN_DRIFT_PX = 0.5
 
 Array = NDArray[np.float64]

@@ -32,22 +32,23 @@ from torchsphere.settings.limits import SettingError, is_whole
 from torchsphere.tracking.follow import Follower
 from torchsphere.tracking.record import Record
 
-#: Largest number of followed frames, and of those chosen for radius and background (docs/constants.md).
+#: Largest number of followed frames, and of those chosen for radius and background (docs/constants.toml).
 FRAMES, MAX_CHOSEN = 65, 16
 
-#: Failed searches for the ball after which the remaining frames are left out (docs/constants.md).
+#: Failed searches for the ball after which the remaining frames are left out (docs/constants.toml).
 MAX_SEARCHES = 4
 
-#: Distance beyond the outline up to which the limb is looked at, px, with the reach of the spline (docs/constants.md).
+#: Distance beyond the outline up to which the limb is looked at, px, with the reach of the spline
+#: (docs/constants.toml).
 LIMB_REACH_PX = 16.0
 
-#: Largest distance of a later frame's circle from the path, as a share of the radius (docs/constants.md).
+#: Largest distance of a later frame's circle from the path, as a share of the radius (docs/constants.toml).
 MAX_OFF_PATH = 0.015
 
-#: Standard deviation of a frame's radius, over that of the first, from which it is left out (docs/constants.md).
+#: Standard deviation of a frame's radius, over that of the first, from which it is left out (docs/constants.toml).
 MAX_SD_RATIO = 1.2
 
-#: Smallest number of frames that have a scatter (docs/constants.md).
+#: Smallest number of frames that have a scatter (docs/constants.toml).
 MIN_FRAMES = 3
 
 

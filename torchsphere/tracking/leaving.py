@@ -10,13 +10,13 @@ from torch import Tensor
 from torchsphere.tracking.prediction import BallState
 from torchsphere.tracking.record import Record
 
-#: Share of the disc in the image below which the ball has left the image (docs/constants.md).
+#: Share of the disc in the image below which the ball has left the image (docs/constants.toml).
 MIN_IN_FRAME = 0.5
 
-#: Numbers of last positions that tell the flight: few after a contact, many of a slow ball (docs/constants.md).
+#: Numbers of last positions that tell the flight: few after a contact, many of a slow ball (docs/constants.toml).
 POSITIONS = (3, 16)
 
-#: Errors of a predicted position that are allowed for, standard deviations (docs/constants.md).
+#: Errors of a predicted position that are allowed for, standard deviations (docs/constants.toml).
 MARGIN_SD = 3.0
 
 Array = NDArray[np.float64]

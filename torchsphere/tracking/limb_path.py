@@ -23,20 +23,20 @@ from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import steps
 from torchsphere.tracking.record import Record
 
-#: Most limbs that are looked at, the fewest that show a path, and the last ones of it (docs/constants.md).
+#: Most limbs that are looked at, the fewest that show a path, and the last ones of it (docs/constants.toml).
 MAX_LOOKS, MIN_LOOKS, LAST_LOOKS = 16, 5, 3
 
-#: Distance from its guess up to which a limb is sure to be found, px (docs/constants.md).
+#: Distance from its guess up to which a limb is sure to be found, px (docs/constants.toml).
 IN_SIGHT_PX = 1.0
 
-#: Degree of the slow difference between limbs and path, and pairs that are measured at a time (docs/constants.md).
+#: Degree of the slow difference between limbs and path, and pairs that are measured at a time (docs/constants.toml).
 PATH_DEGREE, BATCH = 3, 16
 
-#: Distance of the limbs from a path that has slipped, standard deviations and px (docs/constants.md).
+#: Distance of the limbs from a path that has slipped, standard deviations and px (docs/constants.toml).
 SLIPPED_SD, SLIPPED_PX = 4.0, 0.5
 
 #: Distance of the limbs from positions that no map shows, px, from which they are not the ball's: a ball that is found
-#: again is so to half a px (docs/constants.md).
+#: again is so to half a px (docs/constants.toml).
 BESIDE_PX = 1.0
 
 #: Share of the limbs of successive frames beside the path from which these frames were measured beside the ball.

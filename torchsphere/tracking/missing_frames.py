@@ -6,10 +6,10 @@ import numpy as np
 
 from torchsphere.tracking.result import Track
 
-#: Largest relative difference of steps that count as equal (docs/constants.md).
+#: Largest relative difference of steps that count as equal (docs/constants.toml).
 MAX_DIFFERENCE = 0.1
 
-#: Least length of the neighbouring steps, in standard deviations (docs/constants.md).
+#: Least length of the neighbouring steps, in standard deviations (docs/constants.toml).
 MIN_LENGTH_SD = 20.0
 
 

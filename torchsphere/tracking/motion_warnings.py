@@ -26,7 +26,7 @@ MAX_NAMED_GAPS = 5
 #: Error of the map's radius by the outline, as a share of the radius, from which a sentence names it.
 MAX_OFF_OUTLINE = 0.005
 
-#: Least median turn of a ball that turns in place, deg per frame (docs/constants.md).
+#: Least median turn of a ball that turns in place, deg per frame (docs/constants.toml).
 MIN_TURN_DEG = 1.0
 
 

@@ -25,14 +25,14 @@ from torchsphere.recording.frame_source import Source
 #: Outlines that are fitted, the fewest that show fixed axes, and the share of them that have to agree.
 MOST_LOOKS, FEWEST_LOOKS, AGREEING = 6, 4, 0.8
 
-#: Least coefficient of an ellipse that is said: its axes differ by twice as much (docs/constants.md).
+#: Least coefficient of an ellipse that is said: its axes differ by twice as much (docs/constants.toml).
 LEAST = 0.0125
 
 #: Standard deviations of an outline within which outlines agree, and from which they are no circles; and share of the
 #: coefficient within which they agree, too.
 AGREEING_SD, SIGNIFICANT_SD, AGREEING_SHARE = 3.0, 4.0, 0.25
 
-#: Coefficient by a smear along the path, over the smear in radii (docs/constants.md).
+#: Coefficient by a smear along the path, over the smear in radii (docs/constants.toml).
 BY_SMEAR = 0.25
 
 #: Nearness of a camera of which nothing is known, radius over distance: five radii away.

@@ -36,16 +36,16 @@ from torchsphere.tracking.steady_error import sd_steady, texture_fineness
 
 _LOG = logging.getLogger("torchsphere")
 
-#: Change of the radius by the map, as a share of it, from which failed frames are tried again (docs/constants.md).
+#: Change of the radius by the map, as a share of it, from which failed frames are tried again (docs/constants.toml).
 WRONG_RADIUS = 0.004
 
-#: Pairs by which a circle in doubt is tested, and share of these that must be measured (docs/constants.md).
+#: Pairs by which a circle in doubt is tested, and share of these that must be measured (docs/constants.toml).
 TRIAL_PAIRS, TRIAL_SHARE = 12, 0.25
 
-#: Failed searches over rotations after which the rest of these pairs is tried without (docs/constants.md).
+#: Failed searches over rotations after which the rest of these pairs is tried without (docs/constants.toml).
 TRIAL_SEARCHES = 2
 
-#: Share of the measured frames that a ball held in its place must keep (docs/constants.md).
+#: Share of the measured frames that a ball held in its place must keep (docs/constants.toml).
 MIN_KEPT_SHARE = 0.8
 
 

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from torchsphere.recording.level_scale import alike
 
-#: Motion of the ball's front per frame, px, from which two images cannot be identical (docs/constants.md).
+#: Motion of the ball's front per frame, px, from which two images cannot be identical (docs/constants.toml).
 MIN_MOTION_PX = 0.05
 
 #: Distance of the rows in which two images are compared first.

@@ -6,11 +6,12 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.settings.limits import SettingError
 from torchsphere.tracking.result import Track
 
-#: Standard deviation of a doubtful circle's radius, as a share of it, from which it needs a proof (docs/constants.md).
+#: Standard deviation of a doubtful circle's radius, as a share of it, from which it needs a proof
+#: (docs/constants.toml).
 MAX_UNPROVEN_SD = 0.1
 
 #: Relative scatter of the outlines' radii in several frames from which they are not those of a ball, where no map could
-#: be made (docs/constants.md).
+#: be made (docs/constants.toml).
 MAX_OUTLINE_SCATTER = 0.03
 
 

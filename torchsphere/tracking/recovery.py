@@ -24,37 +24,37 @@ from torchsphere.tracking import rotation_search
 from torchsphere.tracking.prediction import BallState
 from torchsphere.tracking.successive_pairs import PairSetup, correlate_one, explain_one
 
-#: Radius of the ball in the small images on which first guesses are refined, px (docs/constants.md).
+#: Radius of the ball in the small images on which first guesses are refined, px (docs/constants.toml).
 SMALL_RADIUS_PX = 25.0
 
 #: Largest number of iterations on the small images, and their tolerance, px.
 MAX_ITERATIONS, TOLERANCE_PX = 20, 0.01
 
-#: Correlation coefficient on the small images below which a guess is dropped (docs/constants.md).
+#: Correlation coefficient on the small images below which a guess is dropped (docs/constants.toml).
 MIN_SMALL_ZNCC = 0.2
 
 #: Number of first guesses of a search over rotations that are tried at full size.
 MAX_TRIED = 3
 
-#: Failed searches before further ones wait, and wait as a share of the frames since the first (docs/constants.md).
+#: Failed searches before further ones wait, and wait as a share of the frames since the first (docs/constants.toml).
 FREE_SEARCHES, WAIT_SHARE = 4, 0.25
 
-#: Smallest height of the outline's step, as a share of that in the last frame (docs/constants.md).
+#: Smallest height of the outline's step, as a share of that in the last frame (docs/constants.toml).
 MIN_CONTRAST = 0.4
 
-#: Relative error of the radius up to which a ball found by its outline alone is the same ball (docs/constants.md).
+#: Relative error of the radius up to which a ball found by its outline alone is the same ball (docs/constants.toml).
 RESTART_RADIUS = 0.06
 
-#: Share of a cell of the ball that its motion must have explained for its pixels to be used (docs/constants.md).
+#: Share of a cell of the ball that its motion must have explained for its pixels to be used (docs/constants.toml).
 MIN_EXPLAINED = 0.5
 
-#: Motion of the ball's front, px, up to which a part of the image may be something still (docs/constants.md).
+#: Motion of the ball's front, px, up to which a part of the image may be something still (docs/constants.toml).
 STILL_PX = 0.25
 
-#: Distance from the ball's last place, radii, at which the texture of another object was (docs/constants.md).
+#: Distance from the ball's last place, radii, at which the texture of another object was (docs/constants.toml).
 MAX_OFF_PLACE = 0.25
 
-#: Largest standard deviation of the limb of a ball that is in its place, px (docs/constants.md).
+#: Largest standard deviation of the limb of a ball that is in its place, px (docs/constants.toml).
 MAX_LIMB_SD_PX = 0.5
 
 

@@ -19,7 +19,8 @@ from torchsphere.settings.calibration import Calibration
 if TYPE_CHECKING:
     import os
 
-#: Least share of frames with a measured motion in a usable result, of those with the ball in view (docs/constants.md).
+#: Least share of frames with a measured motion in a usable result, of those with the ball in view
+#: (docs/constants.toml).
 LEAST_MEASURED = 0.1
 
 

@@ -17,22 +17,23 @@ from torch import Tensor
 
 from torchsphere.imaging.interpolation import blur
 
-#: Radius of the ball in the small images, and their blur, px (docs/constants.md).
+#: Radius of the ball in the small images, and their blur, px (docs/constants.toml).
 SMALL_RADIUS_PX, BLUR_PX = 12.5, 1.0
 
-#: Step and largest angle of the grid of rotation vectors, degrees (docs/constants.md).
+#: Step and largest angle of the grid of rotation vectors, degrees (docs/constants.toml).
 STEP_DEG, REACH_DEG = 6.0, 36.0
 
-#: Share of the radius that is matched: further out, the texture is too foreshortened to be turned (docs/constants.md).
+#: Share of the radius that is matched: further out, the texture is too foreshortened to be turned
+#: (docs/constants.toml).
 TEMPLATE = 0.9
 
-#: Correlation coefficient below which a template has no match (docs/constants.md).
+#: Correlation coefficient below which a template has no match (docs/constants.toml).
 MIN_SCORE = 0.6
 
 #: Pixels of the scores in memory at once: those of all rotations over 1024 x 1024 px would take 4 GB.
 AT_ONCE = 2_000_000
 
-#: Smallest energy of the texture at a place, as a share of the ball's own (docs/constants.md).
+#: Smallest energy of the texture at a place, as a share of the ball's own (docs/constants.toml).
 MIN_ENERGY = 0.1
 
 #: Largest number of guesses.

@@ -20,57 +20,57 @@ from torchsphere.correlation.reference import Filtered, build_reference
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import crop, interpolation
 
-#: Error of a step by d px over ``sin(2 pi d)``, times the radius, px^2 (docs/constants.md).
+#: Error of a step by d px over ``sin(2 pi d)``, times the radius, px^2 (docs/constants.toml).
 ALIASED_PX2 = 0.0005 * 50.0
 
-#: Error of a step per turn about the axis across it, px/rad, over the squared fineness (docs/constants.md).
+#: Error of a step per turn about the axis across it, px/rad, over the squared fineness (docs/constants.toml).
 SLOW_TURN_PX = 0.0115 / math.radians(1.0)
 
-#: Turn per frame, rad, up to which that error grows; `FAST_TURN_PX3` continues from there (docs/constants.md).
+#: Turn per frame, rad, up to which that error grows; `FAST_TURN_PX3` continues from there (docs/constants.toml).
 SLOW_TURN_RAD = math.radians(1.0)
 
-#: Error along the front's motion per turn out of the plane, times the squared radius, px^3/rad (docs/constants.md).
+#: Error along the front's motion per turn out of the plane, times the squared radius, px^3/rad (docs/constants.toml).
 FAST_TURN_PX3 = 0.0010 * 50.0**2 / math.radians(1.0)
 
-#: Turn per frame, rad, up to which the error by fast turns grows (docs/constants.md).
+#: Turn per frame, rad, up to which the error by fast turns grows (docs/constants.toml).
 FAST_TURN_RAD = math.radians(8.0)
 
-#: Errors by fast turns across that motion, and about z times the radius, as shares (docs/constants.md).
+#: Errors by fast turns across that motion, and about z times the radius, as shares (docs/constants.toml).
 FAST_ACROSS, FAST_ABOUT_Z = 0.3, 0.2
 
-#: Error of a ball at rest, times the radius, px^2; and about z, times its square, rad px^2 (docs/constants.md).
+#: Error of a ball at rest, times the radius, px^2; and about z, times its square, rad px^2 (docs/constants.toml).
 REST_PX2, REST_Z_PX2 = 0.00035 * 50.0, math.radians(0.37)
 
-#: Error of the shift of each point of a ball that turns about z, over the sine of that shift, px (docs/constants.md).
+#: Error of the shift of each point of a ball that turns about z, over the sine of that shift, px (docs/constants.toml).
 ALIASED_Z_PX = 0.00017
 
-#: Errors by leakage across the motion of the front, and about z times the radius, as shares (docs/constants.md).
+#: Errors by leakage across the motion of the front, and about z times the radius, as shares (docs/constants.toml).
 LEAKAGE_ACROSS, LEAKAGE_ABOUT_Z = 0.3, 0.08
 
-#: Error of a rotation about x or y times the radius, over that of the step along the other axis (docs/constants.md).
+#: Error of a rotation about x or y times the radius, over that of the step along the other axis (docs/constants.toml).
 ROTATION_PER_STEP = 1.2
 
-#: Error of steps with uneven light, px, and px over the radius for a turn about z (docs/constants.md).
+#: Error of steps with uneven light, px, and px over the radius for a turn about z (docs/constants.toml).
 UNEVEN_LIGHT_PX, UNEVEN_LIGHT_Z_PX = 0.0021, 0.0003
 
-#: Error of a turn about x, y and z per turn and nearness: radius over distance (docs/constants.md).
+#: Error of a turn about x, y and z per turn and nearness: radius over distance (docs/constants.toml).
 NEARER_FRONT = (0.7, 0.7, 0.1)
 
-#: Error of a step on a map of the ball, px (docs/constants.md).
+#: Error of a step on a map of the ball, px (docs/constants.toml).
 ON_MAP_PX = 0.0002
 
 #: Error of a step in images drawn from pixels that are not square, over their ratio of sides less 1, px
-#: (docs/constants.md).
+#: (docs/constants.toml).
 STRETCHED_PX = 0.005
 
 #: Positions across the ball, radii, and the share of the ball's area at each.
 POSITIONS = (np.arange(32) + 0.5) / 16 - 1
 AREA_SHARES = np.sqrt(1 - POSITIONS**2) / np.sqrt(1 - POSITIONS**2).sum()
 
-#: Share of the radius within which the fineness is taken: the limb's texture is foreshortened (docs/constants.md).
+#: Share of the radius within which the fineness is taken: the limb's texture is foreshortened (docs/constants.toml).
 INNER = 0.8
 
-#: Fineness of speckle of 4 px, and of noise, which no texture exceeds (docs/constants.md).
+#: Fineness of speckle of 4 px, and of noise, which no texture exceeds (docs/constants.toml).
 TYPICAL_FINENESS, MAX_FINENESS = 0.41, 1.0
 
 Array = NDArray[np.float64]

@@ -19,10 +19,10 @@ from torchsphere.imaging import crop, interlacing
 from torchsphere.runtime import threads
 from torchsphere.tracking.prediction import circle_path
 
-#: Error of a prediction, as a share of the radius, that ends its batch (docs/constants.md).
+#: Error of a prediction, as a share of the radius, that ends its batch (docs/constants.toml).
 PREDICTION_TOLERANCE = 0.1
 
-#: Largest decrease of the radius from frame to frame, as a share of it (docs/constants.md).
+#: Largest decrease of the radius from frame to frame, as a share of it (docs/constants.toml).
 MOST_SHRINKING = 0.5
 
 

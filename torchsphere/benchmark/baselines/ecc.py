@@ -14,16 +14,16 @@ import numpy as np
 from torchsphere.benchmark.baselines.baseline import Baseline, Progress, load
 from torchsphere.benchmark.baselines.frame_loop import Array, Pair, failure, follow, opened, result
 
-#: Radius of the region of interest as a share of the ball's (docs/constants.md).
+#: Radius of the region of interest as a share of the ball's (docs/constants.toml).
 ROI = 1.0
 
-#: Side of the Gaussian filter, px, odd (docs/constants.md).
+#: Side of the Gaussian filter, px, odd (docs/constants.toml).
 FILTER_PX = 3
 
 #: Largest number of Gauss-Newton steps, and the change of the correlation coefficient at which they end.
 ITERATIONS, TOLERANCE = 100, 1e-6
 
-#: Smallest correlation coefficient of a valid pair; `torchsphere.track` uses the same (docs/constants.md).
+#: Smallest correlation coefficient of a valid pair; `torchsphere.track` uses the same (docs/constants.toml).
 MIN_CORRELATION = 0.6
 
 

@@ -30,16 +30,16 @@ from torchsphere.imaging import background as still
 from torchsphere.recording.frame_source import Source
 
 #: Largest distance of the edge from its expected place, as a share of the radius, and its least value, px
-#: (docs/constants.md).
+#: (docs/constants.toml).
 WINDOW, MIN_WINDOW_PX = 0.06, 2.0
 
-#: Number of fits, each along new rays (docs/constants.md).
+#: Number of fits, each along new rays (docs/constants.toml).
 ROUNDS = 4
 
-#: Smallest standard deviation of a textured background, as a multiple of the image noise (docs/constants.md).
+#: Smallest standard deviation of a textured background, as a multiple of the image noise (docs/constants.toml).
 MIN_TEXTURE = 2.0
 
-#: Smallest height of the outline's step as a share of that in the first frame (docs/constants.md).
+#: Smallest height of the outline's step as a share of that in the first frame (docs/constants.toml).
 MIN_CONTRAST = 0.4
 
 

@@ -22,13 +22,13 @@ from torchsphere.settings.arrays import check_circle
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-#: Smallest share of the disc in the image; `torchsphere.track` uses the same (docs/constants.md).
+#: Smallest share of the disc in the image; `torchsphere.track` uses the same (docs/constants.toml).
 MIN_IN_FRAME = 0.5
 
-#: Largest distance of a measured centre from the expected centre, as a share of the radius (docs/constants.md).
+#: Largest distance of a measured centre from the expected centre, as a share of the radius (docs/constants.toml).
 MAX_JUMP = 0.5
 
-#: Smallest standard deviation of a disc's grey levels, as a share of that in the first frame (docs/constants.md).
+#: Smallest standard deviation of a disc's grey levels, as a share of that in the first frame (docs/constants.toml).
 MIN_POWER = 0.2
 
 

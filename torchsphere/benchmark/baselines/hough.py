@@ -15,28 +15,29 @@ from torchsphere.benchmark.baselines.frame_loop import NO_ROTATION, Array, Pair,
 from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source
 
-#: Accumulator cells per radius, by enlargement of the crops (docs/constants.md).
+#: Accumulator cells per radius, by enlargement of the crops (docs/constants.toml).
 CELLS_PER_RADIUS = 300.0
 
-#: Diameter of the closing of the silhouette as a share of the radius (docs/constants.md).
+#: Diameter of the closing of the silhouette as a share of the radius (docs/constants.toml).
 CLOSING = 0.3
 
-#: Blur of the silhouette, px (docs/constants.md).
+#: Blur of the silhouette, px (docs/constants.toml).
 BLUR_PX = 0.7
 
-#: Threshold of the silhouette in standard deviations of the noise (docs/constants.md).
+#: Threshold of the silhouette in standard deviations of the noise (docs/constants.toml).
 SIGMAS = 5.0
 
-#: Largest deviation of the radius from the given circle's, px (docs/constants.md).
+#: Largest deviation of the radius from the given circle's, px (docs/constants.toml).
 PLAY_PX = 2.0
 
-#: Smallest share of the circle that the silhouette of a ball fills (docs/constants.md).
+#: Smallest share of the circle that the silhouette of a ball fills (docs/constants.toml).
 MIN_FILLED = 0.3
 
-#: Smallest threshold of the silhouette as a share of the ball's contrast; for images without noise (docs/constants.md).
+#: Smallest threshold of the silhouette as a share of the ball's contrast; for images without noise
+#: (docs/constants.toml).
 MIN_LEVEL = 0.05
 
-#: Largest enlargement of the crops; the accumulator's cells are then an eighth of a px (docs/constants.md).
+#: Largest enlargement of the crops; the accumulator's cells are then an eighth of a px (docs/constants.toml).
 MAX_ENLARGED = 8
 
 

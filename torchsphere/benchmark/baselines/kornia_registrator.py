@@ -16,19 +16,20 @@ from torchsphere.benchmark.baselines.baseline import Baseline, Progress
 from torchsphere.benchmark.baselines.ecc import rotation_angle
 from torchsphere.benchmark.baselines.frame_loop import Array, Pair, failure, follow, opened, result
 
-#: Half the side of the crops as a share of the ball's radius (docs/constants.md).
+#: Half the side of the crops as a share of the ball's radius (docs/constants.toml).
 ROI = 0.95
 
-#: Levels of the image pyramid (docs/constants.md).
+#: Levels of the image pyramid (docs/constants.toml).
 LEVELS = 2
 
-#: Learning rate of Adam, in half sides of the crop and in degrees (docs/constants.md).
+#: Learning rate of Adam, in half sides of the crop and in degrees (docs/constants.toml).
 RATE = 5e-3
 
-#: Largest number of steps per level, and the change of the loss at which a level ends (docs/constants.md).
+#: Largest number of steps per level, and the change of the loss at which a level ends (docs/constants.toml).
 ITERATIONS, TOLERANCE = 60, 1e-6
 
-#: Largest deviation of a valid scale from 1; the ball's size is constant under parallel projection (docs/constants.md).
+#: Largest deviation of a valid scale from 1; the ball's size is constant under parallel projection
+#: (docs/constants.toml).
 MAX_SCALE_ERROR = 0.1
 
 

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from torchsphere.benchmark.baselines.baseline import Baseline, Progress, eight_bit, eight_bit_gain, load
 from torchsphere.benchmark.baselines.frame_loop import Array, Image, Pair, failure, follow, opened, result
 
-#: Radius of the disc of points as a share of the ball's, and the distance of the points, px (docs/constants.md).
+#: Radius of the disc of points as a share of the ball's, and the distance of the points, px (docs/constants.toml).
 ROI, SPACING_PX = 0.95, 4.0
 
-#: Enlargement of the crops by cubic interpolation, and the blur before the enlargement, px (docs/constants.md).
+#: Enlargement of the crops by cubic interpolation, and the blur before the enlargement, px (docs/constants.toml).
 ENLARGED, BLUR_PX = 2, 0.7
 
-#: Side of a point's window, px of the enlarged crop, and pyramid levels above the crop (docs/constants.md).
+#: Side of a point's window, px of the enlarged crop, and pyramid levels above the crop (docs/constants.toml).
 WINDOW_PX, LEVELS = 15, 2
 
 #: Largest number of steps per point and level, and the length of the last step, px.
@@ -30,13 +30,13 @@ STEPS, LAST_STEP_PX = 50, 1e-3
 #: Tukey's constant for 95 % efficiency under Gaussian errors, and the number of reweighted fits.
 TUKEY, ROUNDS = 4.685, 16
 
-#: Smallest number of points in a fit of five unknowns (docs/constants.md).
+#: Smallest number of points in a fit of five unknowns (docs/constants.toml).
 MIN_POINTS = 12
 
-#: Largest standard deviation of the points about a rigid motion, px (docs/constants.md).
+#: Largest standard deviation of the points about a rigid motion, px (docs/constants.toml).
 MAX_SCATTER_PX = 0.5
 
-#: Largest distance of a point from its start after flow forward and back, px (docs/constants.md).
+#: Largest distance of a point from its start after flow forward and back, px (docs/constants.toml).
 MAX_RETURN_PX = 0.5
 
 

@@ -23,16 +23,16 @@ from torchsphere.benchmark.baselines.frame_loop import (
     result,
 )
 
-#: Normalization of the cross-correlation: None, a plain correlation, or "phase" (docs/constants.md).
+#: Normalization of the cross-correlation: None, a plain correlation, or "phase" (docs/constants.toml).
 NORMALIZATION = None
 
-#: Parts into which a pixel is divided (docs/constants.md).
+#: Parts into which a pixel is divided (docs/constants.toml).
 UPSAMPLE = 100
 
-#: Radius of the window as a share of the ball's, and its outer part where the window falls to 0 (docs/constants.md).
+#: Radius of the window as a share of the ball's, and its outer part where the window falls to 0 (docs/constants.toml).
 ROI, TAPER = 1.0, 0.2
 
-#: Largest root of one minus the squared correlation coefficient of a valid pair (docs/constants.md).
+#: Largest root of one minus the squared correlation coefficient of a valid pair (docs/constants.toml).
 MAX_ERROR = 0.8
 
 #: Largest number of rounds in which the second window is moved to the measured centre.

@@ -13,7 +13,7 @@ from torchsphere.benchmark.baselines.frame_loop import opened, result
 from torchsphere.imaging.interpolation import PRE_BLUR_PX
 from torchsphere.tracking.track import track
 
-#: Radius of the region of interest as a share of the ball's (docs/constants.md).
+#: Radius of the region of interest as a share of the ball's (docs/constants.toml).
 ROI = 1.0
 
 
