@@ -116,7 +116,7 @@ def test_severe_warnings_and_a_missing_scale_of_what_is_done_are_told(
     assert main(["batch", str(shots), "--out", str(out), "--fps", "50"]) == batch.SOME_FAILED
     first, _, *told, more, incomplete = capsys.readouterr().out.splitlines()
     assert first.startswith("7 of 8 recordings done (6 of them with severe warnings), 1 failed (8 measured")
-    assert told[0] == f"done, 3 severe  a.npy: numbers of it are wrong, and the report in {out / 'a'} says why"
+    assert told[0] == f"done, 3 severe  a.npy: numbers of it may be wrong; see the report in {out / 'a'}"
     assert [line.partition("  ")[0] for line in told] == ["done, 3 severe", *["done, 1 severe"] * 4]
     assert more == f"and 1 more; see the column severe_warnings of {out / 'summary.csv'}"
     sentence = "without a scale there are no speeds and no forces; give --diameter-mm or --mm-per-px"

@@ -3,6 +3,7 @@
 import contextlib
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -168,6 +169,23 @@ def test_an_accelerometer_is_aligned_with_the_track_to_a_tenth_of_a_frame(truth:
     assert found.rms_difference_m_s2 < 0.02 * top
     assert found.gain == pytest.approx(1.0, abs=0.02)
     assert found.correlation > 0.99
+
+
+@pytest.mark.parametrize("length", [4.0, 6.3, 9.0, 14.0])
+@pytest.mark.parametrize("start", [12.0, 12.4, 12.7])
+def test_sensor_and_track_of_one_pulse_have_one_size(length: float, start: float) -> None:
+    # 0.5 % apart at 9 frames and 2.5 % at 4, where only the sensor was taken as means over a frame.
+    def passed(time: np.ndarray) -> np.ndarray:
+        return np.clip((time - start) / length, 0, 1)
+
+    frames, moments = np.arange(40.0), 0.01 * np.arange(4000)
+    push = np.stack((-np.sin(np.pi * passed(frames)), np.zeros(40)), 1)
+    slowed = np.stack((-0.5 * length * 2 / np.pi * (1 - np.cos(np.pi * passed(frames))), np.zeros(40)), 1)
+    exact = SimpleNamespace(time_s=frames, velocity_m_s=slowed, sd_velocity_m_s=0 * slowed, acceleration_m_s2=push)
+    found = align(exact, moments, -np.sin(np.pi * passed(moments)), direction=np.array([1.0, 0.0]))
+    assert found.gain == pytest.approx(1.0, abs=0.003)
+    assert found.delay_s == pytest.approx(0.0, abs=0.02)
+    assert (found.change_track_m_s, found.change_sensor_m_s) == pytest.approx((-length * 2 / np.pi,) * 2, rel=0.002)
 
 
 @pytest.mark.parametrize(

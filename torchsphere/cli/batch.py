@@ -156,7 +156,7 @@ def _named(state: str, reasons: Sequence[tuple[str, str]], table: Path) -> list[
 def _severe(counts: Counts, out: Path, table: Path) -> list[str]:
     """Sentences on the first results in which numbers are wrong, and on the number of the others."""
     said = (
-        f"done, {count} severe  {name}: numbers of it are wrong, and the report in {out / result} says why"
+        f"done, {count} severe  {name}: numbers of it may be wrong; see the report in {out / result}"
         for name, result, count in counts.severe[:FAILURES_NAMED]
     )
     more = len(counts.severe) - FAILURES_NAMED

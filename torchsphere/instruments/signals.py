@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from torchsphere.instruments.clipping import clipping_warnings
@@ -87,11 +87,11 @@ class Alignment:
     gain, sd_gain : float
         Sensor over track.
     time_s, track_m_s2, sensor_m_s2 : ndarray
-        Both (n,) at the track's times; the sensor's are means over a frame interval, without its offset.
+        Both (n,) at the track's times, as means over a frame interval, the sensor's without its offset.
     peak_track_m_s2, peak_sensor_m_s2 : float
-        Values of largest size.
+        Values of largest size of these.
     change_track_m_s, change_sensor_m_s : float
-        Integrals: changes of velocity, which are impulses per mass.
+        Changes of velocity over the frames, which are impulses per mass; the sensor's is the integral of its signal.
     rms_difference_m_s2 : float
         Root mean square difference.
     warnings : tuple of str
@@ -195,19 +195,25 @@ def align(motion: Motion, time_s: Array, sensor_m_s2: Array, *, direction: Array
     frame_s = float(np.median(np.diff(frames)))
     if interval > frame_s:
         raise ValueError(f"align: the sensor's interval of {interval:g} s is longer than the camera's of {frame_s:g} s")
-    # A frame's acceleration is compared with the sensor's mean over a frame, on a grid of the sensor's interval. Both
-    # are in units of their heights, so that squares of any signal remain numbers.
-    height, unit = float(np.ptp(signal)), float(np.ptp(track))
-    smooth = gaussian_filter1d(signal / height, frame_s / interval / math.sqrt(12))
+    # Means over a frame are compared, as frames show no faster change, on a grid of the sensor's interval. Both are in
+    # units of their heights, so that squares of any signal remain numbers.
+    height, unit, width = float(np.ptp(signal)), float(np.ptp(track)), frame_s / interval / math.sqrt(12)
+    smooth = gaussian_filter1d(signal / height, width)
     count = int((frames[-1] - frames[0]) / interval) + 1
-    resampled = CubicSpline(frames, track / unit)(frames[0] + interval * np.arange(count))
+    grid = frames[0] + interval * np.arange(count)
+    velocity = np.interp(frames, *along(motion.time_s, motion.velocity_m_s, direction))
+    # Between frames the acceleration that has the velocities of both: a force may set in there.
+    course = CubicHermiteSpline(frames, velocity / unit, track / unit).derivative()
+    resampled = gaussian_filter1d(course(grid), width)
+    track = unit * CubicSpline(grid, resampled)(np.clip(frames, grid[0], grid[-1]))
     reference = np.pad(resampled, (0, max(len(smooth) - count, 0)), mode="edge")
     padded = np.pad(smooth, (0, max(count - len(smooth), 0)), mode="edge")
     fit = fit_delay(reference, padded, whole_sample_delay(reference, padded))
     delay = fit.delay * interval + float(time_s[0]) - float(frames[0])
-    sensor = height * (CubicSpline(time_s, smooth)(np.clip(frames + delay, time_s[0], time_s[-1])) - fit.offset)
     shared = (frames + delay >= time_s[0]) & (frames + delay <= time_s[-1])
-    frames, track, sensor = frames[shared], track[shared], sensor[shared]
+    frames, track, velocity = frames[shared], track[shared], velocity[shared]
+    mean = CubicSpline(time_s, height * (smooth - fit.offset))
+    sensor = mean(frames + delay)
     gain = fit.gain * height / unit
     return Alignment(
         delay_s=delay,
@@ -220,8 +226,8 @@ def align(motion: Motion, time_s: Array, sensor_m_s2: Array, *, direction: Array
         sensor_m_s2=sensor,
         peak_track_m_s2=float(track[np.abs(track).argmax()]),
         peak_sensor_m_s2=float(sensor[np.abs(sensor).argmax()]),
-        change_track_m_s=float(np.trapezoid(track, frames)),
-        change_sensor_m_s=float(np.trapezoid(sensor, frames)),
+        change_track_m_s=float(velocity[-1] - velocity[0]),
+        change_sensor_m_s=float(mean.integrate(frames[0] + delay, frames[-1] + delay)),
         rms_difference_m_s2=float(np.sqrt(((sensor - track) ** 2).mean())),
         warnings=(*clipping_warnings({"The accelerometer's signal": signal}, "m/s^2"), *gain_warnings(gain)),
     )
