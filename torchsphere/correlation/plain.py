@@ -173,6 +173,5 @@ def products(a: Tensor, weights: Tensor, b: Tensor | None = None) -> Tensor:
 
 def solve(matrix: Tensor, right: Tensor) -> Tensor:
     """Solution of symmetric systems (n, k, k), float64; rows without a solution (no texture) give NaN or 0."""
-    scale = matrix.diagonal(dim1=-2, dim2=-1).mean(-1)[:, None, None]
-    regular = matrix + (1e-12 * scale + 1e-30) * torch.eye(matrix.shape[-1]).to(matrix)
-    return torch.linalg.solve_ex(regular, right)[0]
+    raised = (1e-12 * matrix.diagonal(dim1=-2, dim2=-1) + 1e-30).diag_embed()
+    return torch.linalg.solve_ex(matrix + raised, right)[0]

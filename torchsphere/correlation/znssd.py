@@ -106,7 +106,8 @@ def cholesky(operator: Tensor) -> Tensor:
     Such a row (no texture, no points, not finite) does not converge, and the rest of the batch goes on.
     """
     identity = torch.eye(operator.shape[-1]).to(operator)
-    scale = operator.diagonal(dim1=-2, dim2=-1).mean(-1)[:, None, None]
-    factor, failed = torch.linalg.cholesky_ex(operator + (1e-12 * scale + 1e-30) * identity)
+    # Each term by its own size: the unit of the grey levels must not decide.
+    raised = (1e-12 * operator.diagonal(dim1=-2, dim2=-1) + 1e-30).diag_embed()
+    factor, failed = torch.linalg.cholesky_ex(operator + raised)
     sound = (failed == 0)[:, None, None] & factor.isfinite().all(-1, keepdim=True).all(-2, keepdim=True)
     return torch.where(sound, factor, identity)

@@ -84,11 +84,8 @@ def factorise(matrix: Doubles) -> bool:
     The diagonal is raised as in `znssd.cholesky`.
     """
     size = len(matrix)
-    mean = 0.0
     for j in range(size):
-        mean += matrix[j, j] / size
-    for j in range(size):
-        matrix[j, j] += 1e-12 * mean + 1e-30
+        matrix[j, j] += 1e-12 * matrix[j, j] + 1e-30
         for k in range(j + 1):
             rest = matrix[j, k]
             for i in range(k):
