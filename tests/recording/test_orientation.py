@@ -10,6 +10,7 @@ from writers import write_cine, write_mov
 
 from torchsphere.recording import open_recording
 from torchsphere.recording.orientation import WORDS, after_another, code_of_matrix, turned
+from torchsphere.recording.pillow_images import exif_orientation
 
 #: An image as a person sees it, with a leg at its lower left: no turn and no mirror leaves the letter as it is.
 F = np.kron(
@@ -39,6 +40,32 @@ def test_a_folder_and_a_mask_are_shown_as_their_tags_say(tmp_path: Path, code: i
     with open_recording(tmp_path) as recording:
         np.testing.assert_array_equal(recording.images(1, 3), np.stack([F, F]))
     np.testing.assert_array_equal(read_image(tmp_path / "img0.tif"), F)
+
+
+@pytest.mark.parametrize("code", SIDES)
+@pytest.mark.parametrize("is_after_image", [False, True])
+def test_a_folder_of_png_is_shown_as_its_exif_says(tmp_path: Path, code: int, is_after_image: bool) -> None:
+    from PIL import Image
+
+    exif = Image.Exif()
+    exif[0x0112] = code
+    for number in range(2):
+        name = tmp_path / f"img{number}.png"
+        Image.fromarray(as_stored(F, code)).save(name, exif=exif)
+        if is_after_image:
+            data = name.read_bytes()
+            start, end = data.index(b"eXIf") - 4, data.index(b"IEND") - 4
+            length = int.from_bytes(data[start : start + 4], "big") + 12
+            chunk = data[start : start + length]
+            name.write_bytes(data[:start] + data[start + length : end] + chunk + data[end:])
+    with open_recording(tmp_path) as recording:
+        np.testing.assert_array_equal(recording.images(0, 2), np.stack([F, F]))
+        assert (WORDS[code] in " ".join(recording.notes)) == (code != 1)
+
+
+def test_exif_that_cannot_be_read_turns_nothing() -> None:
+    for data in (b"", b"Exif", b"II*\0", bytes(40), b"MM\0*" + b"\xff" * 30):
+        assert exif_orientation(data) == 1
 
 
 def test_images_that_are_stored_in_different_ways_are_refused(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torchsphere.recording.image_header import ImageHeader, ImageKind, require_size
 from torchsphere.recording.orientation import turned
 from torchsphere.recording.pgm import PGM
-from torchsphere.recording.pillow_images import BMP, JPEG, WEBP
+from torchsphere.recording.pillow_images import BMP, JPEG, WEBP, exif_orientation
 from torchsphere.recording.recording import Reader, Recording
 from torchsphere.recording.refusal import PNG_SIGNATURE, library_failures, look_of, what_lies_in
 from torchsphere.recording.tiff import PLACES, Page, count_pages, describe, page_facts, page_image, page_notes
@@ -26,6 +26,9 @@ from torchsphere.runtime import steps
 _PNG_SAMPLES = {0: 1, 2: 3, 4: 2, 6: 4}  # colour type: channels; 3 is a palette
 # Deflate, which PNG uses, compresses 1032 to 1 at most.
 _PNG_MAX_RATIO = 1100
+
+# What the format allows to Exif in other images.
+_MAX_EXIF_BYTES = 65536
 
 LOSSY_NOTE = "{} images have lost fine detail to compression; images without losses measure more precisely."
 
@@ -146,17 +149,21 @@ def _tiff_header(file: Path) -> ImageHeader:
             return ImageHeader(page, pixel_aspect=pixel_aspect_of(tif)[0])
 
 
-def _png_pixel_aspect(file: Path) -> float | None:
-    """Width over height of a pixel by the chunk pHYs, which stands before the image data."""
+def _png_display(file: Path) -> tuple[float | None, int]:
+    """Width over height of a pixel by the chunk pHYs, and the orientation by eXIf, which may follow the image data."""
+    aspect, code = None, 1
     with file.open("rb") as stream:
         stream.seek(len(PNG_SIGNATURE))
-        while len(head := stream.read(8)) == 8 and head[4:] != b"IDAT":
+        while len(head := stream.read(8)) == 8 and head[4:] != b"IEND":
             length = int.from_bytes(head[:4], "big")
+            after = stream.tell() + length + 4
             if head[4:] == b"pHYs" and length == 9:
                 across, down = struct.unpack(">II", stream.read(8))
-                return down / across if across and down else None
-            stream.seek(length + 4, 1)
-    return None
+                aspect = down / across if across and down else None
+            elif head[4:] == b"eXIf" and length < _MAX_EXIF_BYTES:
+                code = exif_orientation(stream.read(length))
+            stream.seek(after)
+    return aspect, code
 
 
 def _png_header(file: Path) -> ImageHeader:
@@ -174,8 +181,9 @@ def _png_header(file: Path) -> ImageHeader:
     samples = _PNG_SAMPLES[colour]
     stated = width * height * samples * bits // 8
     require_size(file, height, width, stated, _PNG_MAX_RATIO * file.stat().st_size)
-    page = Page(height, width, samples, bits, f"u{bits // 8}", 2 if samples >= 3 else 1, False)
-    return ImageHeader(page, pixel_aspect=_png_pixel_aspect(file))
+    aspect, code = _png_display(file)
+    page = Page(height, width, samples, bits, f"u{bits // 8}", 2 if samples >= 3 else 1, False, code)
+    return ImageHeader(page, pixel_aspect=aspect)
 
 
 def _reader(files: tuple[Path, ...], header: ImageHeader, kind: ImageKind) -> Reader:
@@ -207,7 +215,7 @@ def _load_png(file: Path, expected: ImageHeader) -> NDArray[Any]:
 
 
 _TIFF = ImageKind("TIFF", (".tif", ".tiff"), _tiff_header, _load_tiff, "a TIFF image", PLACES)
-_PNG_PLACES = {"bit_depth": "PNG header", "pixel_aspect": "PNG pHYs"}
+_PNG_PLACES = {"bit_depth": "PNG header", "pixel_aspect": "PNG pHYs", "orientation": "PNG eXIf"}
 _PNG = ImageKind("PNG", (".png",), _png_header, _load_png, "a PNG image", _PNG_PLACES)
 #: Kinds of images that a folder may hold.
 KINDS = (_TIFF, _PNG, BMP, PGM, JPEG, WEBP)

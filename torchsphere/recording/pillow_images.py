@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -17,7 +19,7 @@ from torchsphere.recording.refusal import HEAD_BYTES, library_failures, look_of
 from torchsphere.recording.tiff import Page
 
 if TYPE_CHECKING:
-    from PIL.Image import Image
+    from PIL.Image import Exif, Image
 
 #: Samples by Pillow's mode; a palette (P) becomes RGB.
 _SAMPLES = {"L": 1, "RGB": 3, "P": 3, "RGBA": 4, "RGBX": 4}
@@ -45,7 +47,7 @@ def _opened(name: str, file: Path) -> Iterator[Image]:
 
 def _describe(name: str, file: Path) -> ImageHeader:
     with _opened(name, file) as image, library_failures(file, f"a {name}"):
-        code = image.getexif().get(_ORIENTATION, 1)
+        code = _orientation(image.getexif())
         frames = getattr(image, "n_frames", 1) if name == "WebP" else 1
         across, down = image.info.get("jfif_density") or image.info.get("dpi") or (0, 0)
         (width, height), mode = image.size, image.mode
@@ -55,11 +57,30 @@ def _describe(name: str, file: Path) -> ImageHeader:
         raise ValueError(f"{file}: holds {frames} images, expected one image per file; part them")
     samples = _SAMPLES[mode]
     require_size(file, height, width, width * height * samples)
-    code = code if code in orientation.STEPS else 1
     page = Page(height, width, samples, 8, "u1", 2 if samples >= 3 else 1, False, code)
     # A density is a number of pixels per length: the more, the smaller they are.
     aspect = down / across if across > 0 and down > 0 else None
     return ImageHeader(page, pixel_aspect=aspect, has_losses=_has_losses(name, file))
+
+
+def exif_orientation(data: bytes) -> int:
+    """Orientation by Exif ``data``; 1 (as stored) where it states none or cannot be read."""
+    from PIL.Image import Exif
+
+    exif = Exif()
+    with warnings.catch_warnings():
+        # Of damaged data.
+        warnings.simplefilter("ignore")
+        try:
+            exif.load(data)
+        except (SyntaxError, ValueError, OSError, struct.error):
+            return 1
+        return _orientation(exif)
+
+
+def _orientation(exif: Exif) -> int:
+    code = exif.get(_ORIENTATION, 1)
+    return code if code in orientation.STEPS else 1
 
 
 def _has_losses(name: str, file: Path) -> bool:
