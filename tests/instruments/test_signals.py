@@ -12,7 +12,7 @@ from pulses import LENGTH, M_PER_PX, MASS_KG, NOISES_M, PEAK_N, RATE, Pulse, pul
 import torchsphere as ts
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.instruments.delay import fit_delay
-from torchsphere.instruments.signals import align, light_gate
+from torchsphere.instruments.signals import align, light_gate, mean_speed
 
 INTERVAL_S, COUNT = 1e-6, 2000
 
@@ -233,6 +233,14 @@ def test_an_invalid_gate_is_refused(change: dict, word: str) -> None:
     arguments = {"first": first, "second": second, "spacing_m": 0.04} | change
     with pytest.raises(ValueError, match=word):
         light_gate(time_s, **arguments)
+
+
+def test_a_gate_is_compared_with_the_velocity_across_its_barriers() -> None:
+    velocity, sd = np.tile([40.0, 30.0], (4, 1)), np.tile([0.1, 0.2], (4, 1))
+    motion = SimpleNamespace(time_s=np.arange(4.0), velocity_m_s=velocity, sd_velocity_m_s=sd, acceleration_m_s2=sd)
+    assert mean_speed(motion, math.inf) == pytest.approx((50.0, math.hypot(0.8 * 0.1, 0.6 * 0.2)))
+    assert mean_speed(motion, math.inf, np.array([2.0, 0.0])) == pytest.approx((40.0, 0.1))
+    assert mean_speed(motion, math.inf, np.array([0.0, 1.0])) == pytest.approx((30.0, 0.2))
 
 
 def test_barriers_in_the_wrong_order_are_refused() -> None:

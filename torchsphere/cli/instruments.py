@@ -135,7 +135,9 @@ def _gate(
     found = light_gate(
         signals.time_s, *values, spacing_m=1e-3 * request.spacing_mm, sd_spacing_m=1e-3 * request.sd_spacing_mm
     )
-    speed, sd = mean_speed(result.motion, math.inf if result.contact_s is None else result.contact_s[0])
+    until_s = math.inf if result.contact_s is None else result.contact_s[0]
+    across = None if request.direction_deg is None else _direction(request.direction_deg)
+    speed, sd = mean_speed(result.motion, until_s, across)
     difference, sd_difference = found.velocity_m_s - speed, math.hypot(found.sd_velocity_m_s, sd)
     numbers = dataclasses.asdict(found) | {
         "track_speed_m_s": speed,

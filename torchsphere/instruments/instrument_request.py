@@ -96,8 +96,8 @@ class InstrumentRequest:
         _number(
             COMPARISON,
             "A",
-            "direction in which the accelerometer measures (0), or from the bar to the ball (the impact's normal), "
-            "from x towards y of the result's frame",
+            "direction in which the accelerometer measures (0), across the gate from its first barrier (along the "
+            "ball's path), or from the bar to the ball (the impact's normal), from x towards y of the result's frame",
         ),
     ] = None
     plot: Annotated[

@@ -155,8 +155,10 @@ def light_gate(
     return GateVelocity(velocity, sd_velocity, delay, sd, fit.correlation)
 
 
-def mean_speed(motion: Motion, until_s: float) -> tuple[float, float]:
+def mean_speed(motion: Motion, until_s: float, direction: Array | None = None) -> tuple[float, float]:
     """Mean speed of the track before a time, m/s, and its standard deviation, which all frames may share.
+
+    Where a ``direction`` (2,) is given, the velocity along it: a gate does not see what goes along its barriers.
 
     Raises ValueError if no frame has a velocity then.
     """
@@ -164,9 +166,9 @@ def mean_speed(motion: Motion, until_s: float) -> tuple[float, float]:
     if not chosen.any():
         raise ValueError("No frame before the contact has a velocity; there is nothing to compare the gate with")
     mean = motion.velocity_m_s[chosen].mean(0)
-    speed = float(np.linalg.norm(mean))
-    along = mean / speed if speed else np.array([1.0, 0.0])
-    return speed, float(np.linalg.norm(along * motion.sd_velocity_m_s[chosen].mean(0)))
+    path = mean if mean.any() else np.array([1.0, 0.0])
+    axis = path / np.linalg.norm(path) if direction is None else direction / np.linalg.norm(direction)
+    return float(mean @ axis), float(np.linalg.norm(axis * motion.sd_velocity_m_s[chosen].mean(0)))
 
 
 def align(motion: Motion, time_s: Array, sensor_m_s2: Array, *, direction: Array) -> Alignment:
