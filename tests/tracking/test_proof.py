@@ -21,6 +21,16 @@ def test_outlines_that_contradict_each_other_are_not_those_of_a_ball() -> None:
         require_proof(track(scatter=0.08))
 
 
+def test_a_small_disc_that_the_next_frames_do_not_show_is_no_ball() -> None:
+    # A flake of snow: exact in its own image, and gone.
+    flake = ts.Circle(14.4, 196.9, 3.2, 0.1, 0.1, 0.1)
+    fallen = dataclasses.replace(track(scatter=0.0), circle=flake)
+    assert lacking_proof(fallen) == ""
+    gone = dataclasses.replace(fallen, settings=fallen.settings | {"untried_frames": 18})
+    with pytest.raises(ValueError, match="so small that .*, the frames right after it hardly show the same"):
+        require_proof(gone)
+
+
 @pytest.mark.parametrize(
     "proven",
     [track(scatter=0.01), track(scatter=0.08, circle_given=True), track(scatter=0.08, on_map=True)],

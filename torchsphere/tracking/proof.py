@@ -31,9 +31,11 @@ def lacking_proof(found: Track) -> str:
     place, about_map = settings["place"], settings["sphere_map"]
     if about_map["used"] or (place is not None and place["limbs_stay"]):
         return ""
-    scatter = about_map.get("outline_scatter", 0.0)
-    if scatter > MAX_OUTLINE_SCATTER and not settings["circle_given"]:
+    scatter, was_found = about_map.get("outline_scatter", 0.0), not settings["circle_given"]
+    if scatter > MAX_OUTLINE_SCATTER and was_found:
         return f"outlines in other frames have radii that differ by {100 * scatter:.0f} %"
+    if settings.get("untried_frames") and was_found:
+        return f"{circle.doubt}, the frames right after it hardly show the same"
     return circle.doubt if needs_proof(circle) else ""
 
 
