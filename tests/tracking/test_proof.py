@@ -27,7 +27,7 @@ def test_a_small_disc_that_the_next_frames_do_not_show_is_no_ball() -> None:
     fallen = dataclasses.replace(track(scatter=0.0), circle=flake)
     assert lacking_proof(fallen) == ""
     gone = dataclasses.replace(fallen, settings=fallen.settings | {"untried_frames": 18})
-    with pytest.raises(ValueError, match="so small that .*, the frames right after it hardly show the same"):
+    with pytest.raises(ValueError, match=r"so small that .*, the frames right after it hardly show the same"):
         require_proof(gone)
 
 
