@@ -60,7 +60,8 @@ def sdist(tracked: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copyfile(ROOT / (name if name in tracked else "LICENSE"), place / "copy" / name)
     (place / "dist").mkdir()
     with tarfile.open(built("sdist", place / "copy", place / "dist")) as archive:
-        archive.extractall(place, filter="data")
+        # Debian 12 has Python 3.11.2, which does not know filters; later versions warn without one.
+        archive.extractall(place, **({"filter": "data"} if hasattr(tarfile, "data_filter") else {}))
     return place / f"torchsphere-{torchsphere.__version__}"
 
 
