@@ -49,9 +49,10 @@ SOFT_SHARE = 0.1
 #: Intensities in flight that are weighed, powers of ten relative to the best, and the range that each represents.
 FLIGHT_OFFSETS, FLIGHT_WIDTHS = (-3.0, -1.5, -0.75, 0.0, 0.75), (1.5, 1.125, 0.75, 0.75, 0.75)
 
-#: Intensities in contact that are weighed, powers of ten relative to the best, and the range that each represents
-#: (docs/constants.toml).
+#: Intensities in contact that are weighed, powers of ten relative to the best (docs/constants.toml).
 DRAWN_OFFSETS = (-2.25, -1.5, -1.0, *(0.25 * i for i in range(-3, 4)), 1.0, 1.5, 2.25)
+
+#: Range that each of them represents, powers of ten (docs/constants.toml).
 DRAWN_WIDTHS = (0.75, 0.625, 0.375, *7 * (0.25,), 0.375, 0.625, 0.75)
 
 #: Range of intensities, powers of ten, that no force at all counts as (docs/constants.toml).

@@ -81,8 +81,7 @@ LIGHT_MAP_STEPS = 12
 
 #: Move of a pose below which it counts as settled on the last map, px, and in standard deviations
 #: (docs/constants.toml).
-LAST_SETTLED_PX = 0.0015
-SETTLED_SD = 0.3
+LAST_SETTLED_PX, SETTLED_SD = 0.0015, 0.3
 
 #: Conjugate gradients for a map on new cells, and for a step of map and poses together (docs/constants.toml).
 NEW_MAP_STEPS, STEPS = 6, 16

@@ -29,8 +29,11 @@ SUSPECT_SCATTER = 0.01
 #: Ratio up to which the growths by limbs and by pairs, whose errors add up, are the same (docs/constants.toml).
 SAME_GROWTH = 2.0
 
-#: Motion models that a growth spoils, and distance in radii of a camera without perspective (docs/constants.toml).
-RIGID_MODELS, FAR_RADII = ("rigid", "finite", "pinhole"), 1000.0
+#: Motion models that a growth spoils.
+RIGID_MODELS = ("rigid", "finite", "pinhole")
+
+#: Distance of a camera without perspective, radii (docs/constants.toml).
+FAR_RADII = 1000.0
 
 Array = NDArray[np.float64]
 
