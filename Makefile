@@ -48,7 +48,7 @@ dist: $(VENV)/installed-test  ## build sdist and wheel and check them: dist/
 	$(BIN)/python -m twine check --strict dist/*
 
 clean:  ## remove .venv, caches, builds and the demo's result
-	rm -rf $(VENV) $(DEMO_OUT) docs/_build docs/constants.md build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) $(DEMO_OUT) docs/_build build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find torchsphere render experiments tests -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 
 # One pip call with the constraints, so that no other torch is ever fetched first.

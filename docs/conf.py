@@ -27,7 +27,7 @@ extensions = [
 ]
 exclude_patterns = ["_build", "tables"]  # pages include the tables
 
-myst_enable_extensions = ["dollarmath", "colon_fence"]
+myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
 
 autodoc_typehints = "none"  # the docstrings say types and shapes

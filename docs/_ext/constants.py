@@ -1,55 +1,62 @@
-"""The page of the constants, made from ``constants.toml`` before the pages are read. It stands outside the menu."""
+"""The directive ``constants``: every constant of a file such as docs/constants.toml, with its meaning from the code."""
 
 from __future__ import annotations
 
+import re
 import tomllib
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from docutils import nodes
+from docutils.statemachine import StringList
 from sphinx.application import Sphinx
-
-START = """\
----
-orphan: true
----
-
-# Constants
-
-The thresholds and fitted numbers of the program, one row each. In the code a constant has one line: its meaning and its
-unit. The column "evidence" says what the value was measured on, or that it was chosen. The column "command" names the
-command that measures it again, if there is one. This page is made from `docs/constants.toml`. A test compares its
-values with the code, and finds constants of the code that refer to this file and are not in it.
-"""
+from sphinx.pycode import ModuleAnalyzer
+from sphinx.util.docutils import SphinxDirective
 
 
-def page(packages: dict[str, dict[str, dict[str, str]]]) -> str:
-    """The page as Markdown: a section per package, a row per constant."""
-    sections = (_section(package, constants) for package, constants in packages.items())
-    return START + "".join(f"{line}\n" for line in chain.from_iterable(sections))
+class Constants(SphinxDirective):
+    """A section per package: name, value and unit of each constant, meaning, evidence and command."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """The sections, in the order of the file."""
+        path = Path(self.env.srcdir) / self.arguments[0]
+        self.env.note_dependency(str(path))
+        return [self._section(package, entries) for package, entries in packages(path).items()]
+
+    def _section(self, package: str, entries: dict[str, dict[str, str]]) -> nodes.section:
+        section = nodes.section(ids=[nodes.make_id(f"constants-{package}")], names=[f"constants-{package}"])
+        section += nodes.title(package, package)
+        section += self.parse_text_to_nodes(StringList(lines(package, entries), source=self.arguments[0]))
+        return section
 
 
-def _section(package: str, constants: dict[str, dict[str, str]]) -> list[str]:
-    heading = ["", f"## {package}", "", "| constant | value | unit | evidence | command |", "|---|---|---|---|---|"]
-    return heading + [_row(name, constant) for name, constant in constants.items()]
+def packages(path: Path) -> dict[str, dict[str, dict[str, str]]]:
+    """The entries of each package by ``module.NAME``: value, unit, evidence and command."""
+    return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
-def _row(name: str, constant: dict[str, str]) -> str:
-    command = f"`{constant['command']}`" if "command" in constant else "-"
-    cells = [name, constant["value"], constant["unit"], constant["evidence"], command]
-    return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
+def lines(package: str, entries: dict[str, dict[str, str]]) -> list[str]:
+    """The constants of a package as a list of definitions in Markdown."""
+    text = []
+    for name, entry in entries.items():
+        unit = "" if entry["unit"] == "-" else f" {entry['unit']}"
+        text += [f"`{name}` = `{entry['value']}`{unit}", f": {meaning(package, name)}"]
+        text += ["", f"  {entry['evidence']}"]
+        text += ["", f"  Again: `{entry['command']}`"] if "command" in entry else []
+        text += [""]
+    return text
 
 
-def write(app: Sphinx) -> None:
-    """Write the page, if it has changed: Sphinx reads again what is newer."""
-    source = Path(app.srcdir)
-    text = page(tomllib.loads((source / "constants.toml").read_text(encoding="utf-8")))
-    place = source / "constants.md"
-    if not place.exists() or place.read_text(encoding="utf-8") != text:
-        place.write_text(text, encoding="utf-8")
+def meaning(package: str, name: str) -> str:
+    """What the line above a constant in the code says, without its reference to the evidence."""
+    module, constant = name.rsplit(".", 1)
+    found = ModuleAnalyzer.for_module(f"torchsphere.{package}.{module}").find_attr_docs()
+    return re.sub(r" \(docs/constants\.toml[^)]*\)", "", " ".join(" ".join(found["", constant]).split()))
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Write the page before Sphinx looks for pages."""
-    app.connect("builder-inited", write)
+    """Add the directive."""
+    app.add_directive("constants", Constants)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

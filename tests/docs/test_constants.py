@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import ast
 import importlib
-import importlib.util
 import math
 import re
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -56,20 +57,23 @@ def test_every_constant_that_refers_to_the_file_is_there() -> None:
     assert referring - known == set()
 
 
-def test_the_page_has_a_row_for_each_and_stands_outside_the_menu() -> None:
-    pytest.importorskip("sphinx", reason="the pages need Sphinx (extra 'docs')")
-    spec = importlib.util.spec_from_file_location("constants", DOCS / "_ext" / "constants.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    page = module.page({**CONSTANTS, "last": {"a.B": {"value": "1", "unit": "px", "evidence": "|x|", "command": "c"}}})
+def test_the_page_shows_every_constant_with_the_meaning_that_the_code_states(
+    extension: Callable[[str], ModuleType],
+) -> None:
+    directive = extension("constants")
+    shown = {package: "\n".join(directive.lines(package, entries)) for package, entries in CONSTANTS.items()}
+    for package, name, row in ROWS:
+        assert f"\n`{name}` = `{row['value']}`" in f"\n{shown[package]}"
+        assert f"\n  {row['evidence']}\n" in shown[package]
+    assert "docs/constants" not in "".join(shown.values())
+    assert (
+        "`limits.DIAMETERS_MM` = `(0.5, 2000.0)` mm\n"
+        ": Plausible diameters of a ball, mm.\n\n  Chosen: from coarse shot for peening to a boulder.\n"
+    ) in shown["settings"]
+
+
+def test_the_page_is_made_of_the_file_and_stands_outside_the_menu() -> None:
+    page = (DOCS / "constants.md").read_text(encoding="utf-8")
     assert page.startswith("---\norphan: true\n---\n")
-    found = []
-    for line in page.splitlines():
-        if line.startswith("## "):
-            package = line.removeprefix("## ")
-        elif line.startswith("|") and not line.startswith(("| constant |", "|---|")):
-            cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
-            assert len(cells) == 5
-            found.append((package, cells[0], cells[1]))
-    assert found == [*((package, name, row["value"]) for package, name, row in ROWS), ("last", "a.B", "1")]
-    assert page.endswith("| a.B | 1 | px | \\|x\\| | `c` |\n")
+    assert "```{constants} constants.toml\n" in page
+    assert "\nconstants\n" not in (DOCS / "index.md").read_text(encoding="utf-8")

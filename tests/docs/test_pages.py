@@ -5,11 +5,11 @@ That they build without a warning, every link included, is checked by ``make doc
 
 import argparse
 import csv
-import importlib.util
 import json
 import re
 import runpy
 import shlex
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -57,16 +57,6 @@ def run(command: str) -> None:
     else:
         assert program == "python"
         runpy.run_path(arguments[0])
-
-
-@pytest.fixture(scope="module")
-def directive() -> ModuleType:
-    """The module that makes the page of the command line."""
-    pytest.importorskip("sphinx", reason="the pages need Sphinx (extra 'docs')")
-    spec = importlib.util.spec_from_file_location("command_line", DOCS / "_ext" / "command_line.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @needs_mitsuba
@@ -135,7 +125,10 @@ def test_every_command_that_is_shown_is_one_that_the_program_understands(page: P
                 render.cli._parser().parse_args(shlex.split(line, comments=True)[1:])
 
 
-def test_the_page_of_the_command_line_has_every_command_and_every_option(directive) -> None:
+def test_the_page_of_the_command_line_has_every_command_and_every_option(
+    extension: Callable[[str], ModuleType],
+) -> None:
+    directive = extension("command_line")
     page = (DOCS / "command-line.rst").read_text(encoding="utf-8")
     programs = directive.programs()
     assert all(f".. commands:: {name}\n" in page for name in programs)

@@ -22,7 +22,6 @@ ROOT = Path(__file__).resolve().parents[2]
 LEFTOVERS = (
     "torchsphere/kernels/__pycache__/loop.nbi",
     "docs/_build/index.html",
-    "docs/constants.md",
     "experiments/cache/shot.npz",
 )
 BUILD = "import sys; from setuptools import build_meta; getattr(build_meta, sys.argv[1])(sys.argv[2])"
