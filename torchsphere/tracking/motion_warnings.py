@@ -319,9 +319,7 @@ def _shake_warnings(source: Source, track: Track, start: int) -> list[str]:
 def _model_warnings(model: str) -> list[str]:
     """What a model does not measure, or measures with a bias."""
     if model == "published":
-        return [
-            severe("The published modes are no rigid rotation: they bias translation and rotation; see the README.")
-        ]
+        return [severe("The published modes are no rigid rotation: they bias translation and rotation; see Methods.")]
     if model == "translation":
         return [
             "The translation model takes any rotation of the ball for translation and measures none: rotation and spin "
