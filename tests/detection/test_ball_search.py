@@ -62,6 +62,16 @@ def test_a_ball_that_its_background_hides_in_part_is_found_in_its_first_frame() 
     assert circle.others == ()
 
 
+def test_a_ball_that_comes_out_from_behind_a_plate_is_found_with_its_own_circle() -> None:
+    images = crossing(torch.full((90, 160), 120.0), 4, 26, plain=False, step=6.0)
+    images[:, :, :60] = noisy(torch.full((26, 90, 60), 170.0), 2.0, 6)
+    circle = found_in(images)
+    true = 6.0 * (circle.frame - 4) - RADIUS
+    # Not before two thirds of its width are in view.
+    assert 60 + RADIUS / 3 <= true <= 60 + RADIUS + 12
+    assert (circle.x, circle.radius) == pytest.approx((true, RADIUS), abs=0.5)
+
+
 def test_a_short_flight_in_a_long_recording_is_found_from_its_first_frames() -> None:
     flight = crossing(blotch(), 0, 18, plain=False)
     empty = noisy(blotch()[None], 2.0, 5)

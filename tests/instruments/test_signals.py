@@ -235,6 +235,17 @@ def test_an_invalid_gate_is_refused(change: dict, word: str) -> None:
         light_gate(time_s, **arguments)
 
 
+def test_a_record_that_lies_between_two_frames_is_refused() -> None:
+    frames = np.arange(20.0)
+    push = np.stack((np.clip(frames - 8, 0, 4), np.zeros(20)), 1)
+    motion = SimpleNamespace(
+        time_s=frames, velocity_m_s=push.cumsum(0), sd_velocity_m_s=0 * push + 0.1, acceleration_m_s2=push
+    )
+    time_s = 0.01 * np.arange(30)
+    with pytest.raises(ValueError, match=r"do not overlap|No delay|not of one shape"):
+        align(motion, time_s, time_s.copy(), direction=np.array([1.0, 0.0]))
+
+
 def test_a_gate_is_compared_with_the_velocity_across_its_barriers() -> None:
     velocity, sd = np.tile([40.0, 30.0], (4, 1)), np.tile([0.1, 0.2], (4, 1))
     motion = SimpleNamespace(time_s=np.arange(4.0), velocity_m_s=velocity, sd_velocity_m_s=sd, acceleration_m_s2=sd)

@@ -194,9 +194,10 @@ def _a_frame_before(scene: Scene, ball: _Outline, step: Tensor) -> _Outline | No
     x, y = (as_values(ball.circle)[:2] - step).tolist()
     circle = at_limb(scene.views(frame), dataclasses.replace(ball.circle, x=x, y=y, frame=frame), scene.ignore)
     found = dataclasses.replace(ball, circle=circle, arcs=scene.arcs(frame, as_values(circle)))
-    # The ball is known: its outline need not be there on so many arcs again.
-    is_seen = found.arcs.share >= MIN_PART and within(as_values(circle), scene.image(frame).shape)
-    return found if is_seen and not circle.doubt and found.has_size_of(ball) else None
+    # The ball is known: its outline need not be there on so many arcs again, but nothing may cover it.
+    is_seen = found.arcs.share >= MIN_PART and found.arcs.are_uncovered
+    is_whole = is_seen and within(as_values(circle), scene.image(frame).shape)
+    return found if is_whole and not circle.doubt and found.has_size_of(ball) else None
 
 
 def _rough_ball(scene: Scene, outlines: list[_Outline]) -> _Outline | None:

@@ -55,12 +55,16 @@ class Arcs:
     @property
     def are_all_round(self) -> bool:
         """Whether the outline is there all round, as far as the image shows it."""
-        missing = (self.known & ~self.seen).repeat(2).tolist()
+        return self.share >= MIN_SEEN and self.are_uncovered
+
+    @property
+    def are_uncovered(self) -> bool:
+        """Whether no long part of the outline is missing; arcs here and there may be."""
         gap = longest = 0
-        for lacks in missing:
+        for lacks in (self.known & ~self.seen).repeat(2).tolist():
             gap = gap + 1 if lacks else 0
             longest = max(longest, gap)
-        return float(self.known.double().mean()) >= MIN_KNOWN and self.share >= MIN_SEEN and longest <= MAX_GAP
+        return float(self.known.double().mean()) >= MIN_KNOWN and longest <= MAX_GAP
 
 
 def arcs_of(image: Tensor, circle: Tensor, ignore: Tensor | None = None, *, slack: float = 1.0) -> Arcs:

@@ -213,6 +213,8 @@ def align(motion: Motion, time_s: Array, sensor_m_s2: Array, *, direction: Array
     fit = fit_delay(reference, padded, whole_sample_delay(reference, padded))
     delay = fit.delay * interval + float(time_s[0]) - float(frames[0])
     shared = (frames + delay >= time_s[0]) & (frames + delay <= time_s[-1])
+    if shared.sum() < 2:
+        raise ValueError("The signals do not overlap once they are aligned; give longer parts of them")
     frames, track, velocity = frames[shared], track[shared], velocity[shared]
     mean = CubicSpline(time_s, height * (smooth - fit.offset))
     sensor = mean(frames + delay)
