@@ -1,7 +1,6 @@
 """Images in HDF5 files."""
 
 import gzip
-import os
 import sys
 from pathlib import Path
 
@@ -163,22 +162,3 @@ def test_other_contents_under_the_name_of_hdf5_are_refused(tmp_path: Path) -> No
     (tmp_path / "a.h5").write_bytes(gzip.compress(b"text"))
     with pytest.raises(ValueError, match="looks like a gzip archive, expected an HDF5 file after its name"):
         open_recording(tmp_path / "a.h5")
-
-
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="resident memory is read from Linux's /proc")
-def test_memory_does_not_grow_with_the_images_read(tmp_path: Path) -> None:
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file.create_dataset(
-            "images", (1500, 128, 128), "u2", data=np.zeros((1500, 128, 128), "u2"), chunks=(20, 64, 128)
-        )
-    recording = open_recording(tmp_path / "a.h5")
-
-    def resident() -> int:
-        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-    recording.images(0, 10)
-    before = resident()
-    for start in range(0, 1500, 10):
-        recording.images(start, start + 10)
-    # The file has 49 MB; ten images as float32 have 0.7 MB.
-    assert resident() - before < 10e6

@@ -168,13 +168,17 @@ def test_a_recording_cannot_be_changed(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="resident memory is read from Linux's /proc")
-@pytest.mark.parametrize("suffix", ["npy", "tif", "mraw"])
+@pytest.mark.parametrize("suffix", ["npy", "tif", "mraw", "h5"])
 def test_memory_does_not_grow_with_the_images_read(tmp_path: Path, suffix: str) -> None:
     images = np.zeros((1500, 128, 128), np.uint16)
     if suffix == "npy":
         np.save(tmp_path / "a.npy", images)
     elif suffix == "tif":
         tifffile.imwrite(tmp_path / "a.tif", images, photometric="minisblack")
+    elif suffix == "h5":
+        h5py = pytest.importorskip("h5py", reason="the extra 'export' is not installed")
+        with h5py.File(tmp_path / "a.h5", "w") as file:
+            file.create_dataset("images", data=images, chunks=(20, 64, 128))
     else:
         write_mraw(tmp_path / "a", images, bits=16, depth=12)
     recording = open_recording(tmp_path / f"a.{suffix}")
