@@ -31,15 +31,15 @@ def equations(
     rule: Rule,
     images: tuple[Tensor, ...],
     levels: Tensor,
-    rings: tuple[Tensor, Tensor],
+    rings: tuple[Tensor, Tensor, Tensor],
     hidden: tuple[int, float],
     columns: list[int],
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Normal matrices (n, k, k), gradients (n, k), sums of squares (n,), and numbers of visible pixels (n,), float64.
 
-    ``images`` as for `forward_model.linearise`, ``levels`` (n, s, s) those seen. ``rings`` are the squares (m - 1,) of
-    the rings' limits and the variances (m,) in the rings. ``hidden`` are the side of a neighbourhood and the mean
-    square from which its visibility falls. ``columns`` (k,) are those of the jacobian.
+    ``images`` as for `forward_model.linearise`, ``levels`` (n, s, s) those seen. ``rings`` are
+    `pixel_weights.ResidualProfile.ramps` (m - 1,) and the variances (m,) in the rings. ``hidden`` are the side of a
+    neighbourhood and the mean square from which its visibility falls. ``columns`` (k,) are those of the jacobian.
     """
     n, k = len(levels), len(columns)
     normal, gradient = torch.zeros(n, k, k, dtype=torch.float64), torch.zeros(n, k, dtype=torch.float64)
@@ -71,7 +71,8 @@ def _equations(
     background: Floats,
     ball: Floats,
     levels: Floats,
-    ring_limits: Floats,
+    limits: Floats,
+    slopes: Floats,
     variances: Floats,
     window: int,
     limit: Any,
@@ -93,7 +94,7 @@ def _equations(
         for row in range(side):
             find_places(first[i], places, i, row, room)
             linearise_row(given, visibility[i, row], background[i, row], room, model[row], jacobian[row])
-            _inverse_variance(room[5], room[6], ring_limits, variances, weights[row])
+            _inverse_variance(room[5], room[6], (limits, slopes, variances), weights[row])
             for column in range(side):
                 residual[row, column] = levels[i, row, column] - model[row, column]
         _misfits(model, residual, visibility[i], weights, misfits, usable)
@@ -111,15 +112,17 @@ def _equations(
 
 
 @compiled
-def _inverse_variance(xs: Floats, ys: Floats, limits: Floats, variances: Floats, found: Floats) -> None:
-    """One over the variance in the ring of each pixel of a row."""
+def _inverse_variance(xs: Floats, ys: Floats, rings: tuple[Floats, Floats, Floats], found: Floats) -> None:
+    """One over `pixel_weights.ResidualProfile.at` the pixels of a row."""
+    limits, slopes, variances = rings
     for column in range(len(found)):
         found[column] = variances[0]
     for k in range(len(limits)):
-        limit, variance = limits[k], variances[k + 1]
+        limit, slope, step = limits[k], slopes[k], variances[k + 1] - variances[k]
         for column in range(len(found)):
             x, y = xs[column], ys[column]
-            found[column] = variance if x * x + y * y > limit else found[column]
+            share = (x * x + y * y - limit) * slope + _HALF
+            found[column] += step * min(max(share, ZERO), ONE)
     for column in range(len(found)):
         found[column] = ONE / found[column]
 

@@ -20,6 +20,7 @@ from torchsphere.sphere_map import (
     elimination,
     exposure_share,
     forward_model,
+    light,
     map_fit,
     nearness,
     pixel_weights,
@@ -28,12 +29,12 @@ from torchsphere.sphere_map.ball import Poses, TexturedBall, uniform_light
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
 from torchsphere.sphere_map.footprint import fit_footprint, with_footprint_of_outline
 from torchsphere.sphere_map.forward_model import Linearisation
-from torchsphere.sphere_map.light import LAST_CHANGE, fit_light
+from torchsphere.sphere_map.light import LAST_CHANGE, fit_light, is_lit_from_a_side
 from torchsphere.sphere_map.map_fit import MapEquations
-from torchsphere.sphere_map.nearness import NearnessChange
 from torchsphere.sphere_map.perspective import Optics
 from torchsphere.sphere_map.pixel_weights import ROUNDING_VARIANCE
 from torchsphere.sphere_map.rays import rim_points
+from torchsphere.sphere_map.shared_unknown import SharedChange
 from torchsphere.sphere_map.state import State, drawn, fit_map, linearised, reweighted, with_cells
 from torchsphere.sphere_map.window import Windows, texture_variance
 
@@ -73,15 +74,15 @@ OUTLINE_FOUND_PX = 0.02
 #: is registered again (docs/constants.toml).
 MAX_UNSETTLED_PX = 0.02
 
-#: Most rounds of light and poses in turns.
-LIGHT_ROUNDS = 8
+#: Most searches for a light from a side: one that is found changes with each step of the poses (docs/constants.toml).
+LIGHT_ROUNDS = 3
 
 #: Conjugate gradients for the map to which a light is fitted (docs/constants.toml).
 LIGHT_MAP_STEPS = 12
 
 #: Move of a pose below which it counts as settled on the last map, px, and in standard deviations
 #: (docs/constants.toml).
-LAST_SETTLED_PX, SETTLED_SD = 0.0015, 0.3
+LAST_SETTLED_PX, SETTLED_SD = 0.0005, 0.1
 
 #: Conjugate gradients for a map on new cells, and for a step of map and poses together (docs/constants.toml).
 NEW_MAP_STEPS, STEPS = 6, 16
@@ -97,16 +98,15 @@ SEEN_NEARNESS_SD, MAX_NEARNESS = 2.0, 0.3
 #: third of the nearness, as the map follows with delay (docs/constants.toml).
 SUSPECTED_NEARNESS_SD = 1.3
 
-#: Rounds of the search for the nearness, steps of the adjustment in each, and largest share of a change that the next
-#: is expected to have (docs/constants.toml).
-NEARNESS_ROUNDS, NEARNESS_STEPS, MAX_NEARNESS_SHARE = 15, 2, 0.6
+#: Rounds of the search for a shared unknown, steps of the adjustment in each, and largest share of a change that the
+#: next is expected to have (docs/constants.toml).
+SEARCH_ROUNDS, SEARCH_STEPS, MAX_SHARE_LEFT = 15, 2, 0.6
 
 #: Change of the nearness below which the search ends, and below which it has settled at least (docs/constants.toml).
 LAST_NEARNESS_CHANGE, SETTLED_NEARNESS = 0.0001, 0.0004
 
-#: Rounds of the search for the exposure, steps of the adjustment in each, and change of the exposure, as a share of it,
-#: below which the search ends (docs/constants.toml).
-EXPOSURE_ROUNDS, EXPOSURE_STEPS, LAST_EXPOSURE_CHANGE = 4, 10, 0.01
+#: Change of the exposure, as a share of it, below which the search ends (docs/constants.toml).
+LAST_EXPOSURE_CHANGE = 0.002
 
 #: Largest move of a pose in a step, px (docs/constants.toml).
 MAX_MOVE_PX = 1.0
@@ -157,8 +157,8 @@ def adjust(
     """
     like = windows.levels
     size = torch.tensor(radius, dtype=torch.float64, device=like.device)
-    blur, none, light = torch.full_like(size, max(optics_px, INITIAL_BLUR_PX)), like.new_zeros(0), uniform_light(size)
-    ball = TexturedBall(size, blur, 0, none, light, rim_points=rim_points(radius))
+    blur, none = torch.full_like(size, max(optics_px, INITIAL_BLUR_PX)), like.new_zeros(0)
+    ball = TexturedBall(size, blur, 0, none, uniform_light(size), rim_points=rim_points(radius))
     state = State(
         windows,
         _with_initial_gains(windows, poses),
@@ -205,21 +205,45 @@ def find_exposure(
 
     The given one and 1 where poses do not settle with another exposure.
     """
-    start, factor = adjustment, 1.0
     level = _Level(
-        cell_px, LAST_SETTLED_PX, EXPOSURE_STEPS, is_last=True, is_blurred=optics_px > 0, is_outline_found=True
+        cell_px, LAST_SETTLED_PX, SEARCH_STEPS, is_last=True, is_blurred=optics_px > 0, is_outline_found=True
     )
-    for _ in range(EXPOSURE_ROUNDS):
-        assert adjustment.last is not None
-        found = exposure_share.measure(*adjustment.last, factor, shared)
-        longer = exposure_share.lengthened(adjustment.state, 1 + float(found.change) / factor)
-        factor += float(found.change)
-        adjustment = _adjust_level(found.followed(longer), level, shared)
-        if not adjustment.settled:
-            return start, 1.0
-        if abs(float(found.change)) < LAST_EXPOSURE_CHANGE:
+
+    def factor(at: Adjustment) -> float:
+        return exposure_share.factor_between(adjustment.state, at.state)
+
+    def measured(at: Adjustment) -> SharedChange:
+        assert at.last is not None
+        return exposure_share.measure(*at.last, factor(at), shared)
+
+    found, _ = _searched(adjustment, measured, level, LAST_EXPOSURE_CHANGE, shared)
+    if not found.settled:
+        return adjustment, 1.0
+    return replace(found, covariance=_with_radius_error(found)), factor(found)
+
+
+def _searched(
+    start: Adjustment,
+    measured: Callable[[Adjustment], SharedChange],
+    level: _Level,
+    last_change: float,
+    shared: RowRunner,
+) -> tuple[Adjustment, SharedChange]:
+    """The adjustment with the shared unknown that fits best, and its last change as ``measured``.
+
+    The search ends after a change below ``last_change``.
+    """
+    at, before = start, math.inf
+    for _ in range(SEARCH_ROUNDS):
+        found = measured(at)
+        change = float(found.change)
+        # Changes get shorter by a steady share, as the map follows the unknown with delay.
+        share_left = min(max(change / before, 0.0), MAX_SHARE_LEFT)
+        at = _adjust_level(replace(found, change=found.change / (1 - share_left)).applied(at.state), level, shared)
+        if abs(change) < last_change:
             break
-    return replace(adjustment, covariance=_with_radius_error(adjustment)), factor
+        before = change
+    return at, found
 
 
 def find_nearness(adjustment: Adjustment, optics: Optics, cell_px: float, shared: RowRunner) -> Adjustment:
@@ -235,7 +259,7 @@ def find_nearness(adjustment: Adjustment, optics: Optics, cell_px: float, shared
         return replace(adjustment, sd_nearness=nearness.UNKNOWN_SD)
 
 
-def _measured_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) -> NearnessChange:
+def _measured_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) -> SharedChange:
     """The nearness by the equations of the last step, as ``optics`` see the ball; the step itself hardly matters."""
     assert adjustment.last is not None
     before, model, joint = adjustment.last
@@ -244,48 +268,39 @@ def _measured_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner
 
 def _with_nearness(adjustment: Adjustment, optics: Optics, cell_px: float, shared: RowRunner) -> Adjustment:
     state = replace(adjustment.state, windows=adjustment.state.windows.seen_by(optics))
-    level = _Level(cell_px, LAST_SETTLED_PX, NEARNESS_STEPS, is_last=True)
+    level = _Level(cell_px, LAST_SETTLED_PX, SEARCH_STEPS, is_last=True)
+
+    def measured(at: Adjustment) -> SharedChange:
+        seen_by = at.state.windows.optics
+        assert seen_by is not None
+        return _measured_nearness(at, seen_by, shared)
+
     found = _measured_nearness(adjustment, optics, shared)
-    sd = min(math.hypot(float(found.change), found.total_sd), nearness.UNKNOWN_SD)
+    sd = min(math.hypot(float(found.change), nearness.total_sd(found)), nearness.UNKNOWN_SD)
     unseen = _not_seen(adjustment, found, sd)
-    if float(found.change) > SUSPECTED_NEARNESS_SD * found.apparent_sd:
+    if float(found.change) > SUSPECTED_NEARNESS_SD * nearness.apparent_sd(found):
         start: Adjustment | None = _adjust_level(found.applied(state), level, shared)
     else:
         # Where the ball hardly turns, the map hides a near camera in part: it may be seen from near by alone.
         start = _probe(state, level, shared)
     if start is None:
         return unseen
-    near, last, settled = _settled_nearness(start, level, shared)
+    near, last = _searched(start, measured, level, LAST_NEARNESS_CHANGE, shared)
+    settled = near.settled and abs(float(last.change)) < SETTLED_NEARNESS
     value = float(nearness.nearness_of(near.state))
-    if settled and value <= SEEN_NEARNESS_SD * last.apparent_sd:
-        return _not_seen(adjustment, last, min(math.hypot(value, last.total_sd), nearness.UNKNOWN_SD))
+    if settled and value <= SEEN_NEARNESS_SD * nearness.apparent_sd(last):
+        return _not_seen(adjustment, last, min(math.hypot(value, nearness.total_sd(last)), nearness.UNKNOWN_SD))
     if not settled or value >= MAX_NEARNESS:
         # What was seen and could not be settled is not known to less than what the search had found.
         return replace(unseen, sd_nearness=max(nearness.UNKNOWN_SD, abs(value)))
-    covariance = with_radius_error(replace(near, covariance=_with_radius_error(near)), last.of_radius * last.total_sd)
-    return replace(near, covariance=covariance, sd_nearness=last.total_sd)
+    sd = nearness.total_sd(last)
+    near = replace(near, covariance=_with_radius_error(near), sd_nearness=sd)
+    return replace(near, covariance=with_radius_error(near, last.of_radius * sd))
 
 
-def _not_seen(adjustment: Adjustment, found: NearnessChange, sd: float) -> Adjustment:
+def _not_seen(adjustment: Adjustment, found: SharedChange, sd: float) -> Adjustment:
     """The ``adjustment`` of a camera infinitely far away, whose radius errs with a nearness of that ``sd``."""
     return replace(adjustment, covariance=with_radius_error(adjustment, found.of_radius * sd), sd_nearness=sd)
-
-
-def _settled_nearness(near: Adjustment, level: _Level, shared: RowRunner) -> tuple[Adjustment, NearnessChange, bool]:
-    """The adjustment with the nearness that fits best, the last change, and whether the search has settled."""
-    before = math.inf
-    for _ in range(NEARNESS_ROUNDS):
-        seen_by = near.state.windows.optics
-        assert seen_by is not None
-        found = _measured_nearness(near, seen_by, shared)
-        change = float(found.change)
-        # Steps get shorter by a steady share, as the map follows the nearness with delay.
-        share = min(max(change / before, 0.0), MAX_NEARNESS_SHARE)
-        near = _adjust_level(replace(found, change=found.change / (1 - share)).applied(near.state), level, shared)
-        if abs(change) < LAST_NEARNESS_CHANGE:
-            break
-        before = change
-    return near, found, near.settled and abs(change) < SETTLED_NEARNESS
 
 
 def _probe(state: State, level: _Level, shared: RowRunner) -> Adjustment | None:
@@ -352,15 +367,25 @@ def _adjust_level(state: State, level: _Level, shared: RowRunner) -> Adjustment:
         state, move = _moved(state, last.joint, share * of_map, share * step)
         if level.is_blurred:
             state = with_footprint_of_outline(state)
+        state, relit = _relit(state, level, shared)
         if not math.isfinite(move):
             raise torch.linalg.LinAlgError(NO_SOLUTION)  # type: ignore[attr-defined]
         settled = max(level.settled_px, SETTLED_SD * float(last.joint.covariance.diagonal()[0].sqrt()))
         is_bound = level.is_last and float(state.profile.variance.max()) >= limit * float(state.profile.variance[0])
-        if move < settled and not is_bound:
+        if move < settled and relit < LAST_CHANGE and not is_bound:
             break
         if move < OUTLINE_FOUND_PX:
             limit = math.inf
     return Adjustment(state, last.joint.covariance, move < max(settled, MAX_UNSETTLED_PX), last=last)
+
+
+def _relit(state: State, level: _Level, shared: RowRunner) -> tuple[State, float]:
+    """The state with its light, if it has one from a side, after one more change, and the change.
+
+    Poses and light take up a part of each other: changed in turns, they settle together.
+    """
+    is_lit = level.is_last and is_lit_from_a_side(state.ball)
+    return light.changed(state, shared) if is_lit else (state, 0.0)
 
 
 def _step(at: LastStep) -> tuple[Tensor, Tensor]:

@@ -9,13 +9,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import torch
+from torch import Tensor
 
 from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import shared_unknown
 from torchsphere.sphere_map.elimination import JointEquations
 from torchsphere.sphere_map.forward_model import Linearisation
-from torchsphere.sphere_map.shared_unknown import SharedChange
-from torchsphere.sphere_map.state import State, drawn
+from torchsphere.sphere_map.shared_unknown import SharedChange, SharedUnknown
+from torchsphere.sphere_map.state import State
 
 #: Standard deviation of the share as the outlines tell it, and largest change at once, both over the share
 #: (docs/constants.toml).
@@ -28,15 +29,22 @@ STEP = 0.02
 def measure(
     state: State, model: Linearisation, joint: JointEquations, factor: float, shared: RowRunner
 ) -> SharedChange:
-    """Gauss-Newton step of the share over that by the outlines, which is ``factor`` so far; all else is left free."""
-    longer, shorter = (drawn(lengthened(state, 1 + h), shared).levels(state.ball.coefficients) for h in (STEP, -STEP))
-    column = (longer - shorter) / (2 * STEP * factor)
-    off = torch.full_like(state.ball.radius, factor - 1)
-    found = shared_unknown.measure(state, model, joint, column, off, OUTLINES_SD)
-    return replace(found, change=found.change.clamp(-MAX_CHANGE, MAX_CHANGE))
+    """Gauss-Newton step of the share, as a part of what it is so far: ``factor`` times that by the outlines."""
+    unknown = SharedUnknown(lengthened, STEP, OUTLINES_SD / factor, MAX_CHANGE)
+    off = torch.full_like(state.ball.radius, (factor - 1) / factor)
+    return shared_unknown.measure(unknown, off, state, model, joint, shared)
 
 
-def lengthened(state: State, factor: float) -> State:
-    """The state with exposures that are longer by the ``factor``."""
+def lengthened(state: State, change: Tensor) -> State:
+    """The state with exposures that are longer by the ``change`` (), a part of them."""
+    return replace(state, windows=replace(state.windows, moments=(1 + change) * _moments(state)))
+
+
+def factor_between(before: State, after: State) -> float:
+    """Exposure ``after`` over that ``before``."""
+    return float(_moments(after).norm() / _moments(before).norm())
+
+
+def _moments(state: State) -> Tensor:
     assert state.windows.moments is not None
-    return replace(state, windows=replace(state.windows, moments=factor * state.windows.moments))
+    return state.windows.moments

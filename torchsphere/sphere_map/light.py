@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map.ball import LIGHT_TERMS
+from torchsphere.sphere_map.ball import LIGHT_TERMS, TexturedBall
 from torchsphere.sphere_map.map_fit import MapEquations
 from torchsphere.sphere_map.soft_limit import share_beyond
 from torchsphere.sphere_map.state import State, drawn
@@ -16,8 +16,8 @@ from torchsphere.sphere_map.state import State, drawn
 #: Share of the squared residuals that a light must explain, and largest number of its changes (docs/constants.toml).
 MIN_EXPLAINED, ROUNDS = 0.01, 3
 
-#: Change of the light, relative to it, that needs no further one.
-LAST_CHANGE = 0.002
+#: Change of the light, relative to it, that needs no further one (docs/constants.toml).
+LAST_CHANGE = 0.0005
 
 #: Share of the squared residuals beside the map from which a light is looked for (docs/constants.toml).
 MIN_SEEN = 2e-4
@@ -34,20 +34,32 @@ def fit_light(state: State, shared: RowRunner) -> State:
 
     Map and light are solved for together: in turns, the map would keep the light that the map has already absorbed.
     """
-    is_lit = bool(state.ball.light[1:].any())
-    seen = 1.0 if is_lit else _seen_share(state, shared)
+    seen = 1.0 if is_lit_from_a_side(state.ball) else _seen_share(state, shared)
     if not seen:
         return state
     for _ in range(ROUNDS):
-        ball = state.ball
-        change, response, explained = _change(state, shared)
-        change = seen * share_beyond(explained, MIN_EXPLAINED) * (ball.light[1:] + change) - ball.light[1:]
-        light = ball.light + torch.cat((torch.zeros_like(change[:1]), change))
-        coefficients = ball.coefficients - response @ change.to(response)
-        state = replace(state, ball=replace(ball, light=light, coefficients=coefficients))
-        if float(change.abs().max()) < LAST_CHANGE:
+        state, change = changed(state, shared, seen)
+        if change < LAST_CHANGE:
             break
     return state
+
+
+def changed(state: State, shared: RowRunner, seen: float = 1.0) -> tuple[State, float]:
+    """The state after one change of light and map, the poses held, and the largest change of a term of the light.
+
+    ``seen`` is the share of a light that is taken over.
+    """
+    ball = state.ball
+    change, response, explained = _change(state, shared)
+    change = seen * share_beyond(explained, MIN_EXPLAINED) * (ball.light[1:] + change) - ball.light[1:]
+    light = ball.light + torch.cat((torch.zeros_like(change[:1]), change))
+    coefficients = ball.coefficients - response @ change.to(response)
+    return replace(state, ball=replace(ball, light=light, coefficients=coefficients)), float(change.abs().max())
+
+
+def is_lit_from_a_side(ball: TexturedBall) -> bool:
+    """Whether the light differs from side to side."""
+    return bool(ball.light[1:].any())
 
 
 def _seen_share(state: State, shared: RowRunner) -> float:

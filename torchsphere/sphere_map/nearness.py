@@ -18,8 +18,8 @@ from torchsphere.sphere_map.ball import Poses
 from torchsphere.sphere_map.elimination import JointEquations
 from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.perspective import Optics
-from torchsphere.sphere_map.shared_unknown import SharedChange
-from torchsphere.sphere_map.state import State, drawn
+from torchsphere.sphere_map.shared_unknown import SharedChange, SharedUnknown
+from torchsphere.sphere_map.state import State
 
 #: Prior standard deviation of the nearness, radius over distance, of a camera that is not known: 33 radii are the
 #: distance of half a metre from a ball of 30 mm (docs/constants.toml).
@@ -43,38 +43,33 @@ MAX_CHANGE = 0.1
 STEP = 0.01
 
 
-class NearnessChange(SharedChange):
-    """Change of the nearness, and of all else with it: a near ball's front seems to turn faster."""
+def measure(state: State, model: Linearisation, joint: JointEquations, shared: RowRunner) -> SharedChange:
+    """Gauss-Newton step of the nearness, map and all poses left free, with ``model`` and ``joint`` at the state.
 
-    @property
-    def total_sd(self) -> float:
-        """Standard deviation with the systematic error."""
-        return math.hypot(float(self.sd), SYSTEMATIC_SD)
-
-    @property
-    def apparent_sd(self) -> float:
-        """Standard deviation of the change where the camera is infinitely far away."""
-        return math.hypot(float(self.sd), APPARENT_SD)
-
-    def applied(self, state: State) -> State:
-        """The state after the change of all unknowns."""
-        return self.followed(with_nearness(state, nearness_of(state) + self.change))
+    A near ball's front seems to turn faster.
+    """
+    unknown = SharedUnknown(_nearer, STEP, UNKNOWN_SD, MAX_CHANGE)
+    return shared_unknown.measure(unknown, nearness_of(state), state, model, joint, shared)
 
 
-def measure(state: State, model: Linearisation, joint: JointEquations, shared: RowRunner) -> NearnessChange:
-    """Gauss-Newton step of the nearness, map and all poses left free, with ``model`` and ``joint`` at the state."""
-    nearness = nearness_of(state)
-    nearer, farther = (
-        drawn(with_nearness(state, nearness + h), shared).levels(state.ball.coefficients) for h in (STEP, -STEP)
-    )
-    found = shared_unknown.measure(state, model, joint, (nearer - farther) / (2 * STEP), nearness, UNKNOWN_SD)
-    return NearnessChange(found.change.clamp(-MAX_CHANGE, MAX_CHANGE), found.sd, found.of_map, found.step)
+def total_sd(found: SharedChange) -> float:
+    """Standard deviation of a measured nearness, with its systematic error."""
+    return math.hypot(float(found.sd), SYSTEMATIC_SD)
+
+
+def apparent_sd(found: SharedChange) -> float:
+    """Standard deviation of the change where the camera is infinitely far away."""
+    return math.hypot(float(found.sd), APPARENT_SD)
 
 
 def nearness_of(state: State) -> Tensor:
     """Radius over distance () of the ball."""
     optics = state.windows.optics
     return torch.zeros_like(state.ball.radius) if optics is None else state.ball.radius * optics.per_focal
+
+
+def _nearer(state: State, change: Tensor) -> State:
+    return with_nearness(state, nearness_of(state) + change)
 
 
 def with_nearness(state: State, nearness: Tensor) -> State:

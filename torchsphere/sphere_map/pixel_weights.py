@@ -19,6 +19,9 @@ from torchsphere.sphere_map.window import Windows
 #: Limits of the rings in which the residual variance is measured, px from the outline (docs/constants.toml).
 RING_LIMITS_PX = (-6.0, -4.0, -3.0, -2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0)
 
+#: Width over which the variance goes over from a ring to the next, px (docs/constants.toml).
+RAMP_PX = 0.5
+
 #: Side of the square over which squared residuals are averaged to find hidden parts, px (docs/constants.toml).
 NEIGHBOURHOOD_PX = 5
 
@@ -41,8 +44,23 @@ class ResidualProfile:
     least: float = ROUNDING_VARIANCE  # that the steps of the levels leave in each ring
 
     def at(self, windows: Windows, centre: Tensor) -> Tensor:
-        """Variance (n, s, s) at the windows' pixels, with the ball's ``centre`` (n, 2) in each image."""
-        return self.variance.to(windows.levels)[_ring_numbers(windows, centre, self.limits)]
+        """Variance (n, s, s) at the windows' pixels, with the ball's ``centre`` (n, 2) in each image.
+
+        It goes over from one ring to the next along `RAMP_PX`: a pixel that rounding puts on the one or the other side
+        of a limit has the same weight on both.
+        """
+        x, y = windows.offsets(centre)
+        square, (squares, slopes) = x.square() + y.square(), (part.to(x) for part in self.ramps())
+        variance = self.variance.to(x)
+        found = variance[0].expand_as(square)
+        for limit, slope, step in zip(squares, slopes, variance.diff(), strict=True):
+            found = found + step * ((square - limit) * slope + 0.5).clamp(0, 1)
+        return found
+
+    def ramps(self) -> tuple[Tensor, Tensor]:
+        """Squares (m - 1,) of the rings' limits, px^2, and share of the next ring's variance per square, 1/px^2."""
+        limits = self.limits.clamp_min(0)
+        return limits.square(), 1 / (2 * RAMP_PX * limits.clamp_min(RAMP_PX))
 
     def weights(self, windows: Windows, centre: Tensor) -> Tensor:
         """Weight (n, s, s) of each pixel: visibility over the variance of its ring."""

@@ -105,7 +105,7 @@ def _equations(
     """`normal_equations` of a step, the sum of squares (n,) over the visible pixels, and their number (n,)."""
     pixels = windows.levels, windows.background, windows.visibility
     if windows.moments is None and suits(*pixels, ball.coefficients):
-        rings = profile.limits.clamp_min(0).float().square(), profile.variance
+        rings = *profile.ramps(), profile.variance
         hidden = pixel_weights.NEIGHBOURHOOD_PX, pixel_weights.HIDDEN_FROM
         images = forward_model.inputs_of_loops(windows, poses, ball)
         given = ball.coefficients, ball.cells, rays.rule(ball), images, windows.levels
