@@ -1,6 +1,7 @@
 """Weights of the pixels by the residuals."""
 
 import itertools
+from dataclasses import replace
 
 import pytest
 import torch
@@ -8,7 +9,7 @@ from ball_models import RADIUS, distances, poses, random, windows
 
 from torchsphere.kernels.jit import suits
 from torchsphere.sphere_map import pixel_weights
-from torchsphere.sphere_map.pixel_weights import ALIKE_PIXELS, RING_LIMITS_PX, ROUNDING_VARIANCE
+from torchsphere.sphere_map.pixel_weights import ALIKE_PIXELS, RAMP_PX, RING_LIMITS_PX, ROUNDING_VARIANCE
 
 SIZE = torch.tensor(RADIUS, dtype=torch.float64)
 
@@ -30,14 +31,27 @@ def test_the_variance_of_a_ring_is_the_mean_square_of_its_pixels_and_excess_over
     leverage = 0.3 * torch.sigmoid(random(*seen.levels.shape, seed=6))
     profile = pixel_weights.profile_of(pixel_weights.ring_sums(seen, at.centre, residual, SIZE, leverage), SIZE)
     assert len(profile.variance) == len(RING_LIMITS_PX) + 1
-    variance, inner = profile.at(seen, at.centre), None
-    for lower, upper in itertools.pairwise((-RADIUS, *RING_LIMITS_PX, 100.0)):
+    inner = None
+    for variance, (lower, upper) in zip(
+        profile.variance, itertools.pairwise((-RADIUS, *RING_LIMITS_PX, 100.0)), strict=True
+    ):
         ring = (distance > lower) & (distance < upper) & (seen.visibility > 0)
         own = float(residual[ring].square().sum() / (1 - leverage[ring]).sum())
         inner = own if inner is None else inner
         expected = own + (ALIKE_PIXELS - 1) * max(own - inner, 0)
-        assert float(variance[ring].min()) == pytest.approx(expected)
-        assert float(variance[ring].max()) == pytest.approx(expected)
+        assert float(variance) == pytest.approx(expected)
+
+
+def test_between_rings_the_variance_goes_over_without_a_jump() -> None:
+    at = poses()
+    seen, inner, rings = windows(at), 5, len(RING_LIMITS_PX) + 1
+    variance = torch.tensor([1.0] * inner + [9.0] * (rings - inner), dtype=torch.float64)
+    profile = replace(pixel_weights.uniform_profile(SIZE, 1.0), variance=variance)
+    from_limit = distances(seen, at) - RADIUS - RING_LIMITS_PX[inner - 1]
+    expected = 1 + 8 * (from_limit / RAMP_PX + 0.5).clamp(0, 1)
+    # The ramp is a line in the square of the distance, which bends by this much.
+    bent = RAMP_PX / (RADIUS + RING_LIMITS_PX[0])
+    torch.testing.assert_close(profile.at(seen, at.centre).to(expected), expected, atol=bent, rtol=0)
 
 
 def test_rounding_limits_the_variance_from_below() -> None:
