@@ -28,6 +28,7 @@ from render.shot import Shot
 from render.trajectory import Table
 from render.truth import truth
 from torchsphere.benchmark.baselines import TRACKERS, Baseline
+from torchsphere.tracking.findings import Findings
 
 Circle = tuple[float, float, float]
 
@@ -90,12 +91,21 @@ def tracked(footage: Footage, circle: Circle | None = None, **options: Any) -> t
             found = ts.track(footage.images, circle, progress=progress, **options)
         values = {field.name: getattr(found, field.name) for field in dataclasses.fields(found)}
         columns = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
-        about = {"circle": dataclasses.asdict(found.circle), "settings": found.settings, "warnings": found.warnings}
+        about = {
+            "circle": dataclasses.asdict(found.circle),
+            "settings": found.settings,
+            "findings": found.findings.items(),
+            "warnings": found.warnings,
+        }
         return columns | {"about": np.array(json.dumps(about, default=str))}
 
     columns: dict[str, Any] = dict(_cached_arrays(key, make))
     about = json.loads(str(columns.pop("about")))
-    about |= {"circle": ts.Circle(**about["circle"]), "warnings": tuple(about["warnings"])}
+    about |= {
+        "findings": Findings.read(about["findings"]),
+        "circle": ts.Circle(**about["circle"]),
+        "warnings": tuple(about["warnings"]),
+    }
     return ts.Track(**columns, **about)
 
 

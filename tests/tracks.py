@@ -4,6 +4,20 @@ import numpy as np
 
 import torchsphere as ts
 from torchsphere.geometry.orientation import chain
+from torchsphere.sphere_map.decision import MadeMap, NoMap
+from torchsphere.tracking.findings import Findings
+
+
+def made_map(track: ts.Track) -> MadeMap:
+    """The map that was made for a track."""
+    assert isinstance(track.findings.map, MadeMap), track.findings.map
+    return track.findings.map
+
+
+def no_map(track: ts.Track) -> NoMap:
+    """Why no map was made for a track."""
+    assert isinstance(track.findings.map, NoMap), track.findings.map
+    return track.findings.map
 
 
 def made_track(increment: np.ndarray, sd: np.ndarray, circle: ts.Circle) -> ts.Track:
@@ -22,7 +36,8 @@ def made_track(increment: np.ndarray, sd: np.ndarray, circle: ts.Circle) -> ts.T
         sd_growth=np.zeros(n - 1),
         sd_steady=np.zeros(5),
         circle=circle,
-        settings={"sphere_map": {"used": True}},
+        settings={},
+        findings=Findings(map=MadeMap()),
     )
 
 

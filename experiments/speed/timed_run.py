@@ -70,7 +70,7 @@ def run(task: dict[str, str]) -> dict[str, float]:
         "rest_s": wall - spent["import_s"] - spent["open_s"] - in_track,
         "peak_gb": peak_gb(),
         "ok": int((done.track.status == "ok").sum()),
-        "on_map": done.track.settings["sphere_map"].get("frames", 0),
+        "on_map": getattr(done.track.findings.map, "frames", 0),
     }
 
 

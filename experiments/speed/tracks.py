@@ -19,6 +19,7 @@ from experiments.speed.clock import Works, in_turns
 from experiments.speed.footage import CALM, FAST, SPIN, Array, Footage, Motion
 from experiments.speed.rivals import RIVALS
 from experiments.speed.scope import Scope
+from torchsphere.sphere_map.decision import MadeMap, NoMap
 
 #: Frames at every radius; radii, px; frames at R = 50 px.
 FRAMES, RADII, LENGTHS = 100, (15, 30, 50, 100, 150), (10, 30, 100, 300, 1000, 2000)
@@ -85,13 +86,13 @@ def measured(motion: Motion, radius: int, frames: int, seconds: float) -> Cell:
     ways, last = works(footage.images(frames), footage)
     times = in_turns(ways, seconds)
     default = last["None"]
-    about = default.settings["sphere_map"]
+    made = default.findings.map
     return Cell(
         {name: timing.wall_ms for name, timing in times.items()},
         frames,
         int((default.status == "ok").sum()),
-        about.get("frames", 0),
-        about.get("reason", ""),
+        made.frames if isinstance(made, MadeMap) else 0,
+        made.reason if isinstance(made, NoMap) else "",
     )
 
 

@@ -41,6 +41,7 @@ from scipy.spatial.transform import Rotation
 
 import torchsphere as ts
 from experiments.experiment import BLUE, DOCS, PX_DEG, VERMILION, Array, cached, publish, saved_figure, table
+from torchsphere.sphere_map.decision import NoMap
 from torchsphere.synthetic import ray_caster
 
 TRANSLATION, ROTATION = slice(0, 2), slice(2, 5)
@@ -180,11 +181,10 @@ def measure(case: Case, sphere_map: bool | None) -> list[list[Any]]:
     for seed in PATTERNS:
         shot = make_shot(case, seed)
         track = ts.track(shot.images, shot.circle, sphere_map=sphere_map)
-        about = track.settings["sphere_map"]
-        if sphere_map is None and not about["used"]:
-            print(f"no map: {about['reason']}", file=sys.stderr)
+        if sphere_map is None and isinstance(track.findings.map, NoMap):
+            print(f"no map: {track.findings.map.reason}", file=sys.stderr)
         error, variance = errors_of(track.increment, track.covariance, shot.increment)
-        found.append([error.tolist(), variance.tolist(), about["used"]])
+        found.append([error.tolist(), variance.tolist(), track.findings.is_on_map])
     return found
 
 

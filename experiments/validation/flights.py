@@ -79,7 +79,7 @@ def measure(seed: int) -> Score:
     return Score(
         asdict(flight),
         "; ".join(track.warnings),
-        bool(track.settings["sphere_map"]["used"]),
+        track.findings.is_on_map,
         track.circle.radius - _seen(truth, track)[1],
         {name: float((e <= BAND).mean()) for name, e in known.items() if len(e)},
         {name: float(np.sqrt((e**2).mean())) for name, e in known.items() if len(e)},
@@ -91,7 +91,7 @@ def _seen(truth: Truth, track: ts.Track) -> tuple[Array, float]:
     """True places (n, 2) and radius, px, as the track means them: of the outline where no near camera was found."""
     made = truth.made
     assert made.camera is not None
-    if track.settings["sphere_map"].get("radius_over_distance", 0.0):
+    if track.findings.radius_over_distance:
         return made.centres, made.radius
     balls = torch.from_numpy(np.column_stack((made.centres, np.full(len(made.centres), made.radius))))
     angles = torch.arange(OUTLINE_POINTS, dtype=torch.float64) * (2 * math.pi / OUTLINE_POINTS)

@@ -50,6 +50,7 @@ from experiments.validation.accuracy import (
     errors_of,
     recorded,
 )
+from torchsphere.sphere_map.decision import NoMap
 from torchsphere.synthetic import ray_caster
 
 #: Patterns that the choice of no constant has seen, and the ways to know the first circle.
@@ -165,7 +166,6 @@ def tracked(shot: Shot, circle: str) -> Tracked:
     seconds = time.perf_counter() - start
     error, variance = errors_of(track.increment, track.covariance, shot.increment)
     position_px, orientation_deg = _pose_errors(track, shot)
-    about = track.settings["sphere_map"]
     return Tracked(
         error=error,
         variance=variance,
@@ -174,8 +174,8 @@ def tracked(shot: Shot, circle: str) -> Tracked:
         radius_px=track.circle.radius - shot.radius,
         sd_radius_px=track.circle.sd_radius,
         frame_ms=1e3 * seconds / len(shot.images),
-        on_map=about["used"],
-        reason=about.get("reason", ""),
+        on_map=track.findings.is_on_map,
+        reason=track.findings.map.reason if isinstance(track.findings.map, NoMap) else "",
     )
 
 

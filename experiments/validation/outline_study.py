@@ -60,6 +60,7 @@ from torchsphere.imaging import background as still
 from torchsphere.imaging.interpolation import blur
 from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map import forward_model, rays
+from torchsphere.sphere_map.decision import NoMap
 
 FRAMES, BEYOND = 60, 1.08
 BOUND_PX, TARGET_PX = 0.0017, 0.0026
@@ -150,8 +151,8 @@ def by_correlation(shot: Shot) -> dict[str, Steps]:
 def by_map(shot: Shot) -> dict[str, Steps]:
     """Steps by the map."""
     track = ts.track(shot.images, shot.circle)
-    if not track.settings["sphere_map"]["used"]:
-        raise RuntimeError(f"no map was made: {track.settings['sphere_map']['reason']}")
+    if isinstance(track.findings.map, NoMap):
+        raise RuntimeError(f"no map was made: {track.findings.map.reason}")
     return {"map": (track.increment, track.covariance)}
 
 

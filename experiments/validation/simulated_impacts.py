@@ -16,6 +16,8 @@ from scipy.special import betaincinv
 
 import torchsphere as ts
 from torchsphere.geometry.orientation import chain
+from torchsphere.sphere_map.decision import MadeMap
+from torchsphere.tracking.findings import Findings
 
 Array = NDArray[np.float64]
 Shape = Callable[[Array], Array]
@@ -185,5 +187,6 @@ def _filmed(position_px: Array, turns: Array, noise_px: float, rng: np.random.Ge
         sd_growth=np.zeros(n - 1),
         sd_steady=np.zeros(5),
         circle=ts.Circle(position[0, 0], position[0, 1], RADIUS_PX, 0.0, 0.0, 0.0),
-        settings={"sphere_map": {"used": True}},
+        settings={},
+        findings=Findings(map=MadeMap()),
     )

@@ -9,6 +9,8 @@ from tracks import falling_track
 import torchsphere as ts
 from torchsphere.diagnostics.contradictions import contradictions
 from torchsphere.runtime.warning_levels import SEVERE, level_of
+from torchsphere.sphere_map.decision import MadeMap
+from torchsphere.tracking.findings import Findings
 
 
 @pytest.fixture
@@ -53,18 +55,17 @@ def test_an_impact_contradicts_nothing(measured) -> None:
 def test_a_residual_that_is_no_noise_is_flagged(
     falling: ts.Track, widened: float, over_noise: float, count: int
 ) -> None:
-    about = {"used": True, "widened": widened, "residual_over_noise": over_noise}
-    found = contradictions(dataclasses.replace(falling, settings={"sphere_map": about}), None)
+    findings = Findings(map=MadeMap(widened=widened, residual_over_noise=over_noise))
+    found = contradictions(dataclasses.replace(falling, findings=findings), None)
     assert len(found) == count
     assert all(sentence.startswith("The residual images are no noise") for sentence in found)
 
 
 def test_a_residual_that_a_video_codec_explains_is_not_flagged_twice(falling: ts.Track) -> None:
-    settings = {"coded": True, "sphere_map": {"used": True, "widened": 5.4, "residual_over_noise": 0.8}}
-    assert contradictions(dataclasses.replace(falling, settings=settings), None) == ()
+    findings = Findings(map=MadeMap(widened=5.4, residual_over_noise=0.8), coded=True)
+    assert contradictions(dataclasses.replace(falling, findings=findings), None) == ()
 
 
 def test_steps_without_a_map_have_no_such_residual(falling: ts.Track) -> None:
-    about = {"used": False, "widened": None, "residual_over_noise": None}
-    assert contradictions(dataclasses.replace(falling, settings={"sphere_map": about}), None) == ()
+    assert contradictions(dataclasses.replace(falling, findings=Findings()), None) == ()
     assert np.isfinite(falling.increment).all()

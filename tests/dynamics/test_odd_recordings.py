@@ -13,6 +13,7 @@ from pulses import M_PER_PX, NOISES_M, RATE, pulse
 import torchsphere as ts
 from torchsphere.dynamics.kinematics import mean_motion
 from torchsphere.settings.choices import METHODS
+from torchsphere.tracking.findings import Findings
 
 FRAMES = 80
 
@@ -55,7 +56,7 @@ def moved(track: ts.Track, step_px: float) -> ts.Track:
 
 
 def of_pairs(track: ts.Track) -> ts.Track:
-    return replace(track, settings={"sphere_map": {"used": False, "reason": "off"}}, sd_steady=np.full(5, 1e-3))
+    return replace(track, findings=Findings(), sd_steady=np.full(5, 1e-3))
 
 
 CASES: dict[str, Callable[[], ts.Track]] = {

@@ -7,6 +7,7 @@ import pytest
 from tracks import falling_track, made_track
 
 import torchsphere as ts
+from torchsphere.tracking.findings import Findings
 
 
 @pytest.fixture
@@ -26,7 +27,7 @@ def test_a_steady_error_of_the_steps_widens_velocity_spin_and_force(falling: ts.
 
 
 def by_pairs(track: ts.Track) -> ts.Track:
-    return dataclasses.replace(track, settings=track.settings | {"sphere_map": {"used": False}})
+    return dataclasses.replace(track, findings=Findings())
 
 
 # 0.2 of 20 px is 1 %; of a spin of 10 rad/s the rotation's share is 2.1 % by pairs, and 0.85 % on a map.
@@ -57,7 +58,7 @@ def test_the_radius_uncertainty_enters_the_velocity_of_a_ball_that_turns(on_map:
 
 
 def test_a_camera_at_an_unknown_distance_widens_a_scale_that_comes_from_the_outline(falling: ts.Track) -> None:
-    unknown = dataclasses.replace(falling, settings=falling.settings | {"sd_radius_over_distance": 0.1})
+    unknown = dataclasses.replace(falling, findings=dataclasses.replace(falling.findings, sd_radius_over_distance=0.1))
     # A ball at k = radius over distance has an outline of R / sqrt(1 - k^2): larger by 0.5 % at 10 radii.
     k = np.abs(np.random.default_rng(0).normal(0, 0.1, 100_000))
     shown = np.sqrt(np.mean((k**2 / 2) ** 2))
@@ -94,7 +95,7 @@ def test_errors_of_the_steps_add_up_in_positions_that_are_their_sum_and_not_on_a
     increment = np.tile([1.0, 0.0, 0.0, 0.02, 0.0], (n - 1, 1))
     sd = np.array([0.01, 0.01, 1e-4, 1e-4, 1e-4])
     on_map = made_track(increment, sd, ts.Circle(50.0, 40.0, 20.0, 0.0, 0.0, 0.05))
-    track = dataclasses.replace(on_map, settings=on_map.settings | {"sphere_map": {"used": False}})
+    track = dataclasses.replace(on_map, findings=Findings())
     steady = dataclasses.replace(track, sd_steady=np.array([0.02, 0.01, 0.0, 0.0, 0.0]))
     none = dataclasses.replace(track, circle=dataclasses.replace(track.circle, sd_radius=0.0))
     kept = dataclasses.replace(on_map, sd_steady=steady.sd_steady)

@@ -47,6 +47,6 @@ def test_the_even_rows_show_one_instant() -> None:
 def test_a_track_of_interlaced_video_lies_where_the_even_rows_show_the_ball() -> None:
     images, centres = film()
     found = ts.track(images, log=False)
-    assert found.settings["interlaced"]
+    assert found.findings.interlaced
     assert any("interlaced" in sentence for sentence in found.warnings)
     assert abs(found.position - centres.numpy()).max() < 0.3

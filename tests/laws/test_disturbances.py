@@ -241,7 +241,7 @@ def test_a_repeated_frame_of_a_moving_ball_is_no_measurement() -> None:
     made = recorded(made, made.images)
     made.images[6] = made.images[5]
     measured = track(made.images, made.circle, sphere_map=False)
-    assert measured.settings["repeated_frames"] == [6]
+    assert measured.findings.repeated_frames == (6,)
     assert measured.status.tolist() == ["ok"] * 6 + ["lost"] * 2 + ["ok"] * 4
     assert np.isnan(measured.position[6]).all()
     assert np.isnan(measured.increment[5:7]).all()

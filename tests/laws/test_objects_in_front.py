@@ -55,7 +55,7 @@ def test_a_ball_that_comes_out_from_behind_a_plate_is_known_by_its_texture() -> 
     x, _ = pixel_grid(made.images)
     made = behind(made, (x >= 115) & (x < 145))
     measured = track(made.images, made.circle)
-    assert measured.settings["sphere_map"]["used"]
+    assert measured.findings.is_on_map
     assert (measured.status[-4:] == "ok").all()
     assert largest_error_sd(measured, made) < MAX_ERROR_SD
     # The turn from the first frame on needs the texture of the frames before the plate.
@@ -69,7 +69,7 @@ def test_steps_after_a_rotation_that_is_missing_are_measured_beside_a_map() -> N
     # Another pattern stands for another side of the ball.
     images = torch.cat((before.images, torch.full((4, ROWS, COLUMNS), 100.0), after.images))
     measured = track(noisy(images, 2.0, 3), before.circle)
-    assert measured.settings["sphere_map"]["used"]
+    assert measured.findings.is_on_map
     assert (measured.status[13:] == "ok").all()
     np.testing.assert_allclose(measured.increment[12:], after.increments.numpy(), atol=0.04)
 

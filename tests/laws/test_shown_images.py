@@ -149,7 +149,7 @@ def test_a_raw_mosaic_is_measured_right_and_is_not_interlaced(pattern: str, is_g
     for seed in range(2):
         made, images = flight(seed), by_colour_sensor(seed, pattern)
         track = measured(made, images, **({"bayer": pattern} if is_given else {}))
-        assert not track.settings["interlaced"]
+        assert not track.findings.interlaced
         assert (track.status == "ok").all()
         named = [text for text in track.warnings if "`bayer`" in text]
         assert bool(named) != is_given

@@ -15,8 +15,8 @@ def test_loops_and_torch_measure_the_same_poses(monkeypatch: pytest.MonkeyPatch)
     for module in (forward_model, map_fit, pixel_weights, registration):
         monkeypatch.setattr(module, "suits", lambda *_: False)
     by_torch = track(made.images, made.circle)
-    assert by_loops.settings["sphere_map"]["used"]
-    assert by_torch.settings["sphere_map"]["used"]
+    assert by_loops.findings.is_on_map
+    assert by_torch.findings.is_on_map
     np.testing.assert_allclose(by_loops.position, by_torch.position, atol=1e-4)
     np.testing.assert_allclose(15.0 * by_loops.increment[:, 2:], 15.0 * by_torch.increment[:, 2:], atol=1e-4)
     deviations = (np.sqrt(np.diagonal(t.covariance, axis1=1, axis2=2)) for t in (by_loops, by_torch))

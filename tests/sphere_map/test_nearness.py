@@ -8,6 +8,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 from shots import noisy, rotation_matrix, speckle
+from tracks import made_map
 
 from torchsphere import Camera, Circle, track
 from torchsphere.sphere_map import nearness
@@ -47,9 +48,8 @@ def tracked(distance: float, turn_deg: float, **settings: object) -> tuple[Track
 
 def test_the_distance_of_a_ball_that_turns_is_found() -> None:
     found, off = tracked(12.0, 1.5)
-    about = found.settings["sphere_map"]
-    assert about["used"]
-    assert about["radius_over_distance"] == pytest.approx(1 / 12, abs=3 * about["sd_radius_over_distance"])
+    made = made_map(found)
+    assert made.radius_over_distance == pytest.approx(1 / 12, abs=3 * made.sd_radius_over_distance)
     # Taken as orthographic, the ball seems to turn by 85 px / (12 R), 17 deg.
     assert np.abs(off).max() < 3 * np.degrees(found.sd_steady[3]) * len(found.increment)
     assert np.abs(off).max() < 1.0
@@ -57,17 +57,16 @@ def test_the_distance_of_a_ball_that_turns_is_found() -> None:
 
 def test_a_camera_at_150_radii_is_not_taken_for_one_at_infinity() -> None:
     found, _ = tracked(150.0, 5.0)
-    about = found.settings["sphere_map"]
     # Found at other distances to 0.0007. At infinity the radius took up what the map lacked, by 0.03 to 0.2 %.
-    assert about["radius_over_distance"] == pytest.approx(1 / 150, abs=0.002)
+    assert found.findings.radius_over_distance == pytest.approx(1 / 150, abs=0.002)
     assert found.circle.radius == pytest.approx(RADIUS, rel=4e-4)
 
 
 def test_a_given_camera_is_held_by_the_map() -> None:
     found, off = tracked(12.0, 1.5, camera=Camera(focal_px=12.0 * RADIUS))
     assert found.settings["model"] == "pinhole"
-    assert found.settings["sphere_map"]["used"]
-    assert found.settings["sphere_map"]["radius_over_distance"] == pytest.approx(1 / 12, rel=1e-3)
+    assert found.findings.is_on_map
+    assert found.findings.radius_over_distance == pytest.approx(1 / 12, rel=1e-3)
     _, centres, _ = crossing(12.0, 1.5)
     assert np.abs(off).max() < 0.1
     assert np.abs(found.position - centres.numpy()).max() < 0.04
@@ -76,11 +75,11 @@ def test_a_given_camera_is_held_by_the_map() -> None:
 
 def test_a_telecentric_view_is_taken_as_such_and_has_no_error_by_a_distance() -> None:
     found, off = tracked(math.inf, 1.5, telecentric=True)
-    assert found.settings["sphere_map"]["radius_over_distance"] == 0
+    assert found.findings.radius_over_distance == 0
     assert np.abs(off).max() < 0.1
     assert np.degrees(found.sd_steady[3]) < 0.002
     unknown, _ = tracked(math.inf, 1.5)
-    assert unknown.settings["sphere_map"]["radius_over_distance"] == 0
+    assert unknown.findings.radius_over_distance == 0
     # What a distance that is not seen may add: so much of the step over the radius, less the larger front, at least.
     assert unknown.sd_steady[3] > nearness.SYSTEMATIC_SD * SEEN_FROM_ASIDE
     np.testing.assert_allclose(unknown.position, found.position, atol=1e-6)

@@ -20,7 +20,7 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import interpolation
 from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map import map_fit, perspective, poses
-from torchsphere.sphere_map.poses import MapPoses
+from torchsphere.sphere_map.poses import MapPoses, MapRequest
 
 RADIUS, WIDTH, N = 15.0, 256, 6
 
@@ -52,7 +52,7 @@ def found_on(device: torch.device, camera: Camera | None, ignore: Tensor | None)
     source = Source(lambda a, b: made.images[a:b, :, :WIDTH], N, device, torch.float32)
     initial: Any = made.centres.numpy() + 0.1, made.orientations.numpy()
     circle = Circle(*made.circle)
-    found = poses.poses_on_map(source, *initial, 0.002, circle, ignore, 0.35, camera)
+    found = poses.poses_on_map(MapRequest(source, *initial, 0.002, circle, ignore, 0.35, camera))
     assert isinstance(found, MapPoses), found
     return found
 

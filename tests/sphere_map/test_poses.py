@@ -7,16 +7,19 @@ import numpy as np
 import pytest
 import torch
 from shots import angles_between, noisy, rotation_matrix, speckle
+from tracks import made_map, no_map
 
 from torchsphere import Circle, track
 from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map import bundle_adjustment, pose_errors, poses, registration
 from torchsphere.sphere_map.ball import Poses, TexturedBall, uniform_light
 from torchsphere.sphere_map.bundle_adjustment import Adjustment
+from torchsphere.sphere_map.decision import NoMap, Why
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
 from torchsphere.sphere_map.keyframes import MAX_KEYFRAMES, MIN_KEYFRAMES
 from torchsphere.sphere_map.nearness import UNKNOWN_SD
 from torchsphere.sphere_map.pixel_weights import uniform_profile
+from torchsphere.sphere_map.poses import MapRequest
 from torchsphere.sphere_map.registration import Registration
 from torchsphere.sphere_map.state import State
 from torchsphere.sphere_map.window import Windows
@@ -59,12 +62,11 @@ def turning() -> Turning:
 
 
 def test_a_ball_that_turns_far_gets_a_map_by_default(turning: Turning) -> None:
-    settings = turning.track.settings["sphere_map"]
-    assert settings["used"] is True
-    assert MIN_KEYFRAMES <= settings["keyframes"] <= MAX_KEYFRAMES
-    assert settings["frames"] == N
+    found = made_map(turning.track)
+    assert MIN_KEYFRAMES <= found.keyframes <= MAX_KEYFRAMES
+    assert found.frames == N
     # The residual is noise alone, by the estimate from the pairs.
-    assert settings["residual_over_noise"] < 1.3
+    assert found.residual_over_noise < 1.3
 
 
 def test_progress_counts_all_frames_and_counts_them_again_for_the_map(turning: Turning) -> None:
@@ -119,10 +121,11 @@ def test_increments_are_the_differences_of_the_poses_and_have_the_stated_errors(
 
 def test_no_map_is_made_if_it_is_switched_off_or_too_few_frames_are_known(turning: Turning) -> None:
     measured = track(turning.images[:8], turning.circle, sphere_map=False)
-    assert measured.settings["sphere_map"]["used"] is False
+    assert not measured.findings.is_on_map
     few = track(turning.images[:4], turning.circle, sphere_map=True)
-    assert few.settings["sphere_map"]["used"] is False
-    assert "there are 4" in few.settings["sphere_map"]["reason"]
+    assert not few.findings.is_on_map
+    assert (no_map(measured).why, no_map(few).why) == (Why.NOT_ASKED, Why.FEW_FRAMES)
+    assert "there are 4" in no_map(few).reason
 
 
 def test_singular_equations_of_the_map_leave_the_measured_increments(
@@ -134,19 +137,18 @@ def test_singular_equations_of_the_map_leave_the_measured_increments(
     plain = track(turning.images[:8], turning.circle, sphere_map=False)
     monkeypatch.setattr(bundle_adjustment, "adjust", unsolvable)
     measured = track(turning.images[:8], turning.circle, sphere_map=True)
-    about = measured.settings["sphere_map"]
-    assert (about["used"], about["reason"]) == (False, "the equations of the map have no solution")
+    assert no_map(measured).why is Why.NO_SOLUTION
+    assert no_map(measured).reason == "the equations of the map have no solution"
     # The outlines agree, so that the circle stays without a map.
-    assert about["outline_scatter"] < 0.01
+    assert measured.findings.outline_scatter < 0.01
     np.testing.assert_array_equal(measured.increment, plain.increment)  # the same computation
 
 
 def test_a_model_that_is_not_rigid_gets_no_map_and_the_reason_names_the_model(turning: Turning) -> None:
     measured = track(turning.images[:4], turning.circle, sphere_map=True, model="translation")
-    settings = measured.settings["sphere_map"]
-    assert settings["used"] is False
-    assert "translation" in settings["reason"]
-    assert "not needed" not in settings["reason"]
+    assert no_map(measured).why is Why.MODEL
+    assert "translation" in no_map(measured).reason
+    assert "not needed" not in no_map(measured).reason
 
 
 def test_images_that_do_not_fit_any_map_are_refused(turning: Turning) -> None:
@@ -156,10 +158,9 @@ def test_images_that_do_not_fit_any_map_are_refused(turning: Turning) -> None:
     images = turning.images[:10].clone()
     images[1::2] = noisy(other, 2.0, 11)[1::2]
     circle = Circle(*turning.circle)
-    found = poses.poses_on_map(
-        Source.open(images), turning.centres[:10], turning.orientations[:10], 0.025, circle, None, 0.1
-    )
-    assert isinstance(found, str)
+    request = MapRequest(Source.open(images), turning.centres[:10], turning.orientations[:10], 0.025, circle, None, 0.1)
+    found = poses.poses_on_map(request)
+    assert isinstance(found, NoMap)
     assert found
 
 
@@ -177,9 +178,7 @@ def test_a_frame_that_is_not_on_the_map_keeps_its_increment(turning: Turning, mo
     monkeypatch.setattr(registration, "register", failing)
     plain = track(turning.images[:16], turning.circle, sphere_map=False)
     measured = track(turning.images[:16], turning.circle, sphere_map=True)
-    settings = measured.settings["sphere_map"]
-    assert settings["used"] is True
-    assert settings["frames"] == 15
+    assert made_map(measured).frames == 15
     assert (measured.status == "ok").all()
     assert np.isfinite(measured.increment).all()
     kept = np.isclose(measured.covariance, plain.covariance, rtol=1e-12).all((1, 2))

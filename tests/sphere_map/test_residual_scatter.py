@@ -5,6 +5,7 @@ import pytest
 import torch
 from shots import noisy, rotation_matrix, speckle
 from torch.nn.functional import interpolate
+from tracks import made_map
 
 from torchsphere import Track, track
 from torchsphere.synthetic import ray_caster
@@ -42,7 +43,7 @@ def test_errors_that_neighbouring_pixels_share_are_in_the_standard_deviations(
     blocks = torch.randn(N, 1, height // SQUARE, width // SQUARE, generator=torch.Generator().manual_seed(3))
     shared = SPREAD * interpolate(blocks, scale_factor=SQUARE)[:, 0]
     found = track(noisy(clean + shared, 2.0, 9), (*centres[0], RADIUS))
-    assert found.settings["sphere_map"]["used"]
+    assert found.findings.is_on_map
     # Taken for noise of pixels apart they make steps err by 2.1 to 2.5 times what is stated.
     assert 0.6 < ratio(found, centres) < 1.5
 
@@ -50,5 +51,5 @@ def test_errors_that_neighbouring_pixels_share_are_in_the_standard_deviations(
 def test_noise_of_pixels_apart_is_not_widened(flight: tuple[np.ndarray, torch.Tensor]) -> None:
     centres, clean = flight
     found = track(noisy(clean, 2.0, 9), (*centres[0], RADIUS))
-    assert found.settings["sphere_map"]["widened"] == 1.0
+    assert made_map(found).widened == 1.0
     assert 0.75 < ratio(found, centres) < 1.25

@@ -6,6 +6,7 @@ import torch
 from shots import rotation_matrix
 
 from torchsphere.geometry.circle import Circle
+from torchsphere.sphere_map.decision import MadeMap
 from torchsphere.sphere_map.poses import MapPoses
 from torchsphere.tracking import drift
 from torchsphere.tracking.record import Record
@@ -55,7 +56,8 @@ def test_what_the_steps_of_a_gap_have_too_much_is_shared_out_among_its_frames() 
     motion = drift._merged(measured, chained, found)
     np.testing.assert_allclose(motion.position, position, atol=1e-12)
     np.testing.assert_allclose(motion.orientation, orientation, atol=1e-6)
-    assert motion.about_map["frames"] == N - 3
+    assert isinstance(motion.map, MadeMap)
+    assert motion.map.frames == N - 3
     np.testing.assert_array_equal(motion.covariance[3], measured.covariance[3])
 
 

@@ -46,5 +46,5 @@ def test_a_ball_that_grows_is_recognised_and_measured_with_the_growth() -> None:
 def test_a_ball_of_one_size_keeps_its_model_and_its_map() -> None:
     track = ts.track(images_of(0.0), (45.0, 50.0, RADIUS), log=False)
     assert track.settings["model"] == "rigid"
-    assert not track.settings["grows"]
-    assert track.settings["sphere_map"]["used"]
+    assert not track.findings.grows
+    assert track.findings.is_on_map

@@ -44,7 +44,7 @@ def test_the_errors_of_a_ball_that_a_plate_hides_in_half_of_the_frames_are_twice
     x, _ = pixel_grid(images)
     behind = covered(images, (x >= 72).float()[None], textured(5, 1.7, 45.0)[:80, :160])
     tracks = [ts.track(noisy(i, 2.0, 7), flight.circle, sphere_map=False, log=False) for i in (images, behind)]
-    assert [track.settings["hidden"] for track in tracks] == [False, True]
+    assert [track.findings.hidden for track in tracks] == [False, True]
     sd = [np.sqrt(track.covariance[0, 0, 0]) for track in tracks]
     assert sd[1] == pytest.approx(hidden_ball.WIDENING * sd[0], rel=0.2)
     assert any("something stands in front" in sentence for sentence in tracks[1].warnings)

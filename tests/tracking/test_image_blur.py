@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from shots import noisy, rotation_matrix, speckle
+from tracks import made_map
 
 import torchsphere as ts
 from torchsphere import measure
@@ -95,7 +96,7 @@ def test_the_map_of_smeared_images_is_better_than_pairs_and_states_its_errors() 
     by_map = ts.track(images, circle, telecentric=True)
     pairs = ts.track(images, circle, sphere_map=False)
     # By the outlines it is up to 0.12 off, and the radius 0.05 px too large.
-    assert by_map.settings["sphere_map"]["open_share"] == pytest.approx(SHARE, abs=0.02)
+    assert made_map(by_map).open_share == pytest.approx(SHARE, abs=0.02)
     assert by_map.circle.radius == pytest.approx(RADIUS, abs=0.03)
     assert (errors(by_map) < errors(pairs)).all()
     stated = np.sqrt(np.einsum("nii->ni", by_map.covariance).mean(0))
@@ -107,7 +108,7 @@ def test_an_exposure_that_is_given_counts_and_one_out_of_range_is_refused() -> N
     images, centres = footage(SHARE)
     circle = (*centres[0].tolist(), RADIUS)
     given = ts.track(images[:8], circle, telecentric=True, exposure=0.5)
-    assert given.settings["sphere_map"]["open_share"] == 0.5
+    assert made_map(given).open_share == 0.5
     with pytest.raises(ValueError, match=r"exposure = 1.5: expected a number from 0 to 1"):
         ts.track(images, circle, exposure=1.5)
 
@@ -136,7 +137,7 @@ def test_the_map_of_a_defocused_ball_starts_from_its_blur_and_finds_the_radius()
     found = image_blur(Source.open(blurred, None, torch.float32), centres.numpy(), circle)
     assert found.optics_px == pytest.approx(3.0, abs=0.4)
     by_map = ts.track(blurred, telecentric=True)
-    assert by_map.settings["sphere_map"]["used"]
+    assert by_map.findings.is_on_map
     # By the outline of single images it is 0.3 to 0.8 px off; with a footprint of the wrong shape 0.2 px.
     assert by_map.circle.radius == pytest.approx(RADIUS, abs=0.1)
     assert abs(by_map.circle.radius - RADIUS) < 3 * by_map.circle.sd_radius < 0.6

@@ -52,7 +52,7 @@ def test_a_ball_turning_in_place_with_a_wrong_radius_is_recognised_and_held() ->
 def test_a_map_corrects_the_wrong_radius_of_a_ball_in_its_place() -> None:
     images, orientations = film((1.0, 2.0, 0.5))
     track = ts.track(images, TOO_LARGE)
-    assert track.settings["sphere_map"]["used"]
+    assert track.findings.is_on_map
     assert (track.status == "ok").all()
     assert np.abs(track.position - PLACE).max() < 0.04
     assert abs(track.circle.radius - RADIUS) < 0.02

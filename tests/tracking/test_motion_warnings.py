@@ -96,7 +96,7 @@ def test_a_wrong_circle_that_is_given_to_a_ball_that_hardly_turns_is_named_altho
     centres = torch.tensor([[40.0 + 2 * i, 40.0] for i in range(20)])
     clean = ray_caster.render(shots.speckle(1, 20.0), centres, 20.0, poses, 20.0, shape=(80, 120))
     track = ts.track(shots.noisy(clean, 2.0, 9), (40.0, 40.0, radius), log=False)
-    assert track.settings["sphere_map"]["used"]
+    assert track.findings.is_on_map
     said = [sentence for sentence in track.warnings if "is not the outline that the image shows" in sentence]
     assert bool(said) == is_said
     assert all(warning_levels.level_of(sentence) == "severe" for sentence in said)

@@ -112,5 +112,5 @@ def test_a_track_says_by_how_much_and_what_to_give() -> None:
     x, y, radius = (1.1 * value for value in slow(seed=1).circle)
     circle = (x + 0.05, y + 0.05, radius)
     right = ts.track(made.images, circle=circle, sphere_map=False, pixel_aspect=1.1, log=False)
-    assert right.settings["axis_ratio"] is None
+    assert right.findings.axis_ratio is None
     assert np.isfinite(right.increment).all()

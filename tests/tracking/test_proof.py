@@ -6,14 +6,14 @@ import pytest
 from tracks import falling_track
 
 import torchsphere as ts
+from torchsphere.sphere_map.decision import MadeMap
+from torchsphere.tracking.findings import UNKNOWN_MAP, Findings
 from torchsphere.tracking.proof import lacking_proof, require_proof
 
 
 def track(*, scatter: float, circle_given: bool = False, on_map: bool = False) -> ts.Track:
-    about = {"used": on_map, "outline_scatter": scatter}
-    return dataclasses.replace(
-        falling_track(), settings={"sphere_map": about, "place": None, "circle_given": circle_given}
-    )
+    findings = Findings(map=MadeMap() if on_map else UNKNOWN_MAP, outline_scatter=scatter)
+    return dataclasses.replace(falling_track(), settings={"circle_given": circle_given}, findings=findings)
 
 
 def test_outlines_that_contradict_each_other_are_not_those_of_a_ball() -> None:
@@ -26,7 +26,7 @@ def test_a_small_disc_that_the_next_frames_do_not_show_is_no_ball() -> None:
     flake = ts.Circle(14.4, 196.9, 3.2, 0.1, 0.1, 0.1)
     fallen = dataclasses.replace(track(scatter=0.0), circle=flake)
     assert lacking_proof(fallen) == ""
-    gone = dataclasses.replace(fallen, settings=fallen.settings | {"untried_frames": 18})
+    gone = dataclasses.replace(fallen, findings=dataclasses.replace(fallen.findings, untried_frames=18))
     with pytest.raises(ValueError, match=r"so small that .*, the frames right after it hardly show the same"):
         require_proof(gone)
 

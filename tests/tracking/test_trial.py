@@ -12,7 +12,7 @@ from torchsphere.tracking.phases import TRIAL_PAIRS
 def test_noise_is_tried_on_a_few_pairs_under_a_given_circle() -> None:
     images = np.random.default_rng(0).integers(0, 255, (60, 80, 90), dtype=np.uint8)
     track = ts.track(images, (45, 40, 25), log=False)
-    assert track.settings["untried_frames"] == 59 - TRIAL_PAIRS
+    assert track.findings.untried_frames == 59 - TRIAL_PAIRS
     assert not np.isin(track.status, ("ok", "weak_texture")).any()
     assert any("Nothing confirms the circle" in sentence for sentence in track.warnings)
 
@@ -25,7 +25,7 @@ def images(demo_shot: demo_shot.Shot) -> np.ndarray:
 def test_a_ball_within_a_circle_that_its_image_does_not_show_is_followed_to_the_end(images: np.ndarray) -> None:
     # A third of the ball: its texture is followed, although no limb lies along the circle.
     track = ts.track(images, (64.3, 92.6, 22.0), sphere_map=False, log=False)
-    assert track.settings["untried_frames"] == 0
+    assert track.findings.untried_frames == 0
     assert (track.status == "ok").sum() >= 15
 
 

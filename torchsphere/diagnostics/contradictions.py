@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.runtime.warning_levels import severe
+from torchsphere.sphere_map.decision import MadeMap
 from torchsphere.tracking.result import Track
 
 #: Difference of positions and the integral of the velocity, in standard deviations of the velocity, that contradicts
@@ -79,13 +80,13 @@ def _gap(motion: Kinematics, part: slice) -> tuple[Array, Array]:
 
 def _structured_residual(track: Track) -> tuple[str, ...]:
     """A sentence if the residual images on the map are alike over many pixels, as no noise is."""
-    about = track.settings.get("sphere_map") or {}
-    if not about.get("used"):
+    made = track.findings.map
+    if not isinstance(made, MadeMap):
         return ()
-    widened, over_noise = float(about.get("widened", 1.0)), float(about.get("residual_over_noise", 1.0))
+    widened, over_noise = made.widened, made.residual_over_noise
     is_large = over_noise >= STRUCTURED_RESIDUAL
     # A codec's blocks are alike over many pixels; another sentence reports the codec.
-    is_alike = widened >= STRUCTURED_WIDENING and not track.settings.get("coded")
+    is_alike = widened >= STRUCTURED_WIDENING and not track.findings.coded
     if not (is_large or is_alike):
         return ()
     signs = [f"they are {over_noise:.1f} times as large"] if is_large else []

@@ -220,8 +220,7 @@ def _result(
 
 def _scale(track: Track, diameter_m: float | None, m_per_px: float | None, relative_sd: float) -> Scale:
     """Scale of a track, whose outline is larger the nearer the camera is."""
-    nearness = track.settings.get("sphere_map", {}).get("radius_over_distance", 0.0)
-    by_distance = distance_error(nearness, track.settings.get("sd_radius_over_distance", 0.0))
+    by_distance = distance_error(track.findings.radius_over_distance, track.findings.sd_radius_over_distance)
     return scale(
         track.circle, diameter_m=diameter_m, m_per_px=m_per_px, relative_sd=relative_sd, sd_by_distance=by_distance
     )

@@ -30,17 +30,12 @@ SHARED = ("radius", "scale", "centre", "steady_error", "frame_rate", "mass")
 Array = NDArray[np.float64]
 
 
-def is_on_map(track: Track) -> bool:
-    """Whether the track's poses are those on a map of the ball."""
-    return bool(track.settings.get("sphere_map", {}).get("used"))
-
-
 def per_radius(track: Track) -> tuple[float, float]:
     """Error of a step, px per px of the radius and rad, and of rotations, relative per relative error of the radius.
 
     On a map of the ball the poses of a flight hold each other, and steps do not add up.
     """
-    if is_on_map(track):
+    if track.findings.is_on_map:
         return STEP_PER_RADIUS_ON_MAP, ROTATION_PER_RADIUS_ON_MAP
     return STEP_PER_RADIUS, ROTATION_PER_RADIUS
 
@@ -82,7 +77,7 @@ class SharedErrors:
         # A steady error of the steps moves the followed point away from the centre, by half of the total on average.
         # A map, or a ball that stays in its place, prevents that.
         by_step, by_rotation = per_radius(track)
-        adds_up = not (track.settings.get("in_place") or is_on_map(track))
+        adds_up = not (track.settings.get("in_place") or track.findings.is_on_map)
         drift = track.sd_steady[:2] * len(track.increment) / 2 if adds_up else 0.0
         return SharedErrors(
             steady=track.sd_steady,

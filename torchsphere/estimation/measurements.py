@@ -162,12 +162,6 @@ def measured_increments(track: Track) -> NDArray[np.bool_]:
     return np.stack((translation, translation & np.isfinite(track.increment[:, 2:]).all(1)), 1)
 
 
-def on_map(track: Track) -> bool:
-    """Whether the poses come from a map of the ball."""
-    about = track.settings.get("sphere_map")
-    return isinstance(about, dict) and bool(about.get("used"))
-
-
 def _measured(track: Track) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Steps (n - 1, 5), covariances (n, 5, 5), drifts (n - 1, 5, 5) and mask of the values seen (n, 5) of one track."""
     valid = np.repeat(measured_increments(track), (2, 3), axis=1)
@@ -181,7 +175,7 @@ def _measured(track: Track) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     seen[1:] |= valid
     seen[:-1] |= valid
     seen &= np.isfinite(own)
-    share = 0.0 if on_map(track) else DRIFT_SHARE
+    share = 0.0 if track.findings.is_on_map else DRIFT_SHARE
     # As the errors of the poses themselves, those of x and of the rotation that looks like it are nearly one.
     drift = share * np.nan_to_num(covariance[:-1] + covariance[1:])
     for a, b in itertools.pairwise(np.flatnonzero(seen[:, 0])):

@@ -124,8 +124,7 @@ def _(track: Track) -> str:
     counts = ", ".join(f"{count} {name}" for name, count in status_counts(track).items())
     rows = [("frames", f"{len(track.status)}: {counts}"), ("circle", f"{track.circle.text()} px"), *_mean(track)]
     rows.append(("model", str(settings.get("model", ""))))
-    has_map = bool((settings.get("sphere_map") or {}).get("used"))
-    rows.append(("poses", "on a map of the ball" if has_map else "by pairs of images"))
+    rows.append(("poses", "on a map of the ball" if track.findings.is_on_map else "by pairs of images"))
     for name, value, unit, factor in (
         ("frame rate", known.frame_rate, "frames/s", 1.0),
         ("diameter", known.diameter_m, "mm", 1e3),

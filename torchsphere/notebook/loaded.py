@@ -27,6 +27,7 @@ from torchsphere.recording.facts import Facts
 from torchsphere.results.reader import INCREMENTS, ResultFolder, SIMotion, read
 from torchsphere.runtime.presentation import Presented
 from torchsphere.settings.calibration import Calibration
+from torchsphere.tracking.findings import Findings
 from torchsphere.tracking.result import Track
 
 if TYPE_CHECKING:
@@ -119,6 +120,8 @@ def _track(found: ResultFolder) -> Track:
     # Results of earlier versions have neither of both.
     growth = columns("sd_growth")[1:, 0] if "sd_growth" in table.column_names else np.zeros(len(found.status) - 1)
     covariance = table["covariance"].combine_chunks().flatten().to_numpy().reshape(-1, 5, 5)
+    found_out = Findings.read(summary["settings"])
+    known = found_out.items()
     return Track(
         position=columns("x_px", "y_px"),
         increment=columns(*INCREMENTS)[1:],
@@ -131,7 +134,8 @@ def _track(found: ResultFolder) -> Track:
         sd_growth=growth,
         sd_steady=np.array([summary.get("sd_steady", {}).get(name, 0.0) for name in INCREMENTS]),
         circle=_circle(summary["circle"], summary["input"]["first_frame"]),
-        settings=summary["settings"],
+        settings={name: value for name, value in summary["settings"].items() if name not in known},
+        findings=found_out,
         warnings=tuple(summary["warnings"]),
         calibration=_calibration(summary),
         first_frame=summary["input"]["first_frame"],

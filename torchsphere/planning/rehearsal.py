@@ -25,6 +25,8 @@ from torchsphere.estimation.measurements import DRIFT_SHARE
 from torchsphere.geometry.circle import Circle
 from torchsphere.geometry.orientation import chain
 from torchsphere.planning.expected import Setup, require_noise
+from torchsphere.sphere_map.decision import MadeMap
+from torchsphere.tracking.findings import Findings
 from torchsphere.tracking.result import Track
 from torchsphere.tracking.steady_error import sd_steady
 
@@ -193,7 +195,8 @@ def _track(poses: Array, covariance: Array, setup: Setup, generator: np.random.G
         sd_growth=np.zeros(n - 1),
         sd_steady=steady,
         circle=Circle(0.0, 0.0, setup.radius_px),
-        settings={"sphere_map": {"used": setup.on_map}},
+        settings={},
+        findings=Findings(map=MadeMap()) if setup.on_map else Findings(),
     )
 
 

@@ -70,7 +70,7 @@ class Pairs:
 def sample(recording: object, track: Track, ignore: Tensor | None = None) -> Sampled:
     """Images and residual maps of the frames of ``recording`` that `rows_to_keep` chooses."""
     source = Source.open(recording, "cpu")
-    if track.settings.get("mosaic"):
+    if track.findings.mosaic:
         source, _ = without_mosaic(source)
     rows = rows_to_keep(track.status, track.zncc)
     box = _path_box(track, source.images(0, 1).shape[-2:])

@@ -22,7 +22,7 @@ from torchsphere.dynamics.filtered_motion import FilteredMotion
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics, mean_motion
 from torchsphere.dynamics.shared_errors import per_radius
-from torchsphere.estimation.measurements import DRIFT_SHARE, on_map
+from torchsphere.estimation.measurements import DRIFT_SHARE
 from torchsphere.recording import Recording
 from torchsphere.recording.facts import Facts
 from torchsphere.request import Request
@@ -191,14 +191,14 @@ def summary(request: Request, done: Measurement, frame_rate: float | None) -> di
         "frame_rate_origin": "given" if request.fps is not None else recording.origins.get("frame_rate"),
         "circle": {**vars(circle), "frame": done.first_frame + circle.frame, "unit": "px"},
         "radius_effect": _radius_effect(tracked),
-        "drift_share": 0.0 if on_map(tracked) else DRIFT_SHARE,
+        "drift_share": 0.0 if tracked.findings.is_on_map else DRIFT_SHARE,
         "sd_steady": dict(zip(INCREMENTS, tracked.sd_steady.tolist(), strict=True)),
         "scale": None if done.motion is None else vars(done.motion.scale),
         "frames_per_status": status_counts(tracked),
         "unusable": why_unusable(tracked.status),
         "mean_motion": mean_motion(tracked, done.motion),
         "axes": "lab frame: x right, y up, z to the camera" if in_lab else "camera frame: x right, y down",
-        "settings": {k: v for k, v in vars(request).items() if k not in ("input", "out")} | tracked.settings,
+        "settings": _asked(request) | tracked.settings | tracked.findings.items(),
         "differentiation": None if done.motion is None else done.motion.about,
         "impact": _impact(done),
         "impacts": _impacts(done),
@@ -208,6 +208,11 @@ def summary(request: Request, done: Measurement, frame_rate: float | None) -> di
         "seconds": round(done.seconds, 3),
         "versions": versions(),
     }
+
+
+def _asked(request: Request) -> dict[str, Any]:
+    """The settings of the command."""
+    return {name: value for name, value in vars(request).items() if name not in ("input", "out")}
 
 
 def _impacts(done: Measurement) -> list[dict[str, Any]]:

@@ -26,6 +26,7 @@ from torchsphere.sphere_map import (
     pixel_weights,
 )
 from torchsphere.sphere_map.ball import Poses, TexturedBall, uniform_light
+from torchsphere.sphere_map.decision import NO_SOLUTION
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
 from torchsphere.sphere_map.footprint import fit_footprint, with_footprint_of_outline
 from torchsphere.sphere_map.forward_model import Linearisation
@@ -50,9 +51,6 @@ class _Level(NamedTuple):
     is_blurred: bool = False
     is_outline_found: bool = False  # from the start
 
-
-#: Why there is no map, where its equations are singular.
-NO_SOLUTION = "the equations of the map have no solution"
 
 #: Width of the first map's cells, px: coarse cells align poses that are off by a px (docs/constants.toml).
 COARSE_PX = 2.0
@@ -351,7 +349,7 @@ def _with_first_map(state: State, cell_px: float, shared: RowRunner) -> State:
 def _adjust_level(state: State, level: _Level, shared: RowRunner) -> Adjustment:
     """Gauss-Newton steps until one moves no pose by more than ``settled_px``."""
     if not math.isfinite(float(state.ball.radius)):
-        raise torch.linalg.LinAlgError(NO_SOLUTION)  # type: ignore[attr-defined]
+        raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
     state = with_cells(state, cube_map.cells_per_face(float(state.ball.radius), level.cell_px))
     limit, before, share = (math.inf if level.is_outline_found else MAX_RING_VARIANCE), None, 1.0
     for _ in range(level.max_steps):
@@ -369,7 +367,7 @@ def _adjust_level(state: State, level: _Level, shared: RowRunner) -> Adjustment:
             state = with_footprint_of_outline(state)
         state, relit = _relit(state, level, shared)
         if not math.isfinite(move):
-            raise torch.linalg.LinAlgError(NO_SOLUTION)  # type: ignore[attr-defined]
+            raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
         settled = max(level.settled_px, SETTLED_SD * float(last.joint.covariance.diagonal()[0].sqrt()))
         is_bound = level.is_last and float(state.profile.variance.max()) >= limit * float(state.profile.variance[0])
         if move < settled and relit < LAST_CHANGE and not is_bound:

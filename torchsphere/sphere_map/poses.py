@@ -6,6 +6,7 @@ over the still background.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -25,6 +26,7 @@ from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import bundle_adjustment, exposure, radius_error, residual_scatter
 from torchsphere.sphere_map.ball import Poses
 from torchsphere.sphere_map.bundle_adjustment import NEW_MAP_STEPS, Adjustment
+from torchsphere.sphere_map.decision import NOT_SETTLED, NoMap, few_poses, refusal
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
 from torchsphere.sphere_map.keyframes import choose_keyframes, choose_map_frames
 from torchsphere.sphere_map.known_frames import KnownFrames, register_frames
@@ -37,9 +39,6 @@ from torchsphere.sphere_map.state import State, drawn, fit_map, reweighted, unex
 from torchsphere.sphere_map.window import texture_variance
 
 Array = NDArray[np.float64]
-
-#: Smallest number of frames for a map.
-MIN_FRAMES = 6
 
 #: Pixels of the images that make the map, all in all (docs/constants.toml).
 MAP_PIXELS = 700_000
@@ -54,13 +53,6 @@ CELLS_PER_TEXTURE, MIN_CELL_PX, MAX_CELL_PX = 0.75, 1.0, 1.2
 #: up the noise, at the outline most (docs/constants.toml).
 NOISY, WIDER_CELLS = 0.1, 1.7
 
-#: Residual variance within the disc, in variances of the noise, from which the map is refused (docs/constants.toml).
-MAX_MISFIT = 4.0
-
-#: Blur of the outline beyond that of the optics, px, from which the map is refused: a blur by an object in front
-#: (docs/constants.toml).
-MAX_EDGE_BLUR_PX = 2.0
-
 #: Systematic error of the radius as a share of it, where the model explains the images down to white noise, and more
 #: where it does not, by the factor in the steps' errors less 1, up to `MAX_EXCESS` (docs/constants.toml).
 RADIUS_ERROR_SHARE, RADIUS_ERROR_SHARE_MORE, MAX_EXCESS = 0.00015, 0.001, 1.0
@@ -71,12 +63,6 @@ SD_NEARNESS_MORE = 0.003
 #: Factor in the steps' errors from which the images tell nothing of the camera's distance: what the model lacks may be
 #: a near camera, or look like one (docs/constants.toml).
 MAX_FACTOR_OF_NEARNESS = 2.0
-
-#: Largest correction of the radius by the map, as a share of the radius (docs/constants.toml).
-MAX_RADIUS_CHANGE = 0.05
-
-#: Why there is no map, where its poses do not settle.
-NOT_CONVERGED = "the adjustment of the ball's map and poses did not converge"
 
 #: Images without blur.
 SHARP = exposure.Blur()
@@ -102,44 +88,53 @@ class MapPoses:
     widening: Array = field(default_factory=lambda: np.ones(5))
 
 
-def poses_on_map(
-    source: Source,
-    position: Array,
-    orientation: Array,
-    noise_share: float,
-    circle: Circle,
-    ignore: Tensor | None,
-    fineness: float,
-    camera: Camera | None = None,
-    telecentric: bool = False,
-    progress: Callable[[int, int], None] | None = None,
-    blur: exposure.Blur = SHARP,
-) -> MapPoses | str:
-    """Register all frames on a map of the ball: their poses, or a sentence with the reason why no map is possible.
+@dataclass(frozen=True)
+class MapRequest:
+    """Images of a ball, its motion by the correlation, and what is known of both, for a map."""
 
-    ``position`` (n, 2), px, and ``orientation`` (n, 3, 3) by the correlation err by at most half a speckle, drift
-    within a turn included; NaN where unknown. ``noise_share`` is the variance of the images' noise over that of their
-    grey levels, ``fineness`` that of the texture's slopes over it, 1/px^2. ``ignore`` (h, w) is True for pixels to
-    ignore. A ``camera`` has a known focal length; without one its distance is found, unless the view is
-    ``telecentric``. The ``blur`` is that of the images. Singular equations of the map raise LinAlgError.
+    source: Source
+    # Position (n, 2), px, and orientation (n, 3, 3) of the frames err by at most half a speckle, drift within a turn
+    # included; NaN where unknown.
+    position: Array
+    orientation: Array
+    noise_share: float  # variance of the images' noise over that of their grey levels
+    circle: Circle
+    ignore: Tensor | None  # (h, w), True for pixels to ignore
+    fineness: float  # of the texture's slopes over its variance, 1/px^2
+    camera: Camera | None = None  # with a known focal length; without one its distance is found
+    telecentric: bool = False
+    progress: Callable[[int, int], None] | None = None
+    blur: exposure.Blur = SHARP
+
+    def report(self, done: int) -> None:
+        """Tell the ``progress`` how many frames are done."""
+        if self.progress is not None:
+            self.progress(done, len(self.known))
+
+    @functools.cached_property
+    def known(self) -> NDArray[np.int64]:
+        """Numbers of the frames with a known pose."""
+        return np.flatnonzero(np.isfinite(self.position[:, 0]) & np.isfinite(self.orientation[:, 0, 0]))
+
+
+def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
+    """Register all frames on a map of the ball: their poses, or why no map is possible.
+
+    Singular equations of the map raise LinAlgError.
     """
-    known = np.flatnonzero(np.isfinite(position[:, 0]) & np.isfinite(orientation[:, 0, 0]))
-    if len(known) < MIN_FRAMES:
-        return f"a map of the ball needs {MIN_FRAMES} frames with a known pose, and this recording has {len(known)}"
-    frames = _known_frames(source, known, position, orientation, circle, ignore, camera, blur.open_share)
+    source, known, circle, blur = asked.source, asked.known, asked.circle, asked.blur
+    lacking = few_poses(len(known))
+    if lacking:
+        return lacking
+    frames = _known_frames(asked)
     optics = frames.optics
-    keys = choose_keyframes(known, orientation)
+    keys = choose_keyframes(known, asked.orientation)
     initial = Poses.at(frames.position[keys], frames.orientation[keys])
     windows = frames.windows(keys, initial.centre, circle.radius)
-    noise = max(noise_share * texture_variance(windows), source.rounding_variance)
-    cell_px = float(np.clip(CELLS_PER_TEXTURE / np.sqrt(fineness), MIN_CELL_PX, MAX_CELL_PX))
-    cell_px *= WIDER_CELLS if noise_share > NOISY else 1.0
-
-    def report(done: int) -> None:
-        if progress is not None:
-            progress(done, len(known))
-
-    report(0)
+    noise = max(asked.noise_share * texture_variance(windows), source.rounding_variance)
+    cell_px = float(np.clip(CELLS_PER_TEXTURE / np.sqrt(asked.fineness), MIN_CELL_PX, MAX_CELL_PX))
+    cell_px *= WIDER_CELLS if asked.noise_share > NOISY else 1.0
+    asked.report(0)
     with threads.row_runner(source.device, PIXELS_PER_PIXEL * windows.levels[0].numel()) as shared:
         settled = settle(
             frames,
@@ -150,8 +145,8 @@ def poses_on_map(
             cell_px,
             blur,
             shared,
-            lambda share: report(round(share * len(keys))),
-            is_distance_known=camera is not None or telecentric,
+            lambda share: asked.report(round(share * len(keys))),
+            is_distance_known=asked.camera is not None or asked.telecentric,
         )
         adjustment = settled.adjustment
         ball, turned = adjustment.state.ball, adjustment.state.poses.orientation
@@ -163,44 +158,37 @@ def poses_on_map(
         adjustment = replace(adjustment, covariance=less_certain, last=None)
         settled = replace(settled, adjustment=adjustment)
         misfit = float(adjustment.state.profile.variance[0]) / noise
-        refusal = _refusal(adjustment, circle.radius, blur.optics_px, misfit)
-        if refusal:
-            return refusal
-        numbers, found, widened = _on_map(settled.frames, keys, settled.initial, adjustment, shared, report)
+        if not adjustment.settled:
+            return NOT_SETTLED
+        refused = refusal(float(ball.radius), circle.radius, float(ball.edge_blur), blur.optics_px, misfit)
+        if refused:
+            return refused
+        numbers, found, widened = _on_map(settled.frames, keys, settled.initial, adjustment, shared, asked.report)
     if not settled.settled_afar and widened.max() > MAX_FACTOR_OF_NEARNESS:
         # Only with a near camera did the poses settle, and these images do not tell how near it is.
-        return NOT_CONVERGED
-    assembled = _assemble(len(position), numbers, found, keys, adjustment, circle, misfit)
+        return NOT_SETTLED
+    assembled = _assemble(len(asked.position), numbers, found, keys, adjustment, circle, misfit)
     assembled = _widened(replace(assembled, off_outline=off_outline, open_share=settled.open_share), widened)
     return assembled if optics is None else _through_lens(assembled, optics)
 
 
-def _known_frames(
-    source: Source,
-    known: NDArray[np.int64],
-    position: Array,
-    orientation: Array,
-    circle: Circle,
-    ignore: Tensor | None,
-    camera: Camera | None,
-    open_share: float,
-) -> KnownFrames:
-    """The images with what `poses_on_map` is given of them; images, poses and camera are all on one device."""
-    optics = None if camera is None else Optics.of(camera, source.device)
-    seen = torch.from_numpy(position).to(source.device)
+def _known_frames(asked: MapRequest) -> KnownFrames:
+    """The images with what is known of them; images, poses and camera are all on one device."""
+    source, known, circle = asked.source, asked.known, asked.circle
+    optics = None if asked.camera is None else Optics.of(asked.camera, source.device)
+    seen = torch.from_numpy(asked.position).to(source.device)
     centres = seen if optics is None else optics.straightened(seen)
     reach = circle.radius * (1.0 if optics is None else optics.enlargement(centres[known], circle.radius))
+    motion = _motion(asked.position, asked.orientation, circle.radius, source.durations(0, source.count))
     return KnownFrames(
         source,
         known,
         centres,
-        torch.from_numpy(orientation).to(source.device),
-        background(source, position, reach).to(source.device, torch.float32),
-        None if ignore is None else ~ignore.to(source.device),
+        torch.from_numpy(asked.orientation).to(source.device),
+        background(source, asked.position, reach).to(source.device, torch.float32),
+        None if asked.ignore is None else ~asked.ignore.to(source.device),
         optics,
-        exposure.moments(
-            _motion(position, orientation, circle.radius, source.durations(0, source.count)), open_share, circle.radius
-        ),
+        exposure.moments(motion, asked.blur.open_share, circle.radius),
     )
 
 
@@ -251,23 +239,6 @@ def _through_lens(found: MapPoses, optics: Optics) -> MapPoses:
     first = np.flatnonzero(np.isfinite(position[:, 0]))[0]
     circle = replace(found.circle, x=float(position[first, 0]), y=float(position[first, 1]))
     return replace(found, position=position, step_covariance=covariance, circle=circle)
-
-
-def _refusal(adjustment: Adjustment, radius: float, optics_px: float, misfit: float) -> str:
-    """Why the adjustment is refused, in words; empty if it is accepted."""
-    ball = adjustment.state.ball
-    if not adjustment.settled:
-        return NOT_CONVERGED
-    if misfit > MAX_MISFIT:
-        return (
-            f"the residual on a map of the ball is {misfit**0.5:.1f} times the noise: perspective, moving light, or "
-            "not a sphere"
-        )
-    if ball.edge_blur > optics_px + MAX_EDGE_BLUR_PX:
-        return f"the outline is blurred by {ball.edge_blur:.1f} px on the map: something hides or shades the outline"
-    if abs(ball.radius - radius) > MAX_RADIUS_CHANGE * radius:
-        return f"the map needs a radius of {ball.radius:.1f} px instead of {radius:.1f} px"
-    return ""
 
 
 def _on_map(

@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import torch
 from kornia.geometry.liegroup import So3
 from numpy.typing import NDArray
-from torch import Tensor
 
 from torchsphere.correlation.options import Options
 from torchsphere.geometry import orientation
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging.interpolation import noise_gains
-from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import steps
-from torchsphere.sphere_map import poses
-from torchsphere.sphere_map.bundle_adjustment import NO_SOLUTION
-from torchsphere.sphere_map.poses import MapPoses
-from torchsphere.tracking.follow import Progress
+from torchsphere.sphere_map.decision import NO_SOLUTION, MadeMap, NoMap, not_needed
+from torchsphere.sphere_map.poses import MapPoses, MapRequest, poses_on_map
 from torchsphere.tracking.image_blur import image_blur
 from torchsphere.tracking.record import Record
+from torchsphere.tracking.task import Task
 
 Array = NDArray[np.float64]
 
@@ -36,9 +32,6 @@ SHADED_MISFIT = 1.5
 #: Share of the known frames that are on the map of a ball whose path has not slipped (docs/constants.toml).
 MIN_ON_MAP = 0.9
 
-#: Models of a rigid motion at a constant distance, which a map replaces.
-MAP_MODELS = ("rigid", "finite", "pinhole")
-
 
 @dataclass(frozen=True)
 class AbsoluteMotion:
@@ -49,19 +42,20 @@ class AbsoluteMotion:
     covariance: Array
     orientation: Array
     circle: Circle
-    about_map: dict[str, Any]
+    map: MadeMap | NoMap
     on_map: NDArray[np.bool_]  # (n,), True for a frame whose pose is on a map
+    outline_scatter: float = 0.0  # of the outlines' radii in several frames, relative, where a map was refused
 
     @property
     def is_refused(self) -> bool:
         """Whether a map was needed, and the images did not allow it."""
-        return not self.about_map["used"] and not self.about_map["reason"].startswith("not needed")
+        return isinstance(self.map, NoMap) and self.map.is_needed
 
     @property
     def lacks_frames(self) -> bool:
         """Whether the map does not show a notable part of the frames whose position is known."""
         known = np.isfinite(self.position[:, 0]).sum()
-        return bool(self.about_map["used"] and self.frames_on_map < MIN_ON_MAP * known)
+        return isinstance(self.map, MadeMap) and bool(self.frames_on_map < MIN_ON_MAP * known)
 
     @property
     def frames_on_map(self) -> int:
@@ -80,77 +74,53 @@ class AbsoluteMotion:
         )
 
 
-def absolute_motion(
-    source: Source,
-    measured: Record,
-    circle: Circle,
-    ignore: Tensor | None,
-    asked: bool | None,
-    options: Options,
-    fineness: float,
-    *,
-    telecentric: bool = False,
-    exposure: float | None = None,
-    stated: float | None = None,
-    progress: Progress | None = None,
-) -> AbsoluteMotion:
-    """The ``measured`` motion, on a map of the ball unless none is ``asked`` for (None: if there are frames enough).
+def absolute_motion(task: Task, measured: Record, circle: Circle, options: Options, fineness: float) -> AbsoluteMotion:
+    """The ``measured`` motion, on a map of the ball unless none is asked for (None: if there are frames enough).
 
-    In a ``telecentric`` view the ball is seen from the same side wherever it is. ``exposure`` is that over the
-    time between frames; where it is None, the one ``stated`` in the file counts, or the smear of the outline.
+    The exposure is the one asked for, or else the one that the file states, or the smear of the outline.
     """
     known = np.isfinite(measured.position[:, 0])
     chained = orientation.chain(measured.rotation, known)
-    reason = _reason_without_map(measured, asked, options.model)
-    about = {"used": False, "reason": reason}
+    without = not_needed(task.sphere_map, options.model, measured.position, measured.rotation)
+    if without is None:
+        found = _on_map(task, measured, chained, circle, options, fineness)
+        if isinstance(found, MapPoses):
+            return _merged(measured, chained, found)
+        without = found
     motion = measured.position, measured.increment, measured.covariance
-    plain = AbsoluteMotion(*motion, chained, circle, about, np.zeros(len(known), dtype=bool))
-    if reason:
-        return plain
+    return AbsoluteMotion(*motion, chained, circle, without, np.zeros(len(known), dtype=bool))
+
+
+def _on_map(
+    task: Task, measured: Record, chained: Array, circle: Circle, options: Options, fineness: float
+) -> MapPoses | NoMap:
+    """The poses on a map of the ball, or why there is none."""
     steps.tell("making a map of the ball")
     known = measured.zncc[np.isfinite(measured.zncc)]
     lack = float(np.median(1 - known)) if len(known) else 0.0
     # Variance of the images' noise over that of their grey levels.
     noise = lack / noise_gains(options.pre_blur)[0]
-    blur = image_blur(source, measured.position, circle, ignore, options.camera, stated)
-    if exposure is not None:
-        blur = replace(blur, open_share=exposure, is_share_known=True)
+    blur = image_blur(task.source, measured.position, circle, task.ignore, options.camera, task.stated_exposure)
+    if task.exposure is not None:
+        blur = replace(blur, open_share=task.exposure, is_share_known=True)
+    asked = MapRequest(
+        task.source,
+        measured.position,
+        chained,
+        noise,
+        circle,
+        task.ignore,
+        fineness,
+        options.camera,
+        task.telecentric,
+        task.progress,
+        blur,
+    )
     try:
-        found = poses.poses_on_map(
-            source,
-            measured.position,
-            chained,
-            noise,
-            circle,
-            ignore,
-            fineness,
-            options.camera,
-            telecentric,
-            progress,
-            blur,
-        )
+        return poses_on_map(asked)
     except (np.linalg.LinAlgError, torch.linalg.LinAlgError):  # type: ignore[attr-defined]
         # The increments must not be lost with the map.
-        found = NO_SOLUTION
-    if isinstance(found, str):
-        plain.about_map["reason"] = found
-        return plain
-    return _merged(measured, chained, found)
-
-
-def _reason_without_map(measured: Record, asked: bool | None, model: str) -> str:
-    """Why no map of the ball is made, in words; empty where a map is made."""
-    if asked is False:
-        return "not needed: it was not asked for"
-    prefix = "" if asked else "not needed: "
-    if model not in MAP_MODELS:
-        return f"{prefix}a map of the ball takes a rigid motion at a constant distance, which {model!r} is not"
-    if not np.isfinite(measured.rotation).any():
-        return f"{prefix}no rotation was measured, so no map of the ball can be made"
-    placed = int(np.isfinite(measured.position[:, 0]).sum())
-    if placed < poses.MIN_FRAMES:
-        return f"{prefix}a map of the ball needs {poses.MIN_FRAMES} frames with a known pose; there are {placed}"
-    return ""
+        return NO_SOLUTION
 
 
 def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion:
@@ -166,19 +136,18 @@ def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion
     is_definite = np.diagonal(found.step_covariance, axis1=1, axis2=2).min(1) > 0
     both = on_map[:-1] & on_map[1:] & whole & is_definite
     covariance = np.where(both[:, None, None], found.step_covariance, measured.covariance)
-    about = {
-        "used": True,
-        "keyframes": found.keyframes,
-        "frames": int(on_map.sum()),
-        "edge_blur_px": found.edge_blur,
-        "open_share": found.open_share,
-        "residual_over_noise": found.misfit**0.5,
-        "widened": float(found.widening.max()),
-        "radius_off_outline_px": found.off_outline,
-        "radius_over_distance": found.nearness,
-        "sd_radius_over_distance": found.sd_nearness,
-    }
-    return AbsoluteMotion(position, increment, covariance, turned, found.circle, about, on_map)
+    made = MadeMap(
+        keyframes=found.keyframes,
+        frames=int(on_map.sum()),
+        edge_blur_px=found.edge_blur,
+        open_share=found.open_share,
+        residual_over_noise=found.misfit**0.5,
+        widened=float(found.widening.max()),
+        radius_off_outline_px=found.off_outline,
+        radius_over_distance=found.nearness,
+        sd_radius_over_distance=found.sd_nearness,
+    )
+    return AbsoluteMotion(position, increment, covariance, turned, found.circle, made, on_map)
 
 
 def _turns(orientation: Array, known: NDArray[np.bool_]) -> Array:

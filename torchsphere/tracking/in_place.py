@@ -20,6 +20,7 @@ from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import steps
+from torchsphere.sphere_map.decision import MadeMap
 from torchsphere.tracking.drift import AbsoluteMotion
 
 #: Most frames whose limbs are fitted, and the fewest that show a place (docs/constants.toml).
@@ -131,7 +132,7 @@ def held(motion: AbsoluteMotion) -> tuple[AbsoluteMotion, Array]:
     place = np.median(motion.position[known], axis=0)
     gain = _rotation_per_step(motion.covariance)
     steps = motion.increment[:, :2]
-    on_map = motion.about_map["used"]
+    on_map = isinstance(motion.map, MadeMap)
     drift = _trend(np.flatnonzero(known), motion.position[known]) if on_map else np.nansum(steps, axis=0)
     if on_map:
         # The poses are absolute: a pose off the place is turned by its own error.
@@ -152,7 +153,8 @@ def held(motion: AbsoluteMotion) -> tuple[AbsoluteMotion, Array]:
     covariance[:, 2:, :2] = np.swapaxes(covariance[:, :2, 2:], 1, 2)
     circle = dataclasses.replace(motion.circle, x=float(place[0]), y=float(place[1]))
     position = np.where(known[:, None], place, np.nan)
-    return AbsoluteMotion(position, increment, covariance, turned, circle, motion.about_map, motion.on_map), drift
+    motion = dataclasses.replace(motion, position=position, increment=increment, covariance=covariance)
+    return dataclasses.replace(motion, orientation=turned, circle=circle), drift
 
 
 def _rotation_per_step(covariance: Array) -> Array:

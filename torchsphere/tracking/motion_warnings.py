@@ -11,6 +11,7 @@ import torch
 from torchsphere.detection.detect import MAX_CIRCLE_ERROR, given_circle_warning, refined_circle_warning
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime.warning_levels import by_level, note, severe
+from torchsphere.sphere_map.decision import MadeMap, NoMap
 from torchsphere.sphere_map.radius_error import RADIUS_ERROR_PER_TURN, turn_out_of_plane
 from torchsphere.tracking import edge_leakage, raw_mosaic
 from torchsphere.tracking.camera_shake import camera_shake
@@ -62,13 +63,13 @@ def _frame_warnings(track: Track, start: int) -> list[str]:
     if bad:
         counts = ", ".join(f"{count} {name}" for name, count in status_counts(track).items())
         sentences.append(f"{bad} of {n} frames were not fully measured: {counts}.")
-    repeated = track.settings["repeated_frames"]
+    repeated = track.findings.repeated_frames
     if repeated:
         numbers = ", ".join(str(start + i) for i in repeated)
         sentences.append(
             f"Frames that repeat the image before them bit for bit while the ball moves, not measured: {numbers}."
         )
-    if track.settings["hidden"]:
+    if track.findings.hidden:
         sentences.append(
             "In many frames with the whole ball in view it could not be measured, as where something stands in front "
             "of it: the standard deviations of the other frames are twice those of their noise. Look at the overlay."
@@ -89,7 +90,7 @@ def _frame_warnings(track: Track, start: int) -> list[str]:
 def _growth_warnings(track: Track) -> list[str]:
     """A ball that comes nearer or goes away although no model was given for it."""
     known = np.flatnonzero(np.isfinite(track.position[:, 0]))
-    if not track.settings["grows"] or len(known) < 2:
+    if not track.findings.grows or len(known) < 2:
         return []
     first, last = known[0], known[-1]
     percent = 100 * ((track.radius[last] / track.radius[first]) ** (1 / (last - first)) - 1)
@@ -104,16 +105,16 @@ def _growth_warnings(track: Track) -> list[str]:
 
 def _video_warnings(track: Track) -> list[str]:
     """What the video does to the images."""
-    sentences, memory = [], track.settings["noise_memory"]
-    if track.settings["interlaced"]:
+    sentences, memory = [], track.findings.noise_memory
+    if track.findings.interlaced:
         sentences.append(
             note(
                 "The video is interlaced: odd rows show the ball at another instant. The even rows alone were used; "
                 "all times are theirs."
             )
         )
-    if track.settings["mosaic"]:
-        sentences.append(raw_mosaic.about(track.settings["mosaic"], track.facts))
+    if track.findings.mosaic:
+        sentences.append(raw_mosaic.about(track.findings.mosaic, track.facts))
     if memory:
         sentences.append(
             f"Each image holds {100 * memory:.0f} % of the image beside it, by its noise, as after temporal noise "
@@ -122,7 +123,7 @@ def _video_warnings(track: Track) -> list[str]:
             "steps include this; the positions have this shift in time. Switch such processing off in camera and "
             "software."
         )
-    if track.settings["coded"]:
+    if track.findings.coded:
         sentences.append(
             "Parts of the still background are the same to the last grey level from image to image, as after strong "
             "compression (H.264, MPEG-4), which draws the ball from parts of the images before, too. The standard "
@@ -133,7 +134,7 @@ def _video_warnings(track: Track) -> list[str]:
 
 def _pixel_warnings(track: Track) -> list[str]:
     """Outlines of fixed axes, which pixels that are not square give."""
-    wide = track.settings["axis_ratio"]
+    wide = track.findings.axis_ratio
     if wide is None:
         return []
     # The outline of wide pixels is narrow.
@@ -152,7 +153,7 @@ def _pixel_warnings(track: Track) -> list[str]:
 def _circle_warnings(source: Source, track: Track, start: int) -> list[str]:
     """Whether the image shows the ball's outline at the circle."""
     sentences, circle = [], track.circle
-    if track.settings.get("untried_frames"):
+    if track.findings.untried_frames:
         sentences.append(
             severe(
                 f"Nothing confirms the circle at {circle.text(1)} px: the frames right after it hardly "
@@ -180,7 +181,7 @@ def _circle_warnings(source: Source, track: Track, start: int) -> list[str]:
 def _is_given_to_a_ball_that_hardly_turns(track: Track) -> bool:
     """Whether the map leaves the radius of a given circle as it was, since the ball turns too little to tell it."""
     settings = track.settings
-    if not settings["circle_given"] or settings["circle_refined"] or not settings["sphere_map"]["used"]:
+    if not settings["circle_given"] or settings["circle_refined"] or not track.findings.is_on_map:
         return False
     known = track.orientation[np.isfinite(track.orientation[:, 0, 0])]
     turn = turn_out_of_plane(torch.from_numpy(known))
@@ -189,12 +190,12 @@ def _is_given_to_a_ball_that_hardly_turns(track: Track) -> bool:
 
 def _place_warnings(track: Track) -> list[str]:
     """What was done to a ball in its place, and what speaks against that."""
-    place, sentences = track.settings["place"], []
+    place, sentences = track.findings.place, []
     if place is None:
         return []
-    radius, limbs, shown = place["first_radius_px"], place["limbs"], place["limbs_radius_px"]
-    if place["recognised"]:
-        within = STAY_SD * max(place["limbs_sd_px"][:2])
+    radius, limbs, shown = place.first_radius_px, place.limbs, place.limbs_radius_px
+    if place.recognised:
+        within = STAY_SD * max(place.limbs_sd_px[:2])
         sentences.append(
             note(
                 f"The ball turns without leaving its place: its outline stays within {within:.2f} px in {limbs} "
@@ -202,28 +203,28 @@ def _place_warnings(track: Track) -> list[str]:
                 "says so beforehand."
             )
         )
-    elif limbs is not None and not place["limbs_stay"]:
+    elif limbs is not None and not place.limbs_stay:
         sentences.append(
             severe(
                 "The ball was said to stay in its place, but its outline moves: the positions and rotations are wrong "
                 "if it does; leave `in_place` out."
             )
         )
-    if place["limbs_stay"] and abs(shown - radius) > SIGNIFICANT_SD * place["limbs_sd_px"][2]:
+    if place.limbs_stay and abs(shown - radius) > SIGNIFICANT_SD * place.limbs_sd_px[2]:
         sentences.append(
             note(
                 f"The outlines of {limbs} frames show a radius of {shown:.2f} px in place of the first {radius:.2f} "
                 "px, and were used."
             )
         )
-    drift = np.array(place["steps_sum_px"])
+    drift = np.array(place.steps_sum_px)
     steps = np.isfinite(track.increment[:, 0])
     own = (
         np.nan_to_num(np.nanmean(np.diagonal(track.covariance, axis1=1, axis2=2)[:, :2], axis=0)) if steps.any() else 0
     )
     sd = np.hypot(track.sd_steady[:2] * steps.sum(), np.sqrt(own))
     if (np.abs(drift) > np.maximum(SIGNIFICANT_SD * sd, MIN_DRIFT_PX)).any():
-        by_limbs = f"; the outlines show {shown:.2f} px" if place["limbs_stay"] else ""
+        by_limbs = f"; the outlines show {shown:.2f} px" if place.limbs_stay else ""
         sentences.append(
             severe(
                 f"The ball was held in its place against steps that add up to {np.hypot(*drift):.1f} px. Likely "
@@ -237,15 +238,15 @@ def _place_warnings(track: Track) -> list[str]:
 
 def _map_warnings(track: Track) -> list[str]:
     """Whether poses without a map of the ball may drift."""
-    sphere_map, sentences = track.settings["sphere_map"], []
-    if not sphere_map["used"] and not track.settings["in_place"] and _turns_in_place(track):
+    found, sentences = track.findings, []
+    if not found.is_on_map and not track.settings["in_place"] and _turns_in_place(track):
         sentences.append(
             "The ball turns fast and hardly moves; if it cannot leave its place, give `in_place` to avoid drift."
         )
-    if not sphere_map["used"] and not sphere_map["reason"].startswith("not needed"):
-        sentences.append(f"Poses rest on the frame-to-frame steps, whose errors add up: {sphere_map['reason']}.")
+    if isinstance(found.map, NoMap) and found.map.is_needed:
+        sentences.append(f"Poses rest on the frame-to-frame steps, whose errors add up: {found.map.sentence}.")
     radius, sd = track.circle.radius, track.circle.sd_radius
-    if sphere_map.get("radius_off_outline_px", 0.0) > MAX_OFF_OUTLINE * radius:
+    if isinstance(found.map, MadeMap) and found.map.radius_off_outline_px > MAX_OFF_OUTLINE * radius:
         sentences.append(
             severe(
                 f"The radius on the map of the ball, {radius:.2f} px, may be {sd:.2g} px off: its outline shows "
@@ -272,11 +273,11 @@ def _distance_warnings(track: Track) -> list[str]:
     settings, turns = track.settings, track.covariance[:, [2, 3], [2, 3]]
     if settings["telecentric"] or settings["camera"] is not None or not np.isfinite(turns).any():
         return []
-    sd = settings["sd_radius_over_distance"]
+    sd = track.findings.sd_radius_over_distance
     apparent = float(np.degrees(sd_of_apparent_turn(track.increment, track.circle.radius, sd).max()))
     if apparent < np.degrees(np.sqrt(np.nanmedian(turns))):
         return []
-    nearness = settings["sphere_map"].get("radius_over_distance", 0.0)
+    nearness = track.findings.radius_over_distance
     known = f"was found from the images alone ({1 / nearness:.0f} radii)" if nearness else "is not known"
     return [
         f"The camera's distance {known}, and a near ball is seen from another side as it moves sideways, and shows "
@@ -287,9 +288,9 @@ def _distance_warnings(track: Track) -> list[str]:
 
 def _leakage_warnings(track: Track, roi_given: bool) -> list[str]:
     """Whether the background leaks into the region of interest."""
-    share, radius = track.settings["leaked"], track.circle.radius
+    share, radius = track.findings.leaked, track.circle.radius
     turns = bool(np.isfinite(track.increment[:, 2:]).any())
-    if share < edge_leakage.NOTABLE_SHARE or track.settings["sphere_map"]["used"] or not turns:
+    if share < edge_leakage.NOTABLE_SHARE or track.findings.is_on_map or not turns:
         return []
     advice = "film the ball larger"
     if roi_given:

@@ -8,9 +8,7 @@ codec spoils differ from frame to frame.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -21,6 +19,7 @@ from torchsphere.detection import limb_ellipse
 from torchsphere.detection.blurred_limb import SMEARED_PX
 from torchsphere.geometry.camera import Camera
 from torchsphere.recording.frame_source import Source
+from torchsphere.sphere_map.decision import MadeMap, NoMap
 
 #: Outlines that are fitted, the fewest that show fixed axes, and the share of them that have to agree.
 MOST_LOOKS, FEWEST_LOOKS, AGREEING = 6, 4, 0.8
@@ -57,21 +56,20 @@ class Allowed:
         cls,
         camera: Camera | None,
         radius: float,
-        about_map: Mapping[str, Any],
+        made: MadeMap | NoMap,
         sd_nearness: float,
         stated: float | None,
     ) -> Allowed:
         """By the camera or else what the map found; by the exposure that was ``stated``, or else that of the map."""
-        is_mapped = bool(about_map["used"])
+        known = made if isinstance(made, MadeMap) else MadeMap()
         if camera is not None and camera.focal_px is not None:
             nearness = radius / camera.focal_px
         else:
-            nearness = float(about_map.get("radius_over_distance", 0.0)) + 2 * sd_nearness
-            nearness = nearness if is_mapped or sd_nearness == 0 else max(nearness, NEAREST)
-        found = float(about_map.get("open_share", 0.0))
-        share = stated if stated is not None else found or 1.0
+            nearness = known.radius_over_distance + 2 * sd_nearness
+            nearness = nearness if known is made or sd_nearness == 0 else max(nearness, NEAREST)
+        share = stated if stated is not None else known.open_share or 1.0
         # The map would have found more.
-        return cls(nearness, share, SMEARED_PX if is_mapped and not found else math.inf)
+        return cls(nearness, share, SMEARED_PX if known is made and not known.open_share else math.inf)
 
 
 def axis_ratio(source: Source, position: Array, radius: float, ignore: Tensor | None, allowed: Allowed) -> float | None:

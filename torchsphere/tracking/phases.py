@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,14 +19,15 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import interlacing
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import steps
+from torchsphere.sphere_map.decision import MIN_FRAMES, MadeMap
 from torchsphere.sphere_map.nearness import UNKNOWN_SD
-from torchsphere.sphere_map.poses import MIN_FRAMES
 from torchsphere.tracking import coded_video, frame_memory, growth, hidden_ball, limb_path, outline_shape
 from torchsphere.tracking import in_place as place_of_ball
 from torchsphere.tracking.background_blocks import background_blocks
 from torchsphere.tracking.drift import AbsoluteMotion, absolute_motion
 from torchsphere.tracking.edge_leakage import adapt_options, background_contrast, leakage_share
-from torchsphere.tracking.follow import Follower, Progress, Watch
+from torchsphere.tracking.findings import Findings, Place
+from torchsphere.tracking.follow import Follower
 from torchsphere.tracking.in_place import Limbs
 from torchsphere.tracking.initial_circle import find_initial_circle, is_interlaced, shows_outline
 from torchsphere.tracking.proof import needs_proof, require_ball
@@ -33,6 +35,7 @@ from torchsphere.tracking.raw_mosaic import without_mosaic
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.result import Track
 from torchsphere.tracking.steady_error import sd_steady, texture_fineness
+from torchsphere.tracking.task import Task
 
 _LOG = logging.getLogger("torchsphere")
 
@@ -47,23 +50,6 @@ TRIAL_SEARCHES = 2
 
 #: Share of the measured frames that a ball held in its place must keep (docs/constants.toml).
 MIN_KEPT_SHARE = 0.8
-
-
-@dataclass(frozen=True)
-class Task:
-    """The arguments of `track`, checked, and the exposure that the recording states."""
-
-    source: Source
-    circle: Any
-    ignore: Tensor | None
-    refine: bool
-    in_place: bool
-    telecentric: bool
-    sphere_map: bool | None
-    exposure: float | None
-    stated_exposure: float | None
-    progress: Progress | None = None
-    watch: Watch | None = None
 
 
 @dataclass(frozen=True)
@@ -116,16 +102,16 @@ def _measured_in_place(task: Task, start: _Start, limbs: Limbs | None = None) ->
         # A motion too slow for the limbs to show is an error that all steps share.
         unseen = place_of_ball.sd_unseen_step(limbs)
         track = dataclasses.replace(track, sd_steady=np.hypot(track.sd_steady, [*unseen, 0, 0, 0]))
-    place = {
-        "recognised": recognised,
-        "steps_sum_px": drift.tolist(),
-        "first_radius_px": start.circle.radius,
-        "limbs": None if limbs is None else len(limbs.frames),
-        "limbs_stay": limbs is not None and limbs.stay,
-        "limbs_radius_px": None if limbs is None else float(limbs.circle[2]),
-        "limbs_sd_px": None if limbs is None else limbs.sd.tolist(),
-    }
-    return dataclasses.replace(track, settings=track.settings | {"place": place})
+    place = Place(
+        recognised=recognised,
+        steps_sum_px=(float(drift[0]), float(drift[1])),
+        first_radius_px=start.circle.radius,
+        limbs=None if limbs is None else len(limbs.frames),
+        limbs_stay=limbs is not None and limbs.stay,
+        limbs_radius_px=math.nan if limbs is None else float(limbs.circle[2]),
+        limbs_sd_px=() if limbs is None else tuple(limbs.sd.tolist()),
+    )
+    return dataclasses.replace(track, findings=dataclasses.replace(track.findings, place=place))
 
 
 def _limbs(task: Task, start: _Start) -> Limbs | None:
@@ -172,8 +158,7 @@ def _moved_to_limbs(
     if not limbs.have_slipped():
         if motion.is_refused:
             # Outlines that contradict each other are not those of a ball: `proof.require_proof`.
-            scatter = {"outline_scatter": growth.scatter_of_limbs(limbs)}
-            motion = dataclasses.replace(motion, about_map=motion.about_map | scatter)
+            motion = dataclasses.replace(motion, outline_scatter=growth.scatter_of_limbs(limbs))
         return measured, motion
     moved = limb_path.along_limbs(task.source, measured, limbs, task.ignore, start.options, resized=False)
     again = _absolute_motion(task, start, moved)
@@ -197,7 +182,7 @@ def _without_frames_beside(
     A path that was lost may have been found again beside the ball, and slips on.
     """
     unproven = np.isfinite(motion.position[:, 0]) & ~motion.on_map
-    if not (motion.about_map["used"] and unproven.any()):
+    if not (isinstance(motion.map, MadeMap) and unproven.any()):
         return measured, motion
     seen = measured.without(~unproven)
     limbs = limb_path.fit_limbs(task.source, seen, task.ignore, start.options.camera)
@@ -270,27 +255,14 @@ def _failed_trial(task: Task, start: _Start) -> Record | None:
 
 def _absolute_motion(task: Task, start: _Start, measured: Record) -> AbsoluteMotion:
     """Phase 3: the poses on a map of the ball where a map is made, else the sum of the increments."""
-    fineness = texture_fineness(start.image, start.circle, task.ignore)
-    asked, options = task.sphere_map, start.options
     _LOG.info("followed: %d of %d frames are ok", int((measured.status == "ok").sum()), len(measured.status))
-    return absolute_motion(
-        task.source,
-        measured,
-        start.circle,
-        task.ignore,
-        asked,
-        options,
-        fineness,
-        telecentric=task.telecentric,
-        exposure=task.exposure,
-        stated=task.stated_exposure,
-        progress=task.progress,
-    )
+    fineness = texture_fineness(start.image, start.circle, task.ignore)
+    return absolute_motion(task, measured, start.circle, start.options, fineness)
 
 
 def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotion) -> Track:
-    """Phase 4: the track, its steady error and its settings."""
-    radius, on_map = motion.circle.radius, motion.about_map["used"]
+    """Phase 4: the track, its steady error, its settings and findings."""
+    radius = motion.circle.radius
     looks = background_blocks(task.source, motion.position, radius, task.ignore)
     is_coded = coded_video.is_coded(looks)
     # A codec's copies have the noise of the images before, too.
@@ -310,7 +282,7 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
     steps = int(np.isfinite(measured.increment[:, 0]).sum())
     sd_nearness = _sd_nearness(task, start, motion)
     allowed = outline_shape.Allowed.of(
-        *(start.options.camera, radius, motion.about_map, 0.0 if task.telecentric else sd_nearness),
+        *(start.options.camera, radius, motion.map, 0.0 if task.telecentric else sd_nearness),
         stated=task.stated_exposure if task.exposure is None else task.exposure,
     )
     axis_ratio = outline_shape.axis_ratio(task.source, motion.position, radius, task.ignore, allowed)
@@ -328,7 +300,7 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
             motion.increment,
             radius,
             texture_fineness(start.image, motion.circle, task.ignore),
-            on_map=on_map,
+            on_map=isinstance(motion.map, MadeMap),
             uneven_light=int(measured.uneven_light.sum()) / max(steps, 1),
             leakage=leakage,
             sd_nearness=sd_nearness,
@@ -340,23 +312,25 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
             "circle_given": task.circle is not None,
             "circle_refined": task.circle is None or task.refine,
             "in_place": task.in_place,
-            "place": None,
             "telecentric": task.telecentric,
-            "grows": start.grows,
-            "interlaced": start.interlaced,
-            "mosaic": list(start.mosaic),
-            "noise_memory": memory,
-            "coded": is_coded,
-            "hidden": is_hidden,
-            "sphere_map": motion.about_map,
-            "sd_radius_over_distance": sd_nearness,
-            "repeated_frames": measured.repeated,
-            "untried_frames": measured.untried,
-            "leaked": leakage,
-            "axis_ratio": axis_ratio,
             "device": str(task.source.device),
             "dtype": str(task.source.dtype).removeprefix("torch."),
         },
+        findings=Findings(
+            map=motion.map,
+            sd_radius_over_distance=sd_nearness,
+            grows=start.grows,
+            interlaced=start.interlaced,
+            mosaic=start.mosaic,
+            noise_memory=memory,
+            coded=is_coded,
+            hidden=is_hidden,
+            repeated_frames=tuple(measured.repeated),
+            untried_frames=measured.untried,
+            leaked=leakage,
+            axis_ratio=axis_ratio,
+            outline_scatter=motion.outline_scatter,
+        ),
     )
 
 
@@ -364,4 +338,4 @@ def _sd_nearness(task: Task, start: _Start, motion: AbsoluteMotion) -> float:
     """Standard deviation of the ball's radius over the camera's distance."""
     if task.telecentric or (start.options.camera is not None and not start.grows):
         return 0.0
-    return float(motion.about_map.get("sd_radius_over_distance", UNKNOWN_SD))
+    return motion.map.sd_radius_over_distance if isinstance(motion.map, MadeMap) else UNKNOWN_SD

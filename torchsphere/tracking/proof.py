@@ -27,14 +27,13 @@ def lacking_proof(found: Track) -> str:
     A map of the ball proves it, or the outlines of a ball that stays in its place. A circle that was found is in doubt
     by its own image, or where the outlines in other frames contradict each other.
     """
-    circle, settings = found.circle, found.settings
-    place, about_map = settings["place"], settings["sphere_map"]
-    if about_map["used"] or (place is not None and place["limbs_stay"]):
+    circle, known, was_found = found.circle, found.findings, not found.settings["circle_given"]
+    if known.is_on_map or (known.place is not None and known.place.limbs_stay):
         return ""
-    scatter, was_found = about_map.get("outline_scatter", 0.0), not settings["circle_given"]
+    scatter = known.outline_scatter
     if scatter > MAX_OUTLINE_SCATTER and was_found:
         return f"outlines in other frames have radii that differ by {100 * scatter:.0f} %"
-    if settings.get("untried_frames") and was_found:
+    if known.untried_frames and was_found:
         return f"{circle.doubt}, the frames right after it hardly show the same"
     return circle.doubt if needs_proof(circle) else ""
 

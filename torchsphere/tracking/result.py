@@ -15,6 +15,7 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.recording.facts import Facts
 from torchsphere.runtime.presentation import Tabulated, present
 from torchsphere.settings.calibration import Calibration
+from torchsphere.tracking.findings import Findings
 
 if TYPE_CHECKING:
     import os
@@ -60,6 +61,8 @@ class Track(Tabulated):
         The outline in the first tracked frame; with a camera the projected centre and the radius at its depth.
     settings : dict
         Every setting used.
+    findings : Findings
+        What was found out beside the motion: the map, the camera's distance, a codec, ...
     warnings : tuple of str
         Sentences that a reader of the numbers must know, those first that make numbers wrong.
     calibration : Calibration
@@ -86,6 +89,7 @@ class Track(Tabulated):
     sd_steady: NDArray[np.float64]
     circle: Circle
     settings: dict[str, Any]
+    findings: Findings = field(default_factory=Findings)
     warnings: tuple[str, ...] = ()
     calibration: Calibration = field(default_factory=Calibration)
     first_frame: int = 0

@@ -20,6 +20,7 @@ from torchsphere.tracking.follow import Progress, Watch
 from torchsphere.tracking.motion_warnings import motion_warnings
 from torchsphere.tracking.proof import require_proof
 from torchsphere.tracking.result import Track
+from torchsphere.tracking.task import Task
 
 __all__ = ["Track", "track", "track_many"]
 
@@ -82,7 +83,7 @@ def track(
     sphere_map : bool, optional
         Take every pose from a map of the ball's texture, which is made from the recording itself, the outline
         included: no drift, and about twice the precision of steps from frame to frame. By default a map is made of
-        every textured ball in six frames or more. Where the images do not allow a map, nothing changes and ``settings``
+        every textured ball in six frames or more. Where the images do not allow a map, nothing changes and ``findings``
         says why.
     exposure : float, optional
         Exposure over the time between frames, 0 to 1, by which a moving ball is smeared in each image: the map is
@@ -152,7 +153,7 @@ def track(
     first_image = source.images(0, 1)
     facts = Facts.of(recording, (len(recording), *first_image.shape[-2:]))
     mask = None if ignore is None else as_mask(ignore, first_image)
-    task = phases.Task(source, circle, mask, refine, in_place, telecentric, sphere_map, exposure, stated)
+    task = Task(source, circle, mask, refine, in_place, telecentric, sphere_map, exposure, stated)
     task = dataclasses.replace(task, progress=progress, watch=watch)
     with arguments.doubts_told(recording):
         source, found = phases.run(task, settings, options)
