@@ -17,8 +17,8 @@ from torchsphere.sphere_map.state import State, drawn
 #: Blur of the outline, px, up to which the image is taken as sharp (docs/constants.toml).
 SHARP_PX = 0.2
 
-#: Largest variance of the blur, px^2, its step for the derivative, and number of changes (docs/constants.toml).
-MAX_VARIANCE_PX2, DERIVATIVE_STEP_PX2, ROUNDS = 16.0, 0.01, 4
+#: Limits of the variance of the blur, px^2, its step for the derivative, and number of changes (docs/constants.toml).
+LEAST_VARIANCE_PX2, MAX_VARIANCE_PX2, DERIVATIVE_STEP_PX2, ROUNDS = 0.01, 16.0, 0.1, 4
 
 #: Change of the variance, px^2, after which no further one is needed (docs/constants.toml).
 LAST_CHANGE_PX2 = 0.005
@@ -65,6 +65,6 @@ def _changed(state: State, shared: RowRunner) -> State:
     residual = windows.levels - equations.design.levels(coefficients)
     gradient = (weights * column * residual).sum() - response @ equations.gradient(coefficients, windows.levels)
     # A sharp footprint has fewer rays, so that the derivative would not be one there.
-    wanted = float((variance + gradient / reduced.clamp_min(1e-12)).clamp(DERIVATIVE_STEP_PX2, MAX_VARIANCE_PX2))
+    wanted = float((variance + gradient / reduced.clamp_min(1e-12)).clamp(LEAST_VARIANCE_PX2, MAX_VARIANCE_PX2))
     state = _with_variance(state, wanted)
     return replace(state, ball=replace(state.ball, coefficients=coefficients - (wanted - variance) * response))
