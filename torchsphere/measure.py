@@ -81,16 +81,18 @@ def measure(
     ) as recording:
         start, stop = resolve_range(request.frames, len(recording))
         intervals = None if recording.times is None else np.diff(recording.times[start:stop])
-        _check_class(request, request.fps or recording.frame_rate, intervals)
+        known = request.calibration(recording.frame_rate)
+        frame_rate = known.frame_rate
+        _check_class(request, frame_rate, intervals)
         with draw.drawing_process(_draws_in_parallel(request, stop - start)) as pool, threads.single_threaded_torch():
             hashed = draw.begin(pool, hash_files, recording.files)
             chosen = restrict(recording, start, stop)
             ignore = read_ignore(request.ignore, recording.shape[1:]) if request.ignore else None
             _LOG.info("opened %s: %s, frames %d to %d", recording.path, recording.kind, start, stop - 1)
-            tracked = _track(request, recording, chosen, ignore, start, progress=progress, watch=watch)
+            tracked = _track(request, known, chosen, ignore, start, progress=progress, watch=watch)
+            tracked = dataclasses.replace(tracked, facts=Facts.of(recording, recording.shape))
             _LOG.info("tracked: %s", ", ".join(f"{n} {name}" for name, n in status_counts(tracked).items()))
-            frame_rate = request.fps or recording.frame_rate
-            motion = _kinematics(request, tracked, frame_rate, start)
+            motion = _kinematics(request, tracked)
             found, every, impact_notes = _impacts(request, tracked, motion)
             filtered = _filtered(request, tracked, motion)
             _LOG.info("kinematics: %s; impacts: %d", "none" if motion is None else motion.about["method"], len(every))
@@ -115,9 +117,7 @@ def measure(
             done = Measurement(
                 *(recording, tracked, motion, found, start, warnings, seconds, sha256, extra or {}, name, every),
                 contact_forces=_contact_forces(request, motion, every),
-                filtered=None
-                if motion is None or request.cfc is None
-                else filtered_motion(tracked, motion, request.cfc),
+                filtered=filtered,
             )
             drawing = ", with figures and report" if request.report else ""
             steps.tell("writing the result to %s%s", request.out, drawing)
@@ -137,7 +137,7 @@ def _draws_in_parallel(request: Request, count: int) -> bool:
 
 def _track(
     request: Request,
-    recording: Recording,
+    known: Calibration,
     chosen: Recording,
     ignore: NDArray[np.bool_] | None,
     start: int,
@@ -145,7 +145,7 @@ def _track(
 ) -> Track:
     # Without this argument `track` chooses a region of interest for the ball.
     roi: dict[str, Any] = {} if request.roi is None else {"roi": request.roi}
-    exposure = _exposure(request, request.fps or chosen.frame_rate)
+    exposure = _exposure(request, known.frame_rate)
     found = track(
         chosen,
         request.circle,
@@ -163,13 +163,7 @@ def _track(
         **roi,
         **calls,
     )
-    known = Calibration(
-        request.fps or recording.frame_rate,
-        _milli(request.diameter_mm),
-        _milli(request.mm_per_px),
-        _milli(request.mass_g),
-    )
-    return dataclasses.replace(found, calibration=known, facts=Facts.of(recording, recording.shape))
+    return dataclasses.replace(found, calibration=known)
 
 
 def _exposure(request: Request, frame_rate: float | None) -> float | None:
@@ -213,31 +207,19 @@ def _contact_forces(
     return tuple(contact_force(motion, each, normal_deg=request.normal_deg) for each in impacts)
 
 
-def _kinematics(request: Request, tracked: Track, frame_rate: float | None, start: int) -> Kinematics | None:
-    if frame_rate is None or (request.diameter_mm is None and request.mm_per_px is None):
+def _kinematics(request: Request, tracked: Track) -> Kinematics | None:
+    known = tracked.calibration
+    if known.frame_rate is None or (known.diameter_m is None and known.m_per_px is None):
         return None
     steps.tell("computing velocities and forces")
     return kinematics(
         tracked,
-        frame_rate=frame_rate,
-        diameter_m=_milli(request.diameter_mm),
-        m_per_px=_milli(request.mm_per_px),
-        mass_kg=_milli(request.mass_g),
         lab_frame=request.lab_frame,
-        first_frame=start,
-        relative_sd_scale=request.scale_sd_percent / 100,
-        relative_sd_mass=request.mass_sd_percent / 100,
-        relative_sd_frame_rate=request.fps_sd_percent / 100,
         log=False,  # the command line prints the warnings
         method=request.method,
         window=request.window,
         order=request.order,
     )
-
-
-def _milli(value: float | None) -> float | None:
-    """A thousandth of the value: m from mm, kg from g."""
-    return None if value is None else 1e-3 * value
 
 
 def _impacts(
@@ -249,18 +231,18 @@ def _impacts(
     if not np.isfinite(tracked.increment[:, 0]).any():
         # `impact` would say that one steady motion explains all frames.
         return None, (), (note(f"{NO_IMPACT}no motion was measured."),)
-    solid = None
-    if request.mass_g is not None:
+    solid, known = None, tracked.calibration
+    if known.mass_kg is not None:
         radius_m = tracked.circle.radius * motion.scale.m_per_px
         if request.shell_mm is not None and request.diameter_mm is None:
             require_shell_within(request.shell_mm, 1e3 * radius_m)
         solid = ball(
-            1e-3 * request.mass_g,
+            known.mass_kg,
             2 * radius_m,
-            shell_m=_milli(request.shell_mm),
+            shell_m=None if request.shell_mm is None else 1e-3 * request.shell_mm,
             inertia_kg_m2=request.inertia_kg_m2,
-            relative_sd_mass=request.mass_sd_percent / 100,
-            relative_sd_diameter=request.scale_sd_percent / 100,
+            relative_sd_mass=known.relative_sd_mass,
+            relative_sd_diameter=known.relative_sd_scale,
             log=False,
         )
     found, reason = impact(motion, solid, normal_deg=request.normal_deg, log=False)

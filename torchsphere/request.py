@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from torchsphere.settings.calibration import Calibration
 from torchsphere.settings.choices import AXES, BAYER, DEVICES, EXPORTS, MAPS, METHODS, MODELS, ORDER, WINDOW
 from torchsphere.settings.limits import (
     FRAME_RATES,
@@ -251,6 +252,10 @@ class Request:
     def motion_model(self) -> str:
         """The model of the motion: with a camera, pinhole takes the place of rigid."""
         return "pinhole" if self.model == "rigid" and self.camera() is not None else self.model
+
+    def calibration(self, frame_rate: float | None) -> Calibration:
+        """Frame rate, scale and mass with their uncertainties; the recording states ``frame_rate``."""
+        return Calibration.of_options(vars(self), frame_rate)
 
     def camera(self) -> Camera | None:
         """The camera, or None if none is given."""

@@ -49,3 +49,21 @@ def test_a_diameter_or_mass_in_another_unit_is_told() -> None:
     assert implausible_units(0.03, 0.11) == ()
     assert "30 m, which is implausible; check the units: diameter_m is in m" in implausible_units(30.0, None)[0]
     assert "kg/m3 and is implausible" in implausible_units(0.03, 110.0)[0]
+
+
+def test_a_standard_deviation_belongs_to_its_quantity() -> None:
+    known = Calibration(36_000.0, 0.03, None, 0.11, 0.01, 0.02, 0.03)
+    assert known.overridden(Calibration(), "The track")[0] == known
+    assert known.overridden(Calibration(diameter_m=0.03), "The track")[0] == known
+    assert known.overridden(Calibration(relative_sd_scale=0.05), "The track")[0].relative_sd_scale == 0.05
+    other, _ = known.overridden(Calibration(m_per_px=4e-4, mass_kg=0.2, relative_sd_mass=0.001), "The track")
+    assert other == Calibration(36_000.0, None, 4e-4, 0.2, 0.01, 0.0, 0.001)
+
+
+def test_options_of_the_command_line_come_back() -> None:
+    options = {"fps": 36_000.0, "diameter_mm": 30.1, "mass_g": 110.3, "scale_sd_percent": 0.7, "fps_sd_percent": 0.001}
+    known = Calibration.of_options(options | {"shell_mm": 2.0, "model": "rigid", "mass_sd_percent": 0.0}, 1000.0)
+    assert known.diameter_m == pytest.approx(0.0301, rel=1e-12)
+    assert (known.m_per_px, known.relative_sd_mass) == (None, 0.0)
+    assert known.options() == options
+    assert Calibration.of_options({}, 1000.0) == Calibration(1000.0)

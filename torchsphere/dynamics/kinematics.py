@@ -25,7 +25,7 @@ from torchsphere.estimation.rates import Motion, polynomials
 from torchsphere.estimation.sections import smoothed
 from torchsphere.settings.calibration import Calibration, implausible_units, with_option_names
 from torchsphere.settings.choices import METHODS, ORDER, WINDOW
-from torchsphere.settings.limits import as_float, as_share
+from torchsphere.settings.limits import as_float
 from torchsphere.tracking.result import Track
 
 __all__ = ["Draws", "FoundContact", "Kinematics", "kinematics", "kinematics_of_many", "mean_motion"]
@@ -186,8 +186,6 @@ class _Inputs:
     calibration: Calibration
     frame_rate: float
     scale: Scale
-    sd_mass: float
-    sd_frame_rate: float
     warnings: tuple[str, ...]
 
 
@@ -195,22 +193,21 @@ def _inputs(track: Track, given: Mapping[str, Any], options: Mapping[str, Any]) 
     """What was given, by the names of Python or of the command line, over what the track knows."""
     unset = {name: 0.0 for name in given if name.startswith("relative_sd_")}
     values = with_option_names("kinematics", given, options, unset)
-    sd_scale, sd_mass, sd_rate = (values.pop(f"relative_sd_{name}") for name in ("scale", "mass", "frame_rate"))
     known, notes = track.calibration.overridden(Calibration(**values), "The track")
     if known.frame_rate is None:
         raise ValueError("frame_rate = None: the recording does not tell it; give the camera's, frames per second")
-    sd_mass, sd_rate = as_share("relative_sd_mass", sd_mass), as_share("relative_sd_frame_rate", sd_rate)
-    pixel = _scale(track, known.diameter_m, known.m_per_px, sd_scale)
+    pixel = _scale(track, known.diameter_m, known.m_per_px, known.relative_sd_scale)
     units = implausible_units(2 * track.circle.radius * pixel.m_per_px, known.mass_kg)
-    return _Inputs(known, known.frame_rate, pixel, sd_mass, sd_rate, (*notes, *units))
+    return _Inputs(known, known.frame_rate, pixel, (*notes, *units))
 
 
 def _result(
     track: Track, plane: Track, motion: Motion, times: Array, known: _Inputs, *, lab_frame: bool, log: bool
 ) -> Kinematics:
     """The motion in SI units; ``plane`` is the track in the plane of the first depth, ``times`` are in frames."""
-    units = Units(known.scale, known.frame_rate, lab_frame, known.sd_frame_rate)
-    found = in_si_units(plane, motion, times / known.frame_rate, units, known.calibration.mass_kg, known.sd_mass)
+    ball = known.calibration
+    units = Units(known.scale, known.frame_rate, lab_frame, ball.relative_sd_frame_rate)
+    found = in_si_units(plane, motion, times / known.frame_rate, units, ball.mass_kg, ball.relative_sd_mass)
     if log:
         for sentence in known.warnings:
             if sentence not in track.warnings:

@@ -137,7 +137,7 @@ def _track(found: ResultFolder) -> Track:
         settings={name: value for name, value in summary["settings"].items() if name not in known},
         findings=found_out,
         warnings=tuple(summary["warnings"]),
-        calibration=_calibration(summary),
+        calibration=Calibration.of_options(summary["settings"], summary["frame_rate"]),
         first_frame=summary["input"]["first_frame"],
         facts=_facts(summary),
         times=_uneven_times(found),
@@ -160,12 +160,6 @@ def _circle(circle: Mapping[str, Any], first_frame: int) -> Circle:
     return Circle(**known | unknown | {"frame": circle["frame"] - first_frame, "others": others})
 
 
-def _calibration(summary: Mapping[str, Any]) -> Calibration:
-    settings = summary["settings"]
-    values = [settings.get(name) for name in ("diameter_mm", "mm_per_px", "mass_g")]
-    return Calibration(summary["frame_rate"], *(None if value is None else 1e-3 * value for value in values))
-
-
 def _facts(summary: Mapping[str, Any]) -> Facts:
     source = summary["input"]
     is_stated = summary.get("frame_rate_origin") not in (None, "given")
@@ -183,7 +177,7 @@ def _facts(summary: Mapping[str, Any]) -> Facts:
 
 def _motion(found: ResultFolder, motion: SIMotion, track: Track) -> Kinematics:
     """The numbers of ``kinematics.csv`` with what summary.json says of them."""
-    summary, settings = found.summary, found.summary["settings"]
+    summary = found.summary
     scale = Scale(**summary["scale"])
     contact, impact = summary.get("contact_s"), summary.get("impact") or {}
     sds = [(impact.get(name) or {}).get("sd") for name in ("contact_start", "contact_end")]
@@ -201,8 +195,8 @@ def _motion(found: ResultFolder, motion: SIMotion, track: Track) -> Kinematics:
         draws=None,
         about={**(summary["differentiation"] or {}), "loaded": True},
         is_measured=np.isfinite(track.position[:, 0]),
-        relative_sd_frame_rate=settings.get("fps_sd_percent", 0.0) / 100,
-        relative_sd_mass=settings.get("mass_sd_percent", 0.0) / 100,
+        relative_sd_frame_rate=track.calibration.relative_sd_frame_rate,
+        relative_sd_mass=track.calibration.relative_sd_mass,
         diameter_m=2 * track.circle.radius * scale.m_per_px,
         track=track,
     )

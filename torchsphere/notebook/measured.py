@@ -67,35 +67,27 @@ def measurement(
 def request_for(track: Track, motion: Kinematics | None, folder: Path, normal_deg: float | None = None) -> Request:
     """The settings of the command line with which this track and its motion would have been measured."""
     known, facts = track.calibration, track.facts
-    has_scale = known.diameter_m is not None or known.m_per_px is not None
-    is_stated = facts is not None and facts.frame_rate == known.frame_rate
+    options: dict[str, Any] = dict(known.options())
+    if facts is not None and facts.frame_rate == known.frame_rate:
+        options.pop("fps", None)
+    if known.diameter_m is None and known.m_per_px is None:
+        options.pop("mass_g", None)
     of_motion: dict[str, Any] = {}
     if motion is not None:
         method = motion.about.get("method")
         of_motion = {
             "lab_frame": motion.lab_frame,
             "method": method if method in METHODS else METHODS[0],
-            "scale_sd_percent": 100 * motion.scale.relative_sd_given,
-            "mass_sd_percent": 100 * motion.relative_sd_mass,
-            "fps_sd_percent": 100 * motion.relative_sd_frame_rate,
         }
     circle = track.circle
     return Request(
         input=Path("array") if facts is None or not facts.files else facts.path,
         out=folder,
         circle=(circle.x, circle.y, circle.radius) if track.settings.get("circle_given") else None,
-        fps=None if is_stated else known.frame_rate,
-        diameter_mm=_thousand(known.diameter_m),
-        mm_per_px=_thousand(known.m_per_px),
-        mass_g=_thousand(known.mass_kg) if has_scale else None,
         normal_deg=normal_deg,
+        **options,
         **of_motion,
     )
-
-
-def _thousand(value: float | None) -> float | None:
-    """The value in the smaller unit, without the digits of rounding."""
-    return None if value is None else float(f"{1e3 * value:.12g}")
 
 
 def result_folder(done: Measurement, normal_deg: float | None = None) -> ResultFolder:

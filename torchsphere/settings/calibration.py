@@ -16,6 +16,7 @@ from torchsphere.settings.limits import (
     FRAME_RATES,
     as_float,
     as_positive,
+    as_share,
     shown_value,
 )
 
@@ -31,18 +32,32 @@ OPTION_NAMES: dict[str, tuple[str, float]] = {
     "fps_sd_percent": ("relative_sd_frame_rate", 1e-2),
 }
 
+#: Quantities, and the names of their relative standard deviations.
+_SDS = {
+    "frame_rate": "relative_sd_frame_rate",
+    "diameter_m": "relative_sd_scale",
+    "m_per_px": "relative_sd_scale",
+    "mass_kg": "relative_sd_mass",
+}
+
 #: Relative difference of two numbers that are the same but for rounding.
 _SAME = 1e-9
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Frame rate (1/s), the ball's diameter (m) or the size of a pixel (m), and its mass (kg); None where not known."""
+    """Frame rate (1/s), the ball's diameter (m) or the size of a pixel (m), and its mass (kg); None where not known.
+
+    The relative standard deviations are those of frame rate, diameter or size of a pixel, and mass.
+    """
 
     frame_rate: float | None = None
     diameter_m: float | None = None
     m_per_px: float | None = None
     mass_kg: float | None = None
+    relative_sd_frame_rate: float = 0.0
+    relative_sd_scale: float = 0.0
+    relative_sd_mass: float = 0.0
 
     def __post_init__(self) -> None:
         if self.diameter_m is not None and self.m_per_px is not None:
@@ -53,25 +68,46 @@ class Calibration:
                 # Numbers of arrays and tensors become plain numbers.
                 object.__setattr__(self, field.name, _CHECKS[field.name](value))
 
+    @staticmethod
+    def of_options(options: Mapping[str, Any], frame_rate: float | None) -> Calibration:
+        """From options of the command line, by `OPTION_NAMES`; those of others are left out.
+
+        ``frame_rate`` is the recording's, used where none was given.
+        """
+        names = {field.name for field in fields(Calibration)}
+        found: dict[str, Any] = {"frame_rate": frame_rate}
+        for option, (name, factor) in OPTION_NAMES.items():
+            if name in names and options.get(option):
+                found[name] = factor * options[option]
+        return Calibration(**found)
+
+    def options(self) -> dict[str, float]:
+        """What is known, by the names and in the units of the command line, without the digits of rounding."""
+        known = {option: (getattr(self, name, None), factor) for option, (name, factor) in OPTION_NAMES.items()}
+        return {option: float(f"{value / factor:.12g}") for option, (value, factor) in known.items() if value}
+
     def overridden(self, given: Calibration, source: str) -> tuple[Calibration, tuple[str, ...]]:
         """The calibration with what was ``given`` in its place, and a sentence for each contradiction.
 
-        ``source`` is what knew this calibration. A given scale of either kind takes the place of the known one.
+        ``source`` is what knew this calibration. A given scale of either kind takes the place of the known one. What
+        was given without a standard deviation has the known one only where it is the same quantity.
         """
-        sentences = []
-        for name in ("frame_rate", "diameter_m", "m_per_px", "mass_kg"):
+        sentences, kept = [], self
+        for name, sd in _SDS.items():
             known, new = getattr(self, name), getattr(given, name)
-            if known is not None and new is not None and not math.isclose(known, new, rel_tol=_SAME):
+            if new is None or (known is not None and math.isclose(known, new, rel_tol=_SAME)):
+                continue
+            kept = replace(kept, **{sd: 0.0})
+            if known is not None:
                 sentences.append(f"{source} states {name} = {known:g}; {new:g} was given and used.")
-        kept = self
         if given.diameter_m is not None or given.m_per_px is not None:
             for name, other in (("diameter_m", "m_per_px"), ("m_per_px", "diameter_m")):
                 known, new = getattr(self, name), getattr(given, other)
                 if known is not None and new is not None:
                     sentences.append(f"{source} states {name} = {known:g}; {other} = {new:g} was given and used.")
-            kept = replace(self, diameter_m=None, m_per_px=None)
+            kept = replace(kept, diameter_m=None, m_per_px=None)
         news = {field.name: getattr(given, field.name) for field in fields(given)}
-        return replace(kept, **{name: value for name, value in news.items() if value is not None}), tuple(sentences)
+        return replace(kept, **{name: value for name, value in news.items() if value}), tuple(sentences)
 
 
 def as_frame_rate(frame_rate: Any) -> float:
@@ -91,6 +127,9 @@ _CHECKS: dict[str, Callable[[Any], float]] = {
     "diameter_m": lambda value: as_positive("diameter_m", value, _LENGTH),
     "m_per_px": lambda value: as_positive("m_per_px", value, _LENGTH),
     "mass_kg": lambda value: as_positive("mass_kg", value),
+    "relative_sd_frame_rate": lambda value: as_share("relative_sd_frame_rate", value),
+    "relative_sd_scale": lambda value: as_share("relative_sd_scale", value),
+    "relative_sd_mass": lambda value: as_share("relative_sd_mass", value),
 }
 
 
