@@ -1,10 +1,13 @@
 """What was found out about a recording, in Python and in ``summary.json``."""
 
 import json
+import re
 from dataclasses import fields
+from pathlib import Path
 
 import pytest
 
+import torchsphere
 from torchsphere.results.writer import plain
 from torchsphere.sphere_map.decision import MadeMap, NoMap, Why
 from torchsphere.tracking.findings import Findings, Place
@@ -46,3 +49,10 @@ def test_a_summary_of_an_earlier_version_lacks_some() -> None:
     found = Findings.read({"sphere_map": about, "model": "rigid"})
     assert isinstance(found.map, NoMap)
     assert (found.map.is_needed, found.coded, found.place) == (False, False, None)
+
+
+def test_no_module_reads_a_finding_by_a_string() -> None:
+    names = "|".join(Findings().items())
+    key = re.compile(rf"""settings(\.get\(|\[)["']({names})["']""")
+    package = Path(torchsphere.__file__).parent
+    assert [path.name for path in package.rglob("*.py") if key.search(path.read_text(encoding="utf-8"))] == []

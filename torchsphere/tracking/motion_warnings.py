@@ -157,7 +157,7 @@ def _circle_warnings(source: Source, track: Track, start: int) -> list[str]:
         sentences.append(
             severe(
                 f"Nothing confirms the circle at {circle.text(1)} px: the frames right after it hardly "
-                f"show the same, so the last {track.settings['untried_frames']} frames were not tried."
+                f"show the same, so the last {track.findings.untried_frames} frames were not tried."
             )
         )
     if math.isnan(circle.sd_radius):
