@@ -64,7 +64,8 @@ class Calibration:
             raise ValueError("scale: give either the ball's diameter or the size of a pixel")
         for field in fields(self):
             value = getattr(self, field.name)
-            if value is not None:
+            # What is not known is None; a standard deviation that is not known is 0.
+            if value is not None or field.default is not None:
                 # Numbers of arrays and tensors become plain numbers.
                 object.__setattr__(self, field.name, _CHECKS[field.name](value))
 
