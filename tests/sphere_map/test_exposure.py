@@ -2,10 +2,13 @@
 
 from dataclasses import replace
 
+import pytest
 import torch
 from ball_models import RADIUS, dense_rows, poses, smooth_ball, windows
 
-from torchsphere.sphere_map import exposure, forward_model
+from torchsphere.sphere_map import exposure, exposure_share, forward_model
+from torchsphere.sphere_map.pixel_weights import uniform_profile
+from torchsphere.sphere_map.state import State
 
 #: Motion per frame: dx, dy, and turns times the radius, px.
 MOTION = torch.tensor([5.0, -2.0, 1.0, -2.0, 3.0], dtype=torch.float64)
@@ -76,3 +79,19 @@ def test_moments_follow_the_rows_of_windows() -> None:
     torch.testing.assert_close(rows.moments, moved[1:3])
     joined = type(seen).joined([seen.rows(0, 1), seen.rows(1, len(seen))])
     torch.testing.assert_close(joined.moments, moved)
+
+
+def test_the_change_of_an_exposure_is_told_from_its_moments_and_is_none_where_the_ball_rests() -> None:
+    at, ball = poses(), smooth_ball()
+    plain = windows(at)
+    size = torch.tensor(RADIUS, dtype=torch.float64)
+
+    def shown(motion: torch.Tensor) -> State:
+        moved = exposure.moments(MOTION.expand(len(plain), 5), 0.6, RADIUS)
+        assert moved is not None
+        return State(replace(plain, moments=moved * motion), at, ball, uniform_profile(size, 4.0))
+
+    moving, resting = shown(torch.ones(5)), shown(torch.zeros(5))
+    longer = exposure_share.lengthened(moving, torch.tensor(0.25))
+    assert exposure_share.factor_between(moving, longer) == pytest.approx(1.25)
+    assert exposure_share.factor_between(resting, exposure_share.lengthened(resting, torch.tensor(0.25))) == 1.0

@@ -48,7 +48,8 @@ def test_a_summary_of_an_earlier_version_lacks_some() -> None:
     about = {"used": False, "reason": "not needed: it was not asked for"}
     found = Findings.read({"sphere_map": about, "model": "rigid"})
     assert isinstance(found.map, NoMap)
-    assert (found.map.is_needed, found.coded, found.place) == (False, False, None)
+    assert (found.map.why, found.map.is_needed) == (Why.UNKNOWN, False)
+    assert (found.coded, found.place) == (False, None)
 
 
 def test_no_module_reads_a_finding_by_a_string() -> None:

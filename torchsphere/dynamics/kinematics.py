@@ -57,7 +57,8 @@ def kinematics(
 ) -> Kinematics:
     """Motion in SI units.
 
-    What is not given is that of ``track.calibration``: the frame rate of the recording, and what `track` was given.
+    What is not given is that of ``track.calibration``: the frame rate of the recording, and what `track` was given. So
+    are standard deviations of 0, unless their quantity is given anew.
     What is given wins, and a contradiction is a warning.
 
     Parameters
@@ -205,9 +206,9 @@ def _result(
     track: Track, plane: Track, motion: Motion, times: Array, known: _Inputs, *, lab_frame: bool, log: bool
 ) -> Kinematics:
     """The motion in SI units; ``plane`` is the track in the plane of the first depth, ``times`` are in frames."""
-    ball = known.calibration
-    units = Units(known.scale, known.frame_rate, lab_frame, ball.relative_sd_frame_rate)
-    found = in_si_units(plane, motion, times / known.frame_rate, units, ball.mass_kg, ball.relative_sd_mass)
+    given = known.calibration
+    units = Units(known.scale, known.frame_rate, lab_frame, given.relative_sd_frame_rate)
+    found = in_si_units(plane, motion, times / known.frame_rate, units, given.mass_kg, given.relative_sd_mass)
     if log:
         for sentence in known.warnings:
             if sentence not in track.warnings:

@@ -32,6 +32,7 @@ NOT_NEEDED = "not needed: "
 class Why(enum.Enum):
     """Why there is no map."""
 
+    UNKNOWN = enum.auto()
     NOT_ASKED = enum.auto()
     MODEL = enum.auto()
     NO_ROTATION = enum.auto()

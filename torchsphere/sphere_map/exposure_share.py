@@ -41,8 +41,9 @@ def lengthened(state: State, change: Tensor) -> State:
 
 
 def factor_between(before: State, after: State) -> float:
-    """Exposure ``after`` over that ``before``."""
-    return float(_moments(after).norm() / _moments(before).norm())
+    """Exposure ``after`` over that ``before``; 1 where the ball rests in all images, which are not smeared."""
+    smear = float(_moments(before).norm())
+    return float(_moments(after).norm()) / smear if smear else 1.0
 
 
 def _moments(state: State) -> Tensor:

@@ -9,8 +9,8 @@ from typing import Any
 
 from torchsphere.sphere_map.decision import NOT_NEEDED, MadeMap, NoMap, Why
 
-#: No map, and nobody has said why.
-UNKNOWN_MAP = NoMap(Why.NOT_ASKED, "it was not asked for", is_needed=False)
+#: No map, and nobody has said why, as in results of earlier versions.
+UNKNOWN_MAP = NoMap(Why.UNKNOWN, "no reason is known", is_needed=False)
 
 
 @dataclass(frozen=True)
