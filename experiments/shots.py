@@ -28,7 +28,7 @@ from render.shot import Shot
 from render.trajectory import Table
 from render.truth import truth
 from torchsphere.benchmark.baselines import TRACKERS, Baseline
-from torchsphere.tracking.findings import Findings
+from torchsphere.motion.findings import Findings
 
 Circle = tuple[float, float, float]
 

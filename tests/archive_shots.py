@@ -22,13 +22,13 @@ from shots import rotation_matrix, speckle
 from torchsphere.archive.work import Job, Outcome, run_job
 from torchsphere.cli import batch
 from torchsphere.measure import Request
+from torchsphere.motion.track import status_counts
 from torchsphere.recording import open_recording
 from torchsphere.request import PER_RECORDING
 from torchsphere.results import atomic_output, writer
 from torchsphere.runtime.file_hash import hash_files
 from torchsphere.runtime.shown_text import shown
 from torchsphere.synthetic import ray_caster
-from torchsphere.tracking.result import status_counts
 from torchsphere.tracking.track import Track, track
 
 RADIUS, FRAMES = 12.0, 5

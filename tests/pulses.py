@@ -8,8 +8,8 @@ import numpy as np
 
 import torchsphere as ts
 from torchsphere.geometry.orientation import chain
+from torchsphere.motion.findings import Findings
 from torchsphere.sphere_map.decision import MadeMap
-from torchsphere.tracking.findings import Findings
 
 #: A pulse of 29 kN over 14 frames at 50 kfps, a ball of 110 g, a pixel of 0.1 mm.
 RATE, MASS_KG, PEAK_N, FRAMES, LENGTH, M_PER_PX = 50e3, 0.11, 29e3, 80, 14.0, 1e-4

@@ -4,8 +4,8 @@ import numpy as np
 
 import torchsphere as ts
 from torchsphere.geometry.orientation import chain
+from torchsphere.motion.findings import Findings
 from torchsphere.sphere_map.decision import MadeMap, NoMap
-from torchsphere.tracking.findings import Findings
 
 
 def made_map(track: ts.Track) -> MadeMap:

@@ -26,6 +26,7 @@ from torchsphere.dynamics.filtered_motion import FilteredMotion, filtered_motion
 from torchsphere.dynamics.impact import impact, impacts
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics, kinematics
+from torchsphere.motion.track import status_counts
 from torchsphere.recording import Recording, open_recording
 from torchsphere.recording.facts import Facts
 from torchsphere.recording.frame_range import resolve_range, restrict
@@ -45,7 +46,6 @@ from torchsphere.settings.calibration import Calibration
 from torchsphere.settings.choices import MAPS
 from torchsphere.settings.limits import SettingError
 from torchsphere.tracking.follow import Progress, Watch
-from torchsphere.tracking.result import status_counts
 from torchsphere.tracking.track import Track, track
 
 _LOG = logging.getLogger("torchsphere")
@@ -100,7 +100,7 @@ def measure(
             warnings = by_level(
                 (
                     *track_warnings(request, recording, tracked, frame_rate),
-                    *contradictions(tracked, motion),
+                    *contradictions(motion),
                     *window_warnings(tracked, motion),
                     *bandwidth_warnings(motion),
                     *impact_notes,

@@ -16,8 +16,8 @@ from scipy.special import betaincinv
 
 import torchsphere as ts
 from torchsphere.geometry.orientation import chain
+from torchsphere.motion.findings import Findings
 from torchsphere.sphere_map.decision import MadeMap
-from torchsphere.tracking.findings import Findings
 
 Array = NDArray[np.float64]
 Shape = Callable[[Array], Array]

@@ -14,7 +14,7 @@ from torchsphere.benchmark import leaderboard, prediction_table, predictions, sc
 from torchsphere.benchmark.folder import Suite, Truth
 from torchsphere.benchmark.score import CAP_DEG, CAP_PX, Score, score
 from torchsphere.benchmark.score_rows import MEANS, VALUES, ScoreRow
-from torchsphere.results.reader import INCREMENTS
+from torchsphere.motion.ledger import INCREMENTS
 
 N, CHECKSUM = 11, "sha256:" + "a" * 64
 CIRCLE = (40.0, 30.0, 20.0)

@@ -58,7 +58,7 @@ OF_TRACK = {
     "its radius": ([], "tracking.initial_circle.calibrate_circle", "to measure its radius"),
     "limbs": (CIRCLE, "tracking.limb_path._as_arrays", "comparing the path of the ball with its outlines"),
     "a map": (CIRCLE, "tracking.drift.image_blur", "making a map of the ball"),
-    "checks": (PAIRS, "tracking.track.motion_warnings", "checking the result against the images"),
+    "checks": (PAIRS, "tracking.track.ledger.applied", "checking the result against the images"),
     "velocities": ([*PAIRS, *SI], "measure.kinematics", "computing velocities and forces"),
     "tables": (PAIRS, "measure.writer.write_measurement", "writing the result to "),
     "figures": (PAIRS, "measure.draw.draw", ", with figures and report"),

@@ -106,7 +106,7 @@ def test_the_scatter_of_fast_turns_is_the_stated_uncertainty(degrees: float, noi
         assert (measured.status == "ok").all()
         error = measured.increment - made.increments.numpy()
         sd = np.sqrt(np.einsum("nii->ni", measured.covariance))
-        # Errors that all steps share belong to `torchsphere.tracking.steady_error`.
+        # Errors that all steps share belong to `torchsphere.errors.steady_error`.
         ratios.append((error - error.mean(0)) / sd * np.sqrt(12 / 11))
     found = np.sqrt(np.mean(np.concatenate(ratios) ** 2, 0))
     # The ratio of 33 errors is known to 12 %. With the whole residual as noise it is 0.4 to 0.7.

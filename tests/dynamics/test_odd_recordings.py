@@ -12,8 +12,8 @@ from pulses import M_PER_PX, NOISES_M, RATE, pulse
 
 import torchsphere as ts
 from torchsphere.dynamics.kinematics import mean_motion
+from torchsphere.motion.findings import Findings
 from torchsphere.settings.choices import METHODS
-from torchsphere.tracking.findings import Findings
 
 FRAMES = 80
 

@@ -7,7 +7,7 @@ import pytest
 from tracks import falling_track, made_track
 
 import torchsphere as ts
-from torchsphere.tracking.findings import Findings
+from torchsphere.motion.findings import Findings
 
 
 @pytest.fixture

@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from torchsphere.motion.ledger import INCREMENTS
 from torchsphere.report.time_series import time_series
 from torchsphere.report.turned_angles import sd_turned_rad
-from torchsphere.results.reader import INCREMENTS, ResultFolder
+from torchsphere.results.reader import ResultFolder
 
 
 def with_errors(result: ResultFolder, share: float, steady: float, relative: float) -> ResultFolder:

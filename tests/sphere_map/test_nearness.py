@@ -11,9 +11,9 @@ from shots import noisy, rotation_matrix, speckle
 from tracks import made_map
 
 from torchsphere import Camera, Circle, track
+from torchsphere.motion.track import Track
 from torchsphere.sphere_map import nearness
 from torchsphere.synthetic import ray_caster
-from torchsphere.tracking.result import Track
 
 RADIUS, SHAPE = 24.0, (76, 170)
 

@@ -6,8 +6,8 @@ import pytest
 from tracks import falling_track
 
 import torchsphere as ts
+from torchsphere.motion.findings import UNKNOWN_MAP, Findings
 from torchsphere.sphere_map.decision import MadeMap
-from torchsphere.tracking.findings import UNKNOWN_MAP, Findings
 from torchsphere.tracking.proof import lacking_proof, require_proof
 
 

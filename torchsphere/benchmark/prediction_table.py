@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.motion.ledger import INCREMENTS
 from torchsphere.results.atomic_output import atomic_file
-from torchsphere.results.reader import INCREMENTS
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from torchsphere.benchmark.folder import Suite
 from torchsphere.benchmark.prediction_table import POSITION, QUATERNION, ROTATION, SD, TRANSLATION, Table, columns_of
 from torchsphere.benchmark.prediction_table import read as read_table
-from torchsphere.results.reader import INCREMENTS
+from torchsphere.motion.ledger import INCREMENTS
 
 Array = NDArray[np.float64]
 

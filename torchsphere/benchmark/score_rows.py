@@ -14,8 +14,8 @@ from torchsphere.benchmark import predictions
 from torchsphere.benchmark.folder import Benchmark, Suite, Truth, read_footage
 from torchsphere.benchmark.predictions import Prediction
 from torchsphere.benchmark.score import KINDS, Score, score
+from torchsphere.motion.ledger import INCREMENTS
 from torchsphere.results.atomic_output import atomic_file
-from torchsphere.results.reader import INCREMENTS
 from torchsphere.results.spreadsheet import neutral_cell, plain_text
 
 #: Values of the column ``rotation``; `NOT_VISIBLE` for a ball without a pattern.

@@ -17,7 +17,7 @@ from torchsphere.benchmark.baselines import TRACKERS, Baseline
 from torchsphere.benchmark.prediction_table import IGNORED, KNOWN, POSITION, QUATERNION, ROTATION
 from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.orientation import quaternions
-from torchsphere.results.reader import INCREMENTS
+from torchsphere.motion.ledger import INCREMENTS
 from torchsphere.runtime.signals import Termination
 from torchsphere.tracking.track import Track, track
 

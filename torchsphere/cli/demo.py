@@ -62,9 +62,9 @@ def run(options: dict[str, Any]) -> int:
 
 
 def _print_comparison(shot: Shot, done: Measurement) -> None:
+    from torchsphere.motion.track import status_counts
     from torchsphere.report.summary_tables import with_sd
     from torchsphere.synthetic import demo_shot
-    from torchsphere.tracking.result import status_counts
 
     tracked = done.track
     assert done.motion is not None  # the request has frame rate and scale

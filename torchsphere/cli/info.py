@@ -76,10 +76,10 @@ def _preview(recording: Recording, path: Path) -> int:
     """Draw the circle that is found, with all that may be the ball, or else the first image with a grid."""
     with loading_libraries():
         from torchsphere.correlation.options import Options
+        from torchsphere.errors.raw_mosaic import about, without_mosaic
         from torchsphere.recording.frame_source import Source
         from torchsphere.report.preview_figure import grid_figure, preview_figure
         from torchsphere.tracking.initial_circle import find_initial_circle
-        from torchsphere.tracking.raw_mosaic import about, without_mosaic
 
     source, patterns = without_mosaic(Source.open(recording, "cpu").standardised())
     if patterns:

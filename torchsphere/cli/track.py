@@ -119,7 +119,7 @@ def _summary(out: Path) -> str:
 def _print_outcome(done: Measurement, out: Path, options: dict[str, Any]) -> int:
     """Print what was measured, and return the exit code."""
     from torchsphere.cli.outcome import in_red, outcome_lines
-    from torchsphere.tracking.result import why_unusable
+    from torchsphere.motion.track import why_unusable
 
     reason = why_unusable(done.track.status)
     if reason:

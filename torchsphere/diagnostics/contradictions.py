@@ -1,4 +1,4 @@
-"""Results that contradict themselves: velocities against positions, and residual images that are no noise."""
+"""Results that contradict themselves: velocities against positions."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.runtime.warning_levels import severe
-from torchsphere.sphere_map.decision import MadeMap
-from torchsphere.tracking.result import Track
 
 #: Difference of positions and the integral of the velocity, in standard deviations of the velocity, that contradicts
 #: it (docs/constants.toml).
@@ -17,19 +15,10 @@ CONTRADICTION_SD = 5.0
 #: Difference of positions and the integral of the velocity that is none, px (docs/constants.toml).
 NEGLIGIBLE_PX = 0.25
 
-#: Factor on the standard deviations of the steps, and residual over noise, of a residual that is no noise
-#: (docs/constants.toml).
-STRUCTURED_WIDENING, STRUCTURED_RESIDUAL = 3.0, 1.5
-
 Array = NDArray[np.float64]
 
 
-def contradictions(track: Track, motion: Kinematics | None) -> tuple[str, ...]:
-    """Sentences on a result that contradicts itself."""
-    return (*_velocity_against_position(motion), *_structured_residual(track))
-
-
-def _velocity_against_position(motion: Kinematics | None) -> tuple[str, ...]:
+def contradictions(motion: Kinematics | None) -> tuple[str, ...]:
     """A sentence if the ball is elsewhere than its velocity leads, by more than the velocity's error explains."""
     if motion is None:
         return ()
@@ -76,23 +65,3 @@ def _gap(motion: Kinematics, part: slice) -> tuple[Array, Array]:
     by_velocity, by_rule = (np.concatenate((edge, np.cumsum(steps))) for steps in (reach, change))
     own = np.hypot(sd_position, sd_position[0])
     return gap, CONTRADICTION_SD * np.hypot(by_velocity, own) + by_rule + NEGLIGIBLE_PX * motion.scale.m_per_px
-
-
-def _structured_residual(track: Track) -> tuple[str, ...]:
-    """A sentence if the residual images on the map are alike over many pixels, as no noise is."""
-    made = track.findings.map
-    if not isinstance(made, MadeMap):
-        return ()
-    widened, over_noise = made.widened, made.residual_over_noise
-    is_large = over_noise >= STRUCTURED_RESIDUAL
-    # A codec's blocks are alike over many pixels; another sentence reports the codec.
-    is_alike = widened >= STRUCTURED_WIDENING and not track.findings.coded
-    if not (is_large or is_alike):
-        return ()
-    signs = [f"they are {over_noise:.1f} times as large"] if is_large else []
-    signs += [f"alike over many pixels, which widens standard deviations up to {widened:.1f} times"] if is_alike else []
-    return (
-        f"The residual images are no noise: {', and '.join(signs)}. The ball as modelled does not explain its images: "
-        "likely causes are moving light or reflections, a wrong circle, a body that is no sphere, or a near camera. "
-        "Look at the residual in the report.",
-    )

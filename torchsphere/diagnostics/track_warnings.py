@@ -7,12 +7,12 @@ import numpy as np
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.estimation.measurements import measured_increments
 from torchsphere.estimation.savitzky_golay import runs
+from torchsphere.motion.track import Track
 from torchsphere.recording import Recording
 from torchsphere.recording.facts import doubt_notes
 from torchsphere.request import Request
 from torchsphere.runtime.warning_levels import note, severe
 from torchsphere.settings.limits import unit_warnings
-from torchsphere.tracking.result import Track
 
 #: Deviation of an acceleration from its median that no flight has, in standard deviations (docs/constants.toml).
 MAX_FLIGHT_SD = 6.0

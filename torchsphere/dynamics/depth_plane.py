@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from torchsphere.geometry.camera import Camera, undistorted, view_of
-from torchsphere.tracking.result import Track
+from torchsphere.motion.track import Track
 
 Array = NDArray[np.float64]
 

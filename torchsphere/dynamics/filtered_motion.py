@@ -12,7 +12,7 @@ from torchsphere.dynamics.depth_plane import in_depth_plane
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.dynamics.shared_errors import SharedErrors
 from torchsphere.estimation.measurements import poses
-from torchsphere.tracking.result import Track
+from torchsphere.motion.track import Track
 
 Array = NDArray[np.float64]
 

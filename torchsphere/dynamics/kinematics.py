@@ -23,10 +23,10 @@ from torchsphere.dynamics.units import Units
 from torchsphere.estimation.measurements import measured_increments, poses
 from torchsphere.estimation.rates import Motion, polynomials
 from torchsphere.estimation.sections import smoothed
+from torchsphere.motion.track import Track
 from torchsphere.settings.calibration import Calibration, implausible_units, with_option_names
 from torchsphere.settings.choices import METHODS, ORDER, WINDOW
 from torchsphere.settings.limits import as_float
-from torchsphere.tracking.result import Track
 
 __all__ = ["Draws", "FoundContact", "Kinematics", "kinematics", "kinematics_of_many", "mean_motion"]
 

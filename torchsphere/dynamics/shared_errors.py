@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.dynamics.scale import Scale
-from torchsphere.tracking.result import Track
+from torchsphere.motion.track import Track
 
 #: Error of a step, px, per px of error of the radius and rad of rotation: by pairs, and on a map (docs/constants.toml).
 STEP_PER_RADIUS, STEP_PER_RADIUS_ON_MAP = 3.0, 1.3

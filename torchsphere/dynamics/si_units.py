@@ -19,8 +19,8 @@ from torchsphere.dynamics.scale import Scale
 from torchsphere.dynamics.shared_errors import SharedErrors
 from torchsphere.dynamics.units import Units
 from torchsphere.estimation.rates import Motion, MotionContact
+from torchsphere.motion.track import Track
 from torchsphere.runtime.presentation import Tabulated, present
-from torchsphere.tracking.result import Track
 
 if TYPE_CHECKING:
     import os

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.estimation.likelihood import Series
-from torchsphere.tracking.result import Track
+from torchsphere.motion.track import Track
 
 Array = NDArray[np.float64]
 

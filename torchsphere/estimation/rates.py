@@ -19,7 +19,7 @@ from torchsphere.estimation.measurements import FREEDOMS, Poses, measured_increm
 from torchsphere.estimation.process_model import STATES
 from torchsphere.estimation.rts import Smoothed
 from torchsphere.estimation.spread import sd_of_errors
-from torchsphere.tracking.result import Track
+from torchsphere.motion.track import Track
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from torchsphere.estimation.contact_search import Contact
 from torchsphere.estimation.force_spans import force_spans
 from torchsphere.estimation.measurements import FREEDOMS, Poses, poses
 from torchsphere.estimation.rates import Motion, MotionContact, motion_of_states, smoothed_whole
-from torchsphere.tracking.result import Track
+from torchsphere.motion.track import Track
 
 #: Longest recording that is smoothed as a whole, frames (docs/constants.toml).
 MAX_UNDIVIDED_FRAMES = 512

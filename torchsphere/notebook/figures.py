@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics
+from torchsphere.motion.track import Track
 from torchsphere.notebook.measured import measurement, result_folder, track_of, with_force
 from torchsphere.report.draw import IMAGE_FIGURES, NUMBER_FIGURES
 from torchsphere.results.reader import ResultFolder
-from torchsphere.tracking.result import Track
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from torchsphere.dynamics.kinematics import Kinematics
+from torchsphere.motion.track import Track
 from torchsphere.notebook.measured import measurement, request_for, track_of
 from torchsphere.recording import Recording
 from torchsphere.recording.frame_range import restrict
@@ -15,7 +16,6 @@ from torchsphere.report import draw, frame_sampling
 from torchsphere.results import sampled_frames, writer
 from torchsphere.results.atomic_output import atomic_folder
 from torchsphere.results.exports import check_exports
-from torchsphere.tracking.result import Track
 
 
 def save(

@@ -16,11 +16,11 @@ from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.dynamics.si_units import largest
 from torchsphere.geometry.circle import Circle
+from torchsphere.motion.track import Track, status_counts
 from torchsphere.notebook import svg
 from torchsphere.notebook.loaded import Result
 from torchsphere.recording import Recording
 from torchsphere.report.summary_tables import IMPACT, with_sd
-from torchsphere.tracking.result import Track, status_counts
 
 #: Longest side of the image of a recording, px.
 IMAGE_PX = 240

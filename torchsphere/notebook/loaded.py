@@ -22,13 +22,15 @@ from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.dynamics.scale import Scale
 from torchsphere.geometry.circle import Circle
 from torchsphere.geometry.orientation import matrices
+from torchsphere.motion import ledger
+from torchsphere.motion.findings import Findings
+from torchsphere.motion.ledger import INCREMENTS
+from torchsphere.motion.track import Track
 from torchsphere.notebook.figures import drawn
 from torchsphere.recording.facts import Facts
-from torchsphere.results.reader import INCREMENTS, ResultFolder, SIMotion, read
+from torchsphere.results.reader import ResultFolder, SIMotion, read
 from torchsphere.runtime.presentation import Presented
 from torchsphere.settings.calibration import Calibration
-from torchsphere.tracking.findings import Findings
-from torchsphere.tracking.result import Track
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -136,6 +138,7 @@ def _track(found: ResultFolder) -> Track:
         circle=_circle(summary["circle"], summary["input"]["first_frame"]),
         settings={name: value for name, value in summary["settings"].items() if name not in known},
         findings=found_out,
+        ledger=ledger.read(summary.get("ledger") or ()),
         warnings=tuple(summary["warnings"]),
         calibration=Calibration.of_options(summary["settings"], summary["frame_rate"]),
         first_frame=summary["input"]["first_frame"],

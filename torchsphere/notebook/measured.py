@@ -13,6 +13,7 @@ from torchsphere.dynamics.impact import impact, impacts
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.geometry.orientation import quaternions
+from torchsphere.motion.track import Track
 from torchsphere.recording.facts import Facts
 from torchsphere.report.explanations import NO_IMPACT
 from torchsphere.request import Request
@@ -21,7 +22,6 @@ from torchsphere.results.reader import ForcePathTable, ResultFolder, SIMotion
 from torchsphere.results.writer import Measurement, plain, summary
 from torchsphere.runtime.file_hash import hash_files
 from torchsphere.settings.choices import METHODS
-from torchsphere.tracking.result import Track
 
 
 def track_of(motion: Kinematics) -> Track:

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from torchsphere.dynamics.kinematics import Kinematics
+from torchsphere.motion.ledger import INCREMENTS
+from torchsphere.motion.track import Track
 from torchsphere.recording.refusal import LibraryMissingError
 from torchsphere.results.columns import Columns, covariances, motion_columns, track_columns, unit_of
 from torchsphere.results.exports import COVARIANCE_UNIT
-from torchsphere.results.reader import INCREMENTS
-from torchsphere.tracking.result import Track
 
 
 def columns_of(subject: Track | Kinematics) -> Columns:

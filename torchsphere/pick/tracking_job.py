@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from torchsphere.geometry.orientation import chain, quaternions
 from torchsphere.measure import Measurement, measure
+from torchsphere.motion.track import Track, why_unusable
 from torchsphere.pick.refusal import sentence_of
 from torchsphere.report import explanations
 from torchsphere.request import Request
@@ -20,7 +21,6 @@ from torchsphere.results.reader import read
 from torchsphere.runtime.warning_levels import CAUTION, SEVERE
 from torchsphere.settings.choices import STATUSES
 from torchsphere.tracking.record import Record
-from torchsphere.tracking.result import Track, why_unusable
 
 #: States of a job.
 RUNNING, DONE, FAILED, STOPPED = "running", "done", "failed", "stopped"

@@ -17,9 +17,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from torchsphere.motion.track import Track
 from torchsphere.planning.expected import Setup
 from torchsphere.settings.limits import SettingError
-from torchsphere.tracking.result import Track
 
 #: Deviation of an interval from the usual one, as a share of it, from which it is a gap.
 LONGER = 0.1

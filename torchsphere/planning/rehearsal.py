@@ -21,14 +21,14 @@ from numpy.typing import NDArray
 
 from torchsphere.dynamics.kinematics import Kinematics, kinematics_of_many
 from torchsphere.dynamics.shared_errors import SharedErrors
+from torchsphere.errors.steady_error import sd_steady
 from torchsphere.estimation.measurements import DRIFT_SHARE
 from torchsphere.geometry.circle import Circle
 from torchsphere.geometry.orientation import chain
+from torchsphere.motion.findings import Findings
+from torchsphere.motion.track import Track
 from torchsphere.planning.expected import Setup, require_noise
 from torchsphere.sphere_map.decision import MadeMap
-from torchsphere.tracking.findings import Findings
-from torchsphere.tracking.result import Track
-from torchsphere.tracking.steady_error import sd_steady
 
 #: Frames of flight before and after the contact, and the most frames in contact.
 FLIGHT_FRAMES, MAX_CONTACT_FRAMES = 18, 60

@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from torchsphere.motion.track import why_unusable
 from torchsphere.report.summary_tables import IMPACT, NOT_MEASURED, no_impact, with_sd
 from torchsphere.results.reader import ResultFolder
 from torchsphere.results.vector_length import vector_length
-from torchsphere.tracking.result import why_unusable
 
 #: Keys of an impact in ``summary.json``, in the order of the answer.
 OF_IMPACT = ("speed_before", "speed_after", "peak_force", "spin_rate_before", "spin_rate_after", "restitution_normal")

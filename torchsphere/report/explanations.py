@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.motion.track import why_unusable
 from torchsphere.results.reader import ALL_KNOWN, ResultFolder
 from torchsphere.runtime.warning_levels import levels_of
-from torchsphere.tracking.result import why_unusable
 
 #: Meaning and remedy of each status.
 STATUSES: dict[str, tuple[str, str]] = {

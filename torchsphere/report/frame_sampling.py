@@ -21,16 +21,16 @@ from torchsphere.correlation import znssd
 from torchsphere.correlation.options import Options, margin
 from torchsphere.correlation.reference import Filtered, build_reference
 from torchsphere.correlation.warp import warp
+from torchsphere.errors.raw_mosaic import without_mosaic
 from torchsphere.geometry import motion_models
 from torchsphere.geometry.camera import Camera
 from torchsphere.imaging import crop, interlacing, interpolation
+from torchsphere.motion.track import Track
 from torchsphere.recording.frame_source import Source
 from torchsphere.results.reader import TRANSLATION_KNOWN
 from torchsphere.results.sampled_frames import NO_RESIDUAL, Sampled, encode_webp, rows_to_keep
 from torchsphere.runtime import threads
 from torchsphere.tracking.follow import BATCH
-from torchsphere.tracking.raw_mosaic import without_mosaic
-from torchsphere.tracking.result import Track
 
 #: Size of all images together, bytes (docs/constants.toml).
 BUDGET_BYTES = 1_150_000

@@ -22,6 +22,7 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.motion.track import why_unusable
 from torchsphere.report import explanations, summary_tables
 from torchsphere.report.answer import answer
 from torchsphere.report.budget_table import budget_table
@@ -29,13 +30,13 @@ from torchsphere.report.figure_style import STATUS_COLOURS
 from torchsphere.report.file_links import file_links
 from torchsphere.report.force_figure import force_unit, law_curve
 from torchsphere.report.image_figures import residual_limit
+from torchsphere.report.ledger_table import ledger_table
 from torchsphere.report.time_series import TimeSeries, abscissa, time_series
 from torchsphere.results.atomic_output import atomic_file
 from torchsphere.results.reader import ResultFolder
 from torchsphere.results.sampled_frames import NO_RESIDUAL, Sampled, encode_webp, rows_to_keep
 from torchsphere.results.spreadsheet import plain_text
 from torchsphere.runtime.warning_levels import CAUTION, NOTE, SEVERE
-from torchsphere.tracking.result import why_unusable
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -105,6 +106,7 @@ def report_html(result: ResultFolder) -> str:
         remarks=explanations.warnings(result, NOTE),
         sections=summary_tables.sections(result),
         budget=budget_table(result),
+        ledger=ledger_table(result),
         energy=summary_tables.energy_table(result),
         has_force_path=result.force_path is not None,
         files=file_links(result),

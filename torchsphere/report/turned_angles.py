@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.results.reader import INCREMENTS, ResultFolder
+from torchsphere.motion.ledger import INCREMENTS
+from torchsphere.results.reader import ResultFolder
 
 Array = NDArray[np.float64]
 

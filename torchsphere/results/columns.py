@@ -12,8 +12,8 @@ from torchsphere.dynamics.contact_law import ContactForce
 from torchsphere.dynamics.filtered_motion import FilteredMotion
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.geometry.orientation import quaternions
+from torchsphere.motion.track import Track
 from torchsphere.results.reader import FORCE_PATH_COLUMNS, KINEMATICS_COLUMNS, TRACK_COLUMNS
-from torchsphere.tracking.result import Track
 
 Columns = dict[str, NDArray[Any]]
 

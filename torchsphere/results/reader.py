@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from pyarrow import csv
 
 from torchsphere.dynamics.scale import LAB_AXES
+from torchsphere.motion.ledger import INCREMENTS
 from torchsphere.results.sampled_frames import Sampled, load
 from torchsphere.settings.choices import STATUSES
 
 Array = NDArray[np.float64]
 
 #: Columns of ``track.csv``: the motion from the frame before, px and rad, and all columns.
-INCREMENTS = ("dx_px", "dy_px", "wx_rad", "wy_rad", "wz_rad")
 TRACK_COLUMNS = (
     *("frame", "time_s", "status", "x_px", "y_px", "radius_px"),
     *INCREMENTS,

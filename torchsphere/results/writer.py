@@ -23,6 +23,8 @@ from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics, mean_motion
 from torchsphere.dynamics.shared_errors import per_radius
 from torchsphere.estimation.measurements import DRIFT_SHARE
+from torchsphere.motion.ledger import INCREMENTS
+from torchsphere.motion.track import Track, status_counts, why_unusable
 from torchsphere.recording import Recording
 from torchsphere.recording.facts import Facts
 from torchsphere.request import Request
@@ -35,11 +37,9 @@ from torchsphere.results.columns import (
     unit_of,
 )
 from torchsphere.results.exports import SUFFIXES, write_export
-from torchsphere.results.reader import INCREMENTS
 from torchsphere.runtime.setting_names import as_options
 from torchsphere.runtime.shown_text import shown
 from torchsphere.runtime.warning_levels import level_of
-from torchsphere.tracking.result import Track, status_counts, why_unusable
 
 #: Rows of a block of a CSV file.
 CSV_ROWS = 1000
@@ -204,6 +204,7 @@ def summary(request: Request, done: Measurement, frame_rate: float | None) -> di
         "impacts": _impacts(done),
         "contact_s": None if done.motion is None else done.motion.contact_s,
         "warnings": [as_options(sentence) for sentence in done.warnings],
+        "ledger": [entry.items() for entry in tracked.ledger],
         "warning_levels": [level_of(sentence) for sentence in done.warnings],
         "seconds": round(done.seconds, 3),
         "versions": versions(),

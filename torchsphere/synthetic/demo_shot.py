@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics
+from torchsphere.motion.track import Track
 from torchsphere.synthetic import demo_motion, ray_caster
 from torchsphere.synthetic.demo_motion import CONTACT_LENGTH, CONTACT_START, FRAMES, RADIUS_PX
-from torchsphere.tracking.result import Track
 
 Array = NDArray[np.float64]
 

@@ -44,6 +44,8 @@ class AbsoluteMotion:
     circle: Circle
     map: MadeMap | NoMap
     on_map: NDArray[np.bool_]  # (n,), True for a frame whose pose is on a map
+    # (n - 1, 5), in the standard deviations of the steps by residuals that are alike over many pixels
+    residual_factors: Array
     outline_scatter: float = 0.0  # of the outlines' radii in several frames, relative, where a map was refused
 
     @property
@@ -88,7 +90,8 @@ def absolute_motion(task: Task, measured: Record, circle: Circle, options: Optio
             return _merged(measured, chained, found)
         without = found
     motion = measured.position, measured.increment, measured.covariance
-    return AbsoluteMotion(*motion, chained, circle, without, np.zeros(len(known), dtype=bool))
+    on_map = np.zeros(len(known), dtype=bool)
+    return AbsoluteMotion(*motion, chained, circle, without, on_map, np.ones_like(measured.increment))
 
 
 def _on_map(
@@ -147,7 +150,8 @@ def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion
         radius_over_distance=found.nearness,
         sd_radius_over_distance=found.sd_nearness,
     )
-    return AbsoluteMotion(position, increment, covariance, turned, found.circle, made, on_map)
+    factors = np.where(both[:, None], found.widening, 1.0)
+    return AbsoluteMotion(position, increment, covariance, turned, found.circle, made, on_map, factors)
 
 
 def _turns(orientation: Array, known: NDArray[np.bool_]) -> Array:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.detection import limb_fit
+from torchsphere.errors.ball_in_place import SIGNIFICANT_SD, STAY_SD
 from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source
@@ -32,18 +33,8 @@ MIN_SHARE = 0.8
 #: Largest standard deviation of a limb's centre that shows a place, px (docs/constants.toml).
 MAX_SD_PX = 1.0
 
-#: Largest deviation of a limb, and of the limbs' trend, of a ball that stays, standard deviations
-#: (docs/constants.toml).
-STAY_SD = 3.0
-
-#: Deviation of a path or of a radius from the limbs that is significant, standard deviations (docs/constants.toml).
-SIGNIFICANT_SD = 4.0
-
 #: Least way of the ball's surface over the extent of its path, for a ball that turns in place (docs/constants.toml).
 MIN_SURFACE_WAY = 3.0
-
-#: Least sum of the steps of a ball in its place that a warning reports, px (docs/constants.toml).
-MIN_DRIFT_PX = 0.5
 
 Array = NDArray[np.float64]
 

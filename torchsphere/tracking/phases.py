@@ -9,32 +9,30 @@ import dataclasses
 import logging
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from torch import Tensor
 
 from torchsphere.correlation.options import Options
+from torchsphere.errors.edge_leakage import adapt_options, background_contrast
+from torchsphere.errors.evidence import Evidence
+from torchsphere.errors.raw_mosaic import without_mosaic
+from torchsphere.errors.steady_error import texture_fineness
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import interlacing
-from torchsphere.recording.frame_source import Source
+from torchsphere.motion.findings import Findings, Place
+from torchsphere.motion.track import Track
 from torchsphere.runtime import steps
 from torchsphere.sphere_map.decision import MIN_FRAMES, MadeMap
-from torchsphere.sphere_map.nearness import UNKNOWN_SD
-from torchsphere.tracking import coded_video, frame_memory, growth, hidden_ball, limb_path, outline_shape
+from torchsphere.tracking import growth, limb_path
 from torchsphere.tracking import in_place as place_of_ball
-from torchsphere.tracking.background_blocks import background_blocks
 from torchsphere.tracking.drift import AbsoluteMotion, absolute_motion
-from torchsphere.tracking.edge_leakage import adapt_options, background_contrast, leakage_share
-from torchsphere.tracking.findings import Findings, Place
 from torchsphere.tracking.follow import Follower
 from torchsphere.tracking.in_place import Limbs
 from torchsphere.tracking.initial_circle import find_initial_circle, is_interlaced, shows_outline
 from torchsphere.tracking.proof import needs_proof, require_ball
-from torchsphere.tracking.raw_mosaic import without_mosaic
 from torchsphere.tracking.record import Record
-from torchsphere.tracking.result import Track
-from torchsphere.tracking.steady_error import sd_steady, texture_fineness
 from torchsphere.tracking.task import Task
 
 _LOG = logging.getLogger("torchsphere")
@@ -60,13 +58,21 @@ class _Start:
     image: Tensor  # grey levels (h, w) of the circle's frame
     contrast: float  # of the background against the ball, see `background_contrast`
     options: Options  # adapted to the ball
+    given: frozenset[str] = frozenset()  # names of the options that were given, not adapted
     grows: bool = False  # whether the ball comes nearer or goes away, which nobody said
     interlaced: bool = False  # whether only the even rows are used, as the others show another instant
     mosaic: tuple[str, ...] = ()  # colour mosaics that the images may be, of which only the green pixels are used
 
 
-def run(task: Task, settings: Options, given: dict[str, Any]) -> tuple[Source, Track]:
-    """All phases; also the images that were used. Options that were ``given`` are not adapted to the ball."""
+class Assembled(NamedTuple):
+    """A track without the errors of the ledger, and what these are found by."""
+
+    track: Track
+    evidence: Evidence
+
+
+def run(task: Task, settings: Options, given: dict[str, Any]) -> Assembled:
+    """All phases. Options that were ``given`` are not adapted to the ball."""
     source, mosaic = without_mosaic(task.source)
     task = dataclasses.replace(task, source=source)
     start = dataclasses.replace(_initial_circle(task, settings, given), mosaic=mosaic)
@@ -74,10 +80,10 @@ def run(task: Task, settings: Options, given: dict[str, Any]) -> tuple[Source, T
         task = dataclasses.replace(task, source=task.source.changed(interlacing.of_even_rows))
         start = dataclasses.replace(_initial_circle(task, settings, given), mosaic=mosaic, interlaced=True)
     require_ball(start.circle)
-    return task.source, _measured_in_place(task, start) if task.in_place else _measured(task, start)
+    return _measured_in_place(task, start) if task.in_place else _measured(task, start)
 
 
-def _measured(task: Task, start: _Start) -> Track:
+def _measured(task: Task, start: _Start) -> Assembled:
     """Phases 2 to 4; a ball that turns in its place is recognised and measured again as such."""
     start, measured, motion = _motion(task, start)
     free = _assemble(task, start, measured, motion)
@@ -87,21 +93,20 @@ def _measured(task: Task, start: _Start) -> Track:
         return free
     held = _measured_in_place(dataclasses.replace(task, in_place=True), start, limbs)
     # A frame more or less that fails is chance; a ball that flies fails in most.
-    return held if (held.status == "ok").sum() >= MIN_KEPT_SHARE * (free.status == "ok").sum() else free
+    held_ok, free_ok = ((found.track.status == "ok").sum() for found in (held, free))
+    return held if held_ok >= MIN_KEPT_SHARE * free_ok else free
 
 
-def _measured_in_place(task: Task, start: _Start, limbs: Limbs | None = None) -> Track:
+def _measured_in_place(task: Task, start: _Start, limbs: Limbs | None = None) -> Assembled:
     """Phases 2 to 4 for a ball in its place; with ``limbs`` it was recognised, and nobody said so."""
     recognised = limbs is not None
     limbs = limbs or _limbs(task, start)
     begun = dataclasses.replace(start, circle=place_of_ball.circle_in_place(start.circle, limbs))
     begun, measured, motion = _motion(task, begun)
     motion, drift = place_of_ball.held(motion)
-    track = _assemble(task, begun, measured, motion)
+    track, evidence = _assemble(task, begun, measured, motion)
     if limbs is not None and limbs.stay:
-        # A motion too slow for the limbs to show is an error that all steps share.
-        unseen = place_of_ball.sd_unseen_step(limbs)
-        track = dataclasses.replace(track, sd_steady=np.hypot(track.sd_steady, [*unseen, 0, 0, 0]))
+        evidence = dataclasses.replace(evidence, unseen_step_px=tuple(place_of_ball.sd_unseen_step(limbs)))
     place = Place(
         recognised=recognised,
         steps_sum_px=(float(drift[0]), float(drift[1])),
@@ -111,7 +116,8 @@ def _measured_in_place(task: Task, start: _Start, limbs: Limbs | None = None) ->
         limbs_radius_px=math.nan if limbs is None else float(limbs.circle[2]),
         limbs_sd_px=() if limbs is None else tuple(limbs.sd.tolist()),
     )
-    return dataclasses.replace(track, findings=dataclasses.replace(track.findings, place=place))
+    track = dataclasses.replace(track, findings=dataclasses.replace(track.findings, place=place))
+    return Assembled(track, evidence)
 
 
 def _limbs(task: Task, start: _Start) -> Limbs | None:
@@ -199,7 +205,8 @@ def _initial_circle(task: Task, settings: Options, given: dict[str, Any]) -> _St
     circle, settings = find_initial_circle(task.source, task.circle, task.ignore, task.refine, settings)
     image = task.source.images(circle.frame, circle.frame + 1)[0]
     contrast = background_contrast(image, circle, task.ignore)
-    return _Start(circle, image, contrast, adapt_options(settings, given, circle.radius, contrast))
+    options = adapt_options(settings, given, circle.radius, contrast)
+    return _Start(circle, image, contrast, options, frozenset(given))
 
 
 def _follow_as_it_grows(task: Task, start: _Start) -> tuple[_Start, Record]:
@@ -260,53 +267,21 @@ def _absolute_motion(task: Task, start: _Start, measured: Record) -> AbsoluteMot
     return absolute_motion(task, measured, start.circle, start.options, fineness)
 
 
-def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotion) -> Track:
-    """Phase 4: the track, its steady error, its settings and findings."""
+def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotion) -> Assembled:
+    """Phase 4: the track, and what its errors are found by."""
     radius = motion.circle.radius
-    looks = background_blocks(task.source, motion.position, radius, task.ignore)
-    is_coded = coded_video.is_coded(looks)
-    # A codec's copies have the noise of the images before, too.
-    memory = 0.0 if is_coded else frame_memory.noise_memory(looks)
-    covariance, circle = motion.covariance, motion.circle
-    if memory:
-        covariance = frame_memory.widened(motion.increment, covariance, memory)
-        circle = frame_memory.less_certain(circle, motion.increment, memory)
-    if is_coded:
-        covariance = coded_video.widened(covariance, motion.on_map, radius)
-    height, width = start.image.shape[-2:]
-    is_hidden = hidden_ball.is_hidden_often(measured.status, motion.position, motion.increment, radius, (height, width))
-    if is_hidden:
-        covariance = hidden_ball.WIDENING**2 * covariance
-        circle = circle.with_errors(hidden_ball.WIDENING)
-    leakage = leakage_share(start.contrast, radius, start.options)
-    steps = int(np.isfinite(measured.increment[:, 0]).sum())
-    sd_nearness = _sd_nearness(task, start, motion)
-    allowed = outline_shape.Allowed.of(
-        *(start.options.camera, radius, motion.map, 0.0 if task.telecentric else sd_nearness),
-        stated=task.stated_exposure if task.exposure is None else task.exposure,
-    )
-    axis_ratio = outline_shape.axis_ratio(task.source, motion.position, radius, task.ignore, allowed)
-    return Track(
+    track = Track(
         position=motion.position,
         increment=motion.increment,
-        covariance=covariance,
+        covariance=motion.covariance,
         orientation=motion.orientation,
         zncc=measured.zncc,
         iterations=measured.iterations,
         status=measured.status,
         radius=measured.size * (radius / start.circle.radius),
         sd_growth=measured.sd_growth,
-        sd_steady=sd_steady(
-            motion.increment,
-            radius,
-            texture_fineness(start.image, motion.circle, task.ignore),
-            on_map=isinstance(motion.map, MadeMap),
-            uneven_light=int(measured.uneven_light.sum()) / max(steps, 1),
-            leakage=leakage,
-            sd_nearness=sd_nearness,
-            stretch=task.source.stretch,
-        ),
-        circle=circle,
+        sd_steady=np.zeros(5),
+        circle=motion.circle,
         settings=dataclasses.asdict(start.options)
         | {
             "circle_given": task.circle is not None,
@@ -318,24 +293,26 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
         },
         findings=Findings(
             map=motion.map,
-            sd_radius_over_distance=sd_nearness,
             grows=start.grows,
             interlaced=start.interlaced,
             mosaic=start.mosaic,
-            noise_memory=memory,
-            coded=is_coded,
-            hidden=is_hidden,
             repeated_frames=tuple(measured.repeated),
             untried_frames=measured.untried,
-            leaked=leakage,
-            axis_ratio=axis_ratio,
             outline_scatter=motion.outline_scatter,
         ),
     )
-
-
-def _sd_nearness(task: Task, start: _Start, motion: AbsoluteMotion) -> float:
-    """Standard deviation of the ball's radius over the camera's distance."""
-    if task.telecentric or (start.options.camera is not None and not start.grows):
-        return 0.0
-    return motion.map.sd_radius_over_distance if isinstance(motion.map, MadeMap) else UNKNOWN_SD
+    evidence = Evidence(
+        source=task.source,
+        ignore=task.ignore,
+        image=start.image,
+        contrast=start.contrast,
+        options=start.options,
+        given=start.given,
+        exposure=task.stated_exposure if task.exposure is None else task.exposure,
+        position=motion.position,
+        circle=motion.circle,
+        on_map=motion.on_map,
+        uneven_light=measured.uneven_share,
+        residual_factors=motion.residual_factors,
+    )
+    return Assembled(track, evidence)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from torchsphere.geometry.circle import Circle
+from torchsphere.motion.track import Track
 from torchsphere.settings.limits import SettingError
-from torchsphere.tracking.result import Track
 
 #: Standard deviation of a doubtful circle's radius, as a share of it, from which it needs a proof
 #: (docs/constants.toml).

@@ -56,6 +56,11 @@ class Record:
         return record
 
     @property
+    def uneven_share(self) -> float:
+        """Share of the measured steps into a frame with uneven light."""
+        return int(self.uneven_light.sum()) / max(int(np.isfinite(self.increment[:, 0]).sum()), 1)
+
+    @property
     def radius(self) -> float:
         """Radius of the ball in the last frame that shows it, px."""
         return float(self.size[np.isfinite(self.size)][-1])

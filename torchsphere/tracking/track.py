@@ -10,6 +10,8 @@ from typing import Any
 import torch
 
 from torchsphere.correlation.options import options_for
+from torchsphere.errors import ledger
+from torchsphere.motion.track import Track
 from torchsphere.recording.facts import Facts
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import steps, threads
@@ -17,9 +19,7 @@ from torchsphere.settings.arrays import as_mask
 from torchsphere.settings.limits import require_switch
 from torchsphere.tracking import arguments, phases
 from torchsphere.tracking.follow import Progress, Watch
-from torchsphere.tracking.motion_warnings import motion_warnings
 from torchsphere.tracking.proof import require_proof
-from torchsphere.tracking.result import Track
 from torchsphere.tracking.task import Task
 
 __all__ = ["Track", "track", "track_many"]
@@ -156,15 +156,14 @@ def track(
     task = Task(source, circle, mask, refine, in_place, telecentric, sphere_map, exposure, stated)
     task = dataclasses.replace(task, progress=progress, watch=watch)
     with arguments.doubts_told(recording):
-        source, found = phases.run(task, settings, options)
+        found, evidence = phases.run(task, settings, options)
+        steps.tell("checking the result against the images")
+        known: dict[str, Any] = {"calibration": calibration, "first_frame": first_frame + start, "facts": facts}
+        found = dataclasses.replace(found, times=getattr(part, "times", None), **known)
+        found = ledger.applied(found, evidence)
         if circle is None:
             require_proof(found)
-    first_frame += start
-    steps.tell("checking the result against the images")
-    known: dict[str, Any] = {"calibration": calibration, "first_frame": first_frame, "facts": facts}
-    found = dataclasses.replace(found, times=getattr(part, "times", None), **known)
-    warnings = (*motion_warnings(source, found, first_frame, "roi" in options), *notes)
-    found = dataclasses.replace(found, warnings=warnings)
+    found = dataclasses.replace(found, warnings=(*ledger.sentences(found, evidence), *notes))
     if log:
         for sentence in found.warnings:
             _LOG.warning("%s", sentence)
