@@ -22,14 +22,15 @@ from scipy.spatial.transform import Rotation
 
 import torchsphere as ts
 from experiments.experiment import CACHE, PX_DEG, Array, cached, key_of, publish, table
+from experiments.validation import seeds
 from experiments.validation.attack_cases import CASES
 from experiments.validation.attack_footage import Recorded
 
 #: A frame is silent beyond all of these: standard deviations, and px and deg of a step, and px of a position.
 MOST_SD, MOST_PX, MOST_DEG, MOST_PLACE_PX = 6.0, 0.05, 0.1, 0.5
 
-#: Seeds of each case: patterns and flights on which no constant was chosen.
-SEEDS = tuple(range(300, 307))
+#: Seeds of each case, on which no constant is chosen.
+SEEDS = seeds.ATTACK
 
 
 @dataclass(frozen=True)
@@ -96,12 +97,12 @@ def measure(name: str, seed: int) -> Score:
     return score(made, track)
 
 
-def compute(names: Sequence[str], seeds: Sequence[int], *, anew: bool = False, tell: bool = False) -> dict[str, Score]:
+def compute(names: Sequence[str], chosen: Sequence[int], *, anew: bool = False, tell: bool = False) -> dict[str, Score]:
     """Scores of the cases, over all their recordings."""
     found = {}
     for name in names:
         scores = []
-        for seed in seeds:
+        for seed in chosen:
             settings = {"case": name, "seed": seed}
             if anew:
                 (CACHE / f"{key_of('attack', settings)}.json").unlink(missing_ok=True)
@@ -137,12 +138,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--anew", action="store_true", help="measure again what is in the cache")
     parser.add_argument("--seeds", type=int, default=len(SEEDS), metavar="N", help="only N seeds of each case")
     options = parser.parse_args(arguments)
-    names, seeds = options.case or tuple(CASES), SEEDS[: 1 if options.quick else options.seeds]
-    found = compute(names, seeds, anew=options.anew, tell=bool(options.case or options.quick))
+    names, chosen = options.case or tuple(CASES), SEEDS[: 1 if options.quick else options.seeds]
+    found = compute(names, chosen, anew=options.anew, tell=bool(options.case or options.quick))
     if options.case or options.quick:
         print(rows(found))
     else:
-        publish("attack", f"validation.attack --seeds {len(seeds)}", rows(found))
+        publish("attack", f"validation.attack --seeds {len(chosen)}", rows(found))
 
 
 if __name__ == "__main__":

@@ -8,9 +8,8 @@ camera's distance, which is drawn as the program takes it to be: radius over dis
 The shares are means over flights, as an error that all frames of a flight share counts once: with 100 flights the
 standard deviation of a share of 95 % is 2 % for such errors. Each quantity is compared along both or all three axes. A
 position is compared in the image, with the middle of the outline and without the scale's error, and in metres, with the
-ball's centre. A third of the flights have an impact, half a sine of force against a bar. Of the program's constants
-`limb_fit.RINGING`, `nearness.APPARENT_SD` and `poses.MAX_FACTOR_OF_NEARNESS` were chosen after a look at some of these
-flights.
+ball's centre. A third of the flights have an impact, half a sine of force against a bar. No constant is chosen on these
+flights (`seeds`).
 
 Half of the flights are filmed by the ray caster, a quarter by the renderer under uniform light, and a quarter by the
 renderer with a lamp.
@@ -32,12 +31,14 @@ import torch
 
 import torchsphere as ts
 from experiments.experiment import CACHE, Array, cached, key_of, publish, table
+from experiments.validation import seeds
 from experiments.validation.flight_footage import SD_NEARNESS, Drawn, Truth, drawn, filmed, flown
 from experiments.validation.rendered_footage import RADIUS_M
 from torchsphere.dynamics.shared_errors import SharedErrors
 from torchsphere.geometry.camera import outline_distance
 
-SEEDS = tuple(range(500, 600))
+#: Seeds of the flights, on which no constant is chosen.
+SEEDS = seeds.FLIGHTS
 
 #: Frames per second, and mass of all balls, kg.
 FRAME_RATE, MASS_KG = 20_000.0, 0.11
@@ -126,10 +127,10 @@ def compared(truth: Truth, track: ts.Track, motion: ts.Kinematics) -> dict[str, 
     }
 
 
-def compute(seeds: Sequence[int], *, anew: bool = False, tell: bool = False) -> list[Score]:
+def compute(chosen: Sequence[int], *, anew: bool = False, tell: bool = False) -> list[Score]:
     """Scores of the flights, from the cache where they are known."""
     scores = []
-    for seed in seeds:
+    for seed in chosen:
         settings = {"seed": seed}
         if anew:
             (CACHE / f"{key_of('flights', settings)}.json").unlink(missing_ok=True)
