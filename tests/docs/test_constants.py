@@ -26,7 +26,7 @@ ROWS = [(package, name, row) for package, rows in CONSTANTS.items() for name, ro
 
 #: Constants with neither a command that measures them nor a derivation. The number only falls: a new constant is
 #: measured or derived, and whoever pays a debt lowers it.
-DEBTS = 425
+DEBTS = 394
 #: Sets of recordings that test the program: a constant that was chosen with a look at one of them is marked.
 JUDGES = {"attack", "flights", "leaderboard", "model_precision"}
 
@@ -40,6 +40,9 @@ def wrong(row: dict[str, Any]) -> str:
         return "a text is empty, or has spaces beside those between words"
     if not set(row.get("judged_by", ())) <= JUDGES or row.get("judged_by") == []:
         return f"judged_by names sets of {sorted(JUDGES)}"
+    judge = re.match(rf"python -m experiments\.validation\.({'|'.join(JUDGES)})\b", row.get("command", ""))
+    if judge and judge[1] not in row.get("judged_by", ()):
+        return f"its command is a set that judges: judged_by names {judge[1]}"
     if row.get("debt", True) is not True:
         return "a debt is true, or left out"
     measured, derived, owed = {"evidence", "command"} <= set(row), "derivation" in row, "debt" in row
@@ -66,6 +69,9 @@ def test_a_new_constant_with_neither_a_command_nor_a_derivation_is_refused() -> 
     assert wrong({"value": "1", "unit": "-", "derivation": "One."}) == ""
     assert "a debt has evidence" in wrong(chosen | {"debt": True, "derivation": "One."})
     assert "what was chosen is a debt" in wrong(chosen | {"derivation": "One."})
+    seen = {"evidence": "Errors of 1 px.", "command": "python -m experiments.validation.attack"}
+    assert "judged_by names attack" in wrong(chosen | seen)
+    assert wrong(chosen | seen | {"judged_by": ["attack"]}) == ""
     assert "judged_by" in wrong(chosen | {"debt": True, "judged_by": ["demo"]})
 
 
