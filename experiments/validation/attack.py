@@ -7,7 +7,8 @@ standard deviations of its path and by half a px.
 The ball, its flight, its texture and the camera's size of image differ with the seed; the program gets the images
 alone, finds the circle, and runs with its defaults. A recording that is refused counts as flagged. Results are kept in
 ``experiments/cache``, so that a run that was broken off goes on; ``--anew`` measures all. ``--case NAME`` prints a line
-per recording, ``--quick`` takes one seed of each case; neither writes the table.
+per recording, ``--quick`` takes one seed of each case, and ``--spent`` the seeds that may serve to choose constants;
+none of them writes the table.
 """
 
 from __future__ import annotations
@@ -137,10 +138,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--quick", action="store_true", help="one seed of each case")
     parser.add_argument("--anew", action="store_true", help="measure again what is in the cache")
     parser.add_argument("--seeds", type=int, default=len(SEEDS), metavar="N", help="only N seeds of each case")
+    parser.add_argument("--spent", action="store_true", help="the seeds on which constants were chosen")
     options = parser.parse_args(arguments)
-    names, chosen = options.case or tuple(CASES), SEEDS[: 1 if options.quick else options.seeds]
-    found = compute(names, chosen, anew=options.anew, tell=bool(options.case or options.quick))
-    if options.case or options.quick:
+    every = seeds.SPENT["attack"] if options.spent else SEEDS
+    names, chosen = options.case or tuple(CASES), every[: 1 if options.quick else options.seeds]
+    is_part = bool(options.case or options.quick or options.spent)
+    found = compute(names, chosen, anew=options.anew, tell=is_part)
+    if is_part:
         print(rows(found))
     else:
         publish("attack", f"validation.attack --seeds {len(chosen)}", rows(found))

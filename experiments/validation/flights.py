@@ -15,7 +15,8 @@ Half of the flights are filmed by the ray caster, a quarter by the renderer unde
 renderer with a lamp.
 
 Results are kept per flight in ``experiments/cache``, so that a run that was broken off goes on. ``--count N`` measures
-the first N and prints a line per flight; it writes no table. ``--anew`` measures again.
+the first N and prints a line per flight, and ``--spent`` measures the flights that may serve to choose constants;
+neither writes the table. ``--anew`` measures again.
 """
 
 from __future__ import annotations
@@ -178,13 +179,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m experiments.validation.flights")
     parser.add_argument("--count", type=int, help="only so many flights")
     parser.add_argument("--anew", action="store_true", help="measure again what is in the cache")
+    parser.add_argument("--spent", action="store_true", help="the flights on which constants were chosen")
     options = parser.parse_args(arguments)
-    scores = compute(SEEDS[: options.count], anew=options.anew, tell=options.count is not None)
-    text = rows(scores)
-    if options.count is None:
-        publish("flights", "validation.flights", text)
-    else:
+    every, is_part = seeds.SPENT["flights"] if options.spent else SEEDS, options.spent or options.count is not None
+    text = rows(compute(every[: options.count], anew=options.anew, tell=is_part))
+    if is_part:
         print(text)
+    else:
+        publish("flights", "validation.flights", text)
 
 
 if __name__ == "__main__":

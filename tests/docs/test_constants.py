@@ -29,6 +29,8 @@ ROWS = [(package, name, row) for package, rows in CONSTANTS.items() for name, ro
 DEBTS = 382
 #: Sets of recordings that test the program: a constant that was chosen with a look at one of them is marked.
 JUDGES = {"attack", "flights", "leaderboard", "model_precision"}
+#: Options of these that measure a constant on seeds that judge no more; the suites of the leaderboard keep theirs.
+SPENT = {"attack": "--spent", "flights": "--spent", "model_precision": "--pattern 10"}
 
 
 def wrong(row: dict[str, Any]) -> str:
@@ -43,6 +45,8 @@ def wrong(row: dict[str, Any]) -> str:
     judge = re.match(rf"python -m experiments\.validation\.({'|'.join(JUDGES)})\b", row.get("command", ""))
     if judge and judge[1] not in row.get("judged_by", ()):
         return f"its command is a set that judges: judged_by names {judge[1]}"
+    if judge and judge[1] in SPENT and SPENT[judge[1]] not in row["command"]:
+        return f"its command would spend the seeds that judge: add {SPENT[judge[1]]}, for those that are spent"
     if row.get("debt", True) is not True:
         return "a debt is true, or left out"
     measured, derived, owed = {"evidence", "command"} <= set(row), "derivation" in row, "debt" in row
@@ -71,6 +75,8 @@ def test_a_new_constant_with_neither_a_command_nor_a_derivation_is_refused() -> 
     assert "what was chosen is a debt" in wrong(chosen | {"derivation": "One."})
     seen = {"evidence": "Errors of 1 px.", "command": "python -m experiments.validation.attack"}
     assert "judged_by names attack" in wrong(chosen | seen)
+    assert "add --spent" in wrong(chosen | seen | {"judged_by": ["attack"]})
+    seen["command"] += " --spent"
     assert wrong(chosen | seen | {"judged_by": ["attack"]}) == ""
     assert "judged_by" in wrong(chosen | {"debt": True, "judged_by": ["demo"]})
 
