@@ -7,7 +7,8 @@ standard deviations of its path and by half a px.
 The ball, its flight, its texture and the camera's size of image differ with the seed; the program gets the images
 alone, finds the circle, and runs with its defaults. A recording that is refused counts as flagged. Results are kept in
 ``experiments/cache``, so that a run that was broken off goes on; ``--anew`` measures all. ``--case NAME`` prints a line
-per recording, ``--quick`` takes one seed of each case; neither writes the table.
+per recording, ``--quick`` takes one seed of each case, and ``--spent`` the seeds that may serve to choose constants;
+none of them writes the table.
 """
 
 from __future__ import annotations
@@ -22,14 +23,15 @@ from scipy.spatial.transform import Rotation
 
 import torchsphere as ts
 from experiments.experiment import CACHE, PX_DEG, Array, cached, key_of, publish, table
+from experiments.validation import seeds
 from experiments.validation.attack_cases import CASES
 from experiments.validation.attack_footage import Recorded
 
 #: A frame is silent beyond all of these: standard deviations, and px and deg of a step, and px of a position.
 MOST_SD, MOST_PX, MOST_DEG, MOST_PLACE_PX = 6.0, 0.05, 0.1, 0.5
 
-#: Seeds of each case: patterns and flights on which no constant was chosen.
-SEEDS = tuple(range(300, 307))
+#: Seeds of each case, on which no constant is chosen.
+SEEDS = seeds.ATTACK
 
 
 @dataclass(frozen=True)
@@ -96,12 +98,12 @@ def measure(name: str, seed: int) -> Score:
     return score(made, track)
 
 
-def compute(names: Sequence[str], seeds: Sequence[int], *, anew: bool = False, tell: bool = False) -> dict[str, Score]:
+def compute(names: Sequence[str], chosen: Sequence[int], *, anew: bool = False, tell: bool = False) -> dict[str, Score]:
     """Scores of the cases, over all their recordings."""
     found = {}
     for name in names:
         scores = []
-        for seed in seeds:
+        for seed in chosen:
             settings = {"case": name, "seed": seed}
             if anew:
                 (CACHE / f"{key_of('attack', settings)}.json").unlink(missing_ok=True)
@@ -136,13 +138,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--quick", action="store_true", help="one seed of each case")
     parser.add_argument("--anew", action="store_true", help="measure again what is in the cache")
     parser.add_argument("--seeds", type=int, default=len(SEEDS), metavar="N", help="only N seeds of each case")
+    parser.add_argument("--spent", action="store_true", help="the seeds on which constants were chosen")
     options = parser.parse_args(arguments)
-    names, seeds = options.case or tuple(CASES), SEEDS[: 1 if options.quick else options.seeds]
-    found = compute(names, seeds, anew=options.anew, tell=bool(options.case or options.quick))
-    if options.case or options.quick:
+    every = seeds.SPENT["attack"] if options.spent else SEEDS
+    names, chosen = options.case or tuple(CASES), every[: 1 if options.quick else options.seeds]
+    is_part = bool(options.case or options.quick or options.spent)
+    found = compute(names, chosen, anew=options.anew, tell=is_part)
+    if is_part:
         print(rows(found))
     else:
-        publish("attack", f"validation.attack --seeds {len(seeds)}", rows(found))
+        publish("attack", f"validation.attack --seeds {len(chosen)}", rows(found))
 
 
 if __name__ == "__main__":

@@ -8,15 +8,15 @@ camera's distance, which is drawn as the program takes it to be: radius over dis
 The shares are means over flights, as an error that all frames of a flight share counts once: with 100 flights the
 standard deviation of a share of 95 % is 2 % for such errors. Each quantity is compared along both or all three axes. A
 position is compared in the image, with the middle of the outline and without the scale's error, and in metres, with the
-ball's centre. A third of the flights have an impact, half a sine of force against a bar. Of the program's constants
-`limb_fit.RINGING`, `nearness.APPARENT_SD` and `poses.MAX_FACTOR_OF_NEARNESS` were chosen after a look at some of these
-flights.
+ball's centre. A third of the flights have an impact, half a sine of force against a bar. No constant is chosen on these
+flights (`seeds`).
 
 Half of the flights are filmed by the ray caster, a quarter by the renderer under uniform light, and a quarter by the
 renderer with a lamp.
 
 Results are kept per flight in ``experiments/cache``, so that a run that was broken off goes on. ``--count N`` measures
-the first N and prints a line per flight; it writes no table. ``--anew`` measures again.
+the first N and prints a line per flight, and ``--spent`` measures the flights that may serve to choose constants;
+neither writes the table. ``--anew`` measures again.
 """
 
 from __future__ import annotations
@@ -32,12 +32,14 @@ import torch
 
 import torchsphere as ts
 from experiments.experiment import CACHE, Array, cached, key_of, publish, table
+from experiments.validation import seeds
 from experiments.validation.flight_footage import SD_NEARNESS, Drawn, Truth, drawn, filmed, flown
 from experiments.validation.rendered_footage import RADIUS_M
 from torchsphere.dynamics.shared_errors import SharedErrors
 from torchsphere.geometry.camera import outline_distance
 
-SEEDS = tuple(range(500, 600))
+#: Seeds of the flights, on which no constant is chosen.
+SEEDS = seeds.FLIGHTS
 
 #: Frames per second, and mass of all balls, kg.
 FRAME_RATE, MASS_KG = 20_000.0, 0.11
@@ -126,10 +128,10 @@ def compared(truth: Truth, track: ts.Track, motion: ts.Kinematics) -> dict[str, 
     }
 
 
-def compute(seeds: Sequence[int], *, anew: bool = False, tell: bool = False) -> list[Score]:
+def compute(chosen: Sequence[int], *, anew: bool = False, tell: bool = False) -> list[Score]:
     """Scores of the flights, from the cache where they are known."""
     scores = []
-    for seed in seeds:
+    for seed in chosen:
         settings = {"seed": seed}
         if anew:
             (CACHE / f"{key_of('flights', settings)}.json").unlink(missing_ok=True)
@@ -177,13 +179,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m experiments.validation.flights")
     parser.add_argument("--count", type=int, help="only so many flights")
     parser.add_argument("--anew", action="store_true", help="measure again what is in the cache")
+    parser.add_argument("--spent", action="store_true", help="the flights on which constants were chosen")
     options = parser.parse_args(arguments)
-    scores = compute(SEEDS[: options.count], anew=options.anew, tell=options.count is not None)
-    text = rows(scores)
-    if options.count is None:
-        publish("flights", "validation.flights", text)
-    else:
+    every, is_part = seeds.SPENT["flights"] if options.spent else SEEDS, options.spent or options.count is not None
+    text = rows(compute(every[: options.count], anew=options.anew, tell=is_part))
+    if is_part:
         print(text)
+    else:
+        publish("flights", "validation.flights", text)
 
 
 if __name__ == "__main__":

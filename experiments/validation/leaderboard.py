@@ -99,6 +99,9 @@ What the scores mean and how to enter a tracker: [docs/benchmark.md](../docs/ben
 ```
 
 ![errors by suite](../docs/{FIGURE.name})
+
+Some constants of torchsphere were chosen with a look at these suites, whose seeds are published. `torchsphere benchmark
+make --seed N` makes the same suites with patterns that no constant has seen.
 """,
         leaderboard.markdown(scores),
         f"""## Suites

@@ -39,6 +39,7 @@ from scipy.spatial.transform import Rotation
 
 import torchsphere as ts
 from experiments.experiment import CACHE, Array, Row, claims, key_of, publish, table
+from experiments.validation import seeds
 from experiments.validation.accuracy import (
     AXIS,
     MARGIN_PX,
@@ -53,8 +54,8 @@ from experiments.validation.accuracy import (
 from torchsphere.sphere_map.decision import NoMap
 from torchsphere.synthetic import ray_caster
 
-#: Patterns that the choice of no constant has seen, and the ways to know the first circle.
-PATTERNS, CIRCLES = (101, 102, 103), ("true", "found")
+#: Patterns that the choice of no constant sees, and the ways to know the first circle.
+PATTERNS, CIRCLES = seeds.MODEL_PRECISION, ("true", "found")
 
 #: Options of `ts.track` that make a map of the ball, which is the forward model.
 OPTIONS: dict[str, Any] = {"sphere_map": True}

@@ -30,6 +30,13 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
 
 
+def test_the_files_that_the_recipes_name_exist() -> None:
+    text = (DOCS.parent / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    named = re.findall(r"`((?:torchsphere|tests|experiments|docs)/[\w/]+\.\w+)`", text)
+    assert len(named) > 15
+    assert [name for name in named if "NAME" not in name and not (DOCS.parent / name).exists()] == []
+
+
 def fenced(page: Path) -> list[tuple[str, str]]:
     """Language and text of each fenced block."""
     return re.findall(r"^```(\w+)\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from torchsphere.detection.ball_motion import Disc, step_of_ball
+from torchsphere.detection.ball_motion import MAX_RADIUS_CHANGE, Disc, step_of_ball
 from torchsphere.detection.candidates import MIN_PART, OTHER_SCORE, Candidate, candidates_in, others, within
 from torchsphere.detection.detect import as_circle, as_values, at_limb
 from torchsphere.detection.outline_arcs import Arcs
@@ -29,9 +29,6 @@ MAX_DOUBTFUL = 4
 
 #: Outlines of one size that are looked at: a thing on the wall is elsewhere in each image of a camera held by hand.
 MAX_JUDGED = 4
-
-#: Relative difference of the radii up to which two circles may be one object (docs/constants.toml).
-SAME_RADIUS = 0.05
 
 #: Largest distance of an earlier outline of the ball from its path, radii (docs/constants.toml).
 NEAR_PATH = 0.25
@@ -65,12 +62,12 @@ class _Outline:
 
     def has_size_of(self, other: _Outline) -> bool:
         """Whether both have one radius."""
-        return abs(self.circle.radius / other.circle.radius - 1) < SAME_RADIUS
+        return abs(self.circle.radius / other.circle.radius - 1) < MAX_RADIUS_CHANGE
 
 
 def _are_alike(one: Tensor, other: Tensor) -> bool:
     """Whether two circles (3,) are one to a small share of the radius."""
-    return bool(((one - other).abs() < SAME_RADIUS * other[2]).all())
+    return bool(((one - other).abs() < MAX_RADIUS_CHANGE * other[2]).all())
 
 
 def find(images: Images, count: int, ignore: Tensor | None = None) -> Circle:

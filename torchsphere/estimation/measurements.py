@@ -21,6 +21,7 @@ from kornia.geometry.liegroup import So3
 from numpy.typing import NDArray
 from torch import Tensor
 
+from torchsphere.estimation.filter_bank import PRIOR_VARIANCE
 from torchsphere.estimation.likelihood import Series
 from torchsphere.motion.track import Track
 
@@ -40,9 +41,6 @@ DRIFT_SHARE = 0.08
 
 #: Standard deviation of a position found anew by the outline, relative to those before, px (docs/constants.toml).
 REFOUND_PX = 0.05
-
-#: Drift of an orientation after a broken chain, in variances of the pose (docs/constants.toml).
-BROKEN = 1e8
 
 #: Least share of its variance that remains to a separated value (docs/constants.toml).
 MIN_OWN_SHARE = 0.01
@@ -189,7 +187,8 @@ def _measured(track: Track) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
                 matrix = torch.from_numpy(track.orientation[b] @ track.orientation[a].T)
                 increment[a:b, 2:] = So3.from_matrix(matrix[None]).log()[0].numpy() / (b - a)
             else:
-                drift[b - 1, TURNS, TURNS] += BROKEN * np.nan_to_num(own[b, 2:])
+                # After a broken chain an orientation is as unknown as before the first measurement.
+                drift[b - 1, TURNS, TURNS] += PRIOR_VARIANCE * np.nan_to_num(own[b, 2:])
     return increment, np.nan_to_num(covariance), drift, seen
 
 

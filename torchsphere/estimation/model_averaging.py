@@ -46,14 +46,11 @@ CANDIDATES = 32
 #: Share of the contact by which a soft start or end is added to the candidates (docs/constants.toml).
 SOFT_SHARE = 0.1
 
-#: Intensities in flight that are weighed, powers of ten relative to the best, and the range that each represents.
-FLIGHT_OFFSETS, FLIGHT_WIDTHS = (-3.0, -1.5, -0.75, 0.0, 0.75), (1.5, 1.125, 0.75, 0.75, 0.75)
+#: Intensities in flight that are weighed, powers of ten relative to the best (docs/constants.toml).
+FLIGHT_OFFSETS = (-3.0, -1.5, -0.75, 0.0, 0.75)
 
 #: Intensities in contact that are weighed, powers of ten relative to the best (docs/constants.toml).
 DRAWN_OFFSETS = (-2.25, -1.5, -1.0, *(0.25 * i for i in range(-3, 4)), 1.0, 1.5, 2.25)
-
-#: Range that each of them represents, powers of ten (docs/constants.toml).
-DRAWN_WIDTHS = (0.75, 0.625, 0.375, *7 * (0.25,), 0.375, 0.625, 0.75)
 
 #: Range of intensities, powers of ten, that no force at all counts as (docs/constants.toml).
 NO_FORCE_WIDTH = 0.75
@@ -193,7 +190,9 @@ def draw_intensities(series: Series, chosen: Candidates, best: ProcessFits) -> t
     contact = (contact[..., None] + pairs[:, 1]).flatten(3)
     formed = torch.tensor([False, True], device=flight.device).repeat_interleave(len(pairs))
     fit, noise = posterior(series, chosen.windows, flight, contact, formed, chosen.forms)
-    widths = (fit.new_tensor(FLIGHT_WIDTHS)[:, None] * fit.new_tensor((NO_FORCE_WIDTH, *DRAWN_WIDTHS))).log()
+    # Each intensity stands for the range halfway to its neighbours.
+    of_flight, of_contact = (torch.gradient(fit.new_tensor(offsets))[0] for offsets in (FLIGHT_OFFSETS, DRAWN_OFFSETS))
+    widths = (of_flight[:, None] * torch.cat((fit.new_tensor([NO_FORCE_WIDTH]), of_contact))).log()
     possible = chosen.possible.repeat_interleave(len(pairs), -1)
     fit = torch.where(possible, fit + end + widths.flatten().repeat(2), -math.inf)
     sums = fit.softmax(-1).cumsum(-1)

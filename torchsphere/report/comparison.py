@@ -25,10 +25,7 @@ PAGE = "comparison.html"
 #: What a table shows for a number that a shot does not have.
 NONE = "\u2013"
 
-#: Most frames of a shot in the plots at even distances (docs/constants.toml).
-MOST_FRAMES = 2000
-
-#: Most such frames of all shots together (docs/constants.toml).
+#: Most frames of all shots together in the plots at even distances (docs/constants.toml).
 MOST_FRAMES_IN_ALL = 16_000
 
 #: Durations of the contact, before and after, in which all frames are plotted, and that the page shows first.
@@ -219,7 +216,7 @@ def _pixel(scale: dict[str, Any] | None) -> str:
 
 def _data(shots: Sequence[Shot]) -> dict[str, Any]:
     """Data for the page's script: times in ms since the zero of each shot; unknown numbers are None."""
-    most = min(MOST_FRAMES, MOST_FRAMES_IN_ALL // len(shots))
+    most = min(pages.MAX_PLOTTED, MOST_FRAMES_IN_ALL // len(shots))
     rows = [_rows(shot, most) for shot in shots]
     spans = [_contact_ms(shot) for shot in shots]
     longest = max((span[1] - span[0] for span in spans if span is not None), default=0.0)

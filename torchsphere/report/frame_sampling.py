@@ -7,6 +7,7 @@ the length of the recording. Images are read a few at a time, so that memory sta
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -50,10 +51,7 @@ LEVEL_IMAGES, LEVEL_TAIL = 5, 0.2
 #: Unit of residual maps, share of the range of grey levels: 1/4 of 254 levels, so that int8 reaches to 32 levels.
 RESIDUAL_STEP = 1 / 1016
 
-#: Largest radius of a ball whose map has the pixels of the images, px (docs/constants.toml).
-MAX_FULL_RADIUS_PX = 72.0
-
-#: Radius of a larger ball in its map, whose pixels are binned, px (docs/constants.toml).
+#: Radius of a large ball in its map, px: its pixels are binned by the nearest whole number (docs/constants.toml).
 BINNED_RADIUS_PX = 48.0
 
 
@@ -202,7 +200,7 @@ def _padded(maps: NDArray[np.int8], side: int) -> NDArray[np.int8]:
 
 def bin_size(radius: float) -> int:
     """Side of the squares of pixels that are binned, px; 1 for none."""
-    return 1 if radius <= MAX_FULL_RADIUS_PX else round(radius / BINNED_RADIUS_PX)
+    return max(1, math.ceil(radius / BINNED_RADIUS_PX - 0.5))
 
 
 def options_of(settings: dict[str, Any]) -> Options:

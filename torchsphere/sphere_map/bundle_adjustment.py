@@ -34,6 +34,7 @@ from torchsphere.sphere_map.light import LAST_CHANGE, fit_light, is_lit_from_a_s
 from torchsphere.sphere_map.map_fit import MapEquations
 from torchsphere.sphere_map.perspective import Optics
 from torchsphere.sphere_map.pixel_weights import ROUNDING_VARIANCE
+from torchsphere.sphere_map.radius_error import OPTICS_BLUR_PX
 from torchsphere.sphere_map.rays import rim_points
 from torchsphere.sphere_map.shared_unknown import SharedChange
 from torchsphere.sphere_map.state import State, drawn, fit_map, linearised, reweighted, with_cells
@@ -54,9 +55,6 @@ class _Level(NamedTuple):
 
 #: Width of the first map's cells, px: coarse cells align poses that are off by a px (docs/constants.toml).
 COARSE_PX = 2.0
-
-#: Least blur of the outline at the start, px (docs/constants.toml).
-INITIAL_BLUR_PX = 0.3
 
 #: Systematic error of the radius by the model of the edge, px, further error where the ball does not turn, as the map
 #: takes a texture at the limb for a part of the outline, and turn of the limb that halves it, px (docs/constants.toml).
@@ -155,7 +153,7 @@ def adjust(
     """
     like = windows.levels
     size = torch.tensor(radius, dtype=torch.float64, device=like.device)
-    blur, none = torch.full_like(size, max(optics_px, INITIAL_BLUR_PX)), like.new_zeros(0)
+    blur, none = torch.full_like(size, max(optics_px, OPTICS_BLUR_PX)), like.new_zeros(0)
     ball = TexturedBall(size, blur, 0, none, uniform_light(size), rim_points=rim_points(radius))
     state = State(
         windows,

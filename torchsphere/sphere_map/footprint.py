@@ -11,6 +11,7 @@ import math
 from dataclasses import replace
 
 from torchsphere.runtime.threads import RowRunner
+from torchsphere.sphere_map.light import MAP_STEPS
 from torchsphere.sphere_map.map_fit import MapEquations
 from torchsphere.sphere_map.state import State, drawn
 
@@ -22,9 +23,6 @@ LEAST_VARIANCE_PX2, MAX_VARIANCE_PX2, DERIVATIVE_STEP_PX2, ROUNDS = 0.01, 16.0, 
 
 #: Change of the variance, px^2, after which no further one is needed (docs/constants.toml).
 LAST_CHANGE_PX2 = 0.005
-
-#: Conjugate gradients for the map's response to the blur (docs/constants.toml).
-MAP_STEPS = 16
 
 
 def fit_footprint(state: State, shared: RowRunner) -> State:

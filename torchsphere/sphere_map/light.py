@@ -25,7 +25,7 @@ MIN_SEEN = 2e-4
 #: Prior standard deviation of the light's terms (docs/constants.toml).
 TERM_SD = 0.3
 
-#: Conjugate gradients for the map's response to the light (docs/constants.toml).
+#: Conjugate gradients for the map's response to the light, or to the blur (docs/constants.toml).
 MAP_STEPS = 16
 
 
