@@ -14,7 +14,7 @@ from torch import Tensor
 
 from torchsphere.kernels import layout
 from torchsphere.kernels.cube_map import place, slopes, sum_with_slopes, weights
-from torchsphere.kernels.jit import ONE, TWO, ZERO, Floats, Integers, arrays, compiled
+from torchsphere.kernels.jit import ONE, ZERO, Floats, Integers, arrays, compiled
 from torchsphere.kernels.layout import Images, Numbers, Rays, RowMemory, contiguous
 from torchsphere.kernels.rays import (
     Rule,
@@ -30,7 +30,7 @@ from torchsphere.kernels.rays import (
 )
 
 _HALF, _TINY = np.float32(0.5), np.float32(1e-6)
-_FIVE, _THREE, _EIGHT, _QUARTER = (np.float32(v) for v in (5, 3, 8, 0.25))
+_FIVE, _THREE, _EIGHT = (np.float32(v) for v in (5, 3, 8))
 
 
 class Model(NamedTuple):
@@ -175,30 +175,14 @@ def _touch(rays: Floats, count: int, per_px: Any, near: Any) -> None:
 @compiled
 def _meet(rays: Floats, corner: Numbers, axis: Numbers, count: int, turn: Floats, cells: int) -> None:
     """Where the points of the rays lie on the map."""
-    half, last, width = np.float32(cells) / TWO, np.float32(cells - 1), np.int32(cells + 3)
     for i in range(count):
         px, py, pz = rays[layout.POINT_X, i], rays[layout.POINT_Y, i], rays[layout.POINT_Z, i]
         # Axes of the ball.
         x = turn[0, 0] * px + turn[1, 0] * py + turn[2, 0] * pz
         y = turn[0, 1] * px + turn[1, 1] * py + turn[2, 1] * pz
         z = turn[0, 2] * px + turn[1, 2] * py + turn[2, 2] * pz
-        along, across, inwards = abs(x), abs(y), abs(z)
-        by_x = along >= across and along >= inwards
-        by_y = not by_x and across >= inwards
-        ahead = x if by_x else y if by_y else z
-        nearer = ONE / ahead
-        size = abs(nearer)
-        t, r = (y if by_x else z if by_y else x) * size, (z if by_x else x if by_y else y) * size
-        u, v = (t * (_FIVE - t * t) * _QUARTER + ONE) * half, (r * (_FIVE - r * r) * _QUARTER + ONE) * half
-        # NaN goes to the first cell.
-        column, row = np.floor(u), np.floor(v)
-        column, row = column if column > ZERO else ZERO, row if row > ZERO else ZERO
-        column, row = column if column < last else last, row if row < last else last
-        number = np.int32(0) if by_x else np.int32(1) if by_y else np.int32(2)
-        axis[i] = number
-        face = number + (np.int32(0) if ahead > ZERO else np.int32(3))
-        corner[i] = (face * width + np.int32(row)) * width + np.int32(column)
-        rays[layout.CELL_U, i], rays[layout.CELL_V, i] = u - column, v - row
+        corner[i], axis[i], nearer, u, v, t, r = place(x, y, z, cells)
+        rays[layout.CELL_U, i], rays[layout.CELL_V, i] = u, v
         rays[layout.TANGENT_T, i], rays[layout.TANGENT_R, i], rays[layout.NEARER, i] = t, r, nearer
 
 
@@ -328,6 +312,6 @@ def _design(cells: int, rule: Rule, images: Images, begins: Integers, rays: Rays
                     ay = turn[0, 1] * px + turn[1, 1] * py + turn[2, 1] * pz
                     az = turn[0, 2] * px + turn[1, 2] * py + turn[2, 2] * pz
                     corner, _, _, u, v, _, _ = place(ax, ay, az, cells)
-                    corners[i, k], pixel[i, k] = np.int32(corner), np.int32(number)
+                    corners[i, k], pixel[i, k] = corner, np.int32(number)
                     offsets[i, k, 0], offsets[i, k, 1] = u, v
                     factor[i, k] = gain * share * weight * (same + lx * px + ly * py + lz * pz)
