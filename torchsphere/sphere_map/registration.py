@@ -154,10 +154,3 @@ def _without_brightness(levels: Tensor, weights: Tensor, residual: Tensor) -> Te
     centred = levels - mean(levels)
     rest = residual - mean(residual)
     return rest - centred * (mean(centred * rest) / mean(centred.square()).clamp_min(1e-12))
-
-
-def pose_covariance(windows: Windows, poses: Poses, ball: TexturedBall, profile: ResidualProfile) -> Tensor:
-    """`Registration.covariance` (n, 5, 5) of images whose pose is known."""
-    model = exposure.linearise(windows, poses, ball)
-    weights = profile.weights(windows, poses.centre)
-    return torch.linalg.inv_ex(normal_equations(model, weights, weights)[0])[0][:, :5, :5]
