@@ -92,6 +92,7 @@ def memory_for_row(side: int, points: int) -> RowMemory:
 @compiled
 def _find_places(first: Floats, places: Floats, image: int, row: int, memory: RowMemory) -> None:
     """Put the offsets of a row of pixels from the ball's centre into the ``memory``."""
+    # ``first`` is an argument of its own, which overlaps no other: read from its images, last digits change.
     across, down = memory.across, memory.down
     if len(places) == 0:
         x, y = first[0], first[1] + np.float32(row)
