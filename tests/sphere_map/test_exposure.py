@@ -74,10 +74,10 @@ def test_moments_follow_the_rows_of_windows() -> None:
     plain = windows(poses())
     moved = exposure.moments(torch.arange(1.0, len(plain) + 1).double()[:, None] * MOTION, 0.6, RADIUS)
     seen = replace(plain, moments=moved)
-    rows = seen.rows(1, 3)
+    rows = seen.take(slice(1, 3))
     assert rows.moments is not None
     torch.testing.assert_close(rows.moments, moved[1:3])
-    joined = type(seen).joined([seen.rows(0, 1), seen.rows(1, len(seen))])
+    joined = type(seen).joined([seen.take(slice(0, 1)), seen.take(slice(1, len(seen)))])
     torch.testing.assert_close(joined.moments, moved)
 
 

@@ -177,7 +177,7 @@ def test_the_derivatives_are_those_of_automatic_differentiation(ball: TexturedBa
     seen = windows(at)
     model, limb, visible = forward_model.linearise(seen, at, ball), at_limb(seen, at), seen.visibility > 0
     for i in range(len(at)):
-        args = seen.rows(i, i + 1), at.take(slice(i, i + 1)), ball
+        args = seen.take(slice(i, i + 1)), at.take(slice(i, i + 1)), ball
         exact = torch.func.jacfwd(lambda u, args=args: levels_of(u, *args))(torch.zeros(9, dtype=torch.float64))
         error, scale = model.jacobian[i] - exact, rms(exact[visible[i].flatten()])
         inner, outer = (visible[i] & part for part in (~limb[i], limb[i]))
@@ -315,11 +315,11 @@ def test_images_of_a_batch_are_those_one_by_one() -> None:
     at, ball = poses(3), in_single(rough_ball())
     seen = single(windows(at))
     whole = forward_model.linearise(seen, at, ball)
-    parts = [forward_model.linearise(seen.rows(i, i + 1), at.take(slice(i, i + 1)), ball) for i in range(3)]
+    parts = [forward_model.linearise(seen.take(slice(i, i + 1)), at.take(slice(i, i + 1)), ball) for i in range(3)]
     joined = Linearisation.joined(parts)
     torch.testing.assert_close(joined.levels, whole.levels, atol=0, rtol=0)
     torch.testing.assert_close(joined.jacobian, whole.jacobian, atol=0, rtol=0)
-    drawn = [forward_model.design(seen.rows(i, i + 1), at.take(slice(i, i + 1)), ball) for i in range(3)]
+    drawn = [forward_model.design(seen.take(slice(i, i + 1)), at.take(slice(i, i + 1)), ball) for i in range(3)]
     together = Design.joined(drawn).levels(ball.coefficients)
     torch.testing.assert_close(together, forward_model.design(seen, at, ball).levels(ball.coefficients), atol=0, rtol=0)
 

@@ -213,7 +213,6 @@ def test_a_step_of_the_registration_runs_on_a_gpu(mode: OnFakeCuda, fake: _Fake)
     with mode:
         profile = pixel_weights.uniform_profile(fake.ball.radius, 4.0)
         assert_on_gpu(registration._step(fake.windows, fake.poses, fake.ball, profile))
-        assert_on_gpu(registration.pose_covariance(fake.windows, fake.poses, fake.ball, profile))
 
 
 def test_a_step_of_the_correlation_of_pairs_runs_on_a_gpu(mode: OnFakeCuda, monkeypatch: pytest.MonkeyPatch) -> None:

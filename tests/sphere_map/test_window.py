@@ -87,6 +87,8 @@ def test_ignored_pixels_may_hold_nan() -> None:
 
 def test_rows_and_chosen_images_keep_their_pixels() -> None:
     seen = cut(torch.cat((CENTRES, CENTRES + 0.6)))
-    torch.testing.assert_close(seen.rows(1, 3).levels, seen.levels[1:3])
+    torch.testing.assert_close(seen.take(slice(1, 3)).levels, seen.levels[1:3])
     torch.testing.assert_close(seen.take(torch.tensor([3, 0])).origin, seen.origin[[3, 0]])
-    torch.testing.assert_close(Windows.joined([seen.rows(0, 1), seen.rows(1, 4)]).visibility, seen.visibility)
+    torch.testing.assert_close(
+        Windows.joined([seen.take(slice(0, 1)), seen.take(slice(1, 4))]).visibility, seen.visibility
+    )

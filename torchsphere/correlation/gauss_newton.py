@@ -135,18 +135,11 @@ def _descend(
 ) -> Solution:
     """`gauss_newton` pair by pair, in compiled loops."""
     jacobian, factor = operator(reference, reference.gradient, start, model, reference.weights)
-    found = descent.descend(
-        c_g,
-        shift,
-        start,
-        (reference.surface, reference.weights, reference.values),
-        jacobian,
-        torch.cholesky_inverse(factor),
-        reference.geometry.radius,
-        descent.Limits(settings.max_iterations, SETTLE_AFTER, settings.tolerance_px),
-        interpolation.SHARPNESS,
-        exact=model is motion_models.finite,
-    )
+    region = reference.surface, reference.weights, reference.values
+    inverse, radius = torch.cholesky_inverse(factor), reference.geometry.radius
+    pairs = descent.Pairs(c_g, shift, *region, jacobian, inverse, radius)
+    limits = descent.Limits(settings.max_iterations, SETTLE_AFTER, settings.tolerance_px)
+    found = descent.descend(pairs, start, limits, interpolation.SHARPNESS, exact=model is motion_models.finite)
     return Solution(*found, jacobian, factor)
 
 

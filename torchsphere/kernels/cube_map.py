@@ -61,7 +61,7 @@ def place(x: Any, y: Any, z: Any, cells: int) -> tuple[Any, ...]:
     along, across, inwards = abs(x), abs(y), abs(z)
     by_x = along >= across and along >= inwards
     by_y = not by_x and across >= inwards
-    axis = 0 if by_x else 1 if by_y else 2
+    axis = np.int32(0) if by_x else np.int32(1) if by_y else np.int32(2)
     ahead = x if by_x else y if by_y else z
     nearer = ONE / ahead
     size = abs(nearer)
@@ -72,8 +72,8 @@ def place(x: Any, y: Any, z: Any, cells: int) -> tuple[Any, ...]:
     column, row = np.floor(u), np.floor(v)
     column, row = column if column > ZERO else ZERO, row if row > ZERO else ZERO
     column, row = column if column < last else last, row if row < last else last
-    face, width = axis + (0 if ahead > ZERO else 3), cells + 3
-    return np.uint64((face * width + int(row)) * width + int(column)), axis, nearer, u - column, v - row, t, r
+    face, width = axis + (np.int32(0) if ahead > ZERO else np.int32(3)), np.int32(cells + 3)
+    return (face * width + np.int32(row)) * width + np.int32(column), axis, nearer, u - column, v - row, t, r
 
 
 @compiled

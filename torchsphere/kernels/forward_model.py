@@ -6,15 +6,16 @@ weight are left out.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from torchsphere.kernels import layout
 from torchsphere.kernels.cube_map import place, slopes, sum_with_slopes, weights
-from torchsphere.kernels.jit import ONE, TWO, ZERO, Floats, Integers, arrays, compiled
+from torchsphere.kernels.jit import ONE, ZERO, Floats, Integers, arrays, compiled
+from torchsphere.kernels.layout import Images, Numbers, Rays, RowMemory, contiguous
 from torchsphere.kernels.rays import (
     Rule,
     coverage,
@@ -28,99 +29,71 @@ from torchsphere.kernels.rays import (
     two_rays,
 )
 
-Array = NDArray[Any]
-Numbers = NDArray[np.int32]
-
 _HALF, _TINY = np.float32(0.5), np.float32(1e-6)
-_FIVE, _THREE, _EIGHT, _QUARTER = (np.float32(v) for v in (5, 3, 8, 0.25))
-
-#: Number of columns of the jacobian.
-COLUMNS = 9
+_FIVE, _THREE, _EIGHT = (np.float32(v) for v in (5, 3, 8))
 
 
-def contiguous(
-    offset: Tensor,
-    places: Tensor,
-    orientation: Tensor,
-    brightness: Tensor,
-    visibility: Tensor,
-    background: Tensor,
-    ball: Tensor,
-) -> tuple[Any, ...]:
-    """What the loops read, as contiguous arrays in single precision."""
-    tensors = offset, places, orientation, brightness, visibility, background, ball
-    return tuple(tensor.to(torch.float32).contiguous().numpy() for tensor in tensors)
+class Model(NamedTuple):
+    """The map and the rule of its rays."""
+
+    coefficients: Any  # tensor, or array for the loops (m,)
+    cells: int
+    rule: Rule
+
+    def of_arrays(self) -> Model:
+        """As the loops read it."""
+        return self._replace(coefficients=self.coefficients.contiguous().numpy())
 
 
-def linearise(coefficients: Tensor, cells: int, rule: Rule, *images: Tensor) -> tuple[Tensor, Tensor]:
-    """Levels (n, s, s) and jacobian (n, s * s, 9); ``images`` as for `contiguous`.
-
-    Offsets (n, 2) of the first pixel from the centre, or those of all pixels (n, s, s, 2), without images in an
-    orthographic view; orientations (n, 3, 3), gains and offsets (n, 2), visibility and background (n, s, s); radius,
-    blur, nearness, light and blur of the footprint (n, 8), in the axes of the view.
-    """
-    given = contiguous(*images)
-    levels = torch.zeros_like(images[4])
-    jacobian = levels.new_zeros(len(levels), levels[0].numel(), COLUMNS)
-    _linearise(coefficients.contiguous().numpy(), cells, rule, *given, levels.numpy(), jacobian.numpy())
+def linearise(model: Model, images: Images) -> tuple[Tensor, Tensor]:
+    """Levels (n, s, s) and jacobian (n, s * s, 9)."""
+    levels = torch.zeros_like(images.visibility)
+    jacobian = levels.new_zeros(len(levels), levels[0].numel(), layout.COLUMNS)
+    _linearise(model.of_arrays(), contiguous(images), levels.numpy(), jacobian.numpy())
     return levels, jacobian
 
 
-def design(cells: int, rule: Rule, *images: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-    """Corners, offsets, factors and pixels of the rays, and fixed levels, of `sphere_map.design.Design`."""
-    given = contiguous(*images)
-    fixed = torch.zeros_like(images[4])
+def design(cells: int, rule: Rule, images: Images) -> tuple[Rays, Tensor]:
+    """The rays of `sphere_map.design.Design`, and its fixed levels."""
+    given, fixed = contiguous(images), torch.zeros_like(images.visibility)
     n, side, _ = fixed.shape
     begins = torch.empty(n, side * side + 1, dtype=torch.int64)
-    _count(rule, given[0], given[1], given[4], given[6], begins.numpy())
+    _count(rule, given, begins.numpy())
     most = int(begins[:, -1].max())
     corner, pixel = (torch.zeros(n, most, dtype=torch.int32) for _ in range(2))
-    offset, factor = fixed.new_zeros(n, most, 2), fixed.new_zeros(n, most)
-    _design(cells, rule, *given, begins.numpy(), *arrays(corner, offset, factor, pixel, fixed))
-    return corner, offset, factor, pixel, fixed
+    rays = Rays(corner, fixed.new_zeros(n, most, 2), fixed.new_zeros(n, most), pixel)
+    _design(cells, rule, given, begins.numpy(), Rays(*arrays(*rays)), fixed.numpy())
+    return rays, fixed
 
 
 @compiled
-def _linearise(
-    coefficients: Floats,
-    cells: int,
-    rule: Rule,
-    first: Floats,
-    places: Floats,
-    turns: Floats,
-    brightness: Floats,
-    visibility: Floats,
-    background: Floats,
-    ball: Floats,
-    levels: Floats,
-    jacobian: Floats,
-) -> None:
-    n, side, _ = visibility.shape
-    room, line = room_for_rows(side, rule.points.shape[1]), np.empty((COLUMNS, side), np.float32)
+def _linearise(model: Model, images: Images, levels: Floats, jacobian: Floats) -> None:
+    n, side, _ = levels.shape
+    memory = memory_for_row(side, model.rule.points.shape[1])
+    line = np.empty((layout.COLUMNS, side), np.float32)
     for i in range(n):
-        given = coefficients, cells, rule, turns[i], brightness[i], ball[i]
         for row in range(side):
-            find_places(first[i], places, i, row, room)
-            linearise_row(given, visibility[i, row], background[i, row], room, levels[i, row], line)
+            linearise_row(model, images, i, row, memory, levels[i, row], line)
             for column in range(side):
                 found = jacobian[i, row * side + column]
-                for k in range(COLUMNS):
+                for k in range(layout.COLUMNS):
                     found[k] = line[k, column]
 
 
 @compiled
-def room_for_rows(side: int, points: int) -> tuple[Array, ...]:
-    """Memory for the rays of a row of ``side`` pixels: see `row_of_rays` and `_meet`."""
-    outline, begins = np.empty((side, 4), np.float32), np.empty(side + 1, np.int64)
-    rays, corner = np.empty((20, side * points), np.float32), np.empty(side * points, np.int32)
+def memory_for_row(side: int, points: int) -> RowMemory:
+    """Memory for the rays of a row of ``side`` pixels with up to ``points`` rays each."""
+    outline, begins = np.empty((side, layout.OUTLINE_COLUMNS), np.float32), np.empty(side + 1, np.int64)
+    rays, corner = np.empty((layout.RAY_ROWS, side * points), np.float32), np.empty(side * points, np.int32)
     across, down = np.empty(side, np.float32), np.empty(side, np.float32)
-    return outline, begins, rays, corner, np.empty(side * points, np.int32), across, down
+    return RowMemory(outline, begins, rays, corner, np.empty(side * points, np.int32), across, down)
 
 
 @compiled
-def find_places(first: Floats, places: Floats, image: int, row: int, room: tuple[Array, ...]) -> None:
-    """Offsets of a row of pixels from the ball's centre, into the last two parts of the ``room``."""
-    across, down = room[5], room[6]
+def _find_places(first: Floats, places: Floats, image: int, row: int, memory: RowMemory) -> None:
+    """Put the offsets of a row of pixels from the ball's centre into the ``memory``."""
+    # ``first`` is an argument of its own, which overlaps no other: read from its images, last digits change.
+    across, down = memory.across, memory.down
     if len(places) == 0:
         x, y = first[0], first[1] + np.float32(row)
         for column in range(len(across)):
@@ -132,39 +105,35 @@ def find_places(first: Floats, places: Floats, image: int, row: int, room: tuple
 
 @compiled
 def linearise_row(
-    given: tuple[Any, ...],
-    visibility: Floats,
-    background: Floats,
-    room: tuple[Array, ...],
-    levels: Floats,
-    line: Floats,
+    model: Model, images: Images, image: int, row: int, memory: RowMemory, levels: Floats, line: Floats
 ) -> None:
-    """Levels (s,) and derivatives (9, s) of a row of pixels.
+    """Levels (s,) and derivatives (9, s) of a row of pixels, and their places in the ``memory``.
 
-    Both are 0 for pixels without weight. ``given`` are the map, its cells, the rule, the turn, the brightness and the
-    ball; ``room`` is that of `room_for_rows` with the places of the pixels.
+    Both are 0 for pixels without weight.
     """
-    coefficients, cells, rule, turn, brightness, ball = given
-    outline, begins, rays, corner, axis, xs, ys = room
-    per_px = ONE / ball[0]
-    gain, dark = brightness[0], brightness[1]
+    _find_places(images.first[image], images.places, image, row, memory)
+    visibility, background = images.visibility[image, row], images.background[image, row]
+    turn, ball, cells = images.orientation[image], images.ball[image], model.cells
+    gain, dark = images.brightness[image, 0], images.brightness[image, 1]
+    outline, begins, rays, xs, ys = memory.outline, memory.begins, memory.rays, memory.across, memory.down
+    per_px = ONE / ball[layout.RADIUS]
     # Step by step over the rays of the row: the steps without look-ups run on several rays at once.
-    count = row_of_rays(xs, ys, ball, rule, visibility, outline, begins, rays)
-    _touch(rays, count, per_px, ball[2])
-    _meet(rays, corner, axis, count, turn, cells)
-    _look_up(coefficients, np.uint64(cells + 3), corner, rays, count)
-    _move(rays, axis, count, turn, ball, cells)
+    count = row_of_rays(ball, model.rule, visibility, memory)
+    _touch(rays, count, per_px, ball[layout.NEARNESS])
+    _meet(rays, memory.corner, memory.axis, count, turn, cells)
+    _look_up(model.coefficients, np.uint64(cells + 3), memory.corner, rays, count)
+    _move(rays, memory.axis, count, turn, ball, cells)
     for column in range(len(visibility)):
         lit, dx, dy, wx, wy, wz, wider = ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO
         start, stop = begins[column], begins[column + 1]
         for k in range(start, stop):
-            lit += rays[0, k]
-            dx += rays[1, k]
-            dy += rays[2, k]
-            wx += rays[3, k]
-            wy += rays[4, k]
-            wz += rays[5, k]
-            wider += rays[6, k]
+            lit += rays[layout.LIT, k]
+            dx += rays[layout.LIT_BY_X, k]
+            dy += rays[layout.LIT_BY_Y, k]
+            wx += rays[layout.LIT_BY_WX, k]
+            wy += rays[layout.LIT_BY_WY, k]
+            wz += rays[layout.LIT_BY_WZ, k]
+            wider += rays[layout.LIT_BY_SIZE, k]
         behind, part, steep, outwards, blurred, share = background[column], ZERO, ZERO, ZERO, ZERO, ZERO
         x, y = xs[column], ys[column]
         contrast = lit - behind
@@ -172,16 +141,16 @@ def linearise_row(
             share, edge, spread, gained = outline[column]
             part, steep, blurred = gain * share, gain * edge * contrast, gain * spread * contrast
             # The outline gives or takes what lies there: the first ray is the one nearest to it.
-            steep += part * gained * (rays[7, start] - lit)
+            steep += part * gained * (rays[layout.BARE, start] - lit)
             distance = np.sqrt(x * x + y * y)
             outwards = steep / (distance if distance > _TINY else _TINY)
             part *= per_px
         shown = ZERO if visibility[column] == ZERO else ONE
         unit = shown * (behind + share * contrast)
-        line[0, column], line[1, column] = part * dx + outwards * x, part * dy + outwards * y
-        line[2, column], line[3, column], line[4, column] = part * wx, part * wy, part * wz
-        line[5, column], line[6, column] = part * wider + steep, blurred
-        line[7, column], line[8, column] = unit, shown
+        line[layout.DX, column], line[layout.DY, column] = part * dx + outwards * x, part * dy + outwards * y
+        line[layout.WX, column], line[layout.WY, column], line[layout.WZ, column] = part * wx, part * wy, part * wz
+        line[layout.BY_RADIUS, column], line[layout.BY_BLUR, column] = part * wider + steep, blurred
+        line[layout.BY_GAIN, column], line[layout.BY_OFFSET, column] = unit, shown
         levels[column] = gain * unit + shown * dark
 
 
@@ -192,54 +161,40 @@ def _touch(rays: Floats, count: int, per_px: Any, near: Any) -> None:
     Shrink and steepness of `sphere_map.forward_model` follow there, and by how much points move with the radius.
     """
     for i in range(count):
-        wide = rays[2, i] * per_px
-        x, y = wide * rays[0, i], wide * rays[1, i]
+        wide = rays[layout.SCALE, i] * per_px
+        x, y = wide * rays[layout.PIXEL_X, i], wide * rays[layout.PIXEL_Y, i]
         square = x * x + y * y
         height, upright = np.sqrt(ONE - square), np.sqrt(ONE - near * near * square)
         shrink = upright - near * height
-        rays[6, i], rays[7, i], rays[8, i] = shrink * x, shrink * y, -(height * upright + near * square)
+        rays[layout.POINT_X, i], rays[layout.POINT_Y, i] = shrink * x, shrink * y
+        rays[layout.POINT_Z, i] = -(height * upright + near * square)
         steepness = ONE / height - near / upright
-        rays[17, i], rays[18, i], rays[19, i] = shrink, steepness, ONE / (height * steepness)
+        rays[layout.SHRINK, i], rays[layout.STEEPNESS, i] = shrink, steepness
+        rays[layout.INWARDS, i] = ONE / (height * steepness)
 
 
 @compiled
 def _meet(rays: Floats, corner: Numbers, axis: Numbers, count: int, turn: Floats, cells: int) -> None:
     """Where the points of the rays lie on the map."""
-    half, last, width = np.float32(cells) / TWO, np.float32(cells - 1), np.int32(cells + 3)
     for i in range(count):
-        px, py, pz = rays[6, i], rays[7, i], rays[8, i]
+        px, py, pz = rays[layout.POINT_X, i], rays[layout.POINT_Y, i], rays[layout.POINT_Z, i]
         # Axes of the ball.
         x = turn[0, 0] * px + turn[1, 0] * py + turn[2, 0] * pz
         y = turn[0, 1] * px + turn[1, 1] * py + turn[2, 1] * pz
         z = turn[0, 2] * px + turn[1, 2] * py + turn[2, 2] * pz
-        along, across, inwards = abs(x), abs(y), abs(z)
-        by_x = along >= across and along >= inwards
-        by_y = not by_x and across >= inwards
-        ahead = x if by_x else y if by_y else z
-        nearer = ONE / ahead
-        size = abs(nearer)
-        t, r = (y if by_x else z if by_y else x) * size, (z if by_x else x if by_y else y) * size
-        u, v = (t * (_FIVE - t * t) * _QUARTER + ONE) * half, (r * (_FIVE - r * r) * _QUARTER + ONE) * half
-        # NaN goes to the first cell.
-        column, row = np.floor(u), np.floor(v)
-        column, row = column if column > ZERO else ZERO, row if row > ZERO else ZERO
-        column, row = column if column < last else last, row if row < last else last
-        number = np.int32(0) if by_x else np.int32(1) if by_y else np.int32(2)
-        axis[i] = number
-        face = number + (np.int32(0) if ahead > ZERO else np.int32(3))
-        corner[i] = (face * width + np.int32(row)) * width + np.int32(column)
-        rays[9, i], rays[10, i], rays[11, i], rays[12, i] = u - column, v - row, t, r
-        rays[13, i] = nearer
+        corner[i], axis[i], nearer, u, v, t, r = place(x, y, z, cells)
+        rays[layout.CELL_U, i], rays[layout.CELL_V, i] = u, v
+        rays[layout.TANGENT_T, i], rays[layout.TANGENT_R, i], rays[layout.NEARER, i] = t, r, nearer
 
 
 @compiled
 def _look_up(coefficients: Floats, width: Any, corner: Numbers, rays: Floats, count: int) -> None:
     """Values of the map at the rays, and derivatives by the places in the cells."""
     for i in range(count):
-        u, v = rays[9, i], rays[10, i]
+        u, v = rays[layout.CELL_U, i], rays[layout.CELL_V, i]
         at = np.uint64(np.uint32(corner[i]))
         value, by_u, by_v = sum_with_slopes(coefficients, at, width, weights(u), weights(v), slopes(u), slopes(v))
-        rays[14, i], rays[15, i], rays[16, i] = value, by_u, by_v
+        rays[layout.VALUE, i], rays[layout.BY_U, i], rays[layout.BY_V, i] = value, by_u, by_v
 
 
 @compiled
@@ -248,13 +203,17 @@ def _move(rays: Floats, axis: Numbers, count: int, turn: Floats, ball: Floats, c
 
     They replace the first rows; lengths are in radii.
     """
-    per_px, near, same, lx, ly, lz = ONE / ball[0], ball[2], ball[3], ball[4], ball[5], ball[6]
+    per_px, near, same = ONE / ball[layout.RADIUS], ball[layout.NEARNESS], ball[layout.EVEN_LIGHT]
+    lx, ly, lz = ball[layout.LIGHT_X], ball[layout.LIGHT_Y], ball[layout.LIGHT_Z]
     steepest = np.float32(cells) / _EIGHT
     for i in range(count):
-        x, y, scale, stretch, of_size, weight = rays[0, i], rays[1, i], rays[2, i], rays[3, i], rays[4, i], rays[5, i]
-        px, py, pz, t, r, nearer = rays[6, i], rays[7, i], rays[8, i], rays[11, i], rays[12, i], rays[13, i]
+        x, y, scale = rays[layout.PIXEL_X, i], rays[layout.PIXEL_Y, i], rays[layout.SCALE, i]
+        stretch, of_size, weight = rays[layout.STRETCH, i], rays[layout.BY_SIZE, i], rays[layout.WEIGHT, i]
+        px, py, pz = rays[layout.POINT_X, i], rays[layout.POINT_Y, i], rays[layout.POINT_Z, i]
+        t, r, nearer = rays[layout.TANGENT_T, i], rays[layout.TANGENT_R, i], rays[layout.NEARER, i]
         size = abs(nearer) * steepest
-        by_u, by_v = rays[15, i] * size * (_FIVE - _THREE * t * t), rays[16, i] * size * (_FIVE - _THREE * r * r)
+        by_u = rays[layout.BY_U, i] * size * (_FIVE - _THREE * t * t)
+        by_v = rays[layout.BY_V, i] * size * (_FIVE - _THREE * r * r)
         by_height = by_u * t + by_v * r
         by_height = -by_height if nearer > ZERO else by_height
         by_x, by_y = axis[i] == 0, axis[i] == 1
@@ -263,35 +222,39 @@ def _move(rays: Floats, axis: Numbers, count: int, turn: Floats, ball: Floats, c
         gz = by_v if by_x else by_u if by_y else by_height
         # Axes of the view.
         bright = same + lx * px + ly * py + lz * pz
-        light, value = weight * bright, weight * rays[14, i]
+        light, value = weight * bright, weight * rays[layout.VALUE, i]
         sx = light * (turn[0, 0] * gx + turn[0, 1] * gy + turn[0, 2] * gz)
         sy = light * (turn[1, 0] * gx + turn[1, 1] * gy + turn[1, 2] * gz)
         sz = light * (turn[2, 0] * gx + turn[2, 1] * gy + turn[2, 2] * gz)
-        wx, wy, shrink = sx + value * lx, sy + value * ly, rays[17, i]
-        tilt = rays[18, i] * (sz + value * lz + near * (wx * px + wy * py) / (shrink * shrink))
+        wx, wy, shrink = sx + value * lx, sy + value * ly, rays[layout.SHRINK, i]
+        tilt = rays[layout.STEEPNESS, i] * (sz + value * lz + near * (wx * px + wy * py) / (shrink * shrink))
         tx, ty = shrink * wx + tilt * px, shrink * wy + tilt * py
         radial = tx * x + ty * y
         stretch *= radial
-        rays[0, i], rays[1, i], rays[2, i] = bright * value, -scale * tx - stretch * x, -scale * ty - stretch * y
-        rays[3, i], rays[4, i], rays[5, i] = sy * pz - sz * py, sz * px - sx * pz, sx * py - sy * px
+        rays[layout.LIT, i] = bright * value
+        rays[layout.LIT_BY_X, i], rays[layout.LIT_BY_Y, i] = -scale * tx - stretch * x, -scale * ty - stretch * y
+        rays[layout.LIT_BY_WX, i], rays[layout.LIT_BY_WY, i] = sy * pz - sz * py, sz * px - sx * pz
+        rays[layout.LIT_BY_WZ, i] = sx * py - sy * px
         # With its radius the ball's nearness grows: points move inwards by more than their share of the radius.
-        rays[6, i], rays[7, i] = radial * (of_size - scale * per_px * rays[19, i]), bright * rays[14, i]
+        rays[layout.LIT_BY_SIZE, i] = radial * (of_size - scale * per_px * rays[layout.INWARDS, i])
+        rays[layout.BARE, i] = bright * rays[layout.VALUE, i]
 
 
 @compiled
-def _count(rule: Rule, first: Floats, places: Floats, visibility: Floats, ball: Floats, begins: Integers) -> None:
+def _count(rule: Rule, images: Images, begins: Integers) -> None:
     """Number of rays before each pixel, and in all: none where the ball cannot be seen."""
+    visibility, ball = images.visibility, images.ball
     n, side, _ = visibility.shape
-    room = room_for_rows(side, 1)
+    memory = memory_for_row(side, 1)
     for i in range(n):
-        radius, blur, wide = ball[i, 0], ball[i, 1], ball[i, 7]
+        radius, blur, wide = ball[i, layout.RADIUS], ball[i, layout.BLUR], ball[i, layout.FOOTPRINT_BLUR]
         inner, _, _ = two_rays(radius, wide, rule)
         beyond, count = radius + ONE + _EIGHT * blur, 0
         for row in range(side):
-            find_places(first[i], places, i, row, room)
+            _find_places(images.first[i], images.places, i, row, memory)
             for column in range(side):
                 begins[i, row * side + column] = count
-                x, y = room[5][column], room[6][column]
+                x, y = memory.across[column], memory.down[column]
                 distance = np.sqrt(x * x + y * y)
                 if visibility[i, row, column] == ZERO or distance >= beyond:
                     continue
@@ -305,39 +268,25 @@ def _count(rule: Rule, first: Floats, places: Floats, visibility: Floats, ball: 
 
 
 @compiled
-def _design(
-    cells: int,
-    rule: Rule,
-    first: Floats,
-    places: Floats,
-    turns: Floats,
-    brightness: Floats,
-    visibility: Floats,
-    background: Floats,
-    ball: Floats,
-    begins: Integers,
-    corners: Numbers,
-    offsets: Floats,
-    factor: Floats,
-    pixel: Numbers,
-    fixed: Floats,
-) -> None:
+def _design(cells: int, rule: Rule, images: Images, begins: Integers, rays: Rays, fixed: Floats) -> None:
+    visibility, background, brightness = images.visibility, images.background, images.brightness
+    corners, offsets, factor, pixel = rays
     n, side, _ = visibility.shape
-    room = room_for_rows(side, 1)
+    memory = memory_for_row(side, 1)
     roots, weights = np.empty((2, rule.points.shape[1]), np.float32)
     for i in range(n):
-        radius, blur, near, same, lx, ly, lz, wide = ball[i]
+        radius, blur, near, same, lx, ly, lz, wide = images.ball[i]
         inner, apart, out = two_rays(radius, wide, rule)
-        outermost, per_px, end = rule.limits[2] * radius, ONE / radius, end_of_disc(radius, wide)
-        turn, gain, dark = turns[i], brightness[i, 0], brightness[i, 1]
+        outermost, per_px, end = rule.outermost * radius, ONE / radius, end_of_disc(radius, wide)
+        turn, gain, dark = images.orientation[i], brightness[i, 0], brightness[i, 1]
         for row in range(side):
-            find_places(first[i], places, i, row, room)
+            _find_places(images.first[i], images.places, i, row, memory)
             for column in range(side):
                 if visibility[i, row, column] == ZERO:
                     continue
                 number = row * side + column
                 start, stop = begins[i, number], begins[i, number + 1]
-                x, y = room[5][column], room[6][column]
+                x, y = memory.across[column], memory.down[column]
                 distance = np.sqrt(x * x + y * y)
                 distance = distance if distance > _TINY else _TINY
                 share, _, _ = coverage(x, y, distance, radius, blur)
@@ -364,6 +313,6 @@ def _design(
                     ay = turn[0, 1] * px + turn[1, 1] * py + turn[2, 1] * pz
                     az = turn[0, 2] * px + turn[1, 2] * py + turn[2, 2] * pz
                     corner, _, _, u, v, _, _ = place(ax, ay, az, cells)
-                    corners[i, k], pixel[i, k] = np.int32(corner), np.int32(number)
+                    corners[i, k], pixel[i, k] = corner, np.int32(number)
                     offsets[i, k, 0], offsets[i, k, 1] = u, v
                     factor[i, k] = gain * share * weight * (same + lx * px + ly * py + lz * pz)

@@ -22,37 +22,33 @@ class Limits(NamedTuple):
     tolerance_px: float  # a pair has converged when a step moves no point of the ball further
 
 
-def descend(
-    c: Tensor,
-    shift: Tensor,
-    start: Tensor,
-    region: tuple[Tensor, Tensor, Tensor],
-    jacobian: Tensor,
-    inverse: Tensor,
-    radius: Tensor,
-    limits: Limits,
-    sharpness: float,
-    *,
-    exact: bool,
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-    """Gauss-Newton from ``start`` (n, 5), px and rad, with one ``jacobian`` (n, 5, p) for all steps.
+class Pairs(NamedTuple):
+    """Tensors or arrays of n pairs with p points in the region."""
 
-    ``c`` (n, h, h): splines of the deformed images; ``shift`` (n, 2): to their crops; ``region``: surface (n, 3, p),
-    weights (n, p), values (n, p) of the reference; ``inverse`` (n, 5, 5), float64: of the operator; ``radius`` (n,),
-    px; ``exact``: rotation, or its linearisation.
-    """
-    require_nodes(c, 4)
-    require_one_size(0, c, shift, start, *region, jacobian, inverse, radius)
-    require_one_size(-1, *region, jacobian)
-    n, points = len(start), jacobian.shape[-1]
+    c: Any  # splines (n, h, h) of the deformed images
+    shift: Any  # (n, 2), to their crops
+    surface: Any  # (n, 3, p)
+    weights: Any  # (n, p)
+    values: Any  # (n, p) of the reference
+    jacobian: Any  # (n, 5, p), for all steps
+    inverse: Any  # (n, 5, 5), float64, of the operator
+    radius: Any  # (n,), px
+
+
+def descend(
+    pairs: Pairs, start: Tensor, limits: Limits, sharpness: float, *, exact: bool
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+    """Gauss-Newton from ``start`` (n, 5), px and rad; ``exact``: rotation, or its linearisation."""
+    require_nodes(pairs.c, 4)
+    require_one_size(0, start, *pairs)
+    require_one_size(-1, pairs.surface, pairs.weights, pairs.values, pairs.jacobian)
+    n, points = len(start), pairs.jacobian.shape[-1]
     q = start.double().contiguous()
     iterations, converged = torch.zeros(n, dtype=torch.long), torch.zeros(n, dtype=torch.bool)
     warped, weights = torch.empty(n, points), torch.empty(n, points)
-    given, found = (
-        arrays(c, shift, *region, jacobian, inverse, radius),
-        arrays(q, iterations, converged, warped, weights),
+    _descend(
+        Pairs(*arrays(*pairs)), arrays(q, iterations, converged, warped, weights), limits, np.float32(sharpness), exact
     )
-    _descend(given, found, limits, np.float32(sharpness), exact)
     return q.to(start), iterations, converged, warped, weights
 
 
@@ -103,10 +99,8 @@ def _place(
 
 
 @compiled
-def _descend(
-    given: tuple[Any, ...], found: tuple[Any, ...], limits: Limits, sharpness: np.float32, exact: bool
-) -> None:
-    c, shift, surface, weights, values, jacobian, inverse, radius = given
+def _descend(pairs: Pairs, found: tuple[Any, ...], limits: Limits, sharpness: np.float32, exact: bool) -> None:
+    c, shift, surface, weights, values, jacobian, inverse, radius = pairs
     q, iterations, converged, warped, seen = found
     size = c.shape[-1]
     points = np.empty((2, weights.shape[1]), np.float32)

@@ -14,32 +14,29 @@ from torch import Tensor
 
 from torchsphere.kernels.cube_map import add_sixteen, sum_sixteen, weights
 from torchsphere.kernels.jit import ZERO, Floats, arrays, compiled
+from torchsphere.kernels.layout import Rays
 
 Array = NDArray[Any]
 
 
-#: First coefficients (n, t) of t rays, places (n, t, 2) in their cells, factors (n, t), and numbers (n, t) of pixels.
-Rays = tuple[Tensor, Tensor, Tensor, Tensor]
-
-
 def map_levels(rays: Rays, coefficients: Tensor, cells: int, pixels: int) -> Tensor:
     """The map's part (n, p) of the grey levels of the ``pixels``."""
-    found = coefficients.new_zeros(len(rays[0]), pixels)
-    _map_levels(*arrays(*rays, coefficients), cells + 3, found.numpy())
+    found = coefficients.new_zeros(len(rays.corner), pixels)
+    _map_levels(Rays(*arrays(*rays)), *arrays(coefficients), cells + 3, found.numpy())
     return found
 
 
 def adjoint(rays: Rays, values: Tensor, cells: int, count: int) -> Tensor:
     """Sums (m,) of the pixels' ``values`` (n, p) over the ``count`` coefficients."""
     found = values.new_zeros(count)
-    _adjoint(*arrays(*rays, values), cells + 3, found.numpy())
+    _adjoint(Rays(*arrays(*rays)), *arrays(values), cells + 3, found.numpy())
     return found
 
 
 def adjoint_columns(rays: Rays, values: Tensor, cells: int, count: int) -> Tensor:
     """Sums (n, m, k) of the columns of ``values`` (n, p, k), for each image."""
     found = values.new_zeros(len(values), count, values.shape[-1])
-    _adjoint_columns(*arrays(*rays, values), cells + 3, found.numpy())
+    _adjoint_columns(Rays(*arrays(*rays)), *arrays(values), cells + 3, found.numpy())
     return found
 
 
@@ -80,13 +77,12 @@ def _normal(jacobian: Floats, pixel: Floats, residual: Floats, found: Array, rig
 
 
 @compiled
-def _map_levels(
-    corner: Array, offset: Floats, factor: Floats, pixel: Array, coefficients: Floats, width: int, found: Floats
-) -> None:
-    n, rays = factor.shape
+def _map_levels(rays: Rays, coefficients: Floats, width: int, found: Floats) -> None:
+    corner, offset, factor, pixel = rays
+    n, count = factor.shape
     step = np.uint64(width)
     for i in range(n):
-        for k in range(rays):
+        for k in range(count):
             at = np.uint64(np.uint32(corner[i, k]))
             of_u, of_v = weights(offset[i, k, 0]), weights(offset[i, k, 1])
             shown = np.uint64(np.uint32(pixel[i, k]))
@@ -94,13 +90,12 @@ def _map_levels(
 
 
 @compiled
-def _adjoint(
-    corner: Array, offset: Floats, factor: Floats, pixel: Array, values: Floats, width: int, found: Floats
-) -> None:
-    n, rays = factor.shape
+def _adjoint(rays: Rays, values: Floats, width: int, found: Floats) -> None:
+    corner, offset, factor, pixel = rays
+    n, count = factor.shape
     step = np.uint64(width)
     for i in range(n):
-        for k in range(rays):
+        for k in range(count):
             value = factor[i, k] * values[i, np.uint64(np.uint32(pixel[i, k]))]
             if value == ZERO:
                 continue
@@ -110,13 +105,12 @@ def _adjoint(
 
 
 @compiled
-def _adjoint_columns(
-    corner: Array, offset: Floats, factor: Floats, pixel: Array, values: Floats, width: int, found: Floats
-) -> None:
-    n, rays = factor.shape
+def _adjoint_columns(rays: Rays, values: Floats, width: int, found: Floats) -> None:
+    corner, offset, factor, pixel = rays
+    n, count = factor.shape
     columns = values.shape[2]
     for i in range(n):
-        for k in range(rays):
+        for k in range(count):
             share = factor[i, k]
             if share == ZERO:
                 continue

@@ -9,11 +9,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from torchsphere.kernels import layout
 from torchsphere.kernels.jit import ONE, TWO, ZERO, Floats, Integers, compiled
-
-Array = NDArray[Any]
+from torchsphere.kernels.layout import RowMemory
 
 #: Half the width of a blurred pixel in its standard deviations; width of its top, which it has not; and least height
 #: of a footprint over that of its middle.
@@ -35,7 +34,10 @@ class Rule(NamedTuple):
     The first rule serves pixels at the limb; the second one those that show a longer arc of the surface.
     """
 
-    limits: Floats  # (4,): begin of the limb, radii and px from the outline; outermost ray, radii; longest arc, px
+    limb_from: np.float32  # begin of the limb, radii
+    limb_px: np.float32  # and px from the outline
+    outermost: np.float32  # distance of the outermost ray, radii
+    long_arc_px: np.float32  # longest arc that the first rule serves
     points: Floats  # points (2, k) of both rules, from -1 to 1
     shares: Floats  # their weights (2, k), 0 where a rule has fewer points
     counts: Integers  # (2,): numbers of points
@@ -55,11 +57,11 @@ def two_rays(radius: Any, blur: Any, rule: Rule) -> tuple[Any, Any, Any]:
     """Distance from the centre, px, up to which two rays are enough, and how they are scaled apart and outwards."""
     variance = blur * blur + _TWELFTH
     wider = np.sqrt(_TWELVE * variance)
-    begin = rule.limits[0]
+    begin = rule.limb_from
     slope = begin / (np.sqrt(ONE - begin * begin) * wider)
     inner = slope / np.sqrt(ONE + slope * slope) * radius
     out = ONE + variance / (radius * radius)
-    return min(inner, radius - rule.limits[1] * wider), np.sqrt(variance) / radius, out
+    return min(inner, radius - rule.limb_px * wider), np.sqrt(variance) / radius, out
 
 
 @compiled
@@ -144,7 +146,7 @@ def limb_part(distance: Any, radius: Any, half: Any) -> tuple[Any, Any]:
 def number_of_rule(shallow: Any, deep: Any, radius: Any, rule: Rule) -> int:
     """Number of the rule for a pixel between these roots: the arc of the surface is about their difference."""
     span = deep - shallow
-    return 1 if TWO * radius * span * span > rule.limits[3] * rule.limits[3] else 0
+    return 1 if TWO * radius * span * span > rule.long_arc_px * rule.long_arc_px else 0
 
 
 @compiled
@@ -177,64 +179,57 @@ def coverage(x: Any, y: Any, distance: Any, radius: Any, blur: Any) -> tuple[Any
 
 
 @compiled
-def row_of_rays(
-    xs: Floats,
-    ys: Floats,
-    ball: Floats,
-    rule: Rule,
-    visibility: Floats,
-    outline: Floats,
-    begins: Array,
-    rays: Floats,
-) -> int:
-    """Rays of the pixels in a row: offsets x and y, scale, its changes by distance and size, and weight; their number.
-
-    Also of each pixel share, edge and spread of `coverage`, and what the outline gives or takes.
-    """
-    radius, blur, wide = ball[0], ball[1], ball[7]
+def row_of_rays(ball: Floats, rule: Rule, visibility: Floats, memory: RowMemory) -> int:
+    """Put the rays of the pixels in a row, and the outline in each pixel, into the ``memory``; the number of rays."""
+    outline, begins, rays = memory.outline, memory.begins, memory.rays
+    radius, blur, wide = ball[layout.RADIUS], ball[layout.BLUR], ball[layout.FOOTPRINT_BLUR]
     inner, apart, out = two_rays(radius, wide, rule)
-    outermost, end = rule.limits[2] * radius, end_of_disc(radius, wide)
+    outermost, end = rule.outermost * radius, end_of_disc(radius, wide)
     beyond, count = radius / end, 0
     for column in range(len(visibility)):
         begins[column] = count
         if visibility[column] == ZERO:
             continue
-        x, y = xs[column], ys[column]
+        x, y = memory.across[column], memory.down[column]
         distance = np.sqrt(x * x + y * y)
         distance = distance if distance > _TINY else _TINY
         share, edge, spread = coverage(x, y, distance, radius, blur)
-        outline[column, 0], outline[column, 1], outline[column, 2], outline[column, 3] = share, edge, spread, ZERO
+        outline[column, layout.SHARE], outline[column, layout.EDGE] = share, edge
+        outline[column, layout.SPREAD], outline[column, layout.GAINED] = spread, ZERO
         if share == ZERO and edge == ZERO:
             continue
         if distance < inner:
             for k in range(2):
                 nearer = ONE - apart if k == 0 else ONE + apart
-                rays[0, count], rays[1, count], rays[2, count] = x, y, out * nearer
-                rays[3, count], rays[5, count] = ZERO, _HALF
-                rays[4, count] = (TWO * (ONE - out) * nearer - out * (nearer - ONE)) / radius
+                rays[layout.PIXEL_X, count], rays[layout.PIXEL_Y, count], rays[layout.SCALE, count] = x, y, out * nearer
+                rays[layout.STRETCH, count], rays[layout.WEIGHT, count] = ZERO, _HALF
+                rays[layout.BY_SIZE, count] = (TWO * (ONE - out) * nearer - out * (nearer - ONE)) / radius
                 count += 1
             continue
         half, top = footprint(x, y, distance, wide)
-        roots, weights = rays[6, count:], rays[5, count:]
+        roots, weights = rays[layout.ROOT, count:], rays[layout.WEIGHT, count:]
         points, whole, span, of_mean = rays_at_limb(distance, radius, wide, half, top, rule, roots, weights)
         c0, c1, c2, mean = drawn_together(radius, wide, roots, weights, points, whole)
         outside = ZERO
         if distance + half > end:
             outside = height_at(abs(end - distance), half, top) / (whole * span)
         of_mean = of_mean / whole + TWO * outside * (roots[0] - mean)
-        outline[column, 3] = outside
+        outline[column, layout.GAINED] = outside
         for _ in range(points):
-            root = rays[6, count]
+            root = rays[layout.ROOT, count]
             moved, slope = c0 + root * (c1 + root * c2), c1 + TWO * c2 * root
             of_distance = moved * (slope / root + (ONE - slope) * of_mean)
             at, of_size = beyond * (end - moved * moved), (ONE - of_distance) / distance
             of_distance *= beyond
             if at > outermost:
-                at, of_distance, of_size = outermost, ZERO, rule.limits[2] / distance
+                at, of_distance, of_size = outermost, ZERO, rule.outermost / distance
             scale = at / distance
-            rays[0, count], rays[1, count], rays[2, count] = x, y, scale
-            rays[3, count], rays[4, count] = (of_distance - scale) / (distance * distance), of_size
-            rays[5, count] /= whole
+            rays[layout.PIXEL_X, count], rays[layout.PIXEL_Y, count], rays[layout.SCALE, count] = x, y, scale
+            rays[layout.STRETCH, count], rays[layout.BY_SIZE, count] = (
+                (of_distance - scale) / (distance * distance),
+                of_size,
+            )
+            rays[layout.WEIGHT, count] /= whole
             count += 1
     begins[len(visibility)] = count
     return count

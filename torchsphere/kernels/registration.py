@@ -5,104 +5,90 @@ The derivatives of one image at a time are kept, which fit into the processor's 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from torchsphere.kernels.forward_model import (
-    COLUMNS,
-    contiguous,
-    find_places,
-    linearise_row,
-    room_for_rows,
-)
+from torchsphere.kernels import layout
+from torchsphere.kernels.forward_model import Model, linearise_row, memory_for_row
 from torchsphere.kernels.jit import ONE, ZERO, Doubles, Floats, Integers, arrays, compiled
-from torchsphere.kernels.rays import Rule
+from torchsphere.kernels.layout import Images, contiguous
 from torchsphere.kernels.region import window_sums
 
 _HALF, _LEAST = np.float32(0.5), 1e-12
 
 
-def equations(
-    coefficients: Tensor,
-    cells: int,
-    rule: Rule,
-    images: tuple[Tensor, ...],
-    levels: Tensor,
-    rings: tuple[Tensor, Tensor, Tensor],
-    hidden: tuple[int, float],
-    columns: list[int],
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Normal matrices (n, k, k), gradients (n, k), sums of squares (n,), and numbers of visible pixels (n,), float64.
+class Rings(NamedTuple):
+    """Residual variance in rings around the ball's centre: `pixel_weights.ResidualProfile`."""
 
-    ``images`` as for `forward_model.linearise`, ``levels`` (n, s, s) those seen. ``rings`` are
-    `pixel_weights.ResidualProfile.ramps` (m - 1,) and the variances (m,) in the rings. ``hidden`` are the side of a
-    neighbourhood and the mean square from which its visibility falls. ``columns`` (k,) are those of the jacobian.
-    """
+    limits: Any  # between the rings (m - 1,), with slopes: `ResidualProfile.ramps`
+    slopes: Any
+    variances: Any  # (m,)
+
+
+class Hidden(NamedTuple):
+    """When a pixel counts as hidden."""
+
+    window: int  # side of its neighbourhood, px
+    limit: Any  # mean square of the neighbourhood from which its visibility falls
+
+
+class Equations(NamedTuple):
+    """Normal equations of n images with k unknowns, float64."""
+
+    normal: Any  # (n, k, k)
+    gradient: Any  # (n, k)
+    squares: Any  # sums of squares (n,)
+    seen: Any  # numbers of visible pixels (n,)
+
+
+def equations(
+    model: Model, images: Images, levels: Tensor, rings: Rings, hidden: Hidden, columns: list[int]
+) -> Equations:
+    """Equations for the ``columns`` (k,) of the jacobian, from the ``levels`` (n, s, s) seen."""
     n, k = len(levels), len(columns)
-    normal, gradient = torch.zeros(n, k, k, dtype=torch.float64), torch.zeros(n, k, dtype=torch.float64)
-    squares, seen = torch.zeros(n, dtype=torch.float64), torch.zeros(n, dtype=torch.float64)
-    given = coefficients.contiguous().numpy(), cells, rule
-    window, limit = hidden
-    _equations(
-        *given,
-        *contiguous(*images),
-        *arrays(levels, *(ring.float() for ring in rings)),
-        window,
-        np.float32(limit),
-        np.array(columns),
-        *arrays(normal, gradient, squares, seen),
-    )
-    return normal, gradient, squares, seen
+    found = Equations(*(torch.zeros(n, *shape, dtype=torch.float64) for shape in ((k, k), (k,), (), ())))
+    rings = Rings(*arrays(*(ring.float() for ring in rings)))
+    hidden = Hidden(hidden.window, np.float32(hidden.limit))
+    given = model.of_arrays(), contiguous(images), *arrays(levels), rings, hidden, np.array(columns)
+    _equations(*given, Equations(*arrays(*found)))
+    return found
 
 
 @compiled
 def _equations(
-    coefficients: Floats,
-    cells: int,
-    rule: Rule,
-    first: Floats,
-    places: Floats,
-    turns: Floats,
-    brightness: Floats,
-    visibility: Floats,
-    background: Floats,
-    ball: Floats,
+    model: Model,
+    images: Images,
     levels: Floats,
-    limits: Floats,
-    slopes: Floats,
-    variances: Floats,
-    window: int,
-    limit: Any,
+    rings: Rings,
+    hidden: Hidden,
     columns: Integers,
-    normal: Doubles,
-    gradient: Doubles,
-    squares: Doubles,
-    seen: Doubles,
+    found: Equations,
 ) -> None:
+    window, visibility = hidden.window, images.visibility
+    normal, gradient, squares, seen = found
     n, side, _ = levels.shape
-    room, jacobian = room_for_rows(side, rule.points.shape[1]), np.empty((side, COLUMNS, side), np.float32)
-    model, residual = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
+    memory = memory_for_row(side, model.rule.points.shape[1])
+    jacobian = np.empty((side, layout.COLUMNS, side), np.float32)
+    expected, residual = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
     weights, part = np.empty((side, side), np.float32), np.empty(side, np.float32)
     wide = side + window - 1
     misfits, usable = np.zeros((wide, wide), np.float32), np.zeros((wide, wide), np.float32)
     sums, counts = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
     for i in range(n):
-        given = coefficients, cells, rule, turns[i], brightness[i], ball[i]
         for row in range(side):
-            find_places(first[i], places, i, row, room)
-            linearise_row(given, visibility[i, row], background[i, row], room, model[row], jacobian[row])
-            _inverse_variance(room[5], room[6], (limits, slopes, variances), weights[row])
+            linearise_row(model, images, i, row, memory, expected[row], jacobian[row])
+            _inverse_variance(memory.across, memory.down, rings, weights[row])
             for column in range(side):
-                residual[row, column] = levels[i, row, column] - model[row, column]
-        _misfits(model, residual, visibility[i], weights, misfits, usable)
+                residual[row, column] = levels[i, row, column] - expected[row, column]
+        _misfits(expected, residual, visibility[i], weights, misfits, usable)
         window_sums(misfits, window, sums)
         window_sums(usable, window, counts)
         for row in range(side):
             inside, weight = visibility[i, row], weights[row]
-            _hide(inside, sums[row], counts[row], limit, weight, part)
+            _hide(inside, sums[row], counts[row], hidden.limit, weight, part)
             squares[i] += _sum_of_squares(weight, part, residual[row])
             seen[i] += _total(part)
             _add_row(jacobian[row], weight, residual[row], columns, part, normal[i], gradient[i])
@@ -112,7 +98,7 @@ def _equations(
 
 
 @compiled
-def _inverse_variance(xs: Floats, ys: Floats, rings: tuple[Floats, Floats, Floats], found: Floats) -> None:
+def _inverse_variance(xs: Floats, ys: Floats, rings: Rings, found: Floats) -> None:
     """One over `pixel_weights.ResidualProfile.at` the pixels of a row."""
     limits, slopes, variances = rings
     for column in range(len(found)):

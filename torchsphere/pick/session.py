@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -90,11 +90,8 @@ class Session:
                 "heading": heading,
                 "opened": heading == next(iter(FORM)) or any(field.name in self.base for field in fields),
                 "fields": [
-                    {
-                        "name": field.name,
-                        "label": field.label,
-                        "unit": field.unit,
-                        "hint": field.hint,
+                    asdict(field)
+                    | {
                         "switch": field.is_switch,
                         "text": configuration.text_of(field.name, self.base.get(field.name)),
                         "on": self.base.get(field.name) is True,

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from torchsphere.kernels import map_design as loops
 from torchsphere.kernels.jit import suits
+from torchsphere.kernels.layout import Rays
 from torchsphere.sphere_map import cube_map
 from torchsphere.sphere_map.cube_map import Places
 
@@ -94,8 +95,8 @@ class Design:
     def _pixels(self) -> int:
         return self.fixed[0].numel()
 
-    def _rays(self) -> loops.Rays:
-        return self.corner, self.offset, self.factor, self.pixel
+    def _rays(self) -> Rays:
+        return Rays(self.corner, self.offset, self.factor, self.pixel)
 
     def _places(self) -> Places:
         return Places(self.corner.long(), self.offset.movedim(-1, 0), self.offset.new_zeros(()), self.cells)

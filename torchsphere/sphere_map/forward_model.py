@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from torchsphere.kernels import forward_model as loops
-from torchsphere.kernels import map_design
+from torchsphere.kernels import layout, map_design
 from torchsphere.kernels.jit import suits
 from torchsphere.sphere_map import cube_map
 from torchsphere.sphere_map.ball import Poses, TexturedBall
@@ -29,7 +29,8 @@ from torchsphere.sphere_map.window import Windows
 MIN_BLUR_PX = 0.05
 
 #: Columns of `Linearisation.jacobian`: the motion, what all images share, and the brightness of each image.
-MOTION, SHARED, BRIGHTNESS = slice(0, 5), slice(5, 7), slice(7, 9)
+MOTION, SHARED = slice(layout.DX, layout.WZ + 1), slice(layout.BY_RADIUS, layout.BY_BLUR + 1)
+BRIGHTNESS = slice(layout.BY_GAIN, layout.BY_OFFSET + 1)
 
 
 @dataclass(frozen=True)
@@ -123,22 +124,24 @@ def _column(values: Tensor, like: Tensor) -> Tensor:
     return values.to(like).reshape(-1, 1, 1)
 
 
-def inputs_of_loops(windows: Windows, poses: Poses, ball: TexturedBall) -> tuple[Tensor, ...]:
-    """The images, poses and ball for the loops: see `kernels.forward_model.linearise`."""
+def inputs_of_loops(windows: Windows, poses: Poses, ball: TexturedBall) -> layout.Images:
+    """The images, poses and ball for the loops."""
     brightness, seen = torch.stack((poses.gain, poses.offset), 1), _seen(windows, poses, ball)
-    common = torch.stack((ball.radius, ball.edge_blur)).expand(len(poses), 2)
-    footprint = torch.full_like(seen.nearness, ball.footprint_blur).unsqueeze(1)
-    numbers = torch.cat((common, seen.nearness.unsqueeze(1), seen.light, footprint), 1)
+    numbers = seen.light.new_empty(len(poses), layout.BALL_COLUMNS)
+    numbers[:, layout.RADIUS], numbers[:, layout.BLUR] = ball.radius, ball.edge_blur
+    numbers[:, layout.NEARNESS], numbers[:, layout.FOOTPRINT_BLUR] = seen.nearness, ball.footprint_blur
+    numbers[:, layout.EVEN_LIGHT : layout.LIGHT_Z + 1] = seen.light
     first, places = windows.origin - poses.centre, windows.levels.new_zeros(0, 0, 0, 2)
     if windows.optics is not None:
         places = torch.stack(windows.offsets(poses.centre), -1)
-    return first, places, seen.orientation, brightness, windows.visibility, windows.background, numbers
+    return layout.Images(first, places, seen.orientation, brightness, windows.visibility, windows.background, numbers)
 
 
 def design(windows: Windows, poses: Poses, ball: TexturedBall) -> Design:
     """The model at ``poses`` as a linear function of the map."""
     if suits(windows.levels):
-        return Design(*loops.design(ball.cells, rule(ball), *inputs_of_loops(windows, poses, ball)), ball.cells)
+        found, fixed = loops.design(ball.cells, rule(ball), inputs_of_loops(windows, poses, ball))
+        return Design(*found, fixed, ball.cells)
     seen = _project(windows, poses, ball)
     gain, offset = _column(poses.gain, seen.share), _column(poses.offset, seen.share)
     factor = (gain * seen.share).unsqueeze(-1) * seen.light * seen.rays.weight
@@ -152,8 +155,8 @@ def design(windows: Windows, poses: Poses, ball: TexturedBall) -> Design:
 def linearise(windows: Windows, poses: Poses, ball: TexturedBall) -> Linearisation:
     """Linearise the model at ``poses``."""
     if suits(windows.levels, ball.coefficients):
-        given = inputs_of_loops(windows, poses, ball)
-        levels, jacobian = loops.linearise(ball.coefficients, ball.cells, rule(ball), *given)
+        model = loops.Model(ball.coefficients, ball.cells, rule(ball))
+        levels, jacobian = loops.linearise(model, inputs_of_loops(windows, poses, ball))
         return Linearisation(levels, _in_image(jacobian, windows, poses, ball))
     seen = _project(windows, poses, ball)
     radius = ball.radius.to(seen.x)

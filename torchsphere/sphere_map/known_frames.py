@@ -79,7 +79,7 @@ def register_frames(
         windows = frames.windows(batch.tolist(), start.centre, float(ball.radius))
 
         def part(a: int, b: int, windows: Windows = windows, start: Poses = start) -> Registration:
-            return registration.register(windows.rows(a, b), start.take(slice(a, b)), ball, profile)
+            return registration.register(windows.take(slice(a, b)), start.take(slice(a, b)), ball, profile)
 
         registered = Registration.joined(shared(part, len(batch)))
         move = (registered.poses.centre - start.centre).norm(dim=1)

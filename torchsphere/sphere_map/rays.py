@@ -49,8 +49,8 @@ def rule(ball: TexturedBall) -> Rule:
     rules = np.zeros((2, 2, counts[1]), np.float32)
     for number, count in enumerate(counts):
         rules[:, number, :count] = np.polynomial.legendre.leggauss(count)
-    limits = np.array((LIMB_FROM, LEAST_LIMB_PX, MAX_RAY_DISTANCE, long_arc), np.float32)
-    return Rule(limits, rules[0], rules[1], np.array(counts))
+    limb, outermost = (np.float32(LIMB_FROM), np.float32(LEAST_LIMB_PX)), np.float32(MAX_RAY_DISTANCE)
+    return Rule(*limb, outermost, np.float32(long_arc), rules[0], rules[1], np.array(counts))
 
 
 def footprint_variance(blur: float) -> float:
@@ -82,7 +82,7 @@ def rays_of(x: Tensor, y: Tensor, radius: Tensor, ball: TexturedBall) -> Rays:
     # Points and weights of both rules, (2, 2, k).
     rules = torch.from_numpy(np.stack((given.points, given.shares))).to(distance)
     inner = _inner_rays(distance, radius, blur, rules[0, 0])
-    outer = _outer_rays(x, y, distance, radius, blur, rules, float(given.limits[3]))
+    outer = _outer_rays(x, y, distance, radius, blur, rules, float(given.long_arc_px))
     slope = LIMB_FROM / math.sqrt(1 - LIMB_FROM**2) / wider
     limb_from = slope / math.sqrt(1 + slope**2)
     is_inner = distance < torch.minimum(limb_from * radius, radius - LEAST_LIMB_PX * wider)

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from torchsphere.kernels import layout
 from torchsphere.kernels import registration as loops
+from torchsphere.kernels.forward_model import Model
 from torchsphere.kernels.jit import suits
 from torchsphere.sphere_map import exposure, forward_model, pixel_weights, rays
 from torchsphere.sphere_map.ball import Poses, TexturedBall
-from torchsphere.sphere_map.forward_model import BRIGHTNESS, MOTION, SHARED, Linearisation
+from torchsphere.sphere_map.forward_model import BRIGHTNESS, MOTION, Linearisation
 from torchsphere.sphere_map.pixel_weights import ResidualProfile
 from torchsphere.sphere_map.window import Windows
 
@@ -22,8 +24,8 @@ MAX_STEPS, LAST_STEP_PX = 8, 0.03
 #: Ridge of the normal equations, as a share of their trace.
 RIDGE = 1e-12
 
-#: Columns of the jacobian that a registration solves for, and that of the radius.
-COLUMNS, RADIUS = [*range(9)[MOTION], *range(9)[BRIGHTNESS]], SHARED.start
+#: Columns of the jacobian that a registration solves for.
+COLUMNS = [*range(layout.COLUMNS)[MOTION], *range(layout.COLUMNS)[BRIGHTNESS]]
 
 
 @dataclass(frozen=True)
@@ -105,12 +107,14 @@ def _equations(
     """`normal_equations` of a step, the sum of squares (n,) over the visible pixels, and their number (n,)."""
     pixels = windows.levels, windows.background, windows.visibility
     if windows.moments is None and suits(*pixels, ball.coefficients):
-        rings = *profile.ramps(), profile.variance
-        hidden = pixel_weights.NEIGHBOURHOOD_PX, pixel_weights.HIDDEN_FROM
-        images = forward_model.inputs_of_loops(windows, poses, ball)
-        given = ball.coefficients, ball.cells, rays.rule(ball), images, windows.levels
-        columns = COLUMNS if windows.optics is None else [*COLUMNS, RADIUS]
-        normal, gradient, squares, seen = loops.equations(*given, rings, hidden, columns)
+        rings = loops.Rings(*profile.ramps(), profile.variance)
+        hidden = loops.Hidden(pixel_weights.NEIGHBOURHOOD_PX, pixel_weights.HIDDEN_FROM)
+        given = (
+            Model(ball.coefficients, ball.cells, rays.rule(ball)),
+            forward_model.inputs_of_loops(windows, poses, ball),
+        )
+        columns = COLUMNS if windows.optics is None else [*COLUMNS, layout.BY_RADIUS]
+        normal, gradient, squares, seen = loops.equations(*given, windows.levels, rings, hidden, columns)
         if windows.optics is not None:
             # In the view, with a change of the radius, by the motion in the image.
             view, by_pose = windows.optics.view(poses.centre), normal.new_zeros(len(poses), len(columns), len(COLUMNS))
@@ -150,10 +154,3 @@ def _without_brightness(levels: Tensor, weights: Tensor, residual: Tensor) -> Te
     centred = levels - mean(levels)
     rest = residual - mean(residual)
     return rest - centred * (mean(centred * rest) / mean(centred.square()).clamp_min(1e-12))
-
-
-def pose_covariance(windows: Windows, poses: Poses, ball: TexturedBall, profile: ResidualProfile) -> Tensor:
-    """`Registration.covariance` (n, 5, 5) of images whose pose is known."""
-    model = exposure.linearise(windows, poses, ball)
-    weights = profile.weights(windows, poses.centre)
-    return torch.linalg.inv_ex(normal_equations(model, weights, weights)[0])[0][:, :5, :5]

@@ -38,7 +38,7 @@ def drawn(state: State, shared: RowRunner) -> Design:
     windows, poses = state.windows, state.poses
 
     def part(a: int, b: int) -> Design:
-        return exposure.design(windows.rows(a, b), poses.take(slice(a, b)), state.ball)
+        return exposure.design(windows.take(slice(a, b)), poses.take(slice(a, b)), state.ball)
 
     return Design.joined(shared(part, len(poses)))
 
@@ -48,7 +48,7 @@ def linearised(state: State, shared: RowRunner) -> Linearisation:
     windows, poses = state.windows, state.poses
 
     def part(a: int, b: int) -> Linearisation:
-        return exposure.linearise(windows.rows(a, b), poses.take(slice(a, b)), state.ball)
+        return exposure.linearise(windows.take(slice(a, b)), poses.take(slice(a, b)), state.ball)
 
     return Linearisation.joined(shared(part, len(poses)))
 
@@ -88,7 +88,7 @@ def reweighted(state: State, residual: Tensor, leverage: Tensor, shared: RowRunn
     windows, centre = state.windows, state.poses.centre
     sums = shared(
         lambda a, b: pixel_weights.ring_sums(
-            windows.rows(a, b), centre[a:b], residual[a:b], state.ball.radius, leverage[a:b]
+            windows.take(slice(a, b)), centre[a:b], residual[a:b], state.ball.radius, leverage[a:b]
         ),
         len(windows),
     )
@@ -96,7 +96,7 @@ def reweighted(state: State, residual: Tensor, leverage: Tensor, shared: RowRunn
     profile = replace(profile, variance=profile.variance.minimum(limit * profile.variance[0]))
 
     def visibility(a: int, b: int) -> Tensor:
-        some = windows.rows(a, b)
+        some = windows.take(slice(a, b))
         return pixel_weights.estimate_visibility(some, profile.at(some, centre[a:b]), residual[a:b]).visibility
 
     return replace(state, profile=profile, windows=windows.with_visibility(torch.cat(shared(visibility, len(windows)))))

@@ -45,15 +45,8 @@ class Windows:
     def __len__(self) -> int:
         return len(self.levels)
 
-    def rows(self, start: int, stop: int) -> Windows:
-        """Images ``start`` to ``stop - 1``."""
-        return self._part(slice(start, stop))
-
-    def take(self, rows: Tensor) -> Windows:
+    def take(self, rows: Tensor | slice) -> Windows:
         """Images of the given row numbers (k,)."""
-        return self._part(rows)
-
-    def _part(self, rows: Tensor | slice) -> Windows:
         bend, moments = (None if part is None else part[rows] for part in (self.bend, self.moments))
         levels, background, visibility = self.levels[rows], self.background[rows], self.visibility[rows]
         return Windows(levels, background, visibility, self.origin[rows], self.optics, bend, moments)
