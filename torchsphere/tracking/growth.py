@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.correlation.options import Options
+from torchsphere.detection.limbs import Limbs
 from torchsphere.geometry.camera import Camera
-from torchsphere.tracking.limb_path import MIN_LOOKS, Limbs
+from torchsphere.tracking.limb_path import MIN_LOOKS
 from torchsphere.tracking.record import Record
 
 #: Growth over its standard deviation that is significant (docs/constants.toml).

@@ -51,7 +51,7 @@ def image_blur(
         may_be_smeared = False
     found = None
     if len(frames):
-        images = torch.cat([source.images(i, i + 1) for i in frames.tolist()])
+        images = source.images_of(frames)
         guess = torch.from_numpy(np.column_stack((position[frames], np.full(len(frames), circle.radius))))
         moves = torch.from_numpy(motion) if may_be_smeared else None
         found = blurred_limb.fit_if_blurred(images, guess, motion=moves, ignore=ignore, camera=camera)

@@ -28,7 +28,7 @@ from torchsphere.tracking.drift import AbsoluteMotion, absolute_motion
 from torchsphere.tracking.edge_leakage import adapt_options, background_contrast, leakage_share
 from torchsphere.tracking.findings import Findings, Place
 from torchsphere.tracking.follow import Follower
-from torchsphere.tracking.in_place import Limbs
+from torchsphere.tracking.in_place import CommonLimb
 from torchsphere.tracking.initial_circle import find_initial_circle, is_interlaced, shows_outline
 from torchsphere.tracking.proof import needs_proof, require_ball
 from torchsphere.tracking.raw_mosaic import without_mosaic
@@ -82,40 +82,40 @@ def _measured(task: Task, start: _Start) -> Track:
     start, measured, motion = _motion(task, start)
     free = _assemble(task, start, measured, motion)
     # What neither turns nor leaves its place needs no look at its outline.
-    limbs = _limbs(task, start) if place_of_ball.may_turn_in_place(motion) else None
-    if limbs is None or not place_of_ball.turns_in_place(motion, limbs):
+    limb = _common_limb(task, start) if place_of_ball.may_turn_in_place(motion) else None
+    if limb is None or not place_of_ball.turns_in_place(motion, limb):
         return free
-    held = _measured_in_place(dataclasses.replace(task, in_place=True), start, limbs)
+    held = _measured_in_place(dataclasses.replace(task, in_place=True), start, limb)
     # A frame more or less that fails is chance; a ball that flies fails in most.
     return held if (held.status == "ok").sum() >= MIN_KEPT_SHARE * (free.status == "ok").sum() else free
 
 
-def _measured_in_place(task: Task, start: _Start, limbs: Limbs | None = None) -> Track:
-    """Phases 2 to 4 for a ball in its place; with ``limbs`` it was recognised, and nobody said so."""
-    recognised = limbs is not None
-    limbs = limbs or _limbs(task, start)
-    begun = dataclasses.replace(start, circle=place_of_ball.circle_in_place(start.circle, limbs))
+def _measured_in_place(task: Task, start: _Start, limb: CommonLimb | None = None) -> Track:
+    """Phases 2 to 4 for a ball in its place; with a ``limb`` it was recognised, and nobody said so."""
+    recognised = limb is not None
+    limb = limb or _common_limb(task, start)
+    begun = dataclasses.replace(start, circle=place_of_ball.circle_in_place(start.circle, limb))
     begun, measured, motion = _motion(task, begun)
     motion, drift = place_of_ball.held(motion)
     track = _assemble(task, begun, measured, motion)
-    if limbs is not None and limbs.stay:
-        # A motion too slow for the limbs to show is an error that all steps share.
-        unseen = place_of_ball.sd_unseen_step(limbs)
+    if limb is not None and limb.stays:
+        # A motion too slow for the limb to show is an error that all steps share.
+        unseen = place_of_ball.sd_unseen_step(limb)
         track = dataclasses.replace(track, sd_steady=np.hypot(track.sd_steady, [*unseen, 0, 0, 0]))
     place = Place(
         recognised=recognised,
         steps_sum_px=(float(drift[0]), float(drift[1])),
         first_radius_px=start.circle.radius,
-        limbs=None if limbs is None else len(limbs.frames),
-        limbs_stay=limbs is not None and limbs.stay,
-        limbs_radius_px=math.nan if limbs is None else float(limbs.circle[2]),
-        limbs_sd_px=() if limbs is None else tuple(limbs.sd.tolist()),
+        limbs=None if limb is None else len(limb.frames),
+        limbs_stay=limb is not None and limb.stays,
+        limbs_radius_px=math.nan if limb is None else float(limb.circle[2]),
+        limbs_sd_px=() if limb is None else tuple(limb.sd.tolist()),
     )
     return dataclasses.replace(track, findings=dataclasses.replace(track.findings, place=place))
 
 
-def _limbs(task: Task, start: _Start) -> Limbs | None:
-    return place_of_ball.fit_limbs(task.source, start.circle, task.ignore, start.options.camera)
+def _common_limb(task: Task, start: _Start) -> CommonLimb | None:
+    return place_of_ball.common_limb(task.source, start.circle, task.ignore, start.options.camera)
 
 
 def _motion(task: Task, start: _Start) -> tuple[_Start, Record, AbsoluteMotion]:
@@ -154,8 +154,8 @@ def _moved_to_limbs(
     task: Task, start: _Start, measured: Record, motion: AbsoluteMotion
 ) -> tuple[Record, AbsoluteMotion]:
     """Phases 2 and 3 on a path that follows the limbs, where the ``measured`` one has slipped."""
-    limbs = limb_path.fit_limbs(task.source, measured, task.ignore, start.options.camera)
-    if not limbs.have_slipped():
+    limbs = limb_path.limbs_of(task.source, measured, task.ignore, start.options.camera)
+    if not limb_path.have_slipped(limbs):
         if motion.is_refused:
             # Outlines that contradict each other are not those of a ball: `proof.require_proof`.
             motion = dataclasses.replace(motion, outline_scatter=growth.scatter_of_limbs(limbs))
@@ -170,7 +170,7 @@ def _moved_to_limbs(
         return measured, motion
     if np.isfinite(again.orientation[:, 0, 0]).sum() >= MIN_FRAMES:
         return moved, again
-    kept = measured.without(slice(limbs.slipped_from(), None))
+    kept = measured.without(slice(limb_path.slipped_from(limbs), None))
     return kept, _absolute_motion(task, start, kept)
 
 
@@ -185,8 +185,8 @@ def _without_frames_beside(
     if not (isinstance(motion.map, MadeMap) and unproven.any()):
         return measured, motion
     seen = measured.without(~unproven)
-    limbs = limb_path.fit_limbs(task.source, seen, task.ignore, start.options.camera)
-    beside = limbs.runs_beside(motion.position, unproven)
+    limbs = limb_path.limbs_of(task.source, seen, task.ignore, start.options.camera)
+    beside = limb_path.runs_beside(limbs, motion.position, unproven)
     if not beside.any():
         return measured, motion
     # The map is made anew: frames beside the ball may be among its keyframes.
@@ -208,12 +208,12 @@ def _follow_as_it_grows(task: Task, start: _Start) -> tuple[_Start, Record]:
     if task.in_place or start.grows or start.options.model not in growth.RIGID_MODELS:
         return start, measured
     camera = start.options.camera
-    if not growth.may_grow(limb_path.fit_limbs(task.source, measured, task.ignore, camera)):
+    if not growth.may_grow(limb_path.limbs_of(task.source, measured, task.ignore, camera)):
         return start, measured
     options = growth.growing(start.options, start.circle.radius, start.image)
     growing = dataclasses.replace(start, options=options, grows=True)
     followed = _follow(task, growing)
-    limbs = limb_path.fit_limbs(task.source, followed, task.ignore, camera)
+    limbs = limb_path.limbs_of(task.source, followed, task.ignore, camera)
     if not growth.limbs_follow(limbs, followed):
         return start, measured
     return growing, limb_path.along_limbs(task.source, followed, limbs, task.ignore, options, resized=True)
