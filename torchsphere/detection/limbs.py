@@ -19,13 +19,14 @@ MAX_FRAMES = 16
 IN_SIGHT_PX = 1.0
 
 Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class Limbs:
-    """Limbs in m frames."""
+    """Limbs in m frames; NaN where none was found."""
 
-    frames: NDArray[np.int64]  # numbers (m,)
+    frames: Numbers  # (m,)
     circles: Array  # (m, 3), px
     sd: Array  # (m, 3), px
     guesses: Array  # circles (m, 3) around which they were looked for, px
@@ -40,59 +41,47 @@ class Limbs:
         return self.rows(np.asarray((np.isfinite(self.circles) & np.isfinite(self.sd) & (self.sd > 0)).all(1)))
 
 
-def fit_along_path(
-    images: Tensor,
-    frames: NDArray[np.int64],
-    path: Array,
-    *,
-    ignore: Tensor | None = None,
-    camera: Camera | None = None,
-) -> Limbs:
+def fit_along_path(images: Tensor, frames: Numbers, path: Array, ignore: Tensor | None, camera: Camera | None) -> Limbs:
     """Limbs in the ``images`` (m, h, w) of ``frames`` (m,), looked for where the ``path`` (m, 3) is, px.
 
     Where they are farther from it than a limb's fit can see, each is looked for where the path ends up by the last.
     """
-    found = _fit(images, frames, path, ignore, camera)
-    if (np.abs(found.circles - path) < IN_SIGHT_PX).all():
-        return found.found
-    # The limb of a blurred image seems to lie outside.
-    blurred = blurred_limb.fit_if_blurred(images, torch.from_numpy(path), ignore=ignore, camera=camera)
-    if blurred is not None:
-        return _as_limbs(frames, *blurred[:2], path).found
+    circles, sd = _fit(images, path, ignore, camera)
+    if not (np.abs(circles - path) < IN_SIGHT_PX).all():
+        # The limb of a blurred image seems to lie outside.
+        blurred = blurred_limb.fit_if_blurred(images, torch.from_numpy(path), ignore=ignore, camera=camera)
+        circles, sd = _as_arrays(*blurred[:2]) if blurred else _one_by_one(images, path, ignore, camera)
+    return Limbs(frames, circles, sd, path).found
+
+
+def fit_around(images: Tensor, frames: Numbers, circle: Array, ignore: Tensor | None, camera: Camera | None) -> Limbs:
+    """Limbs in the ``images`` (m, h, w) of ``frames`` (m,) of a ball that stays at about the ``circle`` (3,), px."""
+    guesses = np.tile(circle, (len(frames), 1))
+    circles, sd = _fit(images, guesses, ignore, camera)
+    # A guess that is off by more than a px needs a second fit, from what most frames show.
+    common = torch.from_numpy(circles).nanmedian(0).values.numpy()
+    if np.isfinite(common).all():
+        guesses = np.tile(common, (len(frames), 1))
+        circles, sd = _fit(images, guesses, ignore, camera)
+    return Limbs(frames, circles, sd, guesses).found
+
+
+def _one_by_one(images: Tensor, path: Array, ignore: Tensor | None, camera: Camera | None) -> tuple[Array, Array]:
+    """Circles (m, 3) and their sd, each looked for where the ``path`` (m, 3) ends up by the last one found."""
+    circles, sd = np.empty_like(path), np.empty_like(path)
     shift, ratio = np.zeros(2), 1.0
     for k in range(len(images)):
-        guess = np.append(path[k, :2] + shift, path[k, 2] * ratio)[None]
-        one = _fit(images[k : k + 1], frames[k : k + 1], guess, ignore, camera)
-        found.circles[k], found.sd[k] = one.circles[0], one.sd[0]
-        if np.isfinite(one.circles).all():
-            shift, ratio = one.circles[0, :2] - path[k, :2], one.circles[0, 2] / path[k, 2]
-    return found.found
+        guess = np.append(path[k, :2] + shift, path[k, 2] * ratio)
+        circles[k : k + 1], sd[k : k + 1] = _fit(images[k : k + 1], guess[None], ignore, camera)
+        if np.isfinite(circles[k]).all():
+            shift, ratio = circles[k, :2] - path[k, :2], circles[k, 2] / path[k, 2]
+    return circles, sd
 
 
-def fit_around_one(
-    images: Tensor,
-    frames: NDArray[np.int64],
-    circle: Array,
-    *,
-    ignore: Tensor | None = None,
-    camera: Camera | None = None,
-) -> Limbs:
-    """Limbs in the ``images`` (m, h, w) of ``frames`` (m,) of a ball that stays at about the ``circle`` (3,), px."""
-    first = _fit(images, frames, np.tile(circle, (len(frames), 1)), ignore, camera)
-    # A guess that is off by more than a px needs a second fit, from what most frames show.
-    common = torch.from_numpy(first.circles).nanmedian(0).values.numpy()
-    if not np.isfinite(common).all():
-        return first.found
-    return _fit(images, frames, np.tile(common, (len(frames), 1)), ignore, camera).found
+def _fit(images: Tensor, guesses: Array, ignore: Tensor | None, camera: Camera | None) -> tuple[Array, Array]:
+    return _as_arrays(*limb_fit.fit(images, torch.from_numpy(guesses), ignore=ignore, camera=camera))
 
 
-def _fit(
-    images: Tensor, frames: NDArray[np.int64], guesses: Array, ignore: Tensor | None, camera: Camera | None
-) -> Limbs:
-    fitted, covariance = limb_fit.fit(images, torch.from_numpy(guesses), ignore=ignore, camera=camera)
-    return _as_limbs(frames, fitted, covariance, guesses)
-
-
-def _as_limbs(frames: NDArray[np.int64], fitted: Tensor, covariance: Tensor, guesses: Array) -> Limbs:
-    """Fitted circles (m, 3) with the sd of their ``covariance`` (m, 3, 3), px^2; NaN where no limb was found."""
-    return Limbs(frames, fitted.numpy(), covariance.diagonal(dim1=1, dim2=2).clamp_min(0).sqrt().numpy(), guesses)
+def _as_arrays(fitted: Tensor, covariance: Tensor) -> tuple[Array, Array]:
+    """Circles (m, 3) and their sd, px; NaN where no limb was found."""
+    return fitted.numpy(), covariance.diagonal(dim1=1, dim2=2).clamp_min(0).sqrt().numpy()

@@ -63,7 +63,7 @@ def common_limb(source: Source, circle: Circle, ignore: Tensor | None, camera: C
     chosen = spread(np.arange(source.count), limbs.MAX_FRAMES)
     steps.tell("looking at the outlines of the ball in %d frames", len(chosen))
     guess = np.array([circle.x, circle.y, circle.radius])
-    found = limbs.fit_around_one(source.images_of(chosen), chosen, guess, ignore=ignore, camera=camera)
+    found = limbs.fit_around(source.images_of(chosen), chosen, guess, ignore, camera)
     found = found.rows(np.asarray((found.sd[:, :2] < MAX_SD_PX).all(1)))
     if len(found.frames) < max(MIN_FRAMES, MIN_SHARE * len(chosen)):
         return None

@@ -48,7 +48,7 @@ def limbs_of(source: Source, measured: Record, ignore: Tensor | None, camera: Ca
     if not len(frames):
         return Limbs(frames, path, path, path)
     steps.tell("comparing the path of the ball with its outlines in %d frames", len(frames))
-    return fit_along_path(source.images_of(frames), frames, path, ignore=ignore, camera=camera)
+    return fit_along_path(source.images_of(frames), frames, path, ignore, camera)
 
 
 def have_slipped(limbs: Limbs) -> bool:
