@@ -88,16 +88,6 @@ def _check_given_circle(source: Source, given: Any, refine: bool, options: Optio
     return detect.refine_circle(image, circle, camera=options.camera) if refine else circle, options
 
 
-def shows_outline(source: Source, circle: Circle, options: Options) -> bool:
-    """Whether the image that a circle was given for shows an outline near it."""
-    image = source.images(circle.frame, circle.frame + 1)[0]
-    try:
-        detect.refine_circle(image, circle, camera=options.camera)
-    except ValueError:
-        return False
-    return True
-
-
 def is_interlaced(source: Source, circle: Circle) -> bool:
     """Whether the images from that of the ``circle`` on show the ball at two instants."""
     first = min(circle.frame, source.count - 2)

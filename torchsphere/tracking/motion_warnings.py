@@ -8,7 +8,7 @@ import math
 import numpy as np
 import torch
 
-from torchsphere.detection.detect import MAX_CIRCLE_ERROR, given_circle_warning, refined_circle_warning
+from torchsphere.detection.ball_or_not import MAX_CIRCLE_ERROR, given_circle_warning, refined_circle_warning
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime.warning_levels import by_level, note, severe
 from torchsphere.sphere_map.decision import MadeMap, NoMap

@@ -15,6 +15,7 @@ import numpy as np
 from torch import Tensor
 
 from torchsphere.correlation.options import Options
+from torchsphere.detection.ball_or_not import needs_proof, require_ball, shows_outline
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import interlacing
 from torchsphere.recording.frame_source import Source
@@ -29,8 +30,7 @@ from torchsphere.tracking.edge_leakage import adapt_options, background_contrast
 from torchsphere.tracking.findings import Findings, Place
 from torchsphere.tracking.follow import Follower
 from torchsphere.tracking.in_place import CommonLimb
-from torchsphere.tracking.initial_circle import find_initial_circle, is_interlaced, shows_outline
-from torchsphere.tracking.proof import needs_proof, require_ball
+from torchsphere.tracking.initial_circle import find_initial_circle, is_interlaced
 from torchsphere.tracking.raw_mosaic import without_mosaic
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.result import Track
@@ -157,7 +157,7 @@ def _moved_to_limbs(
     limbs = limb_path.limbs_of(task.source, measured, task.ignore, start.options.camera)
     if not limb_path.have_slipped(limbs):
         if motion.is_refused:
-            # Outlines that contradict each other are not those of a ball: `proof.require_proof`.
+            # Outlines that contradict each other are not those of a ball: `ball_or_not.lacking_proof`.
             motion = dataclasses.replace(motion, outline_scatter=growth.scatter_of_limbs(limbs))
         return measured, motion
     moved = limb_path.along_limbs(task.source, measured, limbs, task.ignore, start.options, resized=False)
@@ -222,7 +222,7 @@ def _follow_as_it_grows(task: Task, start: _Start) -> tuple[_Start, Record]:
 def _follow(task: Task, start: _Start) -> Record:
     """Phase 2: the motion from frame to frame."""
     first, options = start.circle, start.options
-    is_seen = task.circle is None or shows_outline(task.source, first, options)
+    is_seen = task.circle is None or shows_outline(start.image, first, options.camera)
     measured = None if is_seen and not first.doubt else _failed_trial(task, start)
     if measured is None:
         _LOG.info("following the circle %s px of frame %d with the model %s", first.text(), first.frame, options.model)

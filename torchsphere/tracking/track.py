@@ -10,6 +10,7 @@ from typing import Any
 import torch
 
 from torchsphere.correlation.options import options_for
+from torchsphere.detection.ball_or_not import lacking_proof, require_proof
 from torchsphere.recording.facts import Facts
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import steps, threads
@@ -18,7 +19,6 @@ from torchsphere.settings.limits import require_switch
 from torchsphere.tracking import arguments, phases
 from torchsphere.tracking.follow import Progress, Watch
 from torchsphere.tracking.motion_warnings import motion_warnings
-from torchsphere.tracking.proof import require_proof
 from torchsphere.tracking.result import Track
 from torchsphere.tracking.task import Task
 
@@ -158,7 +158,7 @@ def track(
     with arguments.doubts_told(recording):
         source, found = phases.run(task, settings, options)
         if circle is None:
-            require_proof(found)
+            require_proof(found.circle, _lack_of_proof(found))
     first_frame += start
     steps.tell("checking the result against the images")
     known: dict[str, Any] = {"calibration": calibration, "first_frame": first_frame, "facts": facts}
@@ -169,6 +169,18 @@ def track(
         for sentence in found.warnings:
             _LOG.warning("%s", sentence)
     return found
+
+
+def _lack_of_proof(found: Track) -> str:
+    """Why nothing shows that the circle is the outline of a ball: `lacking_proof`."""
+    known = found.findings
+    return lacking_proof(
+        found.circle,
+        on_map=known.is_on_map,
+        stays=known.place is not None and known.place.limbs_stay,
+        outline_scatter=known.outline_scatter,
+        untried_frames=known.untried_frames,
+    )
 
 
 def _stated_exposure(recording: Any) -> float | None:
