@@ -21,7 +21,7 @@ import render.cli
 import torchsphere
 import torchsphere.cli.main
 from torchsphere.archive.summary import COLUMNS
-from torchsphere.correlation.result import STATUSES
+from torchsphere.correlation.frame_status import STATUSES
 from torchsphere.request import read_config
 from torchsphere.results.reader import TRACK_COLUMNS
 from torchsphere.runtime.steps import COMPILATION_TIME

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.correlation.frame_status import STATUSES
 from torchsphere.geometry.orientation import chain, quaternions
 from torchsphere.measure import Measurement, measure
 from torchsphere.pick.refusal import sentence_of
@@ -18,7 +19,6 @@ from torchsphere.report import explanations
 from torchsphere.request import Request
 from torchsphere.results.reader import read
 from torchsphere.runtime.warning_levels import CAUTION, SEVERE
-from torchsphere.settings.choices import STATUSES
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.result import Track, why_unusable
 

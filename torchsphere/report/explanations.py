@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.results.reader import ALL_KNOWN, ResultFolder
+from torchsphere.correlation.frame_status import ALL_KNOWN
+from torchsphere.results.reader import ResultFolder
 from torchsphere.runtime.warning_levels import levels_of
 from torchsphere.tracking.result import why_unusable
 

@@ -70,7 +70,7 @@ def scatter_of_limbs(limbs: Limbs) -> float:
 
 def limbs_follow(limbs: Limbs, measured: Record) -> bool:
     """Whether the limbs grow significantly, and as the sizes in a record ``measured`` by the options of `growing`."""
-    limb, frames = growth_of_limbs(limbs), np.flatnonzero(measured.status == "ok")
+    limb, frames = growth_of_limbs(limbs), np.flatnonzero(measured.is_ok)
     if limb is None or len(frames) < MIN_LOOKS or not limb.is_significant:
         return False
     by_pairs = float(np.polyfit(frames, np.log(measured.size[frames]), 1)[0])

@@ -132,7 +132,7 @@ class _Flight:
     @property
     def frames(self) -> NDArray[np.int64]:
         """Frames that were measured."""
-        return np.flatnonzero(self.followed.status == "ok")
+        return np.flatnonzero(self.followed.is_ok)
 
     @property
     def evenly_lit_frames(self) -> NDArray[np.int64]:

@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from torchsphere.correlation import frame_status
 from torchsphere.correlation.correlate import correlate_pairs
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.result import Correlation
@@ -43,7 +44,7 @@ Array = NDArray[np.float64]
 
 def limbs_of(source: Source, measured: Record, ignore: Tensor | None, camera: Camera | None) -> Limbs:
     """Limbs of the ball in some frames of a record, looked for where its path is: the guesses."""
-    frames = spread(np.flatnonzero(measured.status == "ok"), MAX_FRAMES)
+    frames = spread(np.flatnonzero(measured.is_ok), MAX_FRAMES)
     path = np.column_stack((measured.position[frames], measured.size[frames]))
     if not len(frames):
         return Limbs(frames, path, path, path)
@@ -105,7 +106,7 @@ def along_limbs(
         status=measured.status.copy(),
         sd_growth=measured.sd_growth.copy(),
     )
-    second = np.flatnonzero((measured.status == "ok")[1:] & np.isfinite(measured.increment).all(1)) + 1
+    second = np.flatnonzero(measured.is_ok[1:] & np.isfinite(measured.increment).all(1)) + 1
     for rows in np.array_split(second, max(1, round(len(second) / BATCH))):
         found = _correlate(source, held, rows, ignore, options)
         # Pairs that fail are NaN.
@@ -113,7 +114,7 @@ def along_limbs(
         held.covariance[rows - 1] = found.covariance.double().cpu().numpy()
         held.sd_growth[rows - 1] = found.sd_growth.double().cpu().numpy()
         held.rotation[rows] = held.increment[rows - 1, 2:]
-        held.status[rows[found.status != "ok"]] = "lost"
+        held.status[rows] = frame_status.without(held.status[rows], found.status != frame_status.OK)
     return held
 
 
