@@ -7,6 +7,7 @@ that the limb of the ball does not follow, and by that a ball in its place is to
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from kornia.geometry.liegroup import So3
 from numpy.typing import NDArray
 from torch import Tensor
 
+from torchsphere.correlation.frame_status import OK
 from torchsphere.detection import limbs
 from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.circle import Circle
@@ -41,6 +43,9 @@ SIGNIFICANT_SD = 4.0
 
 #: Least way of the ball's surface over the extent of its path, for a ball that turns in place (docs/constants.toml).
 MIN_SURFACE_WAY = 3.0
+
+#: Share of the measured frames that a ball held in its place must keep (docs/constants.toml).
+MIN_KEPT_SHARE = 0.8
 
 #: Least sum of the steps of a ball in its place that a warning reports, px (docs/constants.toml).
 MIN_DRIFT_PX = 0.5
@@ -76,21 +81,30 @@ def common_limb(source: Source, circle: Circle, ignore: Tensor | None, camera: C
     return CommonLimb(found.frames, middle, typical, bool(stays))
 
 
-def may_turn_in_place(motion: AbsoluteMotion) -> bool:
-    """Whether the ball's surface turns so much further than the ball moves that its path may be an error."""
-    known = motion.position[np.isfinite(motion.position[:, 0])]
-    surface = motion.circle.radius * float(np.nansum(np.linalg.norm(motion.increment[:, 2:], axis=1)))
-    return len(known) >= MIN_FRAMES and surface > MIN_SURFACE_WAY * float(np.ptp(known, axis=0).max())
+def limb_of_turning(motion: AbsoluteMotion, look: Callable[[], CommonLimb | None]) -> CommonLimb | None:
+    """The limb of a ball that turns without leaving its place, although its ``motion`` leaves it; else None.
 
-
-def turns_in_place(motion: AbsoluteMotion, limb: CommonLimb) -> bool:
-    """Whether the limb stays while the ``motion`` leaves it."""
-    if not (limb.stays and may_turn_in_place(motion)):
-        return False
-    # A path that left its ball early is known in few of the limb's frames; its place is that of all frames.
+    Only where the surface turns so much further than the ball moves that its path may be an error, the limb is looked
+    at, by ``look``.
+    """
     known = np.flatnonzero(np.isfinite(motion.position[:, 0]))
+    surface = motion.circle.radius * float(np.nansum(np.linalg.norm(motion.increment[:, 2:], axis=1)))
+    if len(known) < MIN_FRAMES or not surface > MIN_SURFACE_WAY * float(np.ptp(motion.position[known], axis=0).max()):
+        return None
+    limb = look()
+    if limb is None or not limb.stays:
+        return None
+    # A path that left its ball early is known in few of the limb's frames; its place is that of all frames.
     off = _trend(known, motion.position[known] - limb.circle[:2])
-    return bool((np.abs(off) > SIGNIFICANT_SD * limb.sd[:2]).any())
+    return limb if (np.abs(off) > SIGNIFICANT_SD * limb.sd[:2]).any() else None
+
+
+def is_measured_as_well(held: NDArray[np.str_], free: NDArray[np.str_]) -> bool:
+    """Whether a ball held in its place is measured in about the frames of one that is not, by their status (n,).
+
+    A frame more or less that fails is chance; a ball that flies fails in most.
+    """
+    return bool((held == OK).sum() >= MIN_KEPT_SHARE * (free == OK).sum())
 
 
 def circle_in_place(circle: Circle, limb: CommonLimb | None) -> Circle:

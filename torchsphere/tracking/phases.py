@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
+from torchsphere.correlation.frame_status import ALL_KNOWN, TRANSLATION_KNOWN
 from torchsphere.correlation.options import Options
 from torchsphere.detection.ball_or_not import needs_proof, require_ball, shows_outline
 from torchsphere.geometry.circle import Circle
@@ -48,9 +49,6 @@ TRIAL_PAIRS, TRIAL_SHARE = 12, 0.25
 #: Failed searches over rotations after which the rest of these pairs is tried without (docs/constants.toml).
 TRIAL_SEARCHES = 2
 
-#: Share of the measured frames that a ball held in its place must keep (docs/constants.toml).
-MIN_KEPT_SHARE = 0.8
-
 
 @dataclass(frozen=True)
 class _Start:
@@ -81,13 +79,11 @@ def _measured(task: Task, start: _Start) -> Track:
     """Phases 2 to 4; a ball that turns in its place is recognised and measured again as such."""
     start, measured, motion = _motion(task, start)
     free = _assemble(task, start, measured, motion)
-    # What neither turns nor leaves its place needs no look at its outline.
-    limb = _common_limb(task, start) if place_of_ball.may_turn_in_place(motion) else None
-    if limb is None or not place_of_ball.turns_in_place(motion, limb):
+    limb = place_of_ball.limb_of_turning(motion, lambda: _common_limb(task, start))
+    if limb is None:
         return free
     held = _measured_in_place(dataclasses.replace(task, in_place=True), start, limb)
-    # A frame more or less that fails is chance; a ball that flies fails in most.
-    return held if (held.status == "ok").sum() >= MIN_KEPT_SHARE * (free.status == "ok").sum() else free
+    return held if place_of_ball.is_measured_as_well(held.status, free.status) else free
 
 
 def _measured_in_place(task: Task, start: _Start, limb: CommonLimb | None = None) -> Track:
@@ -123,7 +119,7 @@ def _motion(task: Task, start: _Start) -> tuple[_Start, Record, AbsoluteMotion]:
     start, measured = _follow_as_it_grows(task, start)
     measured, motion = _placed(task, start, measured)
     change = abs(motion.circle.radius - start.circle.radius)
-    if change > WRONG_RADIUS * start.circle.radius and bool((measured.status != "ok").any()):
+    if change > WRONG_RADIUS * start.circle.radius and not measured.is_ok.all():
         # Frames failed with a radius that the map has corrected since.
         begun = dataclasses.replace(start, circle=dataclasses.replace(motion.circle, frame=start.circle.frame))
         again = _follow(task, begun)
@@ -137,7 +133,7 @@ def _motion(task: Task, start: _Start) -> tuple[_Start, Record, AbsoluteMotion]:
 
 def _measures_more(record: Record, other: Record) -> bool:
     """Whether a record has more frames that are "ok" than another."""
-    return bool((record.status == "ok").sum() > (other.status == "ok").sum())
+    return bool(record.is_ok.sum() > other.is_ok.sum())
 
 
 def _placed(task: Task, start: _Start, measured: Record) -> tuple[Record, AbsoluteMotion]:
@@ -248,14 +244,14 @@ def _failed_trial(task: Task, start: _Start) -> Record | None:
     tried = measured.status[first.frame + 1 : stop]
     # A map proves a circle that was found, and needs its texture; a lamp has an outline, too.
     needs_texture = task.circle is None and not task.in_place and needs_proof(first)
-    if np.isin(tried, ("ok",) if needs_texture else ("ok", "weak_texture")).sum() >= TRIAL_SHARE * len(tried):
+    if np.isin(tried, ALL_KNOWN if needs_texture else TRANSLATION_KNOWN).sum() >= TRIAL_SHARE * len(tried):
         return None
     return dataclasses.replace(measured, untried=count - stop)
 
 
 def _absolute_motion(task: Task, start: _Start, measured: Record) -> AbsoluteMotion:
     """Phase 3: the poses on a map of the ball where a map is made, else the sum of the increments."""
-    _LOG.info("followed: %d of %d frames are ok", int((measured.status == "ok").sum()), len(measured.status))
+    _LOG.info("followed: %d of %d frames are ok", int(measured.is_ok.sum()), len(measured.status))
     fineness = texture_fineness(start.image, start.circle, task.ignore)
     return absolute_motion(task, measured, start.circle, start.options, fineness)
 
