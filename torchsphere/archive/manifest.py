@@ -15,9 +15,9 @@ from torchsphere.archive.folder import EXPORTED, SUMMARIES
 from torchsphere.recording import member
 from torchsphere.recording.ignore_mask import located
 from torchsphere.recording.opener import SUFFIXES
-from torchsphere.request import PER_RECORDING, check_settings, merged
+from torchsphere.request import PER_RECORDING, check_settings
 from torchsphere.runtime.shown_text import shown
-from torchsphere.settings.setting import find, from_table, read_toml
+from torchsphere.settings.configuration import find, from_cells, from_table, merged, read_toml
 
 #: Names of the column of the recordings, and name of the column of the result folders.
 RECORDING, RESULT = ("recording", "input"), "result"
@@ -210,16 +210,8 @@ def _from_rows(
     for where, cells in rows:
         if not cells:
             continue
-        own = {}
-        for column, text in cells.items():
-            if column in (*RECORDING, RESULT):
-                continue
-            try:
-                setting = find(PER_RECORDING, column)
-                own[setting.name] = setting.from_text(text)
-            except ValueError as error:
-                raise ValueError(f"{where}, column {column!r}: {error}") from error
-        yield where, _item(source, where, cells, own, common)
+        own = {column: text for column, text in cells.items() if column not in (*RECORDING, RESULT)}
+        yield where, _item(source, where, cells, from_cells(where, own, PER_RECORDING), common)
 
 
 def _from_toml(source: Path, common: Mapping[str, Any]) -> list[tuple[str, Item]]:
