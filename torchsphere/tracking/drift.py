@@ -16,7 +16,7 @@ from torchsphere.imaging.interpolation import noise_gains
 from torchsphere.runtime import steps
 from torchsphere.sphere_map.decision import NO_SOLUTION, MadeMap, NoMap, not_needed
 from torchsphere.sphere_map.poses import MapPoses, MapRequest, poses_on_map
-from torchsphere.tracking.image_blur import image_blur
+from torchsphere.tracking.blur_estimate import estimate_blur
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.task import Task
 
@@ -100,7 +100,7 @@ def _on_map(
     lack = float(np.median(1 - known)) if len(known) else 0.0
     # Variance of the images' noise over that of their grey levels.
     noise = lack / noise_gains(options.pre_blur)[0]
-    blur = image_blur(task.source, measured.position, circle, task.ignore, options.camera, task.stated_exposure)
+    blur = estimate_blur(task.source, measured.position, circle, task.ignore, options.camera, task.stated_exposure)
     if task.exposure is not None:
         blur = replace(blur, open_share=task.exposure, is_share_known=True)
     asked = MapRequest(

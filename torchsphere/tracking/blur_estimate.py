@@ -1,4 +1,4 @@
-"""The blur of the images by the optics and by the exposure, from the ball's outlines."""
+"""Estimate how much the optics and the exposure blur the images, by the outlines of the ball."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ROOM_PX = 6.0
 PIXEL_VARIANCE = 1 / 12
 
 
-def image_blur(
+def estimate_blur(
     source: Source,
     position: NDArray[np.float64],
     circle: Circle,
