@@ -6,7 +6,7 @@ limbs, and its pairs are measured again.
 
 from __future__ import annotations
 
-import dataclasses
+import copy
 
 import numpy as np
 import torch
@@ -96,16 +96,10 @@ def along_limbs(
     fit = np.polynomial.Polynomial.fit
     every = np.arange(source.count)
     off = np.column_stack([fit(limbs.frames, v, PATH_DEGREE, domain=[0, source.count])(every) for v in apart.T])
-    held = dataclasses.replace(
-        measured,
-        position=measured.position + off[:, :2],
-        size=measured.size * np.exp(off[:, 2]) if resized else measured.size,
-        increment=measured.increment.copy(),
-        covariance=measured.covariance.copy(),
-        rotation=measured.rotation.copy(),
-        status=measured.status.copy(),
-        sd_growth=measured.sd_growth.copy(),
-    )
+    held = copy.deepcopy(measured)
+    held.position[:] = measured.position + off[:, :2]
+    if resized:
+        held.size[:] = measured.size * np.exp(off[:, 2])
     second = np.flatnonzero(measured.is_ok[1:] & np.isfinite(measured.increment).all(1)) + 1
     for rows in np.array_split(second, max(1, round(len(second) / BATCH))):
         found = _correlate(source, held, rows, ignore, options)
@@ -122,8 +116,7 @@ def _correlate(
     source: Source, measured: Record, second: NDArray[np.int64], ignore: Tensor | None, options: Options
 ) -> Correlation:
     """Pairs of each of the frames ``second`` with the frame before, from the circles of the record."""
-    images = [source.images(int(i) - 1, int(i) + 1) for i in second]
-    f, g = torch.stack([pair[0] for pair in images]), torch.stack([pair[1] for pair in images])
     first = second - 1
+    f, g = source.images_of(first), source.images_of(second)
     circles = torch.from_numpy(np.column_stack((measured.position[first], measured.size[first])))
     return correlate_pairs(f, g, circles, torch.from_numpy(measured.increment[first]).to(f), ignore, options)
