@@ -35,9 +35,7 @@ from torchsphere.settings.setting import (
     Setting,
     check_ranges,
     choice,
-    from_table,
     numbers,
-    read_toml,
     settings_of,
 )
 
@@ -217,7 +215,7 @@ class Request:
     export: Annotated[
         Sequence[str],
         Setting(
-            choice(EXPORTS),
+            choice(tuple(EXPORTS)),
             OUTPUT,
             "",
             "also all tables in one file, result.h5 (extra 'export') or result.mat; may be repeated",
@@ -273,18 +271,6 @@ class Request:
 #: All settings by name, and the settings that a manifest may give for one recording.
 SETTINGS = settings_of(Request)
 PER_RECORDING = {name: setting for name, setting in SETTINGS.items() if setting.per_recording}
-
-
-def read_config(path: Path, settings: Mapping[str, Setting] = SETTINGS) -> dict[str, Any]:
-    """Settings from a TOML file; raises ValueError or OSError for other files, unknown keys and invalid values."""
-    return from_table(str(path), read_toml(path), settings)
-
-
-def merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    """The ``common`` settings, overridden by ``own``; an own scale replaces a common scale of either kind."""
-    scales = ("diameter_mm", "mm_per_px")
-    dropped = scales if own.keys() & set(scales) else ()
-    return {name: value for name, value in common.items() if name not in dropped} | dict(own)
 
 
 def check_settings(settings: Mapping[str, Any]) -> None:

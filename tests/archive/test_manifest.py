@@ -9,7 +9,6 @@ import tifffile
 from scipy.io import savemat
 
 from torchsphere.archive import manifest, scan
-from torchsphere.recording import opener
 from torchsphere.request import PER_RECORDING
 
 
@@ -20,10 +19,6 @@ def write_tiff(path: Path, pages: int) -> None:
 
 def found(folder: Path, out: Path | None = None) -> list[str]:
     return [path.relative_to(folder).as_posix() for path in scan.scan(folder, out).recordings]
-
-
-def test_the_search_has_every_suffix_that_can_be_opened() -> None:
-    assert set(scan.SUFFIXES) == set(opener._FORMATS)
 
 
 def test_recordings_alone_are_found_in_all_folders(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from shots import OBLIQUE, Shot, rotation_matrix, shot, textured, turned
 from torchsphere import open_recording
 from torchsphere.benchmark.baselines import TRACKERS, Baseline
 from torchsphere.benchmark.baselines.lucas_kanade import rigid_fit
-from torchsphere.correlation.result import STATUSES
+from torchsphere.correlation.frame_status import STATUSES
 from torchsphere.geometry.circle import Circle
 
 NEEDS = {"ecc": "cv2", "lucas_kanade": "cv2", "hough": "cv2", "phase_correlation": "skimage"}

@@ -8,7 +8,7 @@ import pytest
 from torchsphere.cli.config_template import EXAMPLES, template
 from torchsphere.cli.main import main
 from torchsphere.request import PER_RECORDING, SETTINGS
-from torchsphere.settings.setting import from_table
+from torchsphere.settings.configuration import from_table
 
 
 @pytest.mark.parametrize(("command", "settings"), [("track", SETTINGS), ("batch", PER_RECORDING)])

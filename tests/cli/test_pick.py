@@ -21,8 +21,8 @@ from torchsphere.archive import processes
 from torchsphere.archive.work import run_job
 from torchsphere.cli.main import main
 from torchsphere.measure import measure
-from torchsphere.pick import configuration
-from torchsphere.pick.configuration import Choice
+from torchsphere.pick import form
+from torchsphere.pick.form import Choice
 from torchsphere.results.reader import read
 
 
@@ -105,9 +105,9 @@ def test_track_and_batch_take_the_file_that_the_page_writes(
         "ignore": ["300,20 340,20 340,60"],
     }
     base = {"map": "off", "report": False}
-    settings = configuration.settings_of(Choice.of(sent, 8), base, (8, 192, 384))
+    settings = form.settings_of(Choice.of(sent, 8), base, (8, 192, 384))
     config = tmp_path / "shot.toml"
-    config.write_text(configuration.toml_text(settings, short.name), encoding="utf-8")
+    config.write_text(form.toml_text(settings, short.name), encoding="utf-8")
     assert main(["track", str(short), "--out", str(tmp_path / "one"), "--config", str(config), "--quiet"]) == 0
     archive = tmp_path / "archive"
     archive.mkdir()

@@ -11,7 +11,7 @@ from shots import noisy, pair
 
 from torchsphere import correlate
 from torchsphere.correlation import gauss_newton, znssd
-from torchsphere.correlation.result import STATUSES
+from torchsphere.correlation.frame_status import STATUSES
 from torchsphere.geometry.circle import Circle
 from torchsphere.synthetic import ray_caster
 

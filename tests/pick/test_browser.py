@@ -12,8 +12,9 @@ import pytest
 from torchsphere.pick.server import PickServer
 from torchsphere.pick.session import Places, Session
 from torchsphere.recording import open_recording
-from torchsphere.request import read_config
+from torchsphere.request import SETTINGS
 from torchsphere.results.reader import read
+from torchsphere.settings.configuration import read_config
 from torchsphere.synthetic import demo_shot as demo
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (extra 'dev')")
@@ -119,7 +120,7 @@ def test_a_recording_is_prepared_measured_and_reported_on_the_page(open_page: An
     opened.checked('frames = "0:7"')
     page.click("#save")
     sync_api.expect(page.locator("#said")).to_contain_text("The settings were written to")
-    settings = read_config(opened.session.places.config)
+    settings = read_config(opened.session.places.config, SETTINGS)
     assert settings["fps"] == 36000
     assert settings["diameter_mm"] == 30
     assert settings["mass_g"] == 110

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import torchsphere as ts
+from torchsphere.correlation.frame_status import STATUSES
 from torchsphere.geometry.circle import Circle
 from torchsphere.geometry.orientation import quaternions
 from torchsphere.measure import measure
 from torchsphere.pick import tracking_job
 from torchsphere.pick.tracking_job import LivePoses, TrackingJob
 from torchsphere.request import Request
-from torchsphere.settings.choices import STATUSES
 from torchsphere.synthetic import demo_shot as demo
 from torchsphere.tracking.record import Record
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from torchsphere.recording import frame_source, open_recording
-from torchsphere.recording.frame_source import Source
+from torchsphere.recording.frame_source import Source, spread
 
 
 def counting_source() -> tuple[Source, list[int]]:
@@ -83,3 +83,14 @@ def test_cached_and_changed_images_keep_their_scale() -> None:
     for other in (source.cached(3, 9), source.changed(lambda images: images)):
         assert torch.equal(other.images(4, 8), source.images(4, 8))
         assert other.rounding_variance == source.rounding_variance
+
+
+def test_chosen_images_are_those_of_their_numbers() -> None:
+    source = counting_source()[0]
+    chosen = source.images_of(np.array([2, 7, 8]))
+    assert torch.equal(chosen, torch.cat([source.images(2, 3), source.images(7, 9)]))
+
+
+@pytest.mark.parametrize(("count", "most", "expected"), [(0, 4, []), (3, 4, [0, 1, 2]), (10, 4, [0, 3, 6, 9])])
+def test_frames_are_chosen_evenly_from_the_first_to_the_last(count: int, most: int, expected: list[int]) -> None:
+    assert spread(np.arange(count), most).tolist() == expected

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from torchsphere.correlation.result import STATUSES
+from torchsphere.correlation.frame_status import STATUSES
 from torchsphere.report import explanations
 
 

@@ -12,7 +12,8 @@ from torchsphere.cli.main import main
 from torchsphere.instruments.instrument_request import InstrumentRequest
 from torchsphere.planning.plan_request import PlanRequest
 from torchsphere.request import Request
-from torchsphere.settings.setting import Setting, read_toml, settings_of
+from torchsphere.settings.configuration import read_toml
+from torchsphere.settings.setting import Setting, settings_of
 
 HUGE = int("9" * 400)
 NUMBERS = st.sampled_from([HUGE, -HUGE, 0, -1, 1, 5e-324, -5e-324, 1e308, -1e308]) | st.integers() | st.floats()

@@ -1,7 +1,6 @@
 """Names that the command line offers, compared with the modules that use them, which need torch."""
 
 from torchsphere.benchmark import suites, trackers
-from torchsphere.correlation import result
 from torchsphere.geometry import motion_models
 from torchsphere.settings import choices
 
@@ -13,7 +12,3 @@ def test_models_are_those_of_the_motion_models() -> None:
 def test_sizes_and_trackers_are_those_of_the_benchmark() -> None:
     assert tuple(suites.SIZES) == choices.SIZES
     assert trackers.names() == choices.TRACKERS
-
-
-def test_statuses_are_those_of_the_correlation() -> None:
-    assert result.STATUSES == choices.STATUSES

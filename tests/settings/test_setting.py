@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from torchsphere.cli.options import add_settings, given_settings
+from torchsphere.cli.options import add_settings
 from torchsphere.instruments.instrument_request import INSTRUMENT_SETTINGS, InstrumentRequest
 from torchsphere.planning.plan_request import PLAN_SETTINGS, PlanRequest
-from torchsphere.request import PER_RECORDING, SETTINGS, Request, read_config
-from torchsphere.settings.setting import find
+from torchsphere.request import PER_RECORDING, SETTINGS, Request
+from torchsphere.settings.configuration import given_settings, read_config
 
 #: A value of each kind as text, as TOML, and as the setting takes it.
 VALUES = {
@@ -49,7 +49,7 @@ def test_text_toml_and_option_give_the_same_value(name: str, tmp_path: Path) -> 
     assert given_settings(vars(parser.parse_args(typed)), SETTINGS) == {name: expected}
     config = tmp_path / "shot.toml"
     config.write_text(f"{name.replace('_', '-')} = {str(toml).lower() if toml is True else repr(toml)}\n")
-    assert read_config(config) == {name: expected}
+    assert read_config(config, SETTINGS) == {name: expected}
 
 
 @pytest.mark.parametrize(
@@ -86,11 +86,3 @@ def test_a_ratio_may_be_written_in_several_ways() -> None:
     for aspect in (0.1, 9.0, -1.0):
         with pytest.raises(ValueError, match=r"expected a number from 0\.25 to 4"):
             Request(input=Path("a"), out=Path("b"), pixel_aspect=aspect)
-
-
-def test_the_refusal_of_an_unknown_key_lists_the_settings() -> None:
-    assert find(SETTINGS, "mm-per-px").name == "mm_per_px"
-    with pytest.raises(ValueError, match=r"'speed' is no setting; expected one of axes, bayer, cfc, circle, .*window"):
-        find(SETTINGS, "speed")
-    with pytest.raises(ValueError, match="'no_report' is no setting; write report = false"):
-        find(SETTINGS, "no_report")

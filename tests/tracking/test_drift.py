@@ -6,6 +6,7 @@ import torch
 from shots import rotation_matrix
 
 from torchsphere.geometry.circle import Circle
+from torchsphere.sphere_map import decision
 from torchsphere.sphere_map.decision import MadeMap
 from torchsphere.sphere_map.poses import MapPoses
 from torchsphere.tracking import drift
@@ -80,12 +81,12 @@ def shaded(offset_px: float, misfit: float, *, uneven: bool = True) -> list[int]
     found = by_map()
     found.position[GAP] += offset_px
     found.frame_misfit[GAP] = misfit
-    return list(np.flatnonzero(drift.shaded_frames(measured, found)))
+    return list(np.flatnonzero(drift._shaded(measured, found)))
 
 
 def test_frames_in_which_uneven_light_contradicts_the_map_are_shaded() -> None:
     """A step differs with a variance of 2e-4 px^2 in each direction; the pairs' own errors make it 9.5 variances."""
-    limit_px = (drift.MAX_DISAGREEMENT * 1e-4) ** 0.5
+    limit_px = (decision.MAX_DISAGREEMENT * 1e-4) ** 0.5
     assert shaded(1.5 * limit_px, 2.0) == [3, 4, 5]
     assert shaded(0.2 * limit_px, 2.0) == []
 

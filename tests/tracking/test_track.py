@@ -8,9 +8,10 @@ import torch
 from shots import ExampleTrack, angles_between, increment_errors, noisy, shot
 
 from torchsphere import track
+from torchsphere.correlation.frame_status import STATUSES
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.reference import Pairs
-from torchsphere.correlation.result import STATUSES, Correlation
+from torchsphere.correlation.result import Correlation
 from torchsphere.correlation.solve import solve
 from torchsphere.tracking import successive_pairs
 

@@ -14,9 +14,10 @@ from torchsphere.archive import scan
 from torchsphere.archive.folder import EXPORTED, SUMMARIES
 from torchsphere.recording import member
 from torchsphere.recording.ignore_mask import located
-from torchsphere.request import PER_RECORDING, check_settings, merged
+from torchsphere.recording.opener import SUFFIXES
+from torchsphere.request import PER_RECORDING, check_settings
 from torchsphere.runtime.shown_text import shown
-from torchsphere.settings.setting import find, from_table, read_toml
+from torchsphere.settings.configuration import find, from_cells, from_table, merged, read_toml
 
 #: Names of the column of the recordings, and name of the column of the result folders.
 RECORDING, RESULT = ("recording", "input"), "result"
@@ -117,7 +118,7 @@ def read(source: Path, common: Mapping[str, Any], out: Path) -> Archive:
         placed = list(_from_rows(source, _csv_rows(source), common))
     elif source.suffix.lower() == ".toml":
         placed = _from_toml(source, common)
-    elif member.split(source)[0].suffix.lower() in scan.SUFFIXES:
+    elif member.split(source)[0].suffix.lower() in SUFFIXES:
         placed = _of_file(source, common)
     else:
         raise ValueError(f"{source}: is no archive; {EXAMPLE}")
@@ -209,16 +210,8 @@ def _from_rows(
     for where, cells in rows:
         if not cells:
             continue
-        own = {}
-        for column, text in cells.items():
-            if column in (*RECORDING, RESULT):
-                continue
-            try:
-                setting = find(PER_RECORDING, column)
-                own[setting.name] = setting.from_text(text)
-            except ValueError as error:
-                raise ValueError(f"{where}, column {column!r}: {error}") from error
-        yield where, _item(source, where, cells, own, common)
+        own = {column: text for column, text in cells.items() if column not in (*RECORDING, RESULT)}
+        yield where, _item(source, where, cells, from_cells(where, own, PER_RECORDING), common)
 
 
 def _from_toml(source: Path, common: Mapping[str, Any]) -> list[tuple[str, Item]]:
@@ -279,7 +272,7 @@ def _result(where: str, name: str, result: str | None) -> str:
     path = PurePosixPath(*[part for part in source.parts if part not in (source.anchor, "..", ".")])
     if not path.parts:
         raise ValueError(f"{where}, column 'recording': {name!r} has no name of its own; add a column 'result'")
-    return (_unsuffixed(Path(path)) if file.suffix.lower() in scan.SUFFIXES else path).as_posix()
+    return (_unsuffixed(Path(path)) if file.suffix.lower() in SUFFIXES else path).as_posix()
 
 
 def _unsuffixed(path: Path) -> Path:

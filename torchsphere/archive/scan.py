@@ -9,7 +9,7 @@ from pathlib import Path
 
 from torchsphere.recording import member
 from torchsphere.recording.folder import IMAGE_SUFFIXES, natural_key
-from torchsphere.recording.opener import stacks_of
+from torchsphere.recording.opener import SUFFIXES, stacks_of
 from torchsphere.recording.photron_header import HEADER_SUFFIXES
 from torchsphere.recording.refusal import what_lies_in
 from torchsphere.recording.tiff import count_pages
@@ -19,8 +19,6 @@ TIFF = (".tif", ".tiff")
 PHOTRON = (*HEADER_SUFFIXES, ".mraw")
 #: Suffixes of files that may hold several recordings, or tables alone.
 STACKS = (".h5", ".hdf5", ".mat")
-#: Suffixes of files that `open_recording` opens; a test compares both.
-SUFFIXES = (*TIFF, *PHOTRON, *STACKS, ".npy", ".npz", ".cine", ".avi", ".mp4", ".m4v", ".mov", ".mkv", ".webm")
 #: Hidden folder in the output folder, with the records and the locks of the recordings.
 STATE = ".batch"
 #: Number of files from which a search takes about three seconds, at 3 ms each on a slow network drive.

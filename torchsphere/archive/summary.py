@@ -14,10 +14,11 @@ import pyarrow.parquet as pq
 
 from torchsphere.results.atomic_output import atomic_path
 from torchsphere.results.columns import Columns
-from torchsphere.results.exports import SUFFIXES, write_export
+from torchsphere.results.exports import write_export
 from torchsphere.results.spreadsheet import neutral_cell
 from torchsphere.results.vector_length import vector_length
 from torchsphere.runtime.warning_levels import SEVERE
+from torchsphere.settings.choices import EXPORTS
 
 #: Radians per revolution: ``summary.json`` has the spin of an impact in rev/s, the table all spin in rad/s.
 _PER_REV = 2 * math.pi
@@ -112,7 +113,7 @@ def _suits(value: Any, kind: pa.DataType) -> bool:
 def write(out: Path, rows: Sequence[Mapping[str, Any]], exports: Sequence[str] = ()) -> None:
     """Write ``summary.csv``, ``summary.parquet`` and the files of ``exports``, each whole or not at all."""
     for kind in exports:
-        with atomic_path(out / f"summary{SUFFIXES[kind]}") as part:
+        with atomic_path(out / f"summary{EXPORTS[kind]}") as part:
             write_export(part, kind, {"recordings": _arrays(rows)})
     columns = {name: pa.array([row.get(name) for row in rows], kind) for name, kind in COLUMNS.items()}
     with atomic_path(out / "summary.csv") as table, atomic_path(out / "summary.parquet") as parquet:

@@ -21,10 +21,10 @@ from torchsphere.cli.options import (
     add_quiet,
     add_settings,
     add_verbose,
-    given_settings,
 )
-from torchsphere.request import PER_RECORDING, check_settings, merged, read_config
+from torchsphere.request import PER_RECORDING, check_settings
 from torchsphere.runtime.shown_text import shown
+from torchsphere.settings.configuration import of_command
 
 if TYPE_CHECKING:
     from torchsphere.archive.manifest import Archive
@@ -95,8 +95,7 @@ def run(options: dict[str, Any], measure: Measure | None = None) -> int:
     if options["scheduler"] is not None and options["workers"] is not None:
         raise UsageError("--workers and --scheduler were both given; a scheduler has workers of its own, leave one out")
     with usage():
-        common = {} if options["config"] is None else read_config(options["config"], PER_RECORDING)
-        common = _absolute(merged(common, given_settings(options, PER_RECORDING)))
+        common = _absolute(of_command(options, PER_RECORDING))
         check_settings(common)
     archive = manifest.read_all(sources, common, out)
     engine = _engine(options, any(item.settings.get("device") == "cuda" for item in archive.items), measure)

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from torchsphere.cli.console import loading_libraries
 from torchsphere.cli.exit_codes import DONE, UNUSABLE, UsageError, usage
-from torchsphere.cli.options import add_command, add_settings, add_verbose, given_settings
+from torchsphere.cli.options import add_command, add_settings, add_verbose
 from torchsphere.request import SETTINGS, check_settings
 from torchsphere.runtime.setting_names import as_options
 from torchsphere.runtime.shown_text import shown
+from torchsphere.settings.configuration import given_settings
 from torchsphere.settings.limits import SettingError
 
 if TYPE_CHECKING:

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchsphere.cli.exit_codes import usage
-from torchsphere.cli.options import add_command, add_quiet, add_settings, given_settings
+from torchsphere.cli.options import add_command, add_quiet, add_settings
 from torchsphere.cli.outcome import LABELS, in_red
 from torchsphere.instruments.instrument_request import INSTRUMENT_SETTINGS, InstrumentRequest
 from torchsphere.runtime import steps
 from torchsphere.runtime.setting_names import as_options
 from torchsphere.runtime.shown_text import shown
 from torchsphere.runtime.warning_levels import SEVERE
+from torchsphere.settings.configuration import given_settings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

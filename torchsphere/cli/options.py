@@ -49,11 +49,6 @@ def _reader(setting: Setting) -> Callable[[str], Any]:
     return read
 
 
-def given_settings(options: Mapping[str, Any], settings: Mapping[str, Setting]) -> dict[str, Any]:
-    """The settings that were given on the command line."""
-    return {name: options[name] for name in settings if options[name] is not None}
-
-
 def add_quiet(parser: argparse.ArgumentParser, help_text: str = "no progress bar, no summary") -> None:
     """Add ``--quiet``."""
     parser.add_argument("--quiet", action="store_true", help=help_text)

@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from torchsphere.cli.console import loading_libraries
-from torchsphere.cli.options import add_command, add_quiet, add_settings, given_settings
-from torchsphere.request import SETTINGS, check_settings, merged, read_config
+from torchsphere.cli.options import add_command, add_quiet, add_settings
+from torchsphere.request import SETTINGS, check_settings
 from torchsphere.runtime import steps
 from torchsphere.runtime.shown_text import shown
+from torchsphere.settings.configuration import of_command
 
 
 def add(commands: Any) -> None:
@@ -76,8 +77,7 @@ def run(options: dict[str, Any]) -> int:
 
 def _settings(options: Mapping[str, Any]) -> dict[str, Any]:
     """The settings that the page begins with; raises ValueError where they contradict each other."""
-    from_file = {} if options["config"] is None else read_config(options["config"])
-    settings = merged(from_file, given_settings(options, SETTINGS))
+    settings = of_command(options, SETTINGS)
     check_settings(settings)
     return settings
 

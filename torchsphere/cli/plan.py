@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from torchsphere.cli.console import loading_libraries, progress_bar, say
 from torchsphere.cli.exit_codes import UsageError, usage
-from torchsphere.cli.options import add_command, add_out, add_quiet, add_settings, given_settings
+from torchsphere.cli.options import add_command, add_out, add_quiet, add_settings
 from torchsphere.planning.plan_request import PLAN_SETTINGS, PlanRequest, Vector
 from torchsphere.runtime import steps
+from torchsphere.settings.configuration import given_settings
 
 if TYPE_CHECKING:
     from torchsphere.planning.example_image import Example

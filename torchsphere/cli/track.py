@@ -17,11 +17,11 @@ from torchsphere.cli.options import (
     add_quiet,
     add_settings,
     add_verbose,
-    given_settings,
 )
-from torchsphere.request import SETTINGS, Request, merged, read_config
+from torchsphere.request import SETTINGS, Request
 from torchsphere.results import atomic_output
 from torchsphere.runtime.shown_text import shown
+from torchsphere.settings.configuration import of_command
 
 if TYPE_CHECKING:
     from torchsphere.measure import Measurement
@@ -58,8 +58,7 @@ def measure_with_progress(
 def run(options: dict[str, Any]) -> int:
     """Measure and print the outcome; one recording raises ValueError or OSError before anything is written."""
     with usage():
-        from_file = {} if options["config"] is None else read_config(options["config"])
-        settings = merged(from_file, given_settings(options, SETTINGS))
+        settings = of_command(options, SETTINGS)
         inputs, out = options["input"], options["out"]
         folders = [out] if len(inputs) == 1 else _own_folders(inputs, out)
         requests = [Request(input=path, out=folder, **settings) for path, folder in zip(inputs, folders, strict=True)]

@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from torchsphere.correlation import frame_status
 from torchsphere.correlation.options import Options, adapt_pre_blur, margin, options_for
 from torchsphere.correlation.reference import SLACK_PX, Filtered, Pairs
 from torchsphere.correlation.result import Correlation
@@ -142,9 +143,8 @@ def _are_successive(f: Tensor, g: Tensor) -> bool:
 
 def _with_lost(found: Correlation, pairs: Pairs) -> NDArray[np.str_]:
     """The status (n,) of each pair, "lost" where a crop of a failed pair holds a value that is not finite."""
-    failed = ~np.isin(found.status, ("ok", "out_of_frame"))
-    if not failed.any():
+    if (found.status == frame_status.OK).all():
         return found.status
     # One such value changes all coefficients of its crop's spline.
     finite = (pairs.f.crops.images.isfinite() & pairs.g.crops.images.isfinite()).flatten(1).all(1)
-    return np.where(failed & ~finite.cpu().numpy(), "lost", found.status)
+    return frame_status.of_unknown_values(found.status, finite.cpu().numpy())

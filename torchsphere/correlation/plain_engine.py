@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from torchsphere.correlation import plain
+from torchsphere.correlation import frame_status, plain
 from torchsphere.correlation.options import Options, margin
 from torchsphere.correlation.plain import Fit, centred, products, solve
 from torchsphere.correlation.plain_reference import Region, region_of, spline_coefficients
 from torchsphere.correlation.residual_noise import BLOCK, MAX_CHANCE_SCATTER, MIN_BLOCK_PX
-from torchsphere.correlation.result import CELLS, STATUSES, Correlation
+from torchsphere.correlation.result import CELLS, Correlation
 from torchsphere.correlation.uncertainty import MAX_CONDITION, MIN_TEXTURE_SIGNAL
 from torchsphere.geometry import motion_models
 from torchsphere.geometry.motion_models import Displacement
@@ -47,15 +46,13 @@ def correlate_plain(
     coefficient = zncc(region.values, found.warped, found.weights)
     finite = (crop_f.images.isfinite() & crop_g.images.isfinite()).flatten(1).all(1)
     expected = torch.pi * (options.roi * region.geometry.radius) ** 2
-    status = torch.zeros_like(found.iterations)
-    for failed, name in (
-        (coefficient < options.min_zncc, "low_correlation"),
-        (~found.converged, "not_converged"),
-        (~texture_carries_modes(region, found, model, options.pre_blur), "weak_texture"),
-        ((found.weights > 0).sum(-1) < options.min_visible * expected, "out_of_frame"),
-        (~finite, "lost"),
-    ):
-        status = torch.where(failed, STATUSES.index(name), status)
+    status = frame_status.of_pairs(
+        is_alike=~(coefficient < options.min_zncc),
+        converged=found.converged,
+        has_texture=texture_carries_modes(region, found, model, options.pre_blur),
+        is_in_view=~((found.weights > 0).sum(-1) < options.min_visible * expected),
+        is_known=finite,
+    )
     return _as_correlation(found, in_px * wider[:, :, None] * wider[:, None], coefficient, status)
 
 
@@ -115,5 +112,5 @@ def _as_correlation(found: Fit, covariance: Tensor, coefficient: Tensor, status:
         sd_growth=torch.where(good, stated[:, 5, 5].sqrt() if k == 6 else 0.0, torch.nan),
         uneven_light=torch.zeros_like(good),
         explained=torch.ones(len(good), 2, CELLS, CELLS).to(unknowns),
-        status=np.array(STATUSES)[status.cpu().numpy()],
+        status=frame_status.words(status),
     )

@@ -10,8 +10,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-STATUSES = ("ok", "weak_texture", "low_correlation", "not_converged", "out_of_frame", "lost")
-
 #: Fields of `Correlation` with a row per pair that are tensors.
 _TENSORS = ("q", "covariance", "zncc", "iterations", "growth", "sd_growth", "uneven_light", "explained")
 
@@ -42,7 +40,8 @@ class Correlation:
         Share (n, 2, c, c) of each cell of the square around the ball that the motion explains, in ``f`` and in ``g``: 1
         everywhere unless a part of the ball does not fit.
     status : ndarray
-        Strings (n,) out of `STATUSES`; from `torchsphere.correlate` "lost" where a value near the ball is not finite.
+        Strings (n,) out of `frame_status.STATUSES`; from `torchsphere.correlate` "lost" where a value near the ball is
+        not finite.
     """
 
     q: Tensor

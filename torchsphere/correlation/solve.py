@@ -10,11 +10,10 @@ import dataclasses
 import functools
 import math
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from torchsphere.correlation import illumination, occlusion
+from torchsphere.correlation import frame_status, illumination, occlusion
 from torchsphere.correlation.explained import explained_cells
 from torchsphere.correlation.gauss_newton import CoarseSolution, SolverSettings, gauss_newton
 from torchsphere.correlation.options import Options
@@ -104,8 +103,8 @@ def average_both_ways(pairs: Pairs, targets: Tensor, found: Correlation, options
     # A way back that failed is NaN: the comparison is False, and its own status is kept.
     disagree = (front > MAX_DISAGREEMENT * radius) | (torch.hypot(dx, dy) > MAX_SHIFT_DISAGREEMENT * radius)
     status = found.status.copy()
-    status[rows.numpy()] = np.where(disagree.cpu().numpy(), "not_converged", back.status)
-    good = torch.from_numpy(status[rows.numpy()] == "ok").to(forth.device)
+    status[rows.numpy()] = frame_status.of_both_ways(back.status, disagree.cpu().numpy())
+    good = torch.from_numpy(status[rows.numpy()] == frame_status.OK).to(forth.device)
     q, covariance, zncc, growth = (v.clone() for v in (found.q, found.covariance, found.zncc, found.growth))
     q[chosen] = torch.where(good[:, None], (forth - back.q) / 2, torch.nan)
     covariance[chosen] = torch.where(good[:, None, None], covariance[chosen], torch.nan)

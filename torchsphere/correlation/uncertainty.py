@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from torchsphere.correlation import illumination, residual_noise, znssd
+from torchsphere.correlation import frame_status, illumination, residual_noise, znssd
 from torchsphere.correlation.gauss_newton import Solution
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.reference import COVARIANCE_STEP, Reference, scale
 from torchsphere.correlation.residual_noise import ResidualPower
-from torchsphere.correlation.result import CELLS, STATUSES, Correlation
+from torchsphere.correlation.result import CELLS, Correlation
 from torchsphere.correlation.warp import projected_slopes
 from torchsphere.geometry import motion_models, rotation
 from torchsphere.geometry.motion_models import Displacement
@@ -106,16 +105,15 @@ def evaluate(
     spread = spread * factors[:, :, None] * factors[:, None, :]
     textured = texture_carries_modes(reference, power, weights, q, model, gram)
     points = torch.pi * (options.roi * reference.geometry.radius / reference.spacing) ** 2
-    status = torch.zeros(len(q), dtype=torch.long, device=q.device)
-    for failed, name in (
-        (coefficient < options.min_zncc, "low_correlation"),
-        (~converged, "not_converged"),
-        (~textured, "weak_texture"),
-        (visible < options.min_visible * points, "out_of_frame"),
-        # Rounding errors move the points of an image without contrast: their places mean nothing.
-        (_is_flat(reference) & (reference.weights.sum(-1) >= options.min_visible * points), "weak_texture"),
-    ):
-        status = torch.where(failed, STATUSES.index(name), status)
+    status = frame_status.of_pairs(
+        is_alike=~(coefficient < options.min_zncc),
+        converged=converged,
+        has_texture=textured,
+        is_in_view=~(visible < options.min_visible * points),
+    )
+    # Rounding errors move the points of an image without contrast: their places mean nothing.
+    is_flat = _is_flat(reference) & (reference.weights.sum(-1) >= options.min_visible * points)
+    status = frame_status.of_flat_images(status, is_flat)
     return _as_correlation(solution, spread, coefficient, status, reference.uneven_light)
 
 
@@ -146,5 +144,5 @@ def _as_correlation(
         uneven_light=torch.full_like(good, uneven_light),
         explained=torch.ones(len(q), 2, CELLS, CELLS).to(q),
         sd_growth=torch.where(good, spread[:, 5, 5].sqrt() if q.shape[-1] == 6 else 0.0, torch.nan),
-        status=np.array(STATUSES)[status.cpu().numpy()],
+        status=frame_status.words(status),
     )

@@ -1,4 +1,4 @@
-"""The ball's circle in an image: fitted to its outline and its limb; and a check of a circle that was given."""
+"""The ball's circle in an image, fitted to its outline and its limb."""
 
 from __future__ import annotations
 
@@ -18,16 +18,6 @@ from torchsphere.settings.arrays import check_finite_around
 
 #: Largest distance of the likeliest limb from the circle through the edges, px and share of the radius.
 MAX_LIMB_SHIFT_PX, MAX_LIMB_SHIFT = 2.0, 0.04
-
-#: Largest difference of a given circle from the outline, in standard deviations and as a share of the radius: 2 % is
-#: the error of a circle that was drawn by hand with care.
-MAX_CIRCLE_SDS, MAX_CIRCLE_ERROR = 4.0, 0.03
-
-#: Advice for a circle in doubt.
-CHECK_ADVICE = (
-    "See figures/path.png: if the circle is not the ball's outline, lengths and speeds are wrong in proportion to its "
-    "radius."
-)
 
 
 def refine_circle(image: Tensor, circle: Circle, window: float | None = None, camera: Camera | None = None) -> Circle:
@@ -115,28 +105,3 @@ def _around(image: Tensor, circle: Tensor) -> Tensor:
     distance = ((rows[:, None] - y) ** 2 + (columns - x) ** 2).sqrt()
     ring = image[(distance > 1.1 * radius) & (distance < disc_filter.RING * radius)]
     return ring if len(ring) else image.flatten()
-
-
-def given_circle_warning(image: Tensor, given: Circle) -> str:
-    """A warning where the outline in ``image`` (h, w) is not the ``given`` circle, else an empty string."""
-    text = f"The circle that was given, {given.text(1)} px,"
-    try:
-        seen = refine_circle(image, given)
-    except ValueError:
-        seen = None
-    if seen is None or seen.sd_guessed:
-        return f"{text} was not confirmed: no limb of a speckled ball was seen along it. {CHECK_ADVICE}"
-    difference = max(math.hypot(seen.x - given.x, seen.y - given.y), abs(seen.radius - given.radius))
-    if difference <= max(MAX_CIRCLE_SDS * max(seen.sd_x, seen.sd_y, seen.sd_radius), MAX_CIRCLE_ERROR * seen.radius):
-        return ""
-    return f"{text} is not the outline that the image shows at {seen.text(1)} px; `refine` takes that. {CHECK_ADVICE}"
-
-
-def refined_circle_warning(fitted: Circle) -> str:
-    """A warning where a given circle, ``fitted`` to the image, may not be the ball's outline, else an empty string."""
-    if not fitted.doubt:
-        return ""
-    return (
-        f"The circle that was given was fitted by `refine`, at {fitted.text(1)} px, and may not be the ball's outline: "
-        f"{fitted.doubt}. See figures/path.png: where the circle as given is better, leave out `refine`."
-    )

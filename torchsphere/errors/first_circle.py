@@ -8,7 +8,7 @@ import math
 import numpy as np
 import torch
 
-from torchsphere.detection.detect import MAX_CIRCLE_ERROR, given_circle_warning, refined_circle_warning
+from torchsphere.detection.ball_or_not import MAX_CIRCLE_ERROR, given_circle_warning, refined_circle_warning
 from torchsphere.errors.evidence import Evidence
 from torchsphere.motion.track import Track
 from torchsphere.runtime.warning_levels import note, severe

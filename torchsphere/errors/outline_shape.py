@@ -22,7 +22,7 @@ from torchsphere.errors.evidence import Evidence
 from torchsphere.geometry.camera import Camera
 from torchsphere.motion.findings import Findings
 from torchsphere.motion.track import Track
-from torchsphere.recording.frame_source import Source
+from torchsphere.recording.frame_source import Source, spread
 from torchsphere.runtime.warning_levels import severe
 from torchsphere.sphere_map.decision import MadeMap, NoMap
 
@@ -86,7 +86,7 @@ def axis_ratio(source: Source, position: Array, radius: float, ignore: Tensor | 
     frames = _whole_balls(position, radius, size)
     if len(frames) < FEWEST_LOOKS:
         return None
-    images = torch.cat([source.images(int(frame), int(frame) + 1) for frame in frames])
+    images = source.images_of(frames)
     circles = torch.from_numpy(np.column_stack((position[frames], np.full(len(frames), radius))))
     found, sd = (values[:, 0].numpy() for values in limb_ellipse.fit(images, circles, ignore))
     known = np.isfinite(found)
@@ -108,7 +108,7 @@ def axis_ratio(source: Source, position: Array, radius: float, ignore: Tensor | 
 def _whole_balls(position: Array, radius: float, size: NDArray[np.int64]) -> NDArray[np.int64]:
     """Numbers (m,) of up to `MOST_LOOKS` frames that show the whole ball in images of that ``size`` (w, h)."""
     frames = np.flatnonzero(((position > ROOM * radius) & (position < size - 1 - ROOM * radius)).all(1))
-    return frames[np.unique(np.linspace(0, max(len(frames) - 1, 0), min(len(frames), MOST_LOOKS)).round().astype(int))]
+    return spread(frames, MOST_LOOKS)
 
 
 def _step_along(source: Source, position: Array, frames: NDArray[np.int64]) -> Array:

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.recording.frame_source import Source
+from torchsphere.recording.frame_source import Source, spread
 
 #: Number of images that the background is computed from.
 FRAMES = 48
@@ -28,7 +28,7 @@ def background(source: Source, position: NDArray[np.float64], radius: float) -> 
     that the ball always hides gets the mean of its nearest visible neighbours: it matters only next to the outline.
     """
     known = np.flatnonzero(np.isfinite(position[:, 0]))
-    chosen = known[np.unique(np.linspace(0, len(known) - 1, min(len(known), FRAMES)).round().astype(int))]
+    chosen = spread(known, FRAMES)
     images = torch.cat([source.images(int(i), int(i) + 1).cpu() for i in chosen])
     centres = torch.from_numpy(position[chosen])
     height, width = images.shape[1:]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.correlation.frame_status import OUT_OF_FRAME, TRANSLATION_KNOWN
 from torchsphere.geometry.circle import Circle
 from torchsphere.motion.findings import Findings
 from torchsphere.motion.ledger import Entry
@@ -47,7 +48,7 @@ class Track(Tabulated):
     iterations : ndarray
         Gauss-Newton steps (n,).
     status : ndarray
-        Strings (n,), each one of `torchsphere.correlation.result.STATUSES`; row i speaks of frame i and of the
+        Strings (n,), each one of `torchsphere.correlation.frame_status.STATUSES`; row i speaks of frame i and of the
         increment that leads to it. A frame found again after a gap is "lost" with a position: no increment leads to it.
         With the model `translation`, which measures no rotation, a frame is "weak_texture" at best.
     radius : ndarray
@@ -165,8 +166,8 @@ def why_unusable(status: NDArray[np.str_]) -> str:
 
     Frames that the ball has left do not count, nor does the first frame, to which no motion leads.
     """
-    in_view = status[1:][status[1:] != "out_of_frame"]
-    measured = int(np.isin(in_view, ("ok", "weak_texture")).sum())
+    in_view = status[1:][status[1:] != OUT_OF_FRAME]
+    measured = int(np.isin(in_view, TRANSLATION_KNOWN).sum())
     if measured and measured >= LEAST_MEASURED * len(in_view):
         return ""
     return f"nothing usable was measured: the motion is known in {measured} of {len(in_view)} frames after the first"

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.correlation.frame_status import STATUSES
 from torchsphere.report.figure_style import STATUS_COLOURS
-from torchsphere.settings.choices import STATUSES
 
 Array = NDArray[np.float64]
 

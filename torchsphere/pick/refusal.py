@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from torchsphere.pick.configuration import FIELDS
+from torchsphere.pick.form import FIELDS
 from torchsphere.runtime.setting_names import as_options
 from torchsphere.runtime.shown_text import shown
 from torchsphere.settings.limits import SettingError

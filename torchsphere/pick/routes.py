@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from torchsphere import __version__
-from torchsphere.pick.configuration import Choice
+from torchsphere.pick.form import Choice
 from torchsphere.pick.refusal import fields_of, sentence_of
 from torchsphere.pick.session import Session, circle_of, title_of
 from torchsphere.report import pages

@@ -13,9 +13,9 @@ import numpy as np
 
 from torchsphere.geometry.circle import Circle
 from torchsphere.measure import Measurement, measure
-from torchsphere.pick import configuration, outline
-from torchsphere.pick.configuration import FORM, Choice
+from torchsphere.pick import form, outline
 from torchsphere.pick.footage import Footage
+from torchsphere.pick.form import FORM, Choice
 from torchsphere.pick.refusal import on_page
 from torchsphere.pick.tracking_job import TrackingJob
 from torchsphere.recording import Recording
@@ -93,7 +93,7 @@ class Session:
                     asdict(field)
                     | {
                         "switch": field.is_switch,
-                        "text": configuration.text_of(field.name, self.base.get(field.name)),
+                        "text": form.text_of(field.name, self.base.get(field.name)),
                         "on": self.base.get(field.name) is True,
                         "stated": "" if stated.get(field.name) is None else f"{stated[field.name]:.10g}",
                     }
@@ -154,19 +154,19 @@ class Session:
         }
 
     def settings(self, choice: Choice) -> dict[str, Any]:
-        """The settings of a choice; raises as `configuration.settings_of`."""
-        return configuration.settings_of(choice, self.base, self.footage.recording.shape)
+        """The settings of a choice; raises as `form.settings_of`."""
+        return form.settings_of(choice, self.base, self.footage.recording.shape)
 
     def toml(self, choice: Choice) -> str:
         """The text of the file that `save` writes."""
-        return configuration.toml_text(self.settings(choice), self.places.input.name)
+        return form.toml_text(self.settings(choice), self.places.input.name)
 
     def save(self, choice: Choice, replace: bool) -> Path:
         """Write the settings, and return the path; raises OSError for an earlier file unless it may be replaced."""
         path = self.places.config
         text = self.toml(choice)
         with self._lock:
-            configuration.write_toml(path, text, replace or path in self._written)
+            form.write_toml(path, text, replace or path in self._written)
             self._written.add(path)
         return path
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.correlation.frame_status import STATUSES
 from torchsphere.geometry.orientation import chain, quaternions
 from torchsphere.measure import Measurement, measure
 from torchsphere.motion.track import Track, why_unusable
@@ -19,7 +20,6 @@ from torchsphere.report import explanations
 from torchsphere.request import Request
 from torchsphere.results.reader import read
 from torchsphere.runtime.warning_levels import CAUTION, SEVERE
-from torchsphere.settings.choices import STATUSES
 from torchsphere.tracking.record import Record
 
 #: States of a job.

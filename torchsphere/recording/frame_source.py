@@ -76,6 +76,10 @@ class Source:
         """Grey levels (stop - start, h, w)."""
         return torch.as_tensor(self.read(start, stop)).to(self.device, self.dtype)
 
+    def images_of(self, frames: NDArray[np.int64]) -> Tensor:
+        """Grey levels (m, h, w) of the ``frames`` (m,)."""
+        return torch.cat([self.images(frame, frame + 1) for frame in frames.tolist()])
+
     def standardised(self) -> Source:
         """The same images on the scale of `LevelScale`, which neither gain nor offset of the recording changes."""
         scale = LevelScale.of(self.read, self.count)
@@ -129,6 +133,11 @@ class Source:
             return cache[a:b]
 
         return replace(self, read=read, is_file=False)
+
+
+def spread(frames: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    """Up to ``most`` of the ``frames`` (m,), evenly between the first and the last."""
+    return frames[np.unique(np.linspace(0, len(frames) - 1, min(most, len(frames))).round().astype(int))]
 
 
 def require_device(chosen: torch.device) -> None:

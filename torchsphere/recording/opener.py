@@ -42,7 +42,8 @@ _FORMATS: dict[str, tuple[Callable[..., Recording], tuple[str, ...]]] = {
     ".webm": (open_video, (MATROSKA,)),
 }
 
-#: Suffixes of arrays, whose axes may be given.
+#: Suffixes of files that can be opened, and of arrays, whose axes may be given.
+SUFFIXES = tuple(_FORMATS)
 ARRAYS = (".npy", *member.SUFFIXES)
 
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.correlation.frame_status import ALL_KNOWN
 from torchsphere.motion.track import why_unusable
-from torchsphere.results.reader import ALL_KNOWN, ResultFolder
+from torchsphere.results.reader import ResultFolder
 from torchsphere.runtime.warning_levels import levels_of
 
 #: Meaning and remedy of each status.

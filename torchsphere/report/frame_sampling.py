@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.correlation import znssd
+from torchsphere.correlation.frame_status import TRANSLATION_KNOWN
 from torchsphere.correlation.options import Options, margin
 from torchsphere.correlation.reference import Filtered, build_reference
 from torchsphere.correlation.warp import warp
@@ -28,7 +29,6 @@ from torchsphere.geometry.camera import Camera
 from torchsphere.imaging import crop, interlacing, interpolation
 from torchsphere.motion.track import Track
 from torchsphere.recording.frame_source import Source
-from torchsphere.results.reader import TRANSLATION_KNOWN
 from torchsphere.results.sampled_frames import NO_RESIDUAL, Sampled, encode_webp, rows_to_keep
 from torchsphere.runtime import threads
 from torchsphere.tracking.follow import BATCH

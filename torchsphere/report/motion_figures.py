@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.correlation.frame_status import TRANSLATION_KNOWN
 from torchsphere.report.explanations import missing_for_si, why_empty
 from torchsphere.report.figure_style import COLOURS, CONTACT, DPI, LEGEND, MISSING, STATUS_COLOURS, STYLES, new_figure
 from torchsphere.report.time_series import Abscissa, TimeSeries, abscissa, axis_label, time_series
-from torchsphere.results.reader import TRANSLATION_KNOWN, ResultFolder
+from torchsphere.results.reader import ResultFolder
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

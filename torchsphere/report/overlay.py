@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.correlation.frame_status import ALL_KNOWN, TRANSLATION_KNOWN
 from torchsphere.geometry.orientation import matrices
 from torchsphere.recording.refusal import LibraryMissingError
 from torchsphere.report.image_figures import kept_images
 from torchsphere.results.atomic_output import atomic_path
-from torchsphere.results.reader import ALL_KNOWN, TRANSLATION_KNOWN, ResultFolder
+from torchsphere.results.reader import ResultFolder
 from torchsphere.results.sampled_frames import Sampled
 
 if TYPE_CHECKING:

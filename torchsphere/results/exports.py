@@ -21,9 +21,6 @@ from torchsphere.settings.choices import EXPORTS
 #: Unit of the covariances, beside those of columns by `unit_of`.
 COVARIANCE_UNIT = "px and rad: dx, dy, wx, wy, wz"
 
-#: Ends of the files by the names of `EXPORTS`.
-SUFFIXES = {"hdf5": ".h5", "mat": ".mat"}
-
 #: Longest name of a field in a MAT file.
 _LONGEST_FIELD = 63
 

@@ -13,10 +13,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv
 
+from torchsphere.correlation.frame_status import STATUSES
 from torchsphere.dynamics.scale import LAB_AXES
 from torchsphere.motion.ledger import INCREMENTS
 from torchsphere.results.sampled_frames import Sampled, load
-from torchsphere.settings.choices import STATUSES
 
 Array = NDArray[np.float64]
 
@@ -50,9 +50,6 @@ _REQUIRED = {
     "circle": ("radius", "frame"),
     "settings": (),
 }
-
-#: Statuses of frames with a measured translation, and of frames with a measured translation and rotation.
-TRANSLATION_KNOWN, ALL_KNOWN = ("ok", "weak_texture"), ("ok",)
 
 
 @dataclass(frozen=True)

@@ -36,10 +36,11 @@ from torchsphere.results.columns import (
     track_columns,
     unit_of,
 )
-from torchsphere.results.exports import SUFFIXES, write_export
+from torchsphere.results.exports import write_export
 from torchsphere.runtime.setting_names import as_options
 from torchsphere.runtime.shown_text import shown
 from torchsphere.runtime.warning_levels import level_of
+from torchsphere.settings.choices import EXPORTS
 
 #: Rows of a block of a CSV file.
 CSV_ROWS = 1000
@@ -126,7 +127,7 @@ def write_measurement(
     write_summary(folder, contents)
     known = {name: columns for name, columns in tables.items() if columns}
     for kind in dict.fromkeys(export):
-        write_export(folder / f"result{SUFFIXES[kind]}", kind, known, contents["impacts"], contents)
+        write_export(folder / f"result{EXPORTS[kind]}", kind, known, contents["impacts"], contents)
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:

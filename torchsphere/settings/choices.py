@@ -21,17 +21,14 @@ MAPS: dict[str, bool | None] = {"auto": None, "on": True, "off": False}
 #: Orders of the axes of an array of images: number (n), height (h) and width (w).
 AXES = ("nhw", "hwn", "nwh", "whn", "hnw", "wnh")
 
-#: Kinds of files in which all tables of a result are written together: keys of `exports.SUFFIXES`.
-EXPORTS = ("hdf5", "mat")
+#: Kinds of files in which all tables of a result are written together, and how their names end.
+EXPORTS = {"hdf5": ".h5", "mat": ".mat"}
 
 #: Colours of the 2 x 2 pixels of a colour mosaic, row by row.
 BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")
 
 #: Supported devices.
 DEVICES = ("cpu", "cuda")
-
-#: `result.STATUSES`: the statuses of frames in `track.csv`.
-STATUSES = ("ok", "weak_texture", "low_correlation", "not_converged", "out_of_frame", "lost")
 
 #: Keys of `benchmark.suites.SIZES`.
 SIZES = ("smoke", "standard", "full")

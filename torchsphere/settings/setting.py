@@ -1,4 +1,4 @@
-"""One description of a setting; options, TOML files, manifest columns and refusals follow from it.
+"""One description of a setting; options, TOML files, manifest columns and refusals follow from it: `configuration`.
 
 A dataclass of settings annotates each field with a `Setting`: ``fps: Annotated[float | None, Setting(...)] = None``.
 Name, type and default are those of the field.
@@ -11,14 +11,12 @@ import dataclasses
 import json
 import math
 import re
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_type_hints
 
 from torchsphere.settings.limits import SettingError, shown_value
-from torchsphere.settings.suggestion import did_you_mean
 
 _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -177,39 +175,3 @@ def check_ranges(values: object, settings: Mapping[str, Setting]) -> None:
         value = getattr(values, name)
         if setting.check is not None and value is not None:
             setting.check(name, value)
-
-
-def find(settings: Mapping[str, Setting], key: str) -> Setting:
-    """The setting of a column or key, which may have hyphens; ValueError for unknown names."""
-    name = key.strip().replace("-", "_")
-    if name not in settings:
-        question = did_you_mean(name, settings)
-        hint = f" ({question.removeprefix('; ')})" if question else ""
-        if name.startswith("no_") and name[3:] in settings:
-            hint = f"; write {name[3:]} = false"
-        raise ValueError(f"{key!r} is no setting{hint}; expected one of {', '.join(sorted(settings))}")
-    return settings[name]
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a TOML file; ValueError for other files."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except RecursionError:
-        raise ValueError(f"{path}: has tables within tables without end; see docs/archives.md for an example") from None
-    except (ValueError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: is no TOML file ({error}); see docs/archives.md for an example") from error
-
-
-def from_table(where: str, values: Mapping[str, Any], settings: Mapping[str, Setting]) -> dict[str, Any]:
-    """Settings of a TOML table; a ValueError for an unknown key or an invalid value begins with ``where``."""
-    found: dict[str, Any] = {}
-    for key, value in values.items():
-        try:
-            setting = find(settings, key)
-            if setting.name in found:
-                raise ValueError(f"{setting.name} is given twice, with '-' and with '_'; leave one out")
-            found[setting.name] = setting.from_toml(value)
-        except ValueError as error:
-            raise ValueError(f"{where}: {error}") from error
-    return found

@@ -1,4 +1,4 @@
-"""Whether a map of the ball is made, and what it showed or why there is none."""
+"""Whether a map of the ball is made, refused, and used for a frame; what it showed, or why there is none."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.bool_]
 
 #: Smallest number of frames for a map.
 MIN_FRAMES = 6
@@ -24,6 +27,15 @@ MAX_EDGE_BLUR_PX = 2.0
 #: Largest correction of the radius by the map, as a share of the radius (docs/constants.toml).
 MAX_RADIUS_CHANGE = 0.05
 
+#: Squared difference of a step on the map and by a pair of images in uneven light, in their variances, from which one
+#: of both is wrong (docs/constants.toml).
+MAX_DISAGREEMENT = 12.5
+
+#: Misfit of a frame on the map, in the median of all frames, from which the map is wrong there (docs/constants.toml).
+SHADED_MISFIT = 1.5
+
+#: Share of the known frames that are on the map of a ball whose path has not slipped (docs/constants.toml).
+MIN_ON_MAP = 0.9
 
 #: Begins the reason for a map that is not needed.
 NOT_NEEDED = "not needed: "
@@ -73,9 +85,7 @@ class MadeMap:
     sd_radius_over_distance: float = 0.0
 
 
-def not_needed(
-    asked: bool | None, model: str, position: NDArray[np.float64], rotation: NDArray[np.float64]
-) -> NoMap | None:
+def not_needed(asked: bool | None, model: str, position: Array, rotation: Array) -> NoMap | None:
     """Why no map is made of frames with these positions (n, 2) and rotations (n, 3), NaN where unknown; else None.
 
     A map that was ``asked`` for is needed.
@@ -102,6 +112,13 @@ def few_poses(known: int) -> NoMap | None:
     return NoMap(Why.FEW_FRAMES, sentence)
 
 
+def refused_as_unsettled(has_settled: bool) -> NoMap | None:
+    """Why a map is refused whose poses, or camera's distance, have not settled; None if it is accepted."""
+    if has_settled:
+        return None
+    return NoMap(Why.NOT_SETTLED, "the adjustment of the ball's map and poses did not converge")
+
+
 def refusal(radius: float, given_radius: float, edge_blur: float, optics_px: float, misfit: float) -> NoMap | None:
     """Why a map that has settled is refused; None if it is accepted.
 
@@ -121,6 +138,30 @@ def refusal(radius: float, given_radius: float, edge_blur: float, optics_px: flo
     return None
 
 
-#: Poses that do not settle, and equations that are singular.
-NOT_SETTLED = NoMap(Why.NOT_SETTLED, "the adjustment of the ball's map and poses did not converge")
+def lacks_frames(known: Rows, on_map: Rows) -> bool:
+    """Whether a map does not show a notable part of the frames (n,) whose position is ``known``."""
+    return bool(on_map.sum() < MIN_ON_MAP * known.sum())
+
+
+def shaded_frames(
+    step_difference: Array, step_covariance: Array, is_comparable: Rows, frame_misfit: Array, on_map: Rows
+) -> Rows:
+    """Frames (n,) in which an object near the ball changes the light so that the map errs: its poses are not used.
+
+    A step on the map contradicts the step between the images, which allow for such light, and the map explains the
+    frames around it less well than the others. ``step_difference`` (n - 1, 5) and its ``step_covariance`` (n - 1, 5, 5)
+    count where ``is_comparable`` (n - 1,); ``frame_misfit`` (n,) where ``on_map`` (n,).
+    """
+    difference = np.where(is_comparable[:, None], step_difference, 0.0)
+    variance = np.where(is_comparable[:, None, None], step_covariance, np.eye(5))
+    squares = (difference * np.linalg.solve(variance, difference[..., None])[..., 0]).sum(1)
+    unexplained = on_map & (frame_misfit > SHADED_MISFIT * np.median(frame_misfit[on_map]))
+    # Numbers of the runs of such frames.
+    run = np.cumsum(np.diff(unexplained, prepend=False))
+    contradicted = np.flatnonzero(squares > MAX_DISAGREEMENT)
+    ends = np.concatenate((contradicted, contradicted + 1))
+    return np.asarray(unexplained & np.isin(run, run[ends[unexplained[ends]]]))
+
+
+#: Equations that are singular.
 NO_SOLUTION = NoMap(Why.NO_SOLUTION, "the equations of the map have no solution")

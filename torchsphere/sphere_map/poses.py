@@ -26,7 +26,7 @@ from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import bundle_adjustment, exposure, radius_error, residual_scatter
 from torchsphere.sphere_map.ball import Poses
 from torchsphere.sphere_map.bundle_adjustment import NEW_MAP_STEPS, Adjustment
-from torchsphere.sphere_map.decision import NOT_SETTLED, NoMap, few_poses, refusal
+from torchsphere.sphere_map.decision import NoMap, few_poses, refusal, refused_as_unsettled
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
 from torchsphere.sphere_map.keyframes import choose_keyframes, choose_map_frames
 from torchsphere.sphere_map.known_frames import KnownFrames, register_frames
@@ -158,15 +158,15 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
         adjustment = replace(adjustment, covariance=less_certain, last=None)
         settled = replace(settled, adjustment=adjustment)
         misfit = float(adjustment.state.profile.variance[0]) / noise
-        if not adjustment.settled:
-            return NOT_SETTLED
-        refused = refusal(float(ball.radius), circle.radius, float(ball.edge_blur), blur.optics_px, misfit)
+        shown = float(ball.radius), circle.radius, float(ball.edge_blur), blur.optics_px, misfit
+        refused = refused_as_unsettled(adjustment.settled) or refusal(*shown)
         if refused:
             return refused
         numbers, found, widened = _on_map(settled.frames, keys, settled.initial, adjustment, shared, asked.report)
-    if not settled.settled_afar and widened.max() > MAX_FACTOR_OF_NEARNESS:
-        # Only with a near camera did the poses settle, and these images do not tell how near it is.
-        return NOT_SETTLED
+    # Where the poses settled with a near camera alone, the images must tell how near it is.
+    refused = refused_as_unsettled(settled.settled_afar or not widened.max() > MAX_FACTOR_OF_NEARNESS)
+    if refused:
+        return refused
     assembled = _assemble(len(asked.position), numbers, found, keys, adjustment, circle, misfit)
     assembled = _widened(replace(assembled, off_outline=off_outline, open_share=settled.open_share), widened)
     return assembled if optics is None else _through_lens(assembled, optics)

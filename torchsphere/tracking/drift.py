@@ -14,23 +14,13 @@ from torchsphere.geometry import orientation
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging.interpolation import noise_gains
 from torchsphere.runtime import steps
-from torchsphere.sphere_map.decision import NO_SOLUTION, MadeMap, NoMap, not_needed
+from torchsphere.sphere_map.decision import NO_SOLUTION, MadeMap, NoMap, lacks_frames, not_needed, shaded_frames
 from torchsphere.sphere_map.poses import MapPoses, MapRequest, poses_on_map
-from torchsphere.tracking.image_blur import image_blur
+from torchsphere.tracking.blur_estimate import estimate_blur
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.task import Task
 
 Array = NDArray[np.float64]
-
-#: Squared difference of a step on the map and by a pair of images in uneven light, in their variances, from which one
-#: of both is wrong (docs/constants.toml).
-MAX_DISAGREEMENT = 12.5
-
-#: Misfit of a frame on the map, in the median of all frames, from which the map is wrong there (docs/constants.toml).
-SHADED_MISFIT = 1.5
-
-#: Share of the known frames that are on the map of a ball whose path has not slipped (docs/constants.toml).
-MIN_ON_MAP = 0.9
 
 
 @dataclass(frozen=True)
@@ -56,8 +46,7 @@ class AbsoluteMotion:
     @property
     def lacks_frames(self) -> bool:
         """Whether the map does not show a notable part of the frames whose position is known."""
-        known = np.isfinite(self.position[:, 0]).sum()
-        return isinstance(self.map, MadeMap) and bool(self.frames_on_map < MIN_ON_MAP * known)
+        return isinstance(self.map, MadeMap) and lacks_frames(np.isfinite(self.position[:, 0]), self.on_map)
 
     @property
     def frames_on_map(self) -> int:
@@ -103,7 +92,7 @@ def _on_map(
     lack = float(np.median(1 - known)) if len(known) else 0.0
     # Variance of the images' noise over that of their grey levels.
     noise = lack / noise_gains(options.pre_blur)[0]
-    blur = image_blur(task.source, measured.position, circle, task.ignore, options.camera, task.stated_exposure)
+    blur = estimate_blur(task.source, measured.position, circle, task.ignore, options.camera, task.stated_exposure)
     if task.exposure is not None:
         blur = replace(blur, open_share=task.exposure, is_share_known=True)
     asked = MapRequest(
@@ -128,7 +117,7 @@ def _on_map(
 
 def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion:
     """Poses of the map; frames that are not on the map, or shaded, follow from their neighbours by the steps."""
-    on_map = np.isfinite(found.position[:, 0]) & ~shaded_frames(measured, found)
+    on_map = np.isfinite(found.position[:, 0]) & ~_shaded(measured, found)
     position, turned = _bridged(measured.position, chained, found, on_map)
     steps: NDArray[np.bool_] = np.isfinite(measured.increment)
     whole = np.asarray(steps.all(axis=1))
@@ -165,25 +154,16 @@ def _vectors(rotation: Array) -> Array:
     return So3.from_matrix(torch.from_numpy(rotation)).log().numpy()
 
 
-def shaded_frames(measured: Record, found: MapPoses) -> NDArray[np.bool_]:
-    """Frames (n,) in which an object near the ball changes the light so that the map errs: steps allow for such light.
+def _shaded(measured: Record, found: MapPoses) -> NDArray[np.bool_]:
+    """Frames (n,) of `shaded_frames`: the steps by pairs of images allow for uneven light.
 
-    A step on the map contradicts the step between the images there, and the map explains the frames around it less well
-    than the others. The steps are compared by the noise of single pixels: light that errs widens the covariance itself.
+    The steps are compared by the noise of single pixels: light that errs widens the covariance itself.
     """
     on_map = np.isfinite(found.position[:, 0])
     known = on_map[:-1] & on_map[1:] & np.isfinite(measured.increment).all(1) & measured.uneven_light[1:]
     by_map = np.concatenate((np.diff(found.position, axis=0), _turns(found.orientation, known)), 1)
     by_noise = found.step_covariance / np.outer(found.widening, found.widening)
-    difference = np.where(known[:, None], by_map - measured.increment, 0.0)
-    variance = np.where(known[:, None, None], by_noise + measured.covariance, np.eye(5))
-    squares = (difference * np.linalg.solve(variance, difference[..., None])[..., 0]).sum(1)
-    unexplained = on_map & (found.frame_misfit > SHADED_MISFIT * np.median(found.frame_misfit[on_map]))
-    # Numbers of the runs of such frames.
-    run = np.cumsum(np.diff(unexplained, prepend=False))
-    contradicted = np.flatnonzero(squares > MAX_DISAGREEMENT)
-    ends = np.concatenate((contradicted, contradicted + 1))
-    return unexplained & np.isin(run, run[ends[unexplained[ends]]])
+    return shaded_frames(by_map - measured.increment, by_noise + measured.covariance, known, found.frame_misfit, on_map)
 
 
 def _bridged(position: Array, chained: Array, found: MapPoses, on_map: NDArray[np.bool_]) -> tuple[Array, Array]:

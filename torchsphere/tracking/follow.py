@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.correlation.explained import is_same_part
+from torchsphere.correlation.frame_status import OK, WEAK_TEXTURE, of_frame
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.result import Correlation
 from torchsphere.detection import outline_fit
@@ -110,7 +111,7 @@ class Follower:
                     self._recover(at)
                     confirmed = 1
                     # After a frame that failed there is no pair of successive images to continue from.
-                    size = 2 if self.record.status[at] == "ok" else 1
+                    size = 2 if self.record.is_ok[at] else 1
                 at += confirmed
                 if self._watch is not None:
                     self._watch(self.record, at)
@@ -129,7 +130,7 @@ class Follower:
         images, predicted = batch.images[: len(actual)], batch.circles[: len(actual)]
         has_strayed = (actual - predicted)[:-1, :2].norm(dim=-1) >= PREDICTION_TOLERANCE * state.radius
         believed = ~(has_strayed.numpy() | repeats_previous(images, state))
-        good = count_leading((found.status == "ok") & believed & self._follow_one_part(found))
+        good = count_leading((found.status == OK) & believed & self._follow_one_part(found))
         error = actual[:-1] - regions[:-1]
         error_px = error[:, :2].norm(dim=-1) + RADIUS_WEIGHT * error[:, 2].abs()
         rotation = found.q[:, 2:].norm(dim=-1).double().cpu().clamp_min(0.01)
@@ -137,7 +138,7 @@ class Follower:
             start, images = found.q[:good].double().cpu(), images[: good + 1]
             batch = prepare(images, actual[: good + 1], start, self._setup, is_exact=True)
             found, _ = correlate_successive(batch, state.circle, self._setup)
-            good = count_leading((found.status == "ok") & self._follow_one_part(found))
+            good = count_leading((found.status == OK) & self._follow_one_part(found))
         if good:
             # A copy, since the memory of the batch is used again.
             self._accept(found, good, images[good : good + 1].to(self._source.dtype, copy=True))
@@ -200,31 +201,29 @@ class Follower:
         )
         place = recovery.locate(pair, state, setup)
         found = self._correlate_alone(at, pair, place, expected, setup)
-        status = record.set_status(at, found)
-        if status == "ok" and state.frame == self._first:
+        status, has_step, is_plain = str(found.status[0]), at == state.frame + 1, False
+        record.set_match(at, found)
+        if status == OK and state.frame == self._first:
             # Nothing tells yet which part of the disc is the ball.
             found = recovery.moving_part(pair, state, expected, found, setup)
-        if status == "ok" and state.explained is not None:
+        if status == OK and state.explained is not None:
             explained = explain_one(pair, state.circle, found.q[0], self._setup)
             found = dataclasses.replace(found, explained=explained[None])
-        if status == "ok" and at == state.frame + 1:
+        if status == OK and has_step:
             self._accept(found, 1, target)
-        elif status == "ok":
+        elif status == OK:
             self._resume_after_gap(at, target, found)
-        elif status == "weak_texture":
-            # A patterned ball that seems plain is hidden or absent: only its own look confirms it.
+        elif status == WEAK_TEXTURE:
+            # Only the look of a plain ball confirms it.
             is_alike = self._is_plain or float(found.zncc[0]) >= self._setup.options.min_zncc
-            if is_alike and not (record.status[1:] == "ok").any():
+            is_plain = is_alike and not record.is_ok[1:].any()
+            if is_plain:
                 self._step_by_outlines(at, pair, place)
-            else:
-                record.status[at] = "low_correlation"
         if not record.is_placed(at) and at - state.frame >= RESTART_AFTER:
             self._restart_by_outline(at, target)
-        if not record.is_placed(at):
-            if has_left(record, state, at):
-                record.status[at] = "out_of_frame"
-            elif record.status[at] == "out_of_frame":
-                record.status[at] = "lost"
+        is_placed = record.is_placed(at)
+        left = not is_placed and has_left(record, state, at)
+        record.status[at] = of_frame(status, is_placed=is_placed, has_step=has_step, is_plain=is_plain, has_left=left)
 
     def _correlate_alone(self, at: int, pair: Tensor, place: Tensor, expected: Tensor, setup: PairSetup) -> Correlation:
         """Correlate one pair from the best of a few first guesses; if these fail, from a search over rotations."""
@@ -244,7 +243,6 @@ class Follower:
         centre = state.centre if self._setup.in_place else state.centre + motion[:2]
         self.record.place(at, centre.numpy(), state.radius * (1 + float(found.growth[0])))
         self.record.rotation[at] = motion[2:].numpy()
-        self.record.status[at] = "lost"
         self._failed_searches = []
         increment = motion.numpy() / self._source.elapsed(state.frame, at)
         self._set_state(at, image, increment, explained=found.explained[0, 1])
@@ -253,7 +251,6 @@ class Follower:
         """Continue with a ball without enough texture for the modes: its outlines give the translation alone."""
         state, record = self._state, self.record
         found = recovery.step_by_outlines(pair, state, place, self._is_plain, self._setup)
-        record.status[at] = "lost"
         if found is None:
             return
         step, covariance = found
@@ -262,9 +259,8 @@ class Follower:
         if at == state.frame + 1:
             record.increment[at - 1] = increment
             record.covariance[at - 1, :2, :2] = covariance.numpy()
-            record.status[at] = "weak_texture"
         if state.frame == self._first:
-            record.status[self._first] = "weak_texture"
+            record.status[self._first] = WEAK_TEXTURE
         centre = state.centre if self._setup.in_place else state.centre + step
         record.place(at, centre.numpy(), state.radius)
         self._set_state(at, pair[1:], increment / self._source.elapsed(state.frame, at))
@@ -292,5 +288,4 @@ class Follower:
     def _place(self, at: int, centre: Tensor) -> None:
         """Store the ball's place in a frame in which it is found again."""
         self.record.place(at, centre.numpy(), self._state.radius)
-        self.record.status[at] = "lost"
         self._failed_searches = []

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.correlation.options import Options
+from torchsphere.detection.limbs import Limbs
 from torchsphere.geometry.camera import Camera
-from torchsphere.tracking.limb_path import MIN_LOOKS, Limbs
+from torchsphere.tracking.limb_path import MIN_LOOKS
 from torchsphere.tracking.record import Record
 
 #: Growth over its standard deviation that is significant (docs/constants.toml).
@@ -69,7 +70,7 @@ def scatter_of_limbs(limbs: Limbs) -> float:
 
 def limbs_follow(limbs: Limbs, measured: Record) -> bool:
     """Whether the limbs grow significantly, and as the sizes in a record ``measured`` by the options of `growing`."""
-    limb, frames = growth_of_limbs(limbs), np.flatnonzero(measured.status == "ok")
+    limb, frames = growth_of_limbs(limbs), np.flatnonzero(measured.is_ok)
     if limb is None or len(frames) < MIN_LOOKS or not limb.is_significant:
         return False
     by_pairs = float(np.polyfit(frames, np.log(measured.size[frames]), 1)[0])

@@ -7,6 +7,7 @@ that the limb of the ball does not follow, and by that a ball in its place is to
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,19 +16,20 @@ from kornia.geometry.liegroup import So3
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.detection import limb_fit
+from torchsphere.correlation.frame_status import OK
+from torchsphere.detection import limbs
 from torchsphere.errors.ball_in_place import SIGNIFICANT_SD, STAY_SD
 from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.circle import Circle
-from torchsphere.recording.frame_source import Source
+from torchsphere.recording.frame_source import Source, spread
 from torchsphere.runtime import steps
 from torchsphere.sphere_map.decision import MadeMap
 from torchsphere.tracking.drift import AbsoluteMotion
 
-#: Most frames whose limbs are fitted, and the fewest that show a place (docs/constants.toml).
-MAX_FRAMES, MIN_FRAMES = 16, 6
+#: Fewest frames whose limbs show a place (docs/constants.toml).
+MIN_FRAMES = 6
 
-#: Share of these frames that must show the limb (docs/constants.toml).
+#: Share of the frames in which it is looked for that must show the limb (docs/constants.toml).
 MIN_SHARE = 0.8
 
 #: Largest standard deviation of a limb's centre that shows a place, px (docs/constants.toml).
@@ -36,69 +38,72 @@ MAX_SD_PX = 1.0
 #: Least way of the ball's surface over the extent of its path, for a ball that turns in place (docs/constants.toml).
 MIN_SURFACE_WAY = 3.0
 
+#: Share of the measured frames that a ball held in its place must keep (docs/constants.toml).
+MIN_KEPT_SHARE = 0.8
+
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Limbs:
-    """Limbs of a ball, fitted around one circle in frames that are spread over the recording."""
+class CommonLimb:
+    """The limb of a ball in frames that are spread over the recording, all around one circle."""
 
     frames: NDArray[np.int64]  # numbers (k,)
-    circle: Array  # mean (3,) of the fits, px
+    circle: Array  # median (3,) of the fits, px
     sd: Array  # of the fit of one frame (3,), px: its systematic part does not average out
-    stay: bool  # whether the centres lie within their standard deviation of one place
+    stays: bool  # whether the centres lie within their standard deviation of one place
 
 
-def fit_limbs(source: Source, circle: Circle, ignore: Tensor | None, camera: Camera | None) -> Limbs | None:
-    """Limbs of a ball that stays at about ``circle``; None where too few frames show one there."""
-    frames = np.unique(np.linspace(0, source.count - 1, min(MAX_FRAMES, source.count)).round().astype(int))
-    steps.tell("looking at the outlines of the ball in %d frames", len(frames))
-    images = torch.cat([source.images(int(i), int(i) + 1) for i in frames])
-    guess = torch.tensor([[circle.x, circle.y, circle.radius]], dtype=torch.float64).expand(len(images), 3)
-    found, _ = limb_fit.fit(images, guess, ignore=ignore, camera=camera)
-    # A guess that is off by more than a px needs a second fit, from what most frames show.
-    common = found.nanmedian(0).values
-    if not bool(common.isfinite().all()):
+def common_limb(source: Source, circle: Circle, ignore: Tensor | None, camera: Camera | None) -> CommonLimb | None:
+    """The limb of a ball that stays at about ``circle``; None where too few frames show one there."""
+    chosen = spread(np.arange(source.count), limbs.MAX_FRAMES)
+    steps.tell("looking at the outlines of the ball in %d frames", len(chosen))
+    guess = np.array([circle.x, circle.y, circle.radius])
+    found = limbs.fit_around(source.images_of(chosen), chosen, guess, ignore, camera)
+    found = found.rows(np.asarray((found.sd[:, :2] < MAX_SD_PX).all(1)))
+    if len(found.frames) < max(MIN_FRAMES, MIN_SHARE * len(chosen)):
         return None
-    found, covariance = limb_fit.fit(images, common.expand(len(images), 3), ignore=ignore, camera=camera)
-    sd = covariance.diagonal(dim1=1, dim2=2).clamp_min(0).sqrt().numpy()
-    circles = found.numpy()
-    seen = np.isfinite(circles).all(1) & np.isfinite(sd).all(1) & (sd[:, :2] < MAX_SD_PX).all(1)
-    if seen.sum() < max(MIN_FRAMES, MIN_SHARE * len(frames)):
-        return None
-    frames, circles, typical = frames[seen], circles[seen], np.median(sd[seen], axis=0)
-    off = np.abs(circles - np.median(circles, axis=0))
-    slope = np.abs(_trend(frames, circles[:, :2]))
+    middle, typical = np.median(found.circles, axis=0), np.median(found.sd, axis=0)
+    slope = np.abs(_trend(found.frames, found.circles[:, :2]))
     # Where most limbs stay, a frame in which something hides the ball is no motion.
-    stay = np.mean((off < STAY_SD * typical).all(1)) >= MIN_SHARE and bool(
-        (slope < STAY_SD * _trend_sd(len(frames)) * typical[:2]).all()
+    stays = np.mean((np.abs(found.circles - middle) < STAY_SD * typical).all(1)) >= MIN_SHARE and bool(
+        (slope < STAY_SD * _trend_sd(len(found.frames)) * typical[:2]).all()
     )
-    return Limbs(frames, np.median(circles, axis=0), typical, bool(stay))
+    return CommonLimb(found.frames, middle, typical, bool(stays))
 
 
-def may_turn_in_place(motion: AbsoluteMotion) -> bool:
-    """Whether the ball's surface turns so much further than the ball moves that its path may be an error."""
-    known = motion.position[np.isfinite(motion.position[:, 0])]
-    surface = motion.circle.radius * float(np.nansum(np.linalg.norm(motion.increment[:, 2:], axis=1)))
-    return len(known) >= MIN_FRAMES and surface > MIN_SURFACE_WAY * float(np.ptp(known, axis=0).max())
+def limb_of_turning(motion: AbsoluteMotion, look: Callable[[], CommonLimb | None]) -> CommonLimb | None:
+    """The limb of a ball that turns without leaving its place, although its ``motion`` leaves it; else None.
 
-
-def turns_in_place(motion: AbsoluteMotion, limbs: Limbs) -> bool:
-    """Whether the limbs stay while the ``motion`` leaves them."""
-    if not (limbs.stay and may_turn_in_place(motion)):
-        return False
-    # A path that left its ball early is known in few of the limbs' frames; their place is that of all frames.
+    Only where the surface turns so much further than the ball moves that its path may be an error, the limb is looked
+    at, by ``look``.
+    """
     known = np.flatnonzero(np.isfinite(motion.position[:, 0]))
-    off = _trend(known, motion.position[known] - limbs.circle[:2])
-    return bool((np.abs(off) > SIGNIFICANT_SD * limbs.sd[:2]).any())
+    surface = motion.circle.radius * float(np.nansum(np.linalg.norm(motion.increment[:, 2:], axis=1)))
+    if len(known) < MIN_FRAMES or not surface > MIN_SURFACE_WAY * float(np.ptp(motion.position[known], axis=0).max()):
+        return None
+    limb = look()
+    if limb is None or not limb.stays:
+        return None
+    # A path that left its ball early is known in few of the limb's frames; its place is that of all frames.
+    off = _trend(known, motion.position[known] - limb.circle[:2])
+    return limb if (np.abs(off) > SIGNIFICANT_SD * limb.sd[:2]).any() else None
 
 
-def circle_in_place(circle: Circle, limbs: Limbs | None) -> Circle:
-    """The ``circle`` at the place of the limbs; with their radius, too, where that differs significantly."""
-    if limbs is None or not limbs.stay:
+def is_measured_as_well(held: NDArray[np.str_], free: NDArray[np.str_]) -> bool:
+    """Whether a ball held in its place is measured in about the frames of one that is not, by their status (n,).
+
+    A frame more or less that fails is chance; a ball that flies fails in most.
+    """
+    return bool((held == OK).sum() >= MIN_KEPT_SHARE * (free == OK).sum())
+
+
+def circle_in_place(circle: Circle, limb: CommonLimb | None) -> Circle:
+    """The ``circle`` at the place of the limb; with its radius, too, where that differs significantly."""
+    if limb is None or not limb.stays:
         return circle
-    x, y, radius = limbs.circle.tolist()
-    sd_x, sd_y, sd_radius = limbs.sd.tolist()
+    x, y, radius = limb.circle.tolist()
+    sd_x, sd_y, sd_radius = limb.sd.tolist()
     placed = dataclasses.replace(circle, x=x, y=y, sd_x=sd_x, sd_y=sd_y)
     own = float(np.nan_to_num(circle.sd_radius))
     if abs(radius - circle.radius) < SIGNIFICANT_SD * float(np.hypot(sd_radius, own)):
@@ -106,9 +111,9 @@ def circle_in_place(circle: Circle, limbs: Limbs | None) -> Circle:
     return dataclasses.replace(placed, radius=radius, sd_radius=sd_radius)
 
 
-def sd_unseen_step(limbs: Limbs) -> Array:
-    """Standard deviation (2,) of a steady step that the limbs do not show, px per frame."""
-    return np.asarray(_trend_sd(len(limbs.frames)) * limbs.sd[:2] / (limbs.frames[-1] - limbs.frames[0]))
+def sd_unseen_step(limb: CommonLimb) -> Array:
+    """Standard deviation (2,) of a steady step that the limb does not show, px per frame."""
+    return np.asarray(_trend_sd(len(limb.frames)) * limb.sd[:2] / (limb.frames[-1] - limb.frames[0]))
 
 
 def held(motion: AbsoluteMotion) -> tuple[AbsoluteMotion, Array]:

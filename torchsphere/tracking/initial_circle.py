@@ -25,7 +25,7 @@ from torchsphere.detection.detect import at_limb, unblurred
 from torchsphere.geometry.camera import Camera, require_distance, sphere_of_outline
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import background, crop, interlacing
-from torchsphere.recording.frame_source import Source
+from torchsphere.recording.frame_source import Source, spread
 from torchsphere.runtime import steps
 from torchsphere.settings.arrays import check_circle
 from torchsphere.settings.limits import SettingError, is_whole
@@ -88,16 +88,6 @@ def _check_given_circle(source: Source, given: Any, refine: bool, options: Optio
     return detect.refine_circle(image, circle, camera=options.camera) if refine else circle, options
 
 
-def shows_outline(source: Source, circle: Circle, options: Options) -> bool:
-    """Whether the image that a circle was given for shows an outline near it."""
-    image = source.images(circle.frame, circle.frame + 1)[0]
-    try:
-        detect.refine_circle(image, circle, camera=options.camera)
-    except ValueError:
-        return False
-    return True
-
-
 def is_interlaced(source: Source, circle: Circle) -> bool:
     """Whether the images from that of the ``circle`` on show the ball at two instants."""
     first = min(circle.frame, source.count - 2)
@@ -142,7 +132,7 @@ class _Flight:
     @property
     def frames(self) -> NDArray[np.int64]:
         """Frames that were measured."""
-        return np.flatnonzero(self.followed.status == "ok")
+        return np.flatnonzero(self.followed.is_ok)
 
     @property
     def evenly_lit_frames(self) -> NDArray[np.int64]:
@@ -226,9 +216,9 @@ def _radius_over_frames(flight: _Flight, found: Circle, blur: LimbBlur | None) -
     """Median radius over several frames; that of ``found`` where later frames are less certain than its own."""
     if len(flight.evenly_lit_frames) < MIN_FRAMES:
         return found.radius
-    chosen = _spread(flight.evenly_lit_frames)
+    chosen = spread(flight.evenly_lit_frames, MAX_CHOSEN)
     circles = flight.circles(found, chosen)
-    images = torch.cat([flight.source.images(int(i), int(i) + 1) for i in chosen])
+    images = flight.source.images_of(chosen)
     ignore, camera = flight.ignore, flight.options.camera
     if blur is None:
         fitted, covariance = limb_fit.fit(images, circles, ignore=ignore, camera=camera)
@@ -242,18 +232,13 @@ def _radius_over_frames(flight: _Flight, found: Circle, blur: LimbBlur | None) -
     return float((fitted[:, 2] / flight.relative_size(found, chosen))[good].median())
 
 
-def _spread(frames: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Up to `MAX_CHOSEN` of the frames, evenly between the first and the last."""
-    return frames[np.unique(np.linspace(0, len(frames) - 1, MAX_CHOSEN).round().astype(int))]
-
-
 def _hidden_background(flight: _Flight, found: Circle, shape: torch.Size) -> Tensor:
     """True (h, w) where the ball hides the background in all chosen frames except that of ``found``.
 
     A pixel that is visible in that frame alone is taken for the background there, whatever it shows.
     """
     known = np.flatnonzero(np.isfinite(flight.followed.position[:, 0]))
-    chosen = _spread(known[known != found.frame])
+    chosen = spread(known[known != found.frame], MAX_CHOSEN)
     rows, columns = (torch.arange(size, dtype=torch.float64) for size in shape)
     hidden, limit = torch.ones(shape, dtype=torch.bool), (found.radius + background.CLEARANCE_PX) ** 2
     for x, y in flight.followed.position[chosen].tolist():

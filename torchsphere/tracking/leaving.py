@@ -7,6 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from torchsphere.correlation.frame_status import OUT_OF_FRAME
 from torchsphere.tracking.prediction import BallState
 from torchsphere.tracking.record import Record
 
@@ -27,7 +28,7 @@ def has_left(record: Record, state: BallState, at: int) -> bool:
 
     A ball that has left is out of the image until it is found again.
     """
-    if record.status[at - 1] == "out_of_frame":
+    if record.status[at - 1] == OUT_OF_FRAME:
         return True
     return any(_flies_out(record, state, at, count) for count in POSITIONS)
 

@@ -14,7 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from torch import Tensor
 
+from torchsphere.correlation.frame_status import ALL_KNOWN, TRANSLATION_KNOWN
 from torchsphere.correlation.options import Options
+from torchsphere.detection.ball_or_not import needs_proof, require_ball, shows_outline
 from torchsphere.errors.edge_leakage import adapt_options, background_contrast
 from torchsphere.errors.evidence import Evidence
 from torchsphere.errors.raw_mosaic import without_mosaic
@@ -29,9 +31,8 @@ from torchsphere.tracking import growth, limb_path
 from torchsphere.tracking import in_place as place_of_ball
 from torchsphere.tracking.drift import AbsoluteMotion, absolute_motion
 from torchsphere.tracking.follow import Follower
-from torchsphere.tracking.in_place import Limbs
-from torchsphere.tracking.initial_circle import find_initial_circle, is_interlaced, shows_outline
-from torchsphere.tracking.proof import needs_proof, require_ball
+from torchsphere.tracking.in_place import CommonLimb
+from torchsphere.tracking.initial_circle import find_initial_circle, is_interlaced
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.task import Task
 
@@ -45,9 +46,6 @@ TRIAL_PAIRS, TRIAL_SHARE = 12, 0.25
 
 #: Failed searches over rotations after which the rest of these pairs is tried without (docs/constants.toml).
 TRIAL_SEARCHES = 2
-
-#: Share of the measured frames that a ball held in its place must keep (docs/constants.toml).
-MIN_KEPT_SHARE = 0.8
 
 
 @dataclass(frozen=True)
@@ -87,41 +85,38 @@ def _measured(task: Task, start: _Start) -> Assembled:
     """Phases 2 to 4; a ball that turns in its place is recognised and measured again as such."""
     start, measured, motion = _motion(task, start)
     free = _assemble(task, start, measured, motion)
-    # What neither turns nor leaves its place needs no look at its outline.
-    limbs = _limbs(task, start) if place_of_ball.may_turn_in_place(motion) else None
-    if limbs is None or not place_of_ball.turns_in_place(motion, limbs):
+    limb = place_of_ball.limb_of_turning(motion, lambda: _common_limb(task, start))
+    if limb is None:
         return free
-    held = _measured_in_place(dataclasses.replace(task, in_place=True), start, limbs)
-    # A frame more or less that fails is chance; a ball that flies fails in most.
-    held_ok, free_ok = ((found.track.status == "ok").sum() for found in (held, free))
-    return held if held_ok >= MIN_KEPT_SHARE * free_ok else free
+    held = _measured_in_place(dataclasses.replace(task, in_place=True), start, limb)
+    return held if place_of_ball.is_measured_as_well(held.track.status, free.track.status) else free
 
 
-def _measured_in_place(task: Task, start: _Start, limbs: Limbs | None = None) -> Assembled:
-    """Phases 2 to 4 for a ball in its place; with ``limbs`` it was recognised, and nobody said so."""
-    recognised = limbs is not None
-    limbs = limbs or _limbs(task, start)
-    begun = dataclasses.replace(start, circle=place_of_ball.circle_in_place(start.circle, limbs))
+def _measured_in_place(task: Task, start: _Start, limb: CommonLimb | None = None) -> Assembled:
+    """Phases 2 to 4 for a ball in its place; with a ``limb`` it was recognised, and nobody said so."""
+    recognised = limb is not None
+    limb = limb or _common_limb(task, start)
+    begun = dataclasses.replace(start, circle=place_of_ball.circle_in_place(start.circle, limb))
     begun, measured, motion = _motion(task, begun)
     motion, drift = place_of_ball.held(motion)
     track, evidence = _assemble(task, begun, measured, motion)
-    if limbs is not None and limbs.stay:
-        evidence = dataclasses.replace(evidence, unseen_step_px=tuple(place_of_ball.sd_unseen_step(limbs)))
+    if limb is not None and limb.stays:
+        evidence = dataclasses.replace(evidence, unseen_step_px=tuple(place_of_ball.sd_unseen_step(limb)))
     place = Place(
         recognised=recognised,
         steps_sum_px=(float(drift[0]), float(drift[1])),
         first_radius_px=start.circle.radius,
-        limbs=None if limbs is None else len(limbs.frames),
-        limbs_stay=limbs is not None and limbs.stay,
-        limbs_radius_px=math.nan if limbs is None else float(limbs.circle[2]),
-        limbs_sd_px=() if limbs is None else tuple(limbs.sd.tolist()),
+        limbs=None if limb is None else len(limb.frames),
+        limbs_stay=limb is not None and limb.stays,
+        limbs_radius_px=math.nan if limb is None else float(limb.circle[2]),
+        limbs_sd_px=() if limb is None else tuple(limb.sd.tolist()),
     )
     track = dataclasses.replace(track, findings=dataclasses.replace(track.findings, place=place))
     return Assembled(track, evidence)
 
 
-def _limbs(task: Task, start: _Start) -> Limbs | None:
-    return place_of_ball.fit_limbs(task.source, start.circle, task.ignore, start.options.camera)
+def _common_limb(task: Task, start: _Start) -> CommonLimb | None:
+    return place_of_ball.common_limb(task.source, start.circle, task.ignore, start.options.camera)
 
 
 def _motion(task: Task, start: _Start) -> tuple[_Start, Record, AbsoluteMotion]:
@@ -129,7 +124,7 @@ def _motion(task: Task, start: _Start) -> tuple[_Start, Record, AbsoluteMotion]:
     start, measured = _follow_as_it_grows(task, start)
     measured, motion = _placed(task, start, measured)
     change = abs(motion.circle.radius - start.circle.radius)
-    if change > WRONG_RADIUS * start.circle.radius and bool((measured.status != "ok").any()):
+    if change > WRONG_RADIUS * start.circle.radius and not measured.is_ok.all():
         # Frames failed with a radius that the map has corrected since.
         begun = dataclasses.replace(start, circle=dataclasses.replace(motion.circle, frame=start.circle.frame))
         again = _follow(task, begun)
@@ -143,7 +138,7 @@ def _motion(task: Task, start: _Start) -> tuple[_Start, Record, AbsoluteMotion]:
 
 def _measures_more(record: Record, other: Record) -> bool:
     """Whether a record has more frames that are "ok" than another."""
-    return bool((record.status == "ok").sum() > (other.status == "ok").sum())
+    return bool(record.is_ok.sum() > other.is_ok.sum())
 
 
 def _placed(task: Task, start: _Start, measured: Record) -> tuple[Record, AbsoluteMotion]:
@@ -160,10 +155,10 @@ def _moved_to_limbs(
     task: Task, start: _Start, measured: Record, motion: AbsoluteMotion
 ) -> tuple[Record, AbsoluteMotion]:
     """Phases 2 and 3 on a path that follows the limbs, where the ``measured`` one has slipped."""
-    limbs = limb_path.fit_limbs(task.source, measured, task.ignore, start.options.camera)
-    if not limbs.have_slipped():
+    limbs = limb_path.limbs_of(task.source, measured, task.ignore, start.options.camera)
+    if not limb_path.have_slipped(limbs):
         if motion.is_refused:
-            # Outlines that contradict each other are not those of a ball: `proof.require_proof`.
+            # Outlines that contradict each other are not those of a ball: `ball_or_not.lacking_proof`.
             motion = dataclasses.replace(motion, outline_scatter=growth.scatter_of_limbs(limbs))
         return measured, motion
     moved = limb_path.along_limbs(task.source, measured, limbs, task.ignore, start.options, resized=False)
@@ -176,7 +171,7 @@ def _moved_to_limbs(
         return measured, motion
     if np.isfinite(again.orientation[:, 0, 0]).sum() >= MIN_FRAMES:
         return moved, again
-    kept = measured.without(slice(limbs.slipped_from(), None))
+    kept = measured.without(slice(limb_path.slipped_from(limbs), None))
     return kept, _absolute_motion(task, start, kept)
 
 
@@ -191,8 +186,8 @@ def _without_frames_beside(
     if not (isinstance(motion.map, MadeMap) and unproven.any()):
         return measured, motion
     seen = measured.without(~unproven)
-    limbs = limb_path.fit_limbs(task.source, seen, task.ignore, start.options.camera)
-    beside = limbs.runs_beside(motion.position, unproven)
+    limbs = limb_path.limbs_of(task.source, seen, task.ignore, start.options.camera)
+    beside = limb_path.runs_beside(limbs, motion.position, unproven)
     if not beside.any():
         return measured, motion
     # The map is made anew: frames beside the ball may be among its keyframes.
@@ -215,12 +210,12 @@ def _follow_as_it_grows(task: Task, start: _Start) -> tuple[_Start, Record]:
     if task.in_place or start.grows or start.options.model not in growth.RIGID_MODELS:
         return start, measured
     camera = start.options.camera
-    if not growth.may_grow(limb_path.fit_limbs(task.source, measured, task.ignore, camera)):
+    if not growth.may_grow(limb_path.limbs_of(task.source, measured, task.ignore, camera)):
         return start, measured
     options = growth.growing(start.options, start.circle.radius, start.image)
     growing = dataclasses.replace(start, options=options, grows=True)
     followed = _follow(task, growing)
-    limbs = limb_path.fit_limbs(task.source, followed, task.ignore, camera)
+    limbs = limb_path.limbs_of(task.source, followed, task.ignore, camera)
     if not growth.limbs_follow(limbs, followed):
         return start, measured
     return growing, limb_path.along_limbs(task.source, followed, limbs, task.ignore, options, resized=True)
@@ -229,7 +224,7 @@ def _follow_as_it_grows(task: Task, start: _Start) -> tuple[_Start, Record]:
 def _follow(task: Task, start: _Start) -> Record:
     """Phase 2: the motion from frame to frame."""
     first, options = start.circle, start.options
-    is_seen = task.circle is None or shows_outline(task.source, first, options)
+    is_seen = task.circle is None or shows_outline(start.image, first, options.camera)
     measured = None if is_seen and not first.doubt else _failed_trial(task, start)
     if measured is None:
         _LOG.info("following the circle %s px of frame %d with the model %s", first.text(), first.frame, options.model)
@@ -255,14 +250,14 @@ def _failed_trial(task: Task, start: _Start) -> Record | None:
     tried = measured.status[first.frame + 1 : stop]
     # A map proves a circle that was found, and needs its texture; a lamp has an outline, too.
     needs_texture = task.circle is None and not task.in_place and needs_proof(first)
-    if np.isin(tried, ("ok",) if needs_texture else ("ok", "weak_texture")).sum() >= TRIAL_SHARE * len(tried):
+    if np.isin(tried, ALL_KNOWN if needs_texture else TRANSLATION_KNOWN).sum() >= TRIAL_SHARE * len(tried):
         return None
     return dataclasses.replace(measured, untried=count - stop)
 
 
 def _absolute_motion(task: Task, start: _Start, measured: Record) -> AbsoluteMotion:
     """Phase 3: the poses on a map of the ball where a map is made, else the sum of the increments."""
-    _LOG.info("followed: %d of %d frames are ok", int((measured.status == "ok").sum()), len(measured.status))
+    _LOG.info("followed: %d of %d frames are ok", int(measured.is_ok.sum()), len(measured.status))
     fineness = texture_fineness(start.image, start.circle, task.ignore)
     return absolute_motion(task, measured, start.circle, start.options, fineness)
 

@@ -11,7 +11,8 @@ from kornia.geometry.liegroup import So3
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.correlation.result import STATUSES, Correlation
+from torchsphere.correlation import frame_status
+from torchsphere.correlation.result import Correlation
 from torchsphere.geometry import orientation
 from torchsphere.geometry.circle import Circle
 
@@ -45,20 +46,25 @@ class Record:
             covariance=np.full((count - 1, 5, 5), np.nan),
             zncc=np.full(count, np.nan),
             iterations=np.zeros(count, dtype=np.int64),
-            status=np.full(count, "lost", dtype=f"<U{max(map(len, STATUSES))}"),
+            status=frame_status.of_unmeasured(count),
             size=np.full(count, np.nan),
             sd_growth=np.full(count - 1, np.nan),
             uneven_light=np.zeros(count, dtype=bool),
             rotation=np.full((count, 3), np.nan),
         )
         record.place(first.frame, np.array([first.x, first.y]), first.radius)
-        record.status[first.frame] = "ok"
+        record.status[first.frame] = frame_status.OK
         return record
 
     @property
     def uneven_share(self) -> float:
         """Share of the measured steps into a frame with uneven light."""
         return int(self.uneven_light.sum()) / max(int(np.isfinite(self.increment[:, 0]).sum()), 1)
+
+    @property
+    def is_ok(self) -> NDArray[np.bool_]:
+        """Frames (n,) that were measured whole."""
+        return self.status == frame_status.OK
 
     @property
     def radius(self) -> float:
@@ -77,7 +83,7 @@ class Record:
         """Whether a later frame was measured against the ``first`` frame."""
         later = np.flatnonzero(np.isfinite(self.position[first + 1 :, 0])) + first + 1
         # A ball found again by its outline alone has no rotation since the frame before.
-        return len(later) > 0 and (self.status[first] != "ok" or bool(np.isfinite(self.rotation[later[0], 0])))
+        return len(later) > 0 and (not self.is_ok[first] or bool(np.isfinite(self.rotation[later[0], 0])))
 
     def turned(self, first: int, last: int) -> Array:
         """Rotation vector (1, 3) from frame ``first`` to ``last``, rad; NaN where a rotation between is missing."""
@@ -96,14 +102,12 @@ class Record:
             increment=np.where(between[:, None], np.nan, self.increment),
             covariance=np.where(between[:, None, None], np.nan, self.covariance),
             rotation=np.where(left_out[:, None], np.nan, self.rotation),
-            status=np.where(left_out, "lost", self.status),
+            status=frame_status.without(self.status, left_out),
         )
 
-    def set_status(self, frame: int, found: Correlation) -> str:
-        """Store status, coefficient and iterations of a frame that was measured alone; returns its status."""
-        self.status[frame], self.zncc[frame] = found.status[0], float(found.zncc[0])
-        self.iterations[frame] = int(found.iterations[0])
-        return str(found.status[0])
+    def set_match(self, frame: int, found: Correlation) -> None:
+        """Store coefficient and iterations of a frame that was measured alone."""
+        self.zncc[frame], self.iterations[frame] = float(found.zncc[0]), int(found.iterations[0])
 
     def set_pairs(self, last: int, found: Correlation, circles: Tensor, count: int) -> Array:
         """Store the first ``count`` pairs after frame ``last``, with ``circles`` (m + 1, 3): their increments."""
@@ -118,14 +122,12 @@ class Record:
         self.zncc[after] = found.zncc[:count].cpu().numpy()
         self.uneven_light[after] = found.uneven_light[:count].cpu().numpy()
         self.iterations[after] = found.iterations[:count].cpu().numpy()
-        self.status[after] = "ok"
+        self.status[after] = frame_status.OK
         return self.increment[rows]
 
     def without_rotation(self) -> Record:
         """The record of a model without rotation: a rotation held at 0 was not measured."""
         increment = self.increment.copy()
         increment[:, 2:] = np.nan
-        status = np.where(self.status == "ok", "weak_texture", self.status)
-        return dataclasses.replace(
-            self, increment=increment, rotation=np.full_like(self.rotation, np.nan), status=status
-        )
+        status, rotation = frame_status.without_rotation(self.status), np.full_like(self.rotation, np.nan)
+        return dataclasses.replace(self, increment=increment, rotation=rotation, status=status)

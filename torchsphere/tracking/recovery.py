@@ -14,6 +14,7 @@ import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
 
 from torchsphere.correlation.correlate import correlate_pairs
+from torchsphere.correlation.frame_status import OK, WEAK_TEXTURE
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.result import CELLS, Correlation
 from torchsphere.detection import ball_search, limb_fit, outline_fit
@@ -123,9 +124,9 @@ def correlate_from_guesses(
 def is_worth_a_search(found: Correlation, is_plain: bool, setup: PairSetup) -> bool:
     """Whether a search over rotations may succeed where the first guesses failed."""
     # A plain ball has no texture to search by.
-    plain = is_plain and found.status[0] == "weak_texture"
+    plain = is_plain and found.status[0] == WEAK_TEXTURE
     turns = motion_models.MODELS[setup.options.model] in (motion_models.rigid, *motion_models.EXACT)
-    return found.status[0] != "ok" and turns and not plain
+    return found.status[0] != OK and turns and not plain
 
 
 def is_search_due(frame: int, failed: list[int]) -> bool:
@@ -142,7 +143,7 @@ def correlate_by_search(pair: Tensor, state: BallState, setup: PairSetup) -> Cor
         return None
     for start in rank_guesses(pair, state, guesses, setup.ignore, setup.options)[:MAX_TRIED]:
         found = correlate_one(pair, state.circle, start, setup)
-        if found.status[0] == "ok":
+        if found.status[0] == OK:
             return found
     return None
 
@@ -193,7 +194,7 @@ def moving_part(pair: Tensor, state: BallState, expected: Tensor, found: Correla
         return found
     rest = without_occluder(state, 1 - found.explained[0, 0], setup)
     moving = correlate_from_guesses(pair, state, locate(pair, state, rest), expected, rest)
-    if moving.status[0] != "ok":
+    if moving.status[0] != OK:
         return found
     explained = explain_one(pair, state.circle, moving.q[0], setup)
     return dataclasses.replace(moving, explained=explained[None])
@@ -204,7 +205,7 @@ def motion_to(image: Tensor, centre: Tensor, state: BallState, frames: float, se
     pair = torch.cat((state.image, image))
     expected = torch.cat((centre - state.centre, frames * state.increment[2:]))
     found = correlate_from_guesses(pair, state, centre, expected, setup)
-    if found.status[0] != "ok":
+    if found.status[0] != OK:
         found = correlate_by_search(pair, state, setup) or found
     motion = found.q[0].double().cpu()
     # A motion that was not measured is NaN: the comparison is False.
@@ -221,7 +222,7 @@ def is_other_object(image: Tensor, centre: Tensor, state: BallState, setup: Pair
     there = dataclasses.replace(state, image=image, centre=centre, increment=nothing, trend=nothing, explained=None)
     pair = torch.cat((image, state.image))
     found = correlate_from_guesses(pair, there, locate(pair, there, setup), nothing, setup)
-    if found.status[0] != "ok":
+    if found.status[0] != OK:
         found = correlate_by_search(pair, there, setup) or found
     place = centre + found.q[0, :2].to(centre)
     # A motion that was not measured is NaN: the comparison is False.

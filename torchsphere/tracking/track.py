@@ -10,6 +10,7 @@ from typing import Any
 import torch
 
 from torchsphere.correlation.options import options_for
+from torchsphere.detection.ball_or_not import lacking_proof, require_proof
 from torchsphere.errors import ledger
 from torchsphere.motion.track import Track
 from torchsphere.recording.facts import Facts
@@ -19,7 +20,6 @@ from torchsphere.settings.arrays import as_mask
 from torchsphere.settings.limits import require_switch
 from torchsphere.tracking import arguments, phases
 from torchsphere.tracking.follow import Progress, Watch
-from torchsphere.tracking.proof import require_proof
 from torchsphere.tracking.task import Task
 
 __all__ = ["Track", "track", "track_many"]
@@ -162,12 +162,24 @@ def track(
         found = dataclasses.replace(found, times=getattr(part, "times", None), **known)
         found = ledger.applied(found, evidence)
         if circle is None:
-            require_proof(found)
+            require_proof(found.circle, _lack_of_proof(found))
     found = dataclasses.replace(found, warnings=(*ledger.sentences(found, evidence), *notes))
     if log:
         for sentence in found.warnings:
             _LOG.warning("%s", sentence)
     return found
+
+
+def _lack_of_proof(found: Track) -> str:
+    """Why nothing shows that the circle is the outline of a ball: `lacking_proof`."""
+    known = found.findings
+    return lacking_proof(
+        found.circle,
+        on_map=known.is_on_map,
+        stays=known.place is not None and known.place.limbs_stay,
+        outline_scatter=known.outline_scatter,
+        untried_frames=known.untried_frames,
+    )
 
 
 def _stated_exposure(recording: Any) -> float | None:

@@ -25,7 +25,7 @@ class Baseline:
 
     position: NDArray[np.float64]  # centre (n, 2) as (x, y), px; NaN where the tracker failed
     increment: NDArray[np.float64]  # (n - 1, 5) as (dx, dy, wx, wy, wz), px and rad; NaN where not measured
-    status: NDArray[np.str_]  # (n,), of `result.STATUSES`; for frame i and the increment that leads to frame i
+    status: NDArray[np.str_]  # (n,), of `frame_status.STATUSES`; for frame i and the increment that leads to frame i
     seconds: float  # wall time with the reading of the images, without the import of libraries
     settings: dict[str, Any]  # every setting, the method's name first
 

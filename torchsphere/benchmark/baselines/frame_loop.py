@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.benchmark.baselines.baseline import Baseline, Progress
-from torchsphere.correlation.result import STATUSES
+from torchsphere.correlation import frame_status
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import crop, template_matching
 from torchsphere.recording.frame_source import Source
@@ -102,7 +102,7 @@ def follow(
     """
     n = source.count
     position, increment = np.full((n, 2), np.nan), np.full((n - 1, 5), np.nan)
-    status = np.full(n, "lost", dtype=f"<U{max(map(len, STATUSES))}")
+    status = frame_status.of_unmeasured(n)
     centre, f = np.array([circle.x, circle.y]), source.images(0, 1)[0]
     task = _Task(measure, circle.radius, half, _power(f, centre, circle.radius))
     found, status[0] = _measured(task, f, f, centre, np.zeros(5)) if finds_first else (np.zeros(5), "ok")

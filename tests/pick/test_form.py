@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from torchsphere.pick import configuration
-from torchsphere.pick.configuration import Choice, settings_of, toml_text
-from torchsphere.request import PER_RECORDING, SETTINGS, read_config
+from torchsphere.pick import form
+from torchsphere.pick.form import Choice, settings_of, toml_text
+from torchsphere.request import PER_RECORDING, SETTINGS
+from torchsphere.settings.configuration import read_config
 
 SHAPE = (8, 192, 384)
 NUMBERS = {"fps": "36000", "diameter_mm": "30", "mass_g": "110"}
@@ -84,7 +85,7 @@ def test_a_request_that_no_page_sends_is_refused_in_one_sentence(sent: dict[str,
 
 def read_back(path: Path, text: str) -> dict[str, Any]:
     path.write_text(text, encoding="utf-8")
-    read = read_config(path)
+    read = read_config(path, SETTINGS)
     # `batch --config` takes the settings that may differ between recordings.
     assert read == read_config(path, PER_RECORDING)
     return {name: tuple(value) if isinstance(value, list) else value for name, value in read.items()}
@@ -122,21 +123,19 @@ def test_the_file_leaves_out_what_holds_for_one_run() -> None:
 
 def test_an_earlier_file_is_replaced_only_where_it_may_be(tmp_path: Path) -> None:
     path = tmp_path / "shot.toml"
-    configuration.write_toml(path, "fps = 1\n", replace=False)
+    form.write_toml(path, "fps = 1\n", replace=False)
     with pytest.raises(FileExistsError, match="tick 'Replace earlier files'"):
-        configuration.write_toml(path, "fps = 2\n", replace=False)
+        form.write_toml(path, "fps = 2\n", replace=False)
     assert path.read_text() == "fps = 1\n"
-    configuration.write_toml(path, "fps = 2\n", replace=True)
+    form.write_toml(path, "fps = 2\n", replace=True)
     assert path.read_text() == "fps = 2\n"
     assert [entry.name for entry in tmp_path.iterdir()] == ["shot.toml"]
 
 
 def test_every_field_of_the_form_is_a_setting_and_its_text_is_read_back() -> None:
-    for name, field in configuration.FIELDS.items():
-        assert field.is_switch or SETTINGS[name].from_text(
-            configuration.text_of(name, (1.5, 2, 3)[: _count(name)] or 1.5)
-        )
-    assert configuration.text_of("distortion", (0.1, 0.0, -2.5)) == "0.1, 0, -2.5"
+    for name, field in form.FIELDS.items():
+        assert field.is_switch or SETTINGS[name].from_text(form.text_of(name, (1.5, 2, 3)[: _count(name)] or 1.5))
+    assert form.text_of("distortion", (0.1, 0.0, -2.5)) == "0.1, 0, -2.5"
 
 
 def _count(name: str) -> int:

@@ -1,12 +1,10 @@
-"""Settings between a page and a TOML file that `track --config` and `batch --config` read.
+"""The form of the page: its fields, the settings in what it sends, and the TOML file of these settings.
 
 A page sends texts, as they would stand on the command line; the descriptions in `torchsphere.request` read them.
 """
 
 from __future__ import annotations
 
-import json
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +14,9 @@ from torchsphere.recording.ignore_mask import read_ignore
 from torchsphere.request import PER_RECORDING, SETTINGS, check_settings
 from torchsphere.results.atomic_output import atomic_file
 from torchsphere.runtime.shown_text import shown
+from torchsphere.settings.configuration import as_toml, number_text
 from torchsphere.settings.limits import SettingError
-from torchsphere.settings.setting import SWITCH, from_table
+from torchsphere.settings.setting import SWITCH
 
 #: Settings that have a place of their own on the page; all others that were given stay as they are.
 DRAWN = ("circle", "refine", "frames", "ignore")
@@ -150,24 +149,16 @@ def text_of(name: str, value: Any) -> str:
     """A value as its text in a form."""
     if value is None:
         return ""
-    return ", ".join(map(_number, value)) if isinstance(value, (tuple, list)) else _number(value)
+    return ", ".join(map(number_text, value)) if isinstance(value, (tuple, list)) else number_text(value)
 
 
 def toml_text(settings: Mapping[str, Any], recording: str) -> str:
     """The settings as a TOML file, which `track --config` reads; ``recording`` is named in its first line.
 
-    Raises
-    ------
-    ValueError
-        If the text would not give these settings back.
+    Raises ValueError as `as_toml`.
     """
     kept = {name: value for name, value in settings.items() if name in PER_RECORDING}
-    order = [name for name in SETTINGS if name in kept]
-    lines = [f"# torchsphere track, {shown(recording)}", *(f"{name} = {_toml(name, kept[name])}" for name in order)]
-    text = "\n".join(lines) + "\n"
-    if _comparable(from_table("the file to write", tomllib.loads(text), PER_RECORDING)) != _comparable(kept):
-        raise ValueError("the settings cannot be written as TOML; give them as options of torchsphere track")
-    return text
+    return f"# torchsphere track, {shown(recording)}\n{as_toml(kept, PER_RECORDING)}"
 
 
 def write_toml(path: Path, text: str, replace: bool) -> None:
@@ -176,24 +167,3 @@ def write_toml(path: Path, text: str, replace: bool) -> None:
         raise FileExistsError(f"{path} exists; tick 'Replace earlier files' to replace it")
     with atomic_file(path) as stream:
         stream.write(text)
-
-
-def _toml(name: str, value: Any) -> str:
-    if name == "frames":
-        return json.dumps(":".join("" if end is None else str(end) for end in value))
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, (list, tuple)):
-        return f"[{', '.join(_toml('', each) for each in value)}]"
-    if isinstance(value, (int, float)):
-        return _number(value)
-    # A TOML string is one of JSON, but for a character that no text of a form has.
-    return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _number(value: float) -> str:
-    return repr(value).removesuffix(".0")
-
-
-def _comparable(settings: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: tuple(value) if isinstance(value, list) else value for name, value in settings.items()}

@@ -16,7 +16,7 @@ from torchsphere.imaging import interpolation
 from torchsphere.recording.frame_source import Source
 from torchsphere.request import Request
 from torchsphere.synthetic import ray_caster
-from torchsphere.tracking.image_blur import image_blur
+from torchsphere.tracking.blur_estimate import estimate_blur
 
 RADIUS, FRAMES, SHARE, INSTANTS = 30.0, 14, 0.6, 15
 
@@ -46,7 +46,7 @@ def found_share(share: float, stated: float | None = None) -> float:
     images, centres = footage(share)
     circle = Circle(*centres[0].tolist(), RADIUS, 0.0, 0.0, 0.0, 0)
     source = Source.open(images, None, torch.float32)
-    return image_blur(source, centres.numpy(), circle, stated=stated).open_share
+    return estimate_blur(source, centres.numpy(), circle, stated=stated).open_share
 
 
 def errors(track: ts.Track) -> np.ndarray:
@@ -72,7 +72,7 @@ def test_a_ball_that_nearly_fills_the_image_tells_its_exposure() -> None:
     source = Source.open(images[first:last, top:stop], None, torch.float32)
     seen = centres[first:last].numpy() - [0, top]
     circle = Circle(*seen[0].tolist(), RADIUS, 0.0, 0.0, 0.0, 0)
-    assert image_blur(source, seen, circle).open_share == pytest.approx(SHARE, abs=0.12)
+    assert estimate_blur(source, seen, circle).open_share == pytest.approx(SHARE, abs=0.12)
 
 
 def test_the_share_that_a_file_states_counts_unless_the_outlines_contradict_it() -> None:
@@ -87,7 +87,7 @@ def test_a_slow_ball_tells_nothing_of_the_exposure() -> None:
     images, centres = footage(SHARE)
     circle = Circle(*centres[0].tolist(), RADIUS, 0.0, 0.0, 0.0, 0)
     source = Source.open(images, None, torch.float32)
-    assert image_blur(source, 0.1 * centres.numpy() + 40, circle).open_share == 0
+    assert estimate_blur(source, 0.1 * centres.numpy() + 40, circle).open_share == 0
 
 
 def test_the_map_of_smeared_images_is_better_than_pairs_and_states_its_errors() -> None:
@@ -134,7 +134,7 @@ def test_the_map_of_a_defocused_ball_starts_from_its_blur_and_finds_the_radius()
     images, centres = footage(0.0)
     blurred = noisy(interpolation.blur(images, 3.0), 2.0, 5)
     circle = Circle(*centres[0].tolist(), RADIUS, 0.0, 0.0, 0.0, 0)
-    found = image_blur(Source.open(blurred, None, torch.float32), centres.numpy(), circle)
+    found = estimate_blur(Source.open(blurred, None, torch.float32), centres.numpy(), circle)
     assert found.optics_px == pytest.approx(3.0, abs=0.4)
     by_map = ts.track(blurred, telecentric=True)
     assert by_map.findings.is_on_map

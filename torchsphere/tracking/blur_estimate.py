@@ -1,4 +1,4 @@
-"""The blur of the images by the optics and by the exposure, from the ball's outlines."""
+"""Estimate how much the optics and the exposure blur the images, by the outlines of the ball."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ROOM_PX = 6.0
 PIXEL_VARIANCE = 1 / 12
 
 
-def image_blur(
+def estimate_blur(
     source: Source,
     position: NDArray[np.float64],
     circle: Circle,
@@ -51,7 +51,7 @@ def image_blur(
         may_be_smeared = False
     found = None
     if len(frames):
-        images = torch.cat([source.images(i, i + 1) for i in frames.tolist()])
+        images = source.images_of(frames)
         guess = torch.from_numpy(np.column_stack((position[frames], np.full(len(frames), circle.radius))))
         moves = torch.from_numpy(motion) if may_be_smeared else None
         found = blurred_limb.fit_if_blurred(images, guess, motion=moves, ignore=ignore, camera=camera)

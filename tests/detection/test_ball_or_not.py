@@ -1,5 +1,6 @@
-"""Warnings about a given circle that does not fit the image: every length scales with its radius."""
+"""Whether a circle is the outline of a ball; a wrong one that was given is reported, as every length scales with it."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -10,7 +11,15 @@ from shots import speckle
 
 from torchsphere import Circle
 from torchsphere.cli.main import main
-from torchsphere.detection.detect import given_circle_warning, refined_circle_warning
+from torchsphere.detection.ball_or_not import (
+    given_circle_warning,
+    lacking_proof,
+    needs_proof,
+    refined_circle_warning,
+    require_ball,
+    require_proof,
+    shows_outline,
+)
 from torchsphere.synthetic import demo_shot as demo
 from torchsphere.synthetic import ray_caster
 
@@ -61,3 +70,50 @@ def test_for_a_small_ball_with_a_fitted_circle_the_advice_is_no_fit(tmp_path: Pa
 def test_a_circle_far_from_the_ball_is_not_confirmed(image: torch.Tensor) -> None:
     for radius in (25.0, 30.0, 55.0):
         assert "was not confirmed" in given_circle_warning(image, Circle(64.3, 92.6, radius))
+
+
+#: A flake of snow: exact in its own image, and gone.
+FLAKE = Circle(14.4, 196.9, 3.2, 0.1, 0.1, 0.1)
+BALL = Circle(64.3, 92.6, 40.0, 0.1, 0.1, 0.1)
+NOTHING = {"on_map": False, "stays": False}
+
+
+def test_outlines_that_contradict_each_other_are_not_those_of_a_ball() -> None:
+    lack = lacking_proof(BALL, **NOTHING, outline_scatter=0.08)
+    with pytest.raises(ValueError, match=r"radii that differ by 8 %, and no map .* give its outline with circle"):
+        require_proof(BALL, lack)
+
+
+def test_a_small_disc_that_the_next_frames_do_not_show_is_no_ball() -> None:
+    assert lacking_proof(FLAKE, **NOTHING) == ""
+    lack = lacking_proof(FLAKE, **NOTHING, untried_frames=18)
+    with pytest.raises(ValueError, match=r"so small that .*, the frames right after it hardly show the same"):
+        require_proof(FLAKE, lack)
+
+
+def test_outlines_alike_a_map_or_a_place_are_enough() -> None:
+    assert lacking_proof(BALL, **NOTHING, outline_scatter=0.01) == ""
+    assert lacking_proof(BALL, on_map=True, stays=False, outline_scatter=0.08) == ""
+    assert lacking_proof(BALL, on_map=False, stays=True, outline_scatter=0.08) == ""
+    assert lacking_proof(BALL, **NOTHING, outline_scatter=0.08) != ""
+    require_proof(BALL, "")
+
+
+def test_a_circle_in_doubt_needs_a_proof_unless_its_radius_is_measured() -> None:
+    assert not needs_proof(BALL)
+    assert not needs_proof(FLAKE)
+    for radius, guessed in ((3.2, False), (40.0, True)):
+        vague = Circle(64.3, 92.6, radius, 2.0, 2.0, 2.0, sd_guessed=guessed)
+        assert needs_proof(vague)
+        assert lacking_proof(vague, **NOTHING) == vague.doubt
+
+
+def test_a_circle_that_nothing_shows_to_be_a_ball_is_refused_with_the_reason() -> None:
+    require_ball(BALL)
+    with pytest.raises(ValueError, match="may not be the ball: it does not move; if it is, give its outline"):
+        require_ball(dataclasses.replace(BALL, unproven="it does not move"))
+
+
+def test_an_image_shows_the_outline_of_its_ball_and_none_elsewhere(image: torch.Tensor) -> None:
+    assert shows_outline(image, Circle(64.3, 92.6, 40.0))
+    assert not shows_outline(image, Circle(64.3, 92.6, 22.0))
