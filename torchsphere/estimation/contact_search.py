@@ -21,14 +21,11 @@ from torchsphere.estimation.model_averaging import (
     fit_processes,
     without_contact,
 )
-from torchsphere.estimation.process_fits import FLIGHT_RANGE, clamped, grid_steps, posterior
+from torchsphere.estimation.process_fits import clamped, grid_steps, posterior
+from torchsphere.estimation.process_noise import CONTACT_GRID, CONTACT_RANGE, FLIGHT_GRID, FLIGHT_RANGE, MAX_CONTACT
 
 #: Shortest step of an edge in the search with the rough process, frames (docs/constants.toml).
 MIN_EDGE_STEP = 0.1
-
-#: Coarse grid of all possible intensities, powers of ten, in flight and in contact.
-FLIGHT_GRID = tuple(float(power) for power in range(-12, 5))
-CONTACT_GRID = tuple(float(power) for power in range(-12, 9))
 
 #: Steps of the intensities, powers of ten, in the rounds of the three stages of the search. The last stage repeats its
 #: own until the steps of the edges, which are halved after each round, are the shortest (docs/constants.toml).
@@ -229,7 +226,7 @@ def _refined(series: Series, best: IntervalFit, step: Tensor, size: float) -> In
     windows = clamped(series, best.window[:, None] + step[:, None, None] * series.times.new_tensor(EDGE_MOVES))
     flights, contacts = (size * grid_steps(series)).T
     flight = (best.flight[..., None, None] + flights).clamp(*FLIGHT_RANGE)
-    contact = (best.contact[..., None, None] + contacts).clamp(-12.0, 12.0)
+    contact = (best.contact[..., None, None] + contacts).clamp(CONTACT_RANGE[0], MAX_CONTACT)
     return _best_of(posterior(series, windows, flight, contact)[0], windows, flight, contact)
 
 
