@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from torchsphere.dynamics.estimate import Array, Estimate, estimated
 from torchsphere.dynamics.force_path import ForcePath, force_path
@@ -158,6 +157,9 @@ def _fit(depth: Array, force: Array, start: tuple[float, float]) -> tuple[float,
 
     ``start`` are a stiffness and an onset near by. All are NaN for a motion that is not known in all frames.
     """
+    # Most measurements have no such law; the import takes time.
+    from scipy.optimize import least_squares
+
     if not (np.isfinite(depth) & np.isfinite(force)).all():
         return np.nan, np.nan, np.full(force.shape, np.nan)
     scale = (abs(start[0]), np.abs(depth).max())
