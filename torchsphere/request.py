@@ -20,6 +20,7 @@ from torchsphere.settings.limits import (
     require_channel_class,
     require_finite,
     require_one_of,
+    require_percent,
     require_positive,
     require_window,
     within,
@@ -49,12 +50,6 @@ KINEMATICS = Group("velocity and force", "They need a frame rate and a scale: --
 POLYNOMIALS = Group("local polynomials of --method savitzky-golay")
 IMPACT = Group("impact")
 OUTPUT = Group("output")
-
-
-def _require_percent(name: str, value: float) -> None:
-    require_finite(name, value)
-    if not 0 <= value < 100:
-        raise SettingError(f"`{name}` = {value:g}: expected 0 to below 100")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,16 +165,16 @@ class Request:
         None
     )
     scale_sd_percent: Annotated[
-        float, Setting(NUMBER, KINEMATICS, "P", "standard deviation of that diameter or size, %", _require_percent)
+        float, Setting(NUMBER, KINEMATICS, "P", "standard deviation of that diameter or size, %", require_percent)
     ] = 0.0
     mass_g: Annotated[
         float | None, Setting(NUMBER, KINEMATICS, "M", "mass of the ball, g, for the force", require_positive)
     ] = None
     mass_sd_percent: Annotated[
-        float, Setting(NUMBER, KINEMATICS, "P", "standard deviation of that mass, %", _require_percent)
+        float, Setting(NUMBER, KINEMATICS, "P", "standard deviation of that mass, %", require_percent)
     ] = 0.0
     fps_sd_percent: Annotated[
-        float, Setting(NUMBER, KINEMATICS, "P", "standard deviation of the frame rate, %", _require_percent)
+        float, Setting(NUMBER, KINEMATICS, "P", "standard deviation of the frame rate, %", require_percent)
     ] = 0.0
     method: Annotated[
         str, Setting(choice(METHODS), KINEMATICS, "", "how to differentiate", require_one_of(METHODS))

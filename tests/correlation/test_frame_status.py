@@ -13,19 +13,16 @@ from torchsphere.correlation.frame_status import STATUSES, of_frame, of_pairs, w
 
 PACKAGE = Path(torchsphere.__file__).parent
 
-#: Modules that compare statuses, and decide none.
-READERS = {"hidden_ball.py", "motion_warnings.py"}
-
 
 def test_no_other_module_of_the_measurement_names_a_status() -> None:
     named = {
         path.name
-        for package in ("correlation", "sphere_map", "tracking")
+        for package in ("correlation", "sphere_map", "tracking", "errors", "motion")
         for path in (PACKAGE / package).glob("*.py")
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.Constant) and node.value in STATUSES
     }
-    assert named - READERS == {"frame_status.py"}
+    assert named == {"frame_status.py"}
 
 
 def pair(**given: bool) -> str:

@@ -171,6 +171,19 @@ def test_a_contact_of_another_power_is_said_not_to_follow_hertz(contact: Contact
         assert law.sentence.startswith("The law of Hertz does not describe the loading branch")
 
 
+def test_an_exact_law_is_found_exactly_and_an_unknown_drawn_motion_is_left_out() -> None:
+    _, path = path_of(ELASTIC)
+    force = 3e9 * np.clip(path.penetration.value + 2e-6, 0.0, None) ** 1.5
+    drawn = path.drawn_force_N.copy()
+    drawn[0] = np.nan
+    exact = dataclasses.replace(path, force=dataclasses.replace(path.force, value=force), drawn_force_N=drawn)
+    law, _ = hertz_fit(exact)
+    assert law is not None
+    assert law.stiffness.value == pytest.approx(3e9, rel=1e-9)
+    assert law.onset.value == pytest.approx(2e-6, rel=1e-6)
+    assert np.isfinite([law.stiffness.sd, law.onset.sd, law.misfit_by_errors]).all()
+
+
 def test_too_few_frames_of_loading_give_no_stiffness() -> None:
     _, path = path_of(ELASTIC)
     few = dataclasses.replace(path, is_loading=path.is_loading & (np.cumsum(path.is_loading) <= 2))

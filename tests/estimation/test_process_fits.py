@@ -10,8 +10,6 @@ from torchsphere.estimation.force_forms import FALLING, FORMS, MIN_PART, RISEN, 
 from torchsphere.estimation.likelihood import Series, log_likelihood
 from torchsphere.estimation.process_fits import (
     EDGES,
-    FLIGHT_PENALTY,
-    FLIGHT_RANGE,
     FLIGHT_VARIANCE,
     MIN_CONTACT_FRAMES,
     PLACES,
@@ -23,6 +21,7 @@ from torchsphere.estimation.process_fits import (
     log_end_sd,
     posterior,
 )
+from torchsphere.estimation.process_noise import FLIGHT_PENALTY, FLIGHT_RANGE
 
 FRAMES, START, LENGTH = 50, 14.3, 20.0
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from torchsphere.correlation.frame_status import ALL_KNOWN, TRANSLATION_KNOWN
 from torchsphere.errors.evidence import Evidence
 from torchsphere.motion.track import Track, status_counts
 
@@ -12,7 +13,7 @@ def sentences(track: Track, evidence: Evidence) -> list[str]:
     """How many frames were not measured, and which repeat others."""
     found, n = [], len(track.status)
     # `motion_model` reports that the translation model measures no rotation.
-    good = ("ok", "weak_texture") if track.settings["model"] == "translation" else ("ok",)
+    good = TRANSLATION_KNOWN if track.settings["model"] == "translation" else ALL_KNOWN
     bad = n - int(np.isin(track.status, good).sum())
     if bad:
         counts = ", ".join(f"{count} {name}" for name, count in status_counts(track).items())

@@ -11,6 +11,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.correlation.frame_status import OUT_OF_FRAME, TRANSLATION_KNOWN
 from torchsphere.errors.evidence import Evidence
 from torchsphere.motion.findings import Findings
 from torchsphere.motion.track import Track
@@ -45,8 +46,8 @@ def is_hidden_often(
     before = position[first] - step * (first - np.arange(first))[:, None]
     size = np.array(shape[::-1]) - 1
     came_in_view = ((before >= radius) & (before <= size - radius)).all(1)
-    in_view = np.concatenate((came_in_view, np.ones(len(status) - first, dtype=bool))) & (status != "out_of_frame")
-    unmeasured = ~np.isin(status, ("ok", "weak_texture"))
+    in_view = np.concatenate((came_in_view, np.ones(len(status) - first, dtype=bool))) & (status != OUT_OF_FRAME)
+    unmeasured = ~np.isin(status, TRANSLATION_KNOWN)
     return bool(unmeasured[in_view].mean() > MOST_UNMEASURED)
 
 

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.estimation.filter_bank import PRIOR_VARIANCE
-from torchsphere.estimation.process_model import FLIGHT_STATES, NEGLIGIBLE_INTENSITY, STATES, transitions
+from torchsphere.estimation.process_model import FLIGHT_STATES, STATES, transitions
+from torchsphere.estimation.process_noise import added_covariance
 
 Array = NDArray[np.float64]
 
@@ -63,12 +64,7 @@ def smoother_weights(
     interval = np.array([[window]])
     steps = transitions(times[None, part], interval, None if form is None else form[None, None])
     matrices = steps.matrix[0, 0]
-    added = contact * steps.contact[0, 0] + flight * steps.flight[0, 0]
-    if form is None:
-        # The fifth state of the rough process is none, but must not be known exactly.
-        added[:, -1, -1] += NEGLIGIBLE_INTENSITY
-    later = np.arange(FLIGHT_STATES, STATES)
-    added[:, later, later] += steps.idle[0, 0][:, None]
+    added = added_covariance(steps, flight, contact, is_formed=form is not None)[0, 0]
     impulses, noise = np.eye(len(times[part])), variance[part]
     mean = np.zeros((STATES, len(noise)))
     covariance = np.diag([PRIOR_VARIANCE] * FLIGHT_STATES + [1.0] * (STATES - FLIGHT_STATES))

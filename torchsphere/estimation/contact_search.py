@@ -21,17 +21,19 @@ from torchsphere.estimation.model_averaging import (
     fit_processes,
     without_contact,
 )
-from torchsphere.estimation.process_fits import FLIGHT_RANGE, clamped, grid_steps, posterior
+from torchsphere.estimation.process_fits import clamped, grid_steps, posterior
+from torchsphere.estimation.process_noise import CONTACT_GRID, CONTACT_RANGE, FLIGHT_GRID, FLIGHT_RANGE, MAX_CONTACT
 
 #: Shortest step of an edge in the search with the rough process, frames (docs/constants.toml).
 MIN_EDGE_STEP = 0.1
 
-#: Coarse grid of all possible intensities, powers of ten, in flight and in contact.
-FLIGHT_GRID = tuple(float(power) for power in range(-12, 5))
-CONTACT_GRID = tuple(float(power) for power in range(-12, 9))
+#: Steps of the intensities, powers of ten, in the rounds of the three stages of the search. The last stage repeats its
+#: own until the steps of the edges, which are halved after each round, are the shortest (docs/constants.toml).
+INTENSITY_STEPS = ((1.5, 0.9), (0.5, 0.3, 0.2), (0.2,))
+COARSE, MEDIUM, FINE = INTENSITY_STEPS
 
-#: Steps of the intensities, powers of ten, while the steps of the edges are halved (docs/constants.toml).
-INTENSITY_STEPS = (1.5, 0.9, 0.5, 0.3, 0.2)
+#: Fewest rounds of a search, so that the intensities are refined, too, where the first steps of the edges are short.
+MIN_ROUNDS = 4
 
 #: Moves of the two edges, in steps; the far moves because the likelihood has several maxima.
 EDGE_MOVES = (
@@ -146,7 +148,7 @@ def _best_of_long(series: Series) -> IntervalFit:
         every = finer
     best = _with_best_intensities(series, best._replace(window=clamped(series, best.window[:, None])[:, 0]))
     step = best.window.new_tensor([2 * MIN_EDGE_STEP])
-    for size in INTENSITY_STEPS[2:4]:
+    for size in MEDIUM[:2]:
         best = _refined(series, best, step, size)
     return best
 
@@ -179,20 +181,30 @@ def _starts(series: Series) -> IntervalFit:
 
 def _local_maximum(series: Series, best: IntervalFit, step: Tensor, shortest_step: float) -> IntervalFit:
     """The maximum of the posterior reached from a start, with edge steps from ``step`` (n,) to the shortest."""
-    moved = torch.ones_like(best.top, dtype=torch.bool)
-    last = (torch.zeros_like(step), 0.0)
-    for number in range(max(4, 2 + math.ceil(math.log2(float(step.max()) / shortest_step)))):
-        if number in (2, 5):
+    rounds = max(MIN_ROUNDS, 2 + math.ceil(math.log2(float(step.max()) / shortest_step)))
+    best, step = _after_stage(series, best, step, shortest_step, COARSE)
+    left = rounds - len(COARSE)
+    for sizes in (MEDIUM[:left], (left - len(MEDIUM)) * FINE):
+        if sizes:
             # The intensities of a degree of freedom have several maxima, too.
             best = _with_best_intensities(series, best)
-            moved[:] = True
-        size = INTENSITY_STEPS[min(number, len(INTENSITY_STEPS) - 1)]
+            best, step = _after_stage(series, best, step, shortest_step, sizes)
+    return best
+
+
+def _after_stage(
+    series: Series, best: IntervalFit, step: Tensor, shortest_step: float, sizes: tuple[float, ...]
+) -> tuple[IntervalFit, Tensor]:
+    """The best interval after a round for each of the steps ``sizes`` of the intensities, and the next edge step."""
+    moved = torch.ones_like(best.top, dtype=torch.bool)
+    last = (step, sizes[0])
+    for size in sizes:
         moved |= (step != last[0]) | (size != last[1])
         last = (step, size)
         for _ in range(2):
             best, moved = _refined_rows(series, best, step, size, moved)
         step = (0.5 * step).clamp_min(shortest_step)
-    return best
+    return best, step
 
 
 def _refined_rows(
@@ -214,7 +226,7 @@ def _refined(series: Series, best: IntervalFit, step: Tensor, size: float) -> In
     windows = clamped(series, best.window[:, None] + step[:, None, None] * series.times.new_tensor(EDGE_MOVES))
     flights, contacts = (size * grid_steps(series)).T
     flight = (best.flight[..., None, None] + flights).clamp(*FLIGHT_RANGE)
-    contact = (best.contact[..., None, None] + contacts).clamp(-12.0, 12.0)
+    contact = (best.contact[..., None, None] + contacts).clamp(CONTACT_RANGE[0], MAX_CONTACT)
     return _best_of(posterior(series, windows, flight, contact)[0], windows, flight, contact)
 
 

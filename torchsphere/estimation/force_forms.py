@@ -17,7 +17,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betaincinv
 
 Array = NDArray[np.float64]
 
@@ -62,6 +61,9 @@ def envelope(share: Array, forms: Array) -> Array:
 
 def hertz(share: Array) -> Array:
     """Force over its peak in an elastic contact of Hertz, at shares of the contact from 0 to 1."""
+    # A report takes the power of Hertz alone, and loads no SciPy.
+    from scipy.special import betaincinv
+
     way = betaincinv(1 / (1 + HERTZ_POWER), 0.5, 1 - np.abs(2 * share - 1))
     return np.asarray(way ** (HERTZ_POWER / (1 + HERTZ_POWER)))
 

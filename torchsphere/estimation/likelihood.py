@@ -40,8 +40,8 @@ from torchsphere.estimation.process_model import (
     integrator,
     overlaps,
     transitions,
-    white_noise,
 )
+from torchsphere.estimation.process_noise import flight_noise
 
 #: Observations that the stated noise counts as (docs/constants.toml).
 STATED_COUNTS = 20.0
@@ -149,7 +149,7 @@ class FilterBatch:
         value, variance, drift, seen = (np.moveaxis(v, -1, 0) for v in arrays)
         duration = np.diff(times[0])
         flight = slice(None), slice(FLIGHT_STATES), slice(FLIGHT_STATES)
-        matrix, noise = integrator(duration)[flight], white_noise(duration, FLIGHT_STATES)[flight]
+        matrix, noise = integrator(duration)[flight], flight_noise(duration)[flight]
         value = np.where(seen, value, 0.0)
         step = np.zeros((len(value), 2, *value.shape[1:]))
         step[1:, 0], step[1:, 1] = drift, np.diff(value, axis=0)

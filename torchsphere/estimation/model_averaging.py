@@ -16,9 +16,7 @@ from torch import Tensor
 from torchsphere.estimation.force_forms import FORMS
 from torchsphere.estimation.likelihood import Series
 from torchsphere.estimation.process_fits import (
-    CONTACT_RANGE,
     EDGES,
-    FLIGHT_RANGE,
     PLACES,
     ProcessFits,
     clamped,
@@ -28,6 +26,7 @@ from torchsphere.estimation.process_fits import (
     log_end_sd,
     posterior,
 )
+from torchsphere.estimation.process_noise import CONTACT_GRID, CONTACT_RANGE, FLIGHT_RANGE
 
 #: Nodes that represent the uncertainty of edges and kinks of a process, and their spread in standard deviations
 #: (docs/constants.toml).
@@ -76,7 +75,7 @@ def fit_processes(series: Series, window: Tensor, flight: Tensor, contact: Tenso
     """
     count = 1 + len(FORMS)
     flight = flight[..., None].expand(*flight.shape, count)
-    powers = torch.arange(CONTACT_RANGE[0], CONTACT_RANGE[1] + 1).to(flight)
+    powers = flight.new_tensor(CONTACT_GRID)
     powers = torch.where(contact[..., None, None] > -math.inf, powers, -math.inf).expand(*flight.shape, -1)
     best = ProcessFits.at(window, flight)
     fit = fit_of(series, best.places[:, :, None], flight[..., None].expand_as(powers), powers)[..., 0, :]

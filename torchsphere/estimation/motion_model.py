@@ -18,13 +18,12 @@ from torchsphere.estimation.filter_bank import Array
 from torchsphere.estimation.measurements import FREEDOMS, Poses
 from torchsphere.estimation.process_model import (
     FLIGHT_STATES,
-    NEGLIGIBLE_INTENSITY,
     STATES,
     flight_matrix,
     overlaps,
     transitions,
-    white_noise,
 )
+from torchsphere.estimation.process_noise import contact_intensities, flight_noise, with_idle
 
 #: Size of the state in flight, and of the part of each state that is reported.
 FLIGHT_SIZE = FLIGHT_STATES * FREEDOMS
@@ -59,9 +58,8 @@ class MotionModel:
         self._jacobian[..., 2:, 2:] = jacobian.numpy()[:, :, None]
         self._step = (step / unit).numpy()[:, :, None]
         self._drift = (poses.drift.swapaxes(0, 1) / unit[:, :, None] / unit[:, None]).numpy()[:, :, None]
-        intensity = contact.noise**2 * contact.contact
-        kinds = (contact.noise**2 * contact.flight, torch.where(contact.formed, 0.0, intensity))
-        self._intensities = [v.numpy() for v in (*kinds, torch.where(contact.formed, intensity, NEGLIGIBLE_INTENSITY))]
+        flight, in_contact = ((contact.noise**2 * v).numpy() for v in (contact.flight, contact.contact))
+        self._intensities = [flight, *contact_intensities(in_contact, contact.formed.numpy())]
         self._duration = poses.times.diff(dim=-1).T[:, :, None].numpy()
         times, windows = poses.times.numpy(), contact.windows.numpy()
         touching = np.asarray(overlaps(times, windows).any((0, 1)))
@@ -146,7 +144,7 @@ class MotionModel:
             noises, idle = [_frames(v, own) for v in covariances], _frames(self._rough.idle, own)
         else:
             matrices = [flight_matrix(duration)[..., :after, :before]]
-            noises, idle = [white_noise(duration, FLIGHT_STATES)], np.array(1.0)
+            noises, idle = [flight_noise(duration)], np.array(True)
         shape = matrices[0].shape
         matrix = np.zeros((*shape[:-2], after, FREEDOMS, before, FREEDOMS))
         noise = np.zeros((*shape[:2], *self._intensities[0].shape[1:2], after, FREEDOMS, after, FREEDOMS))
@@ -161,12 +159,10 @@ class MotionModel:
         noise[..., :FREEDOMS, :] = jacobian @ noise[..., :FREEDOMS, :]
         noise[..., :FREEDOMS] = noise[..., :FREEDOMS] @ jacobian.swapaxes(-1, -2)
         matrix[..., 2:FREEDOMS, 2:FREEDOMS] = self._turn[block]
-        later = np.arange(FLIGHT_SIZE, after * FREEDOMS)
         noise[..., :FREEDOMS, :FREEDOMS] += self._drift[block]
-        noise[..., later, later] += idle[..., None]
         offset = np.zeros((*jacobian.shape[:3], after * FREEDOMS))
         offset[..., :FREEDOMS] = -self._step[block]
-        return Steps(matrix, offset, noise)
+        return Steps(matrix, offset, with_idle(noise, FLIGHT_SIZE, idle))
 
 
 def _frames(values: Any, part: slice) -> Any:

@@ -12,12 +12,7 @@ from torch import Tensor
 from torchsphere.estimation.force_forms import FALLING, FORMS, MIN_PART, RISEN
 from torchsphere.estimation.likelihood import Series, log_likelihood
 from torchsphere.estimation.process_model import ROUGH_STATES, end_variance
-
-#: Range of the intensity in flight, powers of ten of the noise variance per frame^5 (docs/constants.toml).
-FLIGHT_RANGE = (-12.0, 8.0)
-
-#: Lowest and highest intensity in contact, powers of ten (docs/constants.toml).
-CONTACT_RANGE = (-12.0, 8.0)
+from torchsphere.estimation.process_noise import CONTACT_RANGE, FLIGHT_RANGE, MAX_CONTACT, log_prior
 
 #: Shortest contact, frames (docs/constants.toml).
 MIN_CONTACT_FRAMES = 0.5
@@ -45,9 +40,6 @@ FLIGHT_VARIANCE = 1e-4
 #: Intensities in contact over which the evidence is summed, powers of ten relative to the best (docs/constants.toml).
 CONTACT_OFFSETS = tuple(0.75 * i for i in range(-3, 4))
 
-#: Loss of log-likelihood per power of ten of the intensity in flight, as a prior (docs/constants.toml).
-FLIGHT_PENALTY = 1.0
-
 #: Largest correlation of the errors of two edges or kinks, and least eigenvalue of them all (docs/constants.toml).
 MAX_CORRELATION, MIN_EIGENVALUE = 0.99, 0.02
 
@@ -63,12 +55,9 @@ def posterior(
     formed: Tensor | None = None,
     forms: Tensor | None = None,
 ) -> tuple[Tensor, Tensor]:
-    """The `log_likelihood` plus the logarithm of the prior, and the noise factor.
-
-    Only gravity and drag act in flight: weak changes in contact are not to be taken for a restless flight.
-    """
+    """The `log_likelihood` plus the logarithm of the prior, and the noise factor."""
     fit, noise = log_likelihood(series, windows, flight, contact, formed, forms)
-    return fit - FLIGHT_PENALTY * (flight - FLIGHT_RANGE[0]), noise
+    return fit + log_prior(flight), noise
 
 
 def clamped(series: Series, windows: Tensor) -> Tensor:
@@ -126,7 +115,7 @@ class ProcessFits(NamedTuple):
         fit = fit_of(series, self.places[:, :, None], flight, contact)
         which = fit[..., 0, :].argmax(-1, keepdim=True)
         flight, contact = (v.gather(-1, which)[..., 0] for v in (flight, contact))
-        return self._replace(flight=flight, contact=contact.clamp_max(12.0))
+        return self._replace(flight=flight, contact=contact.clamp_max(MAX_CONTACT))
 
     def located(self, series: Series) -> tuple[ProcessFits, Tensor]:
         """The likeliest edges and kinks of each process near the present ones, and the root of their covariance."""

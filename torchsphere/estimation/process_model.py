@@ -29,9 +29,6 @@ Array = NDArray[np.float64]
 #: States of flight (pose, rate, acceleration), of the rough process (jerk) and of a form (height and its rate).
 FLIGHT_STATES, ROUGH_STATES, STATES = 3, 4, 5
 
-#: Intensity of white noise that stands for none, noise variance per frame^7 (docs/constants.toml).
-NEGLIGIBLE_INTENSITY = 1e-40
-
 #: Variance of the height's change over the contact that needs no noise, per roughness (docs/constants.toml).
 SLOPE_VARIANCE = 4.0
 

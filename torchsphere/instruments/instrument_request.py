@@ -7,8 +7,19 @@ from pathlib import Path
 from typing import Annotated
 
 from torchsphere.instruments.units import ACCELERATION, STRAIN, TIME, Quantity
-from torchsphere.settings.limits import SettingError, require_finite, require_one_of, require_positive
-from torchsphere.settings.setting import NUMBER, PATH, SWITCH, Group, Kind, Setting, check_ranges, choice, settings_of
+from torchsphere.settings.limits import SettingError, require_finite, require_one_of, require_percent
+from torchsphere.settings.setting import (
+    NUMBER,
+    PATH,
+    SWITCH,
+    Group,
+    Kind,
+    Setting,
+    check_ranges,
+    choice,
+    positive,
+    settings_of,
+)
 
 FILE = Group("the instrument, one of three, and its file")
 COMPARISON = Group("the comparison")
@@ -21,16 +32,6 @@ def _require_magnitude(name: str, value: float) -> None:
     require_finite(name, value)
     if value < 0:
         raise SettingError(f"`{name}` = {value:g}: expected a number, 0 or more")
-
-
-def _require_percent(name: str, value: float) -> None:
-    require_finite(name, value)
-    if not 0 <= value < 100:
-        raise SettingError(f"`{name}` = {value:g}: expected 0 to below 100")
-
-
-def _positive(group: Group, metavar: str, text: str) -> Setting:
-    return Setting(NUMBER, group, metavar, text, require_positive)
 
 
 def _magnitude(group: Group, metavar: str, text: str) -> Setting:
@@ -86,10 +87,8 @@ class InstrumentRequest:
             require_one_of(tuple(TIME.factors)),
         ),
     ] = None
-    sampling_hz: Annotated[float | None, _positive(FILE, "F", "samples per second, in place of the file's times")] = (
-        None
-    )
-    spacing_mm: Annotated[float | None, _positive(COMPARISON, "L", "distance of the barriers; --gate needs it")] = None
+    sampling_hz: Annotated[float | None, positive(FILE, "F", "samples per second, in place of the file's times")] = None
+    spacing_mm: Annotated[float | None, positive(COMPARISON, "L", "distance of the barriers; --gate needs it")] = None
     sd_spacing_mm: Annotated[float, _magnitude(COMPARISON, "SD", "its standard deviation")] = 0.0
     direction_deg: Annotated[
         float | None,
@@ -103,15 +102,15 @@ class InstrumentRequest:
     plot: Annotated[
         Path | None, Setting(PATH, COMPARISON, "PNG", "draw the accelerometer, or the bar's force, over the track")
     ] = None
-    bar_diameter_mm: Annotated[float | None, _positive(BAR, "D", "diameter of a round, solid bar, mm")] = None
-    bar_area_mm2: Annotated[float | None, _positive(BAR, "A", "or its cross-section, mm^2")] = None
-    bar_modulus_gpa: Annotated[float | None, _positive(BAR, "E", "Young's modulus, GPa")] = None
-    bar_density_kg_m3: Annotated[float | None, _positive(BAR, "RHO", "density, kg/m3")] = None
-    bar_wave_speed_m_s: Annotated[float | None, _positive(BAR, "C", "or speed of a long wave, m/s")] = None
+    bar_diameter_mm: Annotated[float | None, positive(BAR, "D", "diameter of a round, solid bar, mm")] = None
+    bar_area_mm2: Annotated[float | None, positive(BAR, "A", "or its cross-section, mm^2")] = None
+    bar_modulus_gpa: Annotated[float | None, positive(BAR, "E", "Young's modulus, GPa")] = None
+    bar_density_kg_m3: Annotated[float | None, positive(BAR, "RHO", "density, kg/m3")] = None
+    bar_wave_speed_m_s: Annotated[float | None, positive(BAR, "C", "or speed of a long wave, m/s")] = None
     gauge_distance_mm: Annotated[float | None, _magnitude(BAR, "L", "from the struck end to the gauge, mm")] = None
     bar_length_mm: Annotated[
         float | None,
-        _positive(
+        positive(
             BAR,
             "L",
             "from the struck end to the far end, mm: the force ends where the reflection arrives (no reflection)",
@@ -124,7 +123,7 @@ class InstrumentRequest:
             BAR,
             "SD",
             "standard deviation of modulus times cross-section times the gauge's sensitivity, %",
-            _require_percent,
+            require_percent,
         ),
     ] = 0.0
     compression_positive: Annotated[

@@ -19,6 +19,7 @@ from torchsphere.settings.setting import (
     check_ranges,
     choice,
     numbers,
+    positive,
     settings_of,
 )
 
@@ -36,10 +37,6 @@ REPLACED_BY_FLIGHT = (
 Vector = tuple[float, float, float]
 
 
-def _positive(group: Group, metavar: str, text: str) -> Setting:
-    return Setting(NUMBER, group, metavar, text, require_positive)
-
-
 @dataclass(frozen=True, kw_only=True)
 class PlanRequest:
     """What to plan; each field is a setting that its `Setting` describes.
@@ -50,25 +47,25 @@ class PlanRequest:
         Where a setting is out of its range, is missing, or contradicts another.
     """
 
-    speed: Annotated[float | None, _positive(TEST, "V", "of the ball, m/s")] = None
+    speed: Annotated[float | None, positive(TEST, "V", "of the ball, m/s")] = None
     direction_deg: Annotated[
         float, Setting(NUMBER, TEST, "A", "of its flight, deg from right towards down", require_finite)
     ] = 0.0
     spin_rev_s: Annotated[Vector, Setting(numbers("X,Y,Z"), TEST, "X,Y,Z", "its spin, rev/s (0,0,0)")] = (0.0, 0.0, 0.0)
-    diameter_mm: Annotated[float | None, _positive(TEST, "D", "diameter of the ball, mm")] = None
-    mass_g: Annotated[float | None, _positive(TEST, "M", "mass of the ball, g")] = None
-    contact_us: Annotated[float | None, _positive(TEST, "T", "duration of the contact, us (elastic, Hertz)")] = None
+    diameter_mm: Annotated[float | None, positive(TEST, "D", "diameter of the ball, mm")] = None
+    mass_g: Annotated[float | None, positive(TEST, "M", "mass of the ball, g")] = None
+    contact_us: Annotated[float | None, positive(TEST, "T", "duration of the contact, us (elastic, Hertz)")] = None
     restitution: Annotated[float, Setting(NUMBER, TEST, "E", "speed after over speed before", within((0.0, 1.0)))] = 0.3
-    fps: Annotated[float | None, _positive(CAMERA, "F", "frame rate, 1/s")] = None
-    shutter_us: Annotated[float | None, _positive(CAMERA, "T", "exposure time, us")] = None
-    px_per_mm: Annotated[float | None, _positive(CAMERA, "P", "scale in the ball's plane (--circle's)")] = None
-    noise: Annotated[float | None, _positive(CAMERA, "S", "sd of a pixel between images, grey levels")] = None
+    fps: Annotated[float | None, positive(CAMERA, "F", "frame rate, 1/s")] = None
+    shutter_us: Annotated[float | None, positive(CAMERA, "T", "exposure time, us")] = None
+    px_per_mm: Annotated[float | None, positive(CAMERA, "P", "scale in the ball's plane (--circle's)")] = None
+    noise: Annotated[float | None, positive(CAMERA, "S", "sd of a pixel between images, grey levels")] = None
     width: Annotated[
         int | None,
         Setting(WHOLE, CAMERA, "W", "of the image along the flight, px, for frames in view", require_positive),
     ] = None
     modes: Annotated[Path | None, Setting(PATH, CAMERA, "FILE.csv", "its modes: width_px, height_px, fps_max")] = None
-    field_mm: Annotated[float | None, _positive(CAMERA, "W", "width that all modes show, mm (they keep px per mm)")] = (
+    field_mm: Annotated[float | None, positive(CAMERA, "W", "width that all modes show, mm (they keep px per mm)")] = (
         None
     )
     map: Annotated[
@@ -89,7 +86,7 @@ class PlanRequest:
         Setting(numbers("X,Y,R"), LOOK, "X,Y,R", "outline in it, px (in the flight: found)", repeats=True),
     ] = ()
     blurred: Annotated[bool, Setting(SWITCH, LOOK, "", "the images show the test's motion blur")] = False
-    speckle_px: Annotated[float | None, _positive(LOOK, "S", "size of the rendered spots, px (4)")] = None
+    speckle_px: Annotated[float | None, positive(LOOK, "S", "size of the rendered spots, px (4)")] = None
     grey: Annotated[
         tuple[float, float] | None, Setting(numbers("LOW,HIGH"), LOOK, "LOW,HIGH", "their grey levels (30,220)")
     ] = None

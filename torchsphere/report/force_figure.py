@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.estimation.force_forms import HERTZ_POWER
 from torchsphere.report.figure_style import COLOURS, DPI, LEGEND, new_figure
 from torchsphere.report.summary_tables import STIFFNESS_FACTOR, with_sd
 from torchsphere.results.reader import ForcePathTable, ResultFolder
@@ -56,7 +57,7 @@ def law_curve(path: ForcePathTable, impact: dict[str, Any]) -> tuple[Array, Arra
         return None
     onset, deepest = law["onset"]["value"], float(path.penetration_m[path.is_loading].max())
     depth = np.linspace(-onset, deepest, LAW_POINTS)
-    return depth, law["stiffness"]["value"] * (depth + onset).clip(0) ** 1.5
+    return depth, law["stiffness"]["value"] * (depth + onset).clip(0) ** HERTZ_POWER
 
 
 def _branches(axis: Axes, path: ForcePathTable, factor: float) -> None:

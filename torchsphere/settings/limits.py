@@ -60,6 +60,13 @@ def require_finite(name: str, values: float | Sequence[float]) -> None:
         raise SettingError(f"`{name}` = {shown}: expected {'finite numbers' if len(each) > 1 else 'a finite number'}")
 
 
+def require_percent(name: str, value: float) -> None:
+    """Raise SettingError unless the value is a percentage from 0 to below 100."""
+    require_finite(name, value)
+    if not 0 <= value < 100:
+        raise SettingError(f"`{name}` = {value:g}: expected 0 to below 100")
+
+
 def require_within(name: str, value: Any, limits: tuple[float, float]) -> None:
     """Raise SettingError unless the value is a number within the limits."""
     low, high = limits

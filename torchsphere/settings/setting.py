@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from torchsphere.settings.limits import SettingError, shown_value
+from torchsphere.settings.limits import SettingError, require_positive, shown_value
 
 _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -155,6 +155,11 @@ class Setting:
         if not isinstance(value, self.kind.toml_types) or isinstance(value, bool) != (self.kind is SWITCH):
             raise ValueError(value)
         return self.kind.read(" ".join(map(json.dumps, value)) if isinstance(value, list) else str(value))
+
+
+def positive(group: Group, metavar: str, text: str) -> Setting:
+    """A setting that is a finite, positive number."""
+    return Setting(NUMBER, group, metavar, text, require_positive)
 
 
 def settings_of(described: type) -> dict[str, Setting]:
