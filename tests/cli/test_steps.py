@@ -56,7 +56,7 @@ def last_word(monkeypatch: pytest.MonkeyPatch, told: list[str]) -> Callable[...,
 OF_TRACK = {
     "finding the ball": ([], "tracking.initial_circle.ball_search.find", "looking for the ball in 8 frames"),
     "its radius": ([], "tracking.initial_circle.calibrate_circle", "to measure its radius"),
-    "limbs": (CIRCLE, "tracking.limb_path.fit_along_path", "comparing the path of the ball with its outlines"),
+    "limbs": (CIRCLE, "tracking.slipped_path.fit_along_path", "comparing the path of the ball with its outlines"),
     "a map": (CIRCLE, "tracking.drift.estimate_blur", "making a map of the ball"),
     "checks": (PAIRS, "tracking.track.ledger.applied", "checking the result against the images"),
     "velocities": ([*PAIRS, *SI], "measure.kinematics", "computing velocities and forces"),

@@ -77,7 +77,8 @@ def _preview(recording: Recording, path: Path) -> int:
     """Draw the circle that is found, with all that may be the ball, or else the first image with a grid."""
     with loading_libraries():
         from torchsphere.correlation.options import Options
-        from torchsphere.errors.raw_mosaic import about, without_mosaic
+        from torchsphere.errors.raw_mosaic import about
+        from torchsphere.imaging.colour_mosaic import without_mosaic
         from torchsphere.recording.frame_source import Source
         from torchsphere.report.preview_figure import grid_figure, preview_figure
         from torchsphere.tracking.initial_circle import find_initial_circle

@@ -18,6 +18,13 @@ MAX_FRAMES = 16
 #: Distance from its guess up to which a limb is sure to be found, px (docs/constants.toml).
 IN_SIGHT_PX = 1.0
 
+#: Largest deviation of a limb, and of the limbs' trend, of a ball that stays, standard deviations
+#: (docs/constants.toml).
+STAY_SD = 3.0
+
+#: Deviation of a path or of a radius from the limbs that is significant, standard deviations (docs/constants.toml).
+SIGNIFICANT_SD = 4.0
+
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 

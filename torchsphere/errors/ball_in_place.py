@@ -6,17 +6,11 @@ import dataclasses
 
 import numpy as np
 
+from torchsphere.detection.limbs import SIGNIFICANT_SD, STAY_SD
 from torchsphere.errors.evidence import Evidence
 from torchsphere.motion.findings import Place
 from torchsphere.motion.track import Track
 from torchsphere.runtime.warning_levels import note, severe
-
-#: Deviation of a path or of a radius from the limbs that is significant, standard deviations (docs/constants.toml).
-SIGNIFICANT_SD = 4.0
-
-#: Largest deviation of a limb, and of the limbs' trend, of a ball that stays, standard deviations
-#: (docs/constants.toml).
-STAY_SD = 3.0
 
 #: Least sum of the steps of a ball in its place that a warning reports, px (docs/constants.toml).
 MIN_DRIFT_PX = 0.5

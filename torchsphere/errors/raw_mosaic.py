@@ -1,35 +1,14 @@
-"""A raw colour mosaic that nobody stated: it is recognised, measured on its green pixels, and said.
-
-Taken for grey, rows of such images seem to be the fields of interlaced video.
-"""
+"""A raw colour mosaic that nobody stated: `imaging.colour_mosaic` recognises it, and its green pixels are measured."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-import torch
-from torch import Tensor
-
 from torchsphere.errors.evidence import Evidence
-from torchsphere.imaging import colour_mosaic
 from torchsphere.motion.track import Track
-from torchsphere.recording import mosaic
 from torchsphere.recording.facts import Facts
-from torchsphere.recording.frame_source import Source
 from torchsphere.runtime.warning_levels import severe
 from torchsphere.settings.choices import BAYER
-
-
-def without_mosaic(source: Source) -> tuple[Source, tuple[str, ...]]:
-    """The green levels of images that are a mosaic, and the patterns that it may have; other images as they are."""
-    patterns = colour_mosaic.recognised(source.images(0, min(2, source.count)))
-    if not patterns:
-        return source, ()
-
-    def green(images: Tensor) -> Tensor:
-        return torch.from_numpy(mosaic.green(images.cpu().numpy(), patterns[0])).to(images)
-
-    return source.changed(green), patterns
 
 
 def about(patterns: Sequence[str], facts: Facts | None) -> str:

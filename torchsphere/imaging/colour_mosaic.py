@@ -3,7 +3,8 @@
 The colours make three patterns, which alternate along the rows, along the columns, and like a chessboard. Two of the
 four pixels are green. So the first two patterns have the same size, block by block, and the same sign where the other
 two colours lie on the diagonal from the top left, else the opposite sign. Neither texture nor noise does that, nor rows
-of two instants, which alternate along the columns alone.
+of two instants, which alternate along the columns alone. Without the mosaic, rows would be taken for those of
+interlaced video.
 """
 
 from __future__ import annotations
@@ -11,6 +12,9 @@ from __future__ import annotations
 import torch
 import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
+
+from torchsphere.recording import mosaic
+from torchsphere.recording.frame_source import Source
 
 #: Side of the blocks that are compared, px, and fewest blocks.
 BLOCK, MIN_BLOCKS = 16, 20
@@ -27,6 +31,18 @@ MIN_SIZE = 0.02
 
 #: Patterns by the diagonal of the green pixels: the first from the top right, the second from the top left.
 BY_DIAGONAL = (("RGGB", "BGGR"), ("GRBG", "GBRG"))
+
+
+def without_mosaic(source: Source) -> tuple[Source, tuple[str, ...]]:
+    """The green levels of images that are a mosaic, and the patterns that it may have; other images as they are."""
+    patterns = recognised(source.images(0, min(2, source.count)))
+    if not patterns:
+        return source, ()
+
+    def green(images: Tensor) -> Tensor:
+        return torch.from_numpy(mosaic.green(images.cpu().numpy(), patterns[0])).to(images)
+
+    return source.changed(green), patterns
 
 
 def recognised(images: Tensor) -> tuple[str, ...]:

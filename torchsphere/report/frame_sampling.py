@@ -23,10 +23,10 @@ from torchsphere.correlation.frame_status import TRANSLATION_KNOWN
 from torchsphere.correlation.options import Options, margin
 from torchsphere.correlation.reference import Filtered, build_reference
 from torchsphere.correlation.warp import warp
-from torchsphere.errors.raw_mosaic import without_mosaic
 from torchsphere.geometry import motion_models
 from torchsphere.geometry.camera import Camera
 from torchsphere.imaging import crop, interlacing, interpolation
+from torchsphere.imaging.colour_mosaic import without_mosaic
 from torchsphere.motion.track import Track
 from torchsphere.recording.frame_source import Source
 from torchsphere.results.sampled_frames import NO_RESIDUAL, Sampled, encode_webp, rows_to_keep

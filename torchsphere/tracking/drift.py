@@ -1,4 +1,4 @@
-"""Absolute poses without drift: the cases in which a map of the ball is made, and its poses in the track."""
+"""Absolute poses without drift: those on a map of the ball, and between them the steps from frame to frame."""
 
 from __future__ import annotations
 

@@ -18,8 +18,8 @@ from torch import Tensor
 from torchsphere.correlation.options import Options
 from torchsphere.detection.limbs import Limbs
 from torchsphere.geometry.camera import Camera
-from torchsphere.tracking.limb_path import MIN_LOOKS
 from torchsphere.tracking.record import Record
+from torchsphere.tracking.slipped_path import MIN_LOOKS
 
 #: Growth over its standard deviation that is significant (docs/constants.toml).
 SIGNIFICANT_SD = 6.0

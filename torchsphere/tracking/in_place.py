@@ -18,7 +18,7 @@ from torch import Tensor
 
 from torchsphere.correlation.frame_status import OK
 from torchsphere.detection import limbs
-from torchsphere.errors.ball_in_place import SIGNIFICANT_SD, STAY_SD
+from torchsphere.detection.limbs import SIGNIFICANT_SD, STAY_SD
 from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source, spread

@@ -19,15 +19,15 @@ from torchsphere.correlation.options import Options
 from torchsphere.detection.ball_or_not import needs_proof, require_ball, shows_outline
 from torchsphere.errors.edge_leakage import adapt_options, background_contrast
 from torchsphere.errors.evidence import Evidence
-from torchsphere.errors.raw_mosaic import without_mosaic
 from torchsphere.errors.steady_error import texture_fineness
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import interlacing
+from torchsphere.imaging.colour_mosaic import without_mosaic
 from torchsphere.motion.findings import Findings, Place
 from torchsphere.motion.track import Track
 from torchsphere.runtime import steps
 from torchsphere.sphere_map.decision import MIN_FRAMES, MadeMap
-from torchsphere.tracking import growth, limb_path
+from torchsphere.tracking import growth, slipped_path
 from torchsphere.tracking import in_place as place_of_ball
 from torchsphere.tracking.drift import AbsoluteMotion, absolute_motion
 from torchsphere.tracking.follow import Follower
@@ -155,13 +155,13 @@ def _moved_to_limbs(
     task: Task, start: _Start, measured: Record, motion: AbsoluteMotion
 ) -> tuple[Record, AbsoluteMotion]:
     """Phases 2 and 3 on a path that follows the limbs, where the ``measured`` one has slipped."""
-    limbs = limb_path.limbs_of(task.source, measured, task.ignore, start.options.camera)
-    if not limb_path.have_slipped(limbs):
+    limbs = slipped_path.limbs_of(task.source, measured, task.ignore, start.options.camera)
+    if not slipped_path.have_slipped(limbs):
         if motion.is_refused:
             # Outlines that contradict each other are not those of a ball: `ball_or_not.lacking_proof`.
             motion = dataclasses.replace(motion, outline_scatter=growth.scatter_of_limbs(limbs))
         return measured, motion
-    moved = limb_path.along_limbs(task.source, measured, limbs, task.ignore, start.options, resized=False)
+    moved = slipped_path.along_limbs(task.source, measured, limbs, task.ignore, start.options, resized=False)
     again = _absolute_motion(task, start, moved)
     # An object in front of the ball moves its limbs, too: then the map shows no more frames than before.
     if again.frames_on_map > motion.frames_on_map:
@@ -171,7 +171,7 @@ def _moved_to_limbs(
         return measured, motion
     if np.isfinite(again.orientation[:, 0, 0]).sum() >= MIN_FRAMES:
         return moved, again
-    kept = measured.without(slice(limb_path.slipped_from(limbs), None))
+    kept = measured.without(slice(slipped_path.slipped_from(limbs), None))
     return kept, _absolute_motion(task, start, kept)
 
 
@@ -186,8 +186,8 @@ def _without_frames_beside(
     if not (isinstance(motion.map, MadeMap) and unproven.any()):
         return measured, motion
     seen = measured.without(~unproven)
-    limbs = limb_path.limbs_of(task.source, seen, task.ignore, start.options.camera)
-    beside = limb_path.runs_beside(limbs, motion.position, unproven)
+    limbs = slipped_path.limbs_of(task.source, seen, task.ignore, start.options.camera)
+    beside = slipped_path.runs_beside(limbs, motion.position, unproven)
     if not beside.any():
         return measured, motion
     # The map is made anew: frames beside the ball may be among its keyframes.
@@ -210,15 +210,15 @@ def _follow_as_it_grows(task: Task, start: _Start) -> tuple[_Start, Record]:
     if task.in_place or start.grows or start.options.model not in growth.RIGID_MODELS:
         return start, measured
     camera = start.options.camera
-    if not growth.may_grow(limb_path.limbs_of(task.source, measured, task.ignore, camera)):
+    if not growth.may_grow(slipped_path.limbs_of(task.source, measured, task.ignore, camera)):
         return start, measured
     options = growth.growing(start.options, start.circle.radius, start.image)
     growing = dataclasses.replace(start, options=options, grows=True)
     followed = _follow(task, growing)
-    limbs = limb_path.limbs_of(task.source, followed, task.ignore, camera)
+    limbs = slipped_path.limbs_of(task.source, followed, task.ignore, camera)
     if not growth.limbs_follow(limbs, followed):
         return start, measured
-    return growing, limb_path.along_limbs(task.source, followed, limbs, task.ignore, options, resized=True)
+    return growing, slipped_path.along_limbs(task.source, followed, limbs, task.ignore, options, resized=True)
 
 
 def _follow(task: Task, start: _Start) -> Record:

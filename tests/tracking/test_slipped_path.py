@@ -10,7 +10,7 @@ from torchsphere.correlation.options import Options
 from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source
 from torchsphere.synthetic import ray_caster
-from torchsphere.tracking import limb_path
+from torchsphere.tracking import slipped_path
 from torchsphere.tracking.follow import Follower
 
 FRAMES, RADIUS, STEP, TURN = 12, 28.0, np.array([2.0, 0.5]), np.radians([1.5, -1.0, 0.5])
@@ -36,15 +36,15 @@ def test_a_path_that_slips_is_found_and_moved_to_the_limbs() -> None:
     options = Options()
     measured = Follower(source, Circle(*centres[0], RADIUS), None, options).run(FRAMES)
     assert (measured.status == "ok").all()
-    assert not limb_path.have_slipped(limb_path.limbs_of(source, measured, None, None))
+    assert not slipped_path.have_slipped(slipped_path.limbs_of(source, measured, None, None))
 
     slip = np.arange(FRAMES)[:, None] * np.array([0.35, -0.25])
     slipped = dataclasses.replace(measured, position=measured.position + slip)
-    limbs = limb_path.limbs_of(source, slipped, None, None)
-    assert limb_path.have_slipped(limbs)
+    limbs = slipped_path.limbs_of(source, slipped, None, None)
+    assert slipped_path.have_slipped(limbs)
     # The slip is 0.43 px per frame: from frame 2 on, limbs tell it from their own errors.
-    assert 1 <= limb_path.slipped_from(limbs) <= 4
-    held = limb_path.along_limbs(source, slipped, limbs, None, options, resized=False)
+    assert 1 <= slipped_path.slipped_from(limbs) <= 4
+    held = slipped_path.along_limbs(source, slipped, limbs, None, options, resized=False)
     assert np.abs(held.position - centres).max() < 0.4
     sd = np.sqrt(np.diagonal(held.covariance, axis1=1, axis2=2))
     assert (np.abs(held.increment - np.array([*STEP, *TURN])) < 6 * sd).all()
@@ -55,13 +55,13 @@ def test_a_path_that_slips_is_found_and_moved_to_the_limbs() -> None:
 def test_frames_that_no_map_shows_are_told_from_the_ball_by_their_limbs() -> None:
     source, centres = film()
     measured = Follower(source, Circle(*centres[0], RADIUS), None, Options()).run(FRAMES)
-    limbs = limb_path.limbs_of(source, measured, None, None)
+    limbs = slipped_path.limbs_of(source, measured, None, None)
     # Frames 2 and 3 lie on the ball; frames 6 to 9 lie 3 px beside it, and 10 and 11 are on the map.
     unproven = np.isin(np.arange(FRAMES), (2, 3, 6, 7, 8, 9))
     position = measured.position + 3.0 * (np.arange(FRAMES) >= 6)[:, None]
-    assert np.flatnonzero(limb_path.runs_beside(limbs, position, unproven)).tolist() == [6, 7, 8, 9]
-    assert not limb_path.runs_beside(limbs, measured.position, unproven).any()
-    assert not limb_path.runs_beside(limbs, position, np.zeros(FRAMES, dtype=bool)).any()
+    assert np.flatnonzero(slipped_path.runs_beside(limbs, position, unproven)).tolist() == [6, 7, 8, 9]
+    assert not slipped_path.runs_beside(limbs, measured.position, unproven).any()
+    assert not slipped_path.runs_beside(limbs, position, np.zeros(FRAMES, dtype=bool)).any()
 
 
 def test_a_record_without_frames_has_no_steps_to_and_from_them() -> None:
