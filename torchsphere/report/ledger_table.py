@@ -22,14 +22,11 @@ class LedgerTable:
 
 def ledger_table(result: ResultFolder) -> LedgerTable | None:
     """The table of a result; None for a result of an earlier version."""
-    rows = []
-    for entry in read(result.summary.get("ledger") or ()):
-        rest = (*entry.circle, 100 * entry.scale)
-        if any((*entry.step, *rest)):
-            rows.append((f"{entry.source}: one step", _texts((*_in_deg(entry.step), *rest))))
-        if any(entry.steady):
-            rows.append((f"{entry.source}: all steps alike", _texts((*_in_deg(entry.steady), *4 * (0.0,)))))
-    return LedgerTable(COLUMNS, tuple(rows)) if rows else None
+    entries = read(result.summary.get("ledger") or ())
+    of_steps = [(entry.source, (*_in_deg(entry.step), *entry.circle, 100 * entry.scale)) for entry in entries]
+    shared = [(f"{entry.source}: all steps alike", (*_in_deg(entry.steady), *4 * (0.0,))) for entry in entries]
+    rows = tuple((name, _texts(values)) for name, values in (*of_steps, *shared) if any(values))
+    return LedgerTable(COLUMNS, rows) if rows else None
 
 
 def _in_deg(motion: tuple[float, ...]) -> tuple[float, ...]:
