@@ -16,7 +16,7 @@ from tracks import made_track
 import torchsphere as ts
 from torchsphere.cli.main import main
 from torchsphere.planning import free_flight
-from torchsphere.planning.free_flight import Calibration
+from torchsphere.planning.free_flight import FlightCalibration
 from torchsphere.planning.plan import from_flight
 from torchsphere.planning.presentation import as_table, remarks, text
 from torchsphere.planning.rehearsal import Target
@@ -24,7 +24,7 @@ from torchsphere.report import plan_figure
 
 pytestmark = pytest.mark.usefixtures("few_recordings")
 
-KNOWN = Calibration(36_000.0, 30.0, 110.0)
+KNOWN = FlightCalibration(36_000.0, 30.0, 110.0)
 
 
 def example_track(increment: np.ndarray) -> ts.Track:
@@ -53,7 +53,7 @@ def test_a_free_flight_gives_the_table_of_the_paper_from_film_and_from_result_al
     assert planned("--flight", str(film), *given, "--contact-us", "150", "--out", str(out)) == 0
     assert "table 3" in capsys.readouterr().out
     first = json.loads((out / "plan.json").read_text())["free_flight"]
-    second = free_flight.from_result(result, Calibration())
+    second = free_flight.from_result(result, FlightCalibration())
     for name in ("velocity_m_s", "force_N", "spin_rad_s"):
         assert getattr(second, name).std(0, ddof=1) == pytest.approx(first[name]["std"], rel=1e-6)
     assert first["velocity_m_s"]["mean"] == pytest.approx(
@@ -73,8 +73,8 @@ def test_a_scale_given_without_a_frame_rate_is_taken_from_the_result(tmp_path: P
     given = [*scale, "--mass-g", "110", "--circle", "{},{},{}".format(*shot.circle), "--map", "off", "--no-report"]
     assert main(["track", str(film), *given, "--out", str(result), "--quiet"]) == 0
     with pytest.raises(ValueError, match=r"result: a plan needs .* give fps$"):
-        free_flight.from_result(result, Calibration())
-    found = free_flight.from_result(result, Calibration(36_000.0))
+        free_flight.from_result(result, FlightCalibration())
+    found = free_flight.from_result(result, FlightCalibration(36_000.0))
     assert found.setup.diameter_mm == pytest.approx(30.0, rel=1e-6)
     assert found.setup.speed_m_s == pytest.approx(30.0, rel=0.02)
 
@@ -86,7 +86,7 @@ def test_a_flight_tracked_without_rotation_is_refused_for_its_model(tmp_path: Pa
     given = [*BALL, "--fps", "36000", "--model", "translation", "--no-report"]
     assert main(["track", str(film), *given, "--out", str(result), "--quiet"]) == 0
     with pytest.raises(ValueError, match=r"result: it was tracked with the model 'translation'.* model = rigid"):
-        free_flight.from_result(result, Calibration())
+        free_flight.from_result(result, FlightCalibration())
 
 
 def test_a_flight_whose_velocity_changes_gives_a_warning() -> None:

@@ -154,7 +154,7 @@ def _from_flight(request: PlanRequest, path: Path, quiet: bool) -> Plan:
         if request.circle:
             raise UsageError(f"--circle: {path} has been tracked already, with its own; leave the option out")
         given = (request.fps, request.diameter_mm, request.mass_g, _shutter_s(request))
-        flight = free_flight.from_result(path, free_flight.Calibration(*given))
+        flight = free_flight.from_result(path, free_flight.FlightCalibration(*given))
         return _plan_of(flight, request, request.width)
     if len(request.circle) > 1:
         raise UsageError(
@@ -185,7 +185,7 @@ def _tracked(request: PlanRequest, path: Path, circle: Vector | None, quiet: boo
     with open_recording(path) as recording:
         rate, exposure = request.fps or recording.frame_rate, _shutter_s(request) or recording.exposure_s
         origin = f"recording {path.name}"
-        calibration = free_flight.Calibration(rate, request.diameter_mm, request.mass_g, exposure)
+        calibration = free_flight.FlightCalibration(rate, request.diameter_mm, request.mass_g, exposure)
         calibration.required(origin)
         with progress_bar(quiet, "planning", delay_s=1.0) as progress:
             # Increments from frame to frame, as in the paper's table; a map would hide the scatter.

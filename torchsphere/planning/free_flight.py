@@ -89,7 +89,7 @@ def mean_and_sd(values: Array) -> tuple[Array, Array]:
     return mean, np.sqrt(squares / np.where(count > 1, count - 1, np.nan))
 
 
-class Calibration(NamedTuple):
+class FlightCalibration(NamedTuple):
     """Values that convert px and frames to SI units; None if they are not known."""
 
     frame_rate: float | None = None
@@ -106,7 +106,7 @@ class Calibration(NamedTuple):
         return self.frame_rate, self.diameter_mm, self.mass_g
 
 
-def from_track(track: Track, origin: str, given: Calibration) -> Flight:
+def from_track(track: Track, origin: str, given: FlightCalibration) -> Flight:
     """The flight of a track.
 
     Raises ValueError if frame rate, diameter or mass are missing, too few increments were measured, or the ball
@@ -122,7 +122,7 @@ def _of_one_interval(increment: Array, durations: Array) -> Array:
     return np.where(np.abs(durations - 1)[:, None] > LONGER, np.nan, increment)
 
 
-def from_result(folder: Path, given: Calibration) -> Flight:
+def from_result(folder: Path, given: FlightCalibration) -> Flight:
     """The flight of a result folder of ``torchsphere track``; given values replace those of its summary.
 
     Raises ValueError or OSError if the folder is no such result, or a value is missing.
@@ -143,17 +143,17 @@ def from_result(folder: Path, given: Calibration) -> Flight:
     origin = f"result folder {folder.name}"
     _require_rotation(origin, settings.get("model"))
     known = (value if value is not None else default for value, default in zip(given, recorded, strict=True))
-    return _flight(increment, sd, radius, origin, Calibration(*known))
+    return _flight(increment, sd, radius, origin, FlightCalibration(*known))
 
 
-def _recorded(summary: dict[str, Any], settings: dict[str, Any], radius: float) -> Calibration:
+def _recorded(summary: dict[str, Any], settings: dict[str, Any], radius: float) -> FlightCalibration:
     scale, diameter, mm_per_px = summary["scale"], settings.get("diameter_mm"), settings.get("mm_per_px")
     # Without a frame rate the summary has no scale, only the settings for it.
     if scale is not None:
         mm_per_px = 1e3 * float(scale["m_per_px"])
     if mm_per_px is not None:
         diameter = 2 * radius * mm_per_px
-    return Calibration(summary["frame_rate"], diameter, settings["mass_g"], summary["input"]["exposure_s"])
+    return FlightCalibration(summary["frame_rate"], diameter, settings["mass_g"], summary["input"]["exposure_s"])
 
 
 def _require_rotation(origin: str, model: str | None) -> None:
@@ -179,7 +179,7 @@ def _require_steps(origin: str, complete: int, translations: int) -> None:
     )
 
 
-def _flight(increment: Array, sd: Array, radius: float, origin: str, known: Calibration) -> Flight:
+def _flight(increment: Array, sd: Array, radius: float, origin: str, known: FlightCalibration) -> Flight:
     """The flight with increments (n - 1, 5) and their standard deviations."""
     frame_rate, diameter_mm, mass_g = known.required(origin)
     valid = np.isfinite(increment).all(1)
