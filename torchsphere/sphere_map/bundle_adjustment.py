@@ -102,7 +102,7 @@ SEARCH_ROUNDS, SEARCH_STEPS, MAX_SHARE_LEFT = 15, 2, 0.6
 LAST_NEARNESS_CHANGE, SETTLED_NEARNESS = 0.0001, 0.0004
 
 #: Change of the exposure, as a share of it, below which the search ends (docs/constants.toml).
-LAST_EXPOSURE_CHANGE = 0.002
+LAST_EXPOSURE_CHANGE = 0.0005
 
 #: Largest move of a pose in a step, px (docs/constants.toml).
 MAX_MOVE_PX = 1.0
