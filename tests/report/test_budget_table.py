@@ -31,7 +31,7 @@ def test_a_result_of_an_earlier_version_has_no_table(result: ResultFolder) -> No
     earlier = {name: value for name, value in result.summary["impact"].items() if name != "budget"}
     old = dataclasses.replace(result, summary=result.summary | {"impact": earlier})
     assert budget_table.budget_table(old) is None
-    assert "Where the uncertainty" not in pages.report_html(old)
+    assert "Where the uncertainty of the impact comes from" not in pages.report_html(old)
     assert budget_table.budget_table(dataclasses.replace(result, summary=result.summary | {"impact": None})) is None
 
 

@@ -79,13 +79,13 @@ def test_a_printed_comparison_and_index_have_no_controls_and_fit_the_paper(
 
 
 @pytest.mark.parametrize("width", [360, 1280])
-def test_the_columns_of_energies_and_of_the_budget_stand_apart(
+def test_the_columns_of_energies_budget_and_ledger_stand_apart(
     browser: Any, measured: tuple[Path, object], width: int
 ) -> None:
     page = browser.new_page(viewport={"width": width, "height": 900})
     page.goto((measured[0] / "report.html").as_uri())
     tables = page.locator("table.columns")
-    assert tables.count() == 2
+    assert tables.count() == 3
     gaps = tables.evaluate_all(
         """tables => tables.flatMap((table) => [...table.rows].flatMap((row) => {
           const boxes = [...row.cells].map((cell) => {
