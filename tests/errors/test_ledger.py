@@ -51,9 +51,14 @@ def test_the_noise_and_the_distance_of_the_camera_are_named(track: ts.Track) -> 
 def test_a_scale_that_was_given_with_an_uncertainty_has_an_entry(track: ts.Track) -> None:
     calibration = dataclasses.replace(track.calibration, relative_sd_scale=0.02)
     uncertain = dataclasses.replace(track, calibration=calibration)
-    given = ledger._between(ledger.STATED_SCALE, track, uncertain)
+    (given,) = ledger._added(ledger.STATED_SCALE, track, uncertain)
     assert given.scale == pytest.approx(0.02)
     assert not any((*given.step, *given.steady, *given.circle))
+
+
+def test_a_source_that_adds_nothing_has_no_entry(track: ts.Track) -> None:
+    assert ledger._added("nothing", track, track) == []
+    assert ledger._added("nothing", track, dataclasses.replace(track, warnings=())) == []
 
 
 def test_the_ledger_returns_from_its_summary(track: ts.Track) -> None:

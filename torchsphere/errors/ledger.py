@@ -76,16 +76,16 @@ def applied(track: Track, evidence: Evidence) -> Track:
     held, inner = [], track
     for source in SOURCES:
         narrower = source.without(inner, evidence)
-        held.append(_between(source.name, narrower, inner))
+        held += _added(source.name, narrower, inner)
         inner = narrower
     exact = dataclasses.replace(inner, calibration=dataclasses.replace(inner.calibration, relative_sd_scale=0.0))
-    entries = [_between(NOISE, None, exact), _between(STATED_SCALE, exact, inner), *reversed(held)]
+    entries = [*_added(NOISE, None, exact), *_added(STATED_SCALE, exact, inner), *reversed(held)]
     for source in reversed(SOURCES):
         track = dataclasses.replace(track, findings=source.detect(track, evidence))
         wider = source.widen(track, evidence)
-        entries.append(_between(source.name, track, wider))
+        entries += _added(source.name, track, wider)
         track = wider
-    return dataclasses.replace(track, ledger=tuple(entry for entry in entries if not entry.is_nothing))
+    return dataclasses.replace(track, ledger=tuple(entries))
 
 
 def sentences(track: Track, evidence: Evidence) -> tuple[str, ...]:
@@ -93,13 +93,19 @@ def sentences(track: Track, evidence: Evidence) -> tuple[str, ...]:
     return by_level(sentence for source in SOURCES for sentence in source.sentences(track, evidence))
 
 
-def _between(source: str, track: Track | None, wider: Track) -> Entry:
-    """What ``source`` added to a ``track``, which is ``wider`` with it; all that it states where there is none."""
+def _added(source: str, track: Track | None, wider: Track) -> list[Entry]:
+    """The entry of what ``source`` added to a ``track``, which is ``wider`` with it; none if it added nothing.
+
+    All that ``wider`` states where there is no ``track``.
+    """
+    if wider is track:
+        return []
     before, after = (None if track is None else _variances(track)), _variances(wider)
     added = [part if before is None else part - before[k] for k, part in enumerate(after)]
     # What narrows an error adds nothing.
     step, steady, circle, scale = (tuple(np.sqrt(np.clip(part, 0.0, None)).tolist()) for part in added)
-    return Entry(source, step, steady, circle, scale[0])
+    entry = Entry(source, step, steady, circle, scale[0])
+    return [] if entry.is_nothing else [entry]
 
 
 def _variances(track: Track) -> tuple[Array, Array, Array, Array]:
