@@ -5,9 +5,11 @@ The loops serve single and double precision: their constants are whole numbers, 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -19,12 +21,73 @@ _THREE, _FOUR, _FIVE, _SIX = (np.float32(value) for value in (3, 4, 5, 6))
 
 
 def to_nodes(values: Tensor, width: int) -> Tensor:
-    """`map_fit.to_nodes` of columns (m, k), by elimination along the lines of ``width`` coefficients of each face."""
-    found = values.clone()
-    faces = found.reshape(6, width, width * values.shape[1]).numpy()
-    _solve_lines(faces)
-    _solve_lines(found.reshape(6 * width, width, values.shape[1]).numpy())
-    return found
+    """`map_fit.to_nodes` of values (m, ...), by elimination along the lines of ``width`` coefficients of each face."""
+    return _along_both(_solve_lines, values, width)
+
+
+def from_nodes(values: Tensor, width: int) -> Tensor:
+    """The inverse of `to_nodes`."""
+    return _along_both(_sum_lines, values, width)
+
+
+def roughness_gradient(coefficients: Tensor, width: int) -> Tensor:
+    """Half the gradient (m,) of the squared second differences of a map at its nodes, along both axes of a face."""
+    nodes = from_nodes(coefficients, width).view(6, width, width)
+    across, along = nodes.clone(), _turned(nodes)
+    _take_fourth_differences(across.numpy())
+    _take_fourth_differences(along.numpy())
+    return from_nodes((across + along.mT).flatten(), width)
+
+
+def _along_both(change: Callable[[Array], None], values: Tensor, width: int) -> Tensor:
+    """Values (m, ...) after the ``change`` along the columns of the faces, then along their rows."""
+    faces = values.reshape(6, width, -1).clone(memory_format=torch.contiguous_format)
+    change(faces.numpy())
+    # Neighbouring lines are worked on together: those of one value each are turned for that.
+    turned = _turned(faces.view(6, width, width, -1)).view(6, width, -1)
+    change(turned.numpy())
+    return _turned(turned.view(6, width, width, -1)).reshape(values.shape)
+
+
+def _turned(faces: Tensor) -> Tensor:
+    """The faces (6, w, w, ...) with rows for columns."""
+    return faces.transpose(1, 2).contiguous()
+
+
+@compiled
+def _sum_lines(lines: Array) -> None:
+    """Values of splines at the nodes from their coefficients, along the second axis of (n, w, k)."""
+    n, width, columns = lines.shape
+    side, middle, end = ONE / _SIX, _FOUR / _SIX, _FIVE / _SIX
+    before = np.empty(columns, lines.dtype)
+    for face in range(n):
+        before[:] = lines[face, 0]
+        for k in range(columns):
+            lines[face, 0, k] = end * before[k] + side * lines[face, 1, k]
+        for i in range(1, width - 1):
+            for k in range(columns):
+                here = lines[face, i, k]
+                lines[face, i, k] = side * (before[k] + lines[face, i + 1, k]) + middle * here
+                before[k] = here
+        for k in range(columns):
+            lines[face, width - 1, k] = side * before[k] + end * lines[face, width - 1, k]
+
+
+@compiled
+def _take_fourth_differences(lines: Array) -> None:
+    """Half the gradient of the squared second differences along the second axis of (n, w, k), in their place."""
+    n, width, columns = lines.shape
+    second = np.zeros((width, columns), lines.dtype)
+    for face in range(n):
+        for i in range(1, width - 1):
+            for k in range(columns):
+                second[i, k] = lines[face, i - 1, k] - TWO * lines[face, i, k] + lines[face, i + 1, k]
+        for k in range(columns):
+            lines[face, 0, k] = second[1, k]
+            lines[face, width - 1, k] = second[width - 2, k]
+        for i in range(1, width - 1):
+            for k in range(columns):
+                lines[face, i, k] = second[i - 1, k] - TWO * second[i, k] + second[i + 1, k]
 
 
 @compiled
@@ -43,8 +106,9 @@ def _solve_lines(lines: Array) -> None:
             share = side / pivots[i - 1]
             for k in range(columns):
                 lines[face, i, k] -= share * lines[face, i - 1, k]
+        over = ONE / pivots[width - 1]
         for k in range(columns):
-            lines[face, width - 1, k] /= pivots[width - 1]
+            lines[face, width - 1, k] *= over
         for i in range(width - 2, -1, -1):
             over = ONE / pivots[i]
             for k in range(columns):

@@ -81,7 +81,10 @@ LIGHT_MAP_STEPS = 12
 LAST_SETTLED_PX, SETTLED_SD = 0.0005, 0.1
 
 #: Conjugate gradients for a map on new cells, and for a step of map and poses together (docs/constants.toml).
-NEW_MAP_STEPS, STEPS = 6, 16
+NEW_MAP_STEPS, STEPS = 6, 60
+
+#: Share of a settled move that the conjugate gradients may leave.
+SOLVED_SHARE = 0.2
 
 #: Largest change of the edge's blur in a step, px: its effect on the grey levels is far from linear.
 MAX_BLUR_STEP_PX = 0.2
@@ -106,6 +109,9 @@ LAST_EXPOSURE_CHANGE = 0.0005
 
 #: Largest move of a pose in a step, px (docs/constants.toml).
 MAX_MOVE_PX = 1.0
+
+#: Least move of a pose that is told from none, px.
+MIN_MOVE_PX = 1e-9
 
 #: Least share of a step that is taken.
 LEAST_SHARE = 0.3
@@ -349,16 +355,19 @@ def _adjust_level(state: State, level: _Level, shared: RowRunner) -> Adjustment:
     if not math.isfinite(float(state.ball.radius)):
         raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
     state = with_cells(state, cube_map.cells_per_face(float(state.ball.radius), level.cell_px))
-    limit, before, share = (math.inf if level.is_outline_found else MAX_RING_VARIANCE), None, 1.0
-    for _ in range(level.max_steps):
-        # The map follows each step with delay: what it lacks would be taken for a motion.
-        state, equations = fit_map(state, shared, NEW_MAP_STEPS)
+    state, equations = fit_map(state, shared, NEW_MAP_STEPS)
+    limit, before, share, moved = (math.inf if level.is_outline_found else MAX_RING_VARIANCE), None, 1.0, MIN_MOVE_PX
+    for number in range(level.max_steps):
         model = linearised(state, shared)
+        if number:
+            weights = state.profile.weights(state.windows, state.poses.centre)
+            equations = MapEquations.of(drawn(state, shared), weights, shared, state.smoothness)
         state = reweighted(state, state.windows.levels - model.levels, equations.leverage(), shared, limit)
         weights = state.profile.weights(state.windows, state.poses.centre)
         equations = MapEquations.of(equations.design, weights, shared, state.smoothness)
         last = LastStep(state, model, elimination.joint_equations(model, equations, state.poses))
-        of_map, step = _step(last)
+        settled = max(level.settled_px, SETTLED_SD * float(last.joint.covariance.diagonal()[0].sqrt()))
+        of_map, step = _step(last, SOLVED_SHARE * settled)
         share, before = _share_of_step(share, before, step), step
         state, move = _moved(state, last.joint, share * of_map, share * step)
         if level.is_blurred:
@@ -366,13 +375,14 @@ def _adjust_level(state: State, level: _Level, shared: RowRunner) -> Adjustment:
         state, relit = _relit(state, level, shared)
         if not math.isfinite(move):
             raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
-        settled = max(level.settled_px, SETTLED_SD * float(last.joint.covariance.diagonal()[0].sqrt()))
         is_bound = level.is_last and float(state.profile.variance.max()) >= limit * float(state.profile.variance[0])
-        if move < settled and relit < LAST_CHANGE and not is_bound:
+        # The next move is shorter by as much as this one was, at least.
+        left, moved = move * min(1.0, move / moved), move
+        if left < settled and relit < LAST_CHANGE and not is_bound:
             break
         if move < OUTLINE_FOUND_PX:
             limit = math.inf
-    return Adjustment(state, last.joint.covariance, move < max(settled, MAX_UNSETTLED_PX), last=last)
+    return Adjustment(state, last.joint.covariance, left < max(settled, MAX_UNSETTLED_PX), last=last)
 
 
 def _relit(state: State, level: _Level, shared: RowRunner) -> tuple[State, float]:
@@ -384,13 +394,13 @@ def _relit(state: State, level: _Level, shared: RowRunner) -> tuple[State, float
     return light.changed(state, shared) if is_lit else (state, 0.0)
 
 
-def _step(at: LastStep) -> tuple[Tensor, Tensor]:
+def _step(at: LastStep, settled_px: float) -> tuple[Tensor, Tensor]:
     """Gauss-Newton step of the map (m,) and of all other unknowns (7 n + 2,)."""
     state, model, joint = at
     weighted = (joint.map.weights * (state.windows.levels - model.levels)).flatten(1).unsqueeze(1)
     by_unknowns = elimination.spread_gradient(torch.bmm(weighted, model.jacobian)[:, 0].double())
     by_map = joint.map.gradient(state.ball.coefficients, state.windows.levels)
-    return joint.solve(by_map, by_unknowns, STEPS)
+    return joint.solve(by_map, by_unknowns, STEPS, settled_px)
 
 
 def _share_of_step(share: float, before: Tensor | None, step: Tensor) -> float:

@@ -32,6 +32,11 @@ BLUR_SD_PX = 0.1
 LEAST_LEFT = 1e-4
 
 
+#: Conjugate gradients that tell whether a step has settled, and the share of the step by which they may still move it
+#: (docs/constants.toml).
+CALM_STEPS, CALM_SHARE = 4, 0.1
+
+
 @dataclass(frozen=True)
 class JointEquations:
     """Gauss-Newton equations of map (m,) and u = 7 n + 2 other unknowns, and their approximate solution."""
@@ -48,18 +53,30 @@ class JointEquations:
         by_map = self.map.times(of_map) + map_fit.from_nodes(self.coupling @ step.to(self.coupling), cells)
         return by_map, self._by_unknowns(map_fit.from_nodes(of_map, cells)).double() + self.normal @ step
 
-    def solve(self, by_map: Tensor, by_unknowns: Tensor, steps: int) -> tuple[Tensor, Tensor]:
-        """Solution (m,) and (u,) after ``steps`` of conjugate gradients from the approximate one."""
+    def solve(
+        self, by_map: Tensor, by_unknowns: Tensor, steps: int, settled_px: float = 0.0
+    ) -> tuple[Tensor, Tensor]:
+        """Solution (m,) and (u,) after ``steps`` of conjugate gradients from the approximate one.
+
+        It ends before, where `CALM_STEPS` have moved no pose, nor the radius, by more than ``settled_px`` or by
+        `CALM_SHARE` of the move so far.
+        """
         cells = self.map.design.cells
         rest, wanted = by_map, by_unknowns
         of_map, step = torch.zeros_like(by_map), torch.zeros_like(by_unknowns)
         at = self.approximate(rest, wanted)
         square = (rest @ at.of_map).double() + wanted @ at.step
+        moves = [_in_px(step)]
         for _ in range(steps):
             mp = self.map.times(at.of_map) + map_fit.from_nodes(at.coupled, cells)
             mq = at.coupled_back.double() + self.normal @ at.step
             length = square / ((at.of_map @ mp).double() + at.step @ mq).clamp_min(1e-30)
             of_map, step = of_map + length.to(mp) * at.of_map, step + length * at.step
+            moves.append(_in_px(step))
+            if len(moves) > CALM_STEPS:
+                rest_px = float((moves[-1] - moves[-1 - CALM_STEPS]).abs().max())
+                if rest_px < max(settled_px, CALM_SHARE * float(moves[-1].abs().max())):
+                    break
             rest, wanted = rest - length.to(mp) * mp, wanted - length * mq
             new = self.approximate(rest, wanted)
             before, square = square, (rest @ new.of_map).double() + wanted @ new.step
@@ -81,6 +98,12 @@ class JointEquations:
         """Product (u,) of the transposed coupling with values at the map's nodes (m,)."""
         parts = self.map.shared(lambda a, b: self.coupling[a:b].T @ at_nodes[a:b], len(at_nodes))
         return torch.stack(parts).sum(0)
+
+
+def _in_px(step: Tensor) -> Tensor:
+    """The part (6 n,) of a step (7 n + 2,) that moves poses or the outline, px."""
+    own = step[:-COMMON].unflatten(0, (-1, PER_IMAGE))[:, :5]
+    return torch.cat((own.flatten(), step[-COMMON:-1]))
 
 
 class Direction(NamedTuple):

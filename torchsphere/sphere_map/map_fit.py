@@ -125,13 +125,15 @@ def to_nodes(values: Tensor, cells: int) -> Tensor:
 
     It takes values at nodes to coefficients, and sums over coefficients to sums over nodes.
     """
-    if values.ndim == 2 and suits(values):
+    if suits(values):
         return loops.to_nodes(values, cells + cube_map.BORDER)
     return _on_faces(_prefilter(cells, values.dtype, values.device), values)
 
 
 def from_nodes(values: Tensor, cells: int) -> Tensor:
     """The inverse of `to_nodes`."""
+    if suits(values):
+        return loops.from_nodes(values, cells + cube_map.BORDER)
     return _on_faces(_values_at_nodes(cells).to(values), values)
 
 
@@ -184,11 +186,14 @@ def prior_gradient(coefficients: Tensor, cells: int) -> Tensor:
 
     The differences are those along both axes of every face.
     """
-    rough, smooth = _roughness(cells, coefficients.dtype, coefficients.device)
+    ridge = RIDGE * (coefficients - coefficients.mean(0))
     width = cells + cube_map.BORDER
+    if coefficients.ndim == 1 and suits(coefficients):
+        return loops.roughness_gradient(coefficients, width) + ridge
+    rough, smooth = _roughness(cells, coefficients.dtype, coefficients.device)
     rows = coefficients.reshape(6, width, -1)
     differences = _along(rough @ rows, smooth, width) + _along(smooth @ rows, rough, width)
-    return differences.reshape(coefficients.shape) + RIDGE * (coefficients - coefficients.mean(0))
+    return differences.reshape(coefficients.shape) + ridge
 
 
 @functools.lru_cache(maxsize=8)
