@@ -1,13 +1,14 @@
 """The joint equations of map and poses against dense matrices."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import pytest
 import torch
 from ball_models import dense_rows, one_share, poses, random, rough_ball, windows
 from torch import Tensor
 
-from torchsphere.sphere_map import cube_map, elimination, forward_model, map_fit
+from torchsphere.sphere_map import cube_map, elimination, forward_model
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
 from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.map_fit import MapEquations
@@ -114,9 +115,21 @@ def test_the_approximate_solution_is_that_of_a_map_that_is_diagonal_at_its_nodes
 def test_a_direction_knows_its_products_with_the_coupling(dense: Dense) -> None:
     first, second = (dense.joint.approximate(random(COUNT, seed=k), random(UNKNOWNS, seed=k)) for k in (7, 8))
     found, coupling = first.plus(torch.tensor(0.3), second), dense.joint.coupling
-    torch.testing.assert_close(found.coupled, coupling @ found.step)
-    nodes = map_fit.from_nodes(found.of_map, dense.joint.map.design.cells)
-    torch.testing.assert_close(found.coupled_back, coupling.T @ nodes)
+    seen = dense.joint.seen
+    torch.testing.assert_close(found.coupled[seen], coupling @ found.step)
+    torch.testing.assert_close(found.coupled_back, coupling.T @ found.of_map[seen])
+
+
+def test_a_step_that_has_settled_needs_no_more_conjugate_gradients(dense: Dense, monkeypatch: Any) -> None:
+    noise = 2 * random(len(dense.weights), seed=12)
+    by_map, by_unknowns = dense.rows.T @ (dense.weights * noise), dense.jacobian.T @ (dense.weights * noise)
+    exact = torch.linalg.solve(dense.whole, torch.cat((by_map, by_unknowns)))[COUNT:]
+    sd, products, times = dense.covariance.diagonal().sqrt(), [], MapEquations.times
+    monkeypatch.setattr(MapEquations, "times", lambda self, of_map: (products.append(1), times(self, of_map))[1])
+    _, step = dense.joint.solve(by_map, by_unknowns, 200, 0.1 * sd)
+    assert len(products) < 60
+    # What counts as settled is a tenth of a standard deviation, and the last steps moved no unknown by more.
+    assert float(((step - exact) / sd).abs().max()) < 0.5
 
 
 def test_the_covariance_is_near_that_of_the_dense_schur_complement(dense: Dense) -> None:

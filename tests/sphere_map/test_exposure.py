@@ -1,5 +1,6 @@
 """Images of a ball that moves while the shutter is open."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -92,6 +93,10 @@ def test_the_change_of_an_exposure_is_told_from_its_moments_and_is_none_where_th
         return State(replace(plain, moments=moved * motion), at, ball, uniform_profile(size, 4.0))
 
     moving, resting = shown(torch.ones(5)), shown(torch.zeros(5))
-    longer = exposure_share.lengthened(moving, torch.tensor(0.25))
-    assert exposure_share.factor_between(moving, longer) == pytest.approx(1.25)
-    assert exposure_share.factor_between(resting, exposure_share.lengthened(resting, torch.tensor(0.25))) == 1.0
+    unknown = exposure_share.unknown_from(moving.windows)
+    assert unknown is not None
+    longer = unknown.changed(moving, torch.tensor(0.25))
+    assert exposure_share.factor_between(moving.windows, longer.windows) == pytest.approx(math.exp(0.25))
+    assert float(unknown.value(longer)) == pytest.approx(0.25)
+    assert exposure_share.factor_between(resting.windows, resting.windows) == 1.0
+    assert exposure_share.unknown_from(resting.windows) is None

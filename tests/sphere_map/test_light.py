@@ -38,9 +38,9 @@ def residual(state: State) -> float:
 
 def test_light_that_stays_while_the_ball_turns_is_found() -> None:
     before = lit(3.0, LIGHT)
-    after = light.fit_light(before, one_share)
+    after, share = light.fit_light(before, one_share)
+    assert share == 1.0
     assert residual(before) > 3
-    # Four rounds of sixteen steps leave a tenth of the noise.
     assert residual(after) < 1.2
     # The first term scales as the map does.
     found = (after.ball.light / after.ball.light[0]).tolist()
@@ -49,14 +49,16 @@ def test_light_that_stays_while_the_ball_turns_is_found() -> None:
 
 def test_even_light_stays_even() -> None:
     before = lit(3.0, [1.0, 0.0, 0.0, 0.0])
-    after = light.fit_light(before, one_share)
+    after, share = light.fit_light(before, one_share)
+    assert share == 0.0
+    assert light.unknowns(share) == ()
     assert torch.equal(after.ball.light, before.ball.light)
     assert torch.equal(after.ball.coefficients, before.ball.coefficients)
 
 
 def test_a_ball_that_hardly_turns_is_fitted_all_the_same() -> None:
     """Map and light can take each other's place: whatever their shares are, together they leave the noise."""
-    after = light.fit_light(lit(0.1, LIGHT), one_share)
+    after, _ = light.fit_light(lit(0.1, LIGHT), one_share)
     assert bool(torch.isfinite(after.ball.light).all())
     assert float(after.ball.light[1:].abs().max()) < 1
     assert residual(after) < 1.2

@@ -24,19 +24,20 @@ from torchsphere.sphere_map import (
     map_fit,
     nearness,
     pixel_weights,
+    shared_unknown,
 )
-from torchsphere.sphere_map.ball import Poses, TexturedBall, uniform_light
+from torchsphere.sphere_map.ball import LIGHT_TERMS, Poses, TexturedBall, uniform_light
 from torchsphere.sphere_map.decision import NO_SOLUTION
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
 from torchsphere.sphere_map.footprint import fit_footprint, with_footprint_of_outline
 from torchsphere.sphere_map.forward_model import Linearisation
-from torchsphere.sphere_map.light import LAST_CHANGE, fit_light, is_lit_from_a_side
+from torchsphere.sphere_map.light import fit_light
 from torchsphere.sphere_map.map_fit import MapEquations
 from torchsphere.sphere_map.perspective import Optics
 from torchsphere.sphere_map.pixel_weights import ROUNDING_VARIANCE
 from torchsphere.sphere_map.radius_error import OPTICS_BLUR_PX
 from torchsphere.sphere_map.rays import rim_points
-from torchsphere.sphere_map.shared_unknown import SharedChange
+from torchsphere.sphere_map.shared_unknown import SharedUnknowns, limits
 from torchsphere.sphere_map.state import State, drawn, fit_map, linearised, reweighted, with_cells
 from torchsphere.sphere_map.window import Windows, texture_variance
 
@@ -44,17 +45,23 @@ from torchsphere.sphere_map.window import Windows, texture_variance
 class _Level(NamedTuple):
     """One resolution of the map."""
 
-    cell_px: float  # width of the cells
+    cells: int  # along a side of a face
     settled_px: float  # largest move of a pose by a step below which the level is done
     max_steps: int
     is_last: bool
     # Whether the optics blur the footprint of a pixel as they blur the outline.
     is_blurred: bool = False
-    is_outline_found: bool = False  # from the start
+    unknowns: SharedUnknowns = ()  # that all images share, beside radius and blur
+
+    def settled(self, n: int, covariance: Tensor) -> Tensor:
+        """Moves of all unknowns, of n poses, that count as settled: see `limits`."""
+        least = limits(n, self.settled_px, [unknown.last_change for unknown in self.unknowns]).to(covariance)
+        return least.maximum(SETTLED_SD * covariance.diagonal().sqrt())
 
 
-#: Width of the first map's cells, px: coarse cells align poses that are off by a px (docs/constants.toml).
-COARSE_PX = 2.0
+#: Width of the first map's cells, px, and move of a pose below which it counts as settled there: coarse cells align
+#: poses that are off by a px (docs/constants.toml).
+COARSE_PX, COARSE_SETTLED_PX = 2.0, 0.1
 
 #: Systematic error of the radius by the model of the edge, px, further error where the ball does not turn, as the map
 #: takes a texture at the limb for a part of the outline, and turn of the limb that halves it, px (docs/constants.toml).
@@ -70,20 +77,17 @@ OUTLINE_FOUND_PX = 0.02
 #: is registered again (docs/constants.toml).
 MAX_UNSETTLED_PX = 0.02
 
-#: Most searches for a light from a side: one that is found changes with each step of the poses (docs/constants.toml).
-LIGHT_ROUNDS = 3
-
-#: Conjugate gradients for the map to which a light is fitted (docs/constants.toml).
-LIGHT_MAP_STEPS = 12
-
 #: Move of a pose below which it counts as settled on the last map, px, and in standard deviations
 #: (docs/constants.toml).
 LAST_SETTLED_PX, SETTLED_SD = 0.0005, 0.1
 
-#: Conjugate gradients for a map on new cells, and for a step of map and poses together (docs/constants.toml).
+#: Most steps on the last map.
+MAX_STEPS = 30
+
+#: Conjugate gradients for a map on new cells, and most for a step of map and poses together (docs/constants.toml).
 NEW_MAP_STEPS, STEPS = 6, 60
 
-#: Share of a settled move that the conjugate gradients may leave.
+#: Share of a move that counts as settled, by which conjugate gradients may still change a step.
 SOLVED_SHARE = 0.2
 
 #: Largest change of the edge's blur in a step, px: its effect on the grey levels is far from linear.
@@ -93,25 +97,15 @@ MAX_BLUR_STEP_PX = 0.2
 #: (docs/constants.toml).
 SEEN_NEARNESS_SD, MAX_NEARNESS = 2.0, 0.3
 
-#: Nearness by the first step, in its standard deviations, from which the search goes on: a step reaches a tenth to a
-#: third of the nearness, as the map follows with delay (docs/constants.toml).
+#: Nearness by the first step, in its standard deviations, from which it is an unknown of the adjustment
+#: (docs/constants.toml).
 SUSPECTED_NEARNESS_SD = 1.3
-
-#: Rounds of the search for a shared unknown, steps of the adjustment in each, and largest share of a change that the
-#: next is expected to have (docs/constants.toml).
-SEARCH_ROUNDS, SEARCH_STEPS, MAX_SHARE_LEFT = 15, 2, 0.6
-
-#: Change of the nearness below which the search ends, and below which it has settled at least (docs/constants.toml).
-LAST_NEARNESS_CHANGE, SETTLED_NEARNESS = 0.0001, 0.0004
-
-#: Change of the exposure, as a share of it, below which the search ends (docs/constants.toml).
-LAST_EXPOSURE_CHANGE = 0.0005
 
 #: Largest move of a pose in a step, px (docs/constants.toml).
 MAX_MOVE_PX = 1.0
 
-#: Least move of a pose that is told from none, px.
-MIN_MOVE_PX = 1e-9
+#: Least move that is told from none, in moves that count as settled.
+MIN_MOVE = 1e-9
 
 #: Least share of a step that is taken.
 LEAST_SHARE = 0.3
@@ -130,12 +124,13 @@ class Adjustment:
     """The adjusted ball and poses."""
 
     state: State
-    # (7 n + 2, 7 n + 2): of each image (dx, dy, wx, wy, wz), px, rotations times the radius, then gain and offset; then
-    # of radius and edge blur, px. The mean orientation defines the frame and has no variance.
+    # (u, u): of each image (dx, dy, wx, wy, wz), px, rotations times the radius, then gain and offset; then of the
+    # level's unknowns; then of radius and edge blur, px. The mean orientation defines the frame and has no variance.
     covariance: Tensor
     settled: bool  # False if the poses still moved at the end
     sd_nearness: float = 0.0  # standard deviation of the ball's radius over its distance, which all images share
     last: LastStep | None = None
+    unknowns: SharedUnknowns = ()
 
 
 def adjust(
@@ -149,13 +144,15 @@ def adjust(
     *,
     optics_px: float = 0.0,
     least_variance: float = ROUNDING_VARIANCE,
+    is_exposure_known: bool = True,
 ) -> Adjustment:
     """Adjust map and poses to n images, from ``poses`` within half a speckle and a ``radius`` within a px.
 
     ``cell_px`` is the width of the map's cells, ``noise_variance`` that of the images, grey levels squared, and
     ``least_variance`` that which the steps of the levels leave; ``shared`` shares images out among threads.
     ``progress`` is called with the share that is done. The adjustment starts from the blur ``optics_px`` of the
-    images, 0 where they are sharp. Singular equations raise LinAlgError.
+    images, 0 where they are sharp, and from the exposure of the windows, which is adjusted if it is not known.
+    Singular equations raise LinAlgError.
     """
     like = windows.levels
     size = torch.tensor(radius, dtype=torch.float64, device=like.device)
@@ -167,160 +164,118 @@ def adjust(
         ball,
         pixel_weights.uniform_profile(size, noise_variance, least_variance),
     )
+    coarse = cube_map.cells_per_face(radius, max(COARSE_PX, cell_px))
     state = _with_first_map(state, max(COARSE_PX, cell_px), shared)
-    adjustment = _adjust_level(state, _Level(max(COARSE_PX, cell_px), 0.1, 20, is_last=False), shared)
+    adjustment = _adjust_level(state, _Level(coarse, COARSE_SETTLED_PX, 20, is_last=False), shared)
     _report(progress, 0.4)
     if not adjustment.settled:
         # Poses that jump about on a coarse map do so on a fine one.
         return adjustment
-    last = _Level(cell_px, LAST_SETTLED_PX, 30, is_last=True, is_blurred=optics_px > 0)
+    fine = cube_map.cells_per_face(radius, cell_px)
+    last = _Level(fine, LAST_SETTLED_PX, MAX_STEPS, is_last=True, is_blurred=optics_px > 0)
     # The noise as the steps between images saw it may hold more than noise, and so may a residual on coarse cells.
     noise = min(noise_variance, float(adjustment.state.profile.variance[0]))
     state = replace(adjustment.state, smoothness=map_fit.smoothness_for(noise, texture_variance(windows)))
-    state = with_cells(state, cube_map.cells_per_face(radius, cell_px))
     if last.is_blurred:
         # Coarse cells, and a sharp footprint, blur the outline more than the optics do.
         state = with_footprint_of_outline(replace(state, ball=replace(state.ball, edge_blur=blur)))
-    state, _ = fit_map(state, shared, LIGHT_MAP_STEPS)
-    # A light that differs from side to side pulls at the outline: it is fitted before the poses are.
-    state = _with_light(state, last, shared)
-    adjustment = _adjust_level(state, last, shared)
-    for _ in range(LIGHT_ROUNDS):
-        lit = _with_light(adjustment.state, last, shared)
-        if float((lit.ball.light - adjustment.state.ball.light).abs().max()) < LAST_CHANGE:
-            break
-        adjustment = _adjust_level(lit, last._replace(is_outline_found=True), shared)
+    exposure_of = None if is_exposure_known else windows
+    # Poses that are off look like a light, and a light pulls at the poses: it is looked for after one step.
+    state = _adjust_level(state, last._replace(max_steps=1), shared).state
+    lit, share = _with_light(state, last, shared)
+    adjustment = _adjust_last(lit, last, light.unknowns(share), exposure_of, shared)
+    if share and light.is_false(*_told_of_light(adjustment)):
+        even = replace(adjustment.state, ball=replace(adjustment.state.ball, light=uniform_light(size)))
+        adjustment = _adjust_last(even, last, (), exposure_of, shared)
     _report(progress, 1.0)
     return replace(adjustment, covariance=_with_radius_error(adjustment))
 
 
-def _with_light(state: State, level: _Level, shared: RowRunner) -> State:
-    """The state with the light that fits best, and, where the outline alone is blurred, with the footprint's blur."""
-    state = fit_light(state, shared)
-    return state if level.is_blurred else fit_footprint(state, shared)
+def _with_light(state: State, level: _Level, shared: RowRunner) -> tuple[State, float]:
+    """`fit_light`, and the footprint's blur where it is not that of the optics."""
+    state, share = fit_light(state, shared)
+    return (state if level.is_blurred else fit_footprint(state, shared)), share
 
 
-def find_exposure(
-    adjustment: Adjustment, cell_px: float, optics_px: float, shared: RowRunner
-) -> tuple[Adjustment, float]:
-    """The adjustment with the exposure that fits best, and that exposure over the one by the outlines.
+def _told_of_light(adjustment: Adjustment) -> tuple[Tensor, Tensor, Tensor]:
+    """Terms (3,) of the light from a side, their covariance (3, 3), and the weighted squares () that are left."""
+    assert adjustment.last is not None
+    state, model, joint = adjustment.last
+    first = PER_IMAGE * len(state.poses)
+    of_light = slice(first, first + LIGHT_TERMS - 1)
+    squares = (joint.map.weights * (state.windows.levels - model.levels).square()).sum()
+    return adjustment.state.ball.light[1:], adjustment.covariance[of_light, of_light], squares
 
-    The given one and 1 where poses do not settle with another exposure.
+
+def _adjust_last(
+    state: State, level: _Level, lights: SharedUnknowns, exposure_of: Windows | None, shared: RowRunner
+) -> Adjustment:
+    """The adjustment on the last ``level`` with a light, and with the exposure over that of the given windows.
+
+    The exposure stays where poses do not settle with another one.
     """
-    level = _Level(
-        cell_px, LAST_SETTLED_PX, SEARCH_STEPS, is_last=True, is_blurred=optics_px > 0, is_outline_found=True
-    )
-
-    def factor(at: Adjustment) -> float:
-        return exposure_share.factor_between(adjustment.state, at.state)
-
-    def measured(at: Adjustment) -> SharedChange:
-        assert at.last is not None
-        return exposure_share.measure(*at.last, factor(at), shared)
-
-    found, _ = _searched(adjustment, measured, level, LAST_EXPOSURE_CHANGE, shared)
-    if not found.settled:
-        return adjustment, 1.0
-    return replace(found, covariance=_with_radius_error(found)), factor(found)
+    longer = None if exposure_of is None else exposure_share.unknown_from(exposure_of)
+    if longer is not None:
+        adjustment = _adjust_level(state, level._replace(unknowns=(*lights, longer)), shared)
+        if adjustment.settled:
+            return adjustment
+    return _adjust_level(state, level._replace(unknowns=lights), shared)
 
 
-def _searched(
-    start: Adjustment,
-    measured: Callable[[Adjustment], SharedChange],
-    level: _Level,
-    last_change: float,
-    shared: RowRunner,
-) -> tuple[Adjustment, SharedChange]:
-    """The adjustment with the shared unknown that fits best, and its last change as ``measured``.
-
-    The search ends after a change below ``last_change``.
-    """
-    at, before = start, math.inf
-    for _ in range(SEARCH_ROUNDS):
-        found = measured(at)
-        change = float(found.change)
-        # Changes get shorter by a steady share, as the map follows the unknown with delay.
-        share_left = min(max(change / before, 0.0), MAX_SHARE_LEFT)
-        at = _adjust_level(replace(found, change=found.change / (1 - share_left)).applied(at.state), level, shared)
-        if abs(change) < last_change:
-            break
-        before = change
-    return at, found
-
-
-def find_nearness(adjustment: Adjustment, optics: Optics, cell_px: float, shared: RowRunner) -> Adjustment:
+def find_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) -> Adjustment:
     """The adjustment with the camera's distance, if the images tell it from one infinitely far away.
 
     ``optics`` are those of a camera infinitely far away. A nearness that is not seen, or that no camera can have, is
     left at 0, and stated as what it may be.
     """
     try:
-        return _with_nearness(adjustment, optics, cell_px, shared)
+        return _with_nearness(adjustment, optics, shared)
     except torch.linalg.LinAlgError:  # type: ignore[attr-defined]
         # A model that fits no image at all leaves no equations to solve.
         return replace(adjustment, sd_nearness=nearness.UNKNOWN_SD)
 
 
-def _measured_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) -> SharedChange:
-    """The nearness by the equations of the last step, as ``optics`` see the ball; the step itself hardly matters."""
+def _with_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) -> Adjustment:
     assert adjustment.last is not None
     before, model, joint = adjustment.last
-    return nearness.measure(replace(before, windows=before.windows.seen_by(optics)), model, joint, shared)
-
-
-def _with_nearness(adjustment: Adjustment, optics: Optics, cell_px: float, shared: RowRunner) -> Adjustment:
-    state = replace(adjustment.state, windows=adjustment.state.windows.seen_by(optics))
-    level = _Level(cell_px, LAST_SETTLED_PX, SEARCH_STEPS, is_last=True)
-
-    def measured(at: Adjustment) -> SharedChange:
-        seen_by = at.state.windows.optics
-        assert seen_by is not None
-        return _measured_nearness(at, seen_by, shared)
-
-    found = _measured_nearness(adjustment, optics, shared)
-    sd = min(math.hypot(float(found.change), nearness.total_sd(found)), nearness.UNKNOWN_SD)
-    unseen = _not_seen(adjustment, found, sd)
-    if float(found.change) > SUSPECTED_NEARNESS_SD * nearness.apparent_sd(found):
-        start: Adjustment | None = _adjust_level(found.applied(state), level, shared)
-    else:
-        # Where the ball hardly turns, the map hides a near camera in part: it may be seen from near by alone.
-        start = _probe(state, level, shared)
-    if start is None:
-        return unseen
-    near, last = _searched(start, measured, level, LAST_NEARNESS_CHANGE, shared)
-    settled = near.settled and abs(float(last.change)) < SETTLED_NEARNESS
+    far = replace(before, windows=before.windows.seen_by(optics))
+    # By the equations of the last step: the step itself hardly matters.
+    found = shared_unknown.measure(nearness.UNKNOWN, far, model, joint, shared)
+    change, sd = float(found.change), float(found.sd)
+    if change <= SUSPECTED_NEARNESS_SD * nearness.apparent_sd(sd):
+        return _not_seen(adjustment, math.hypot(change, nearness.total_sd(sd)), found.of_radius)
+    unknowns = (*adjustment.unknowns, nearness.UNKNOWN)
+    level = _Level(adjustment.state.ball.cells, LAST_SETTLED_PX, MAX_STEPS, is_last=True, unknowns=unknowns)
+    start = replace(adjustment.state, windows=adjustment.state.windows.seen_by(optics))
+    near = _adjust_level(found.applied(start), level, shared)
     value = float(nearness.nearness_of(near.state))
-    if settled and value <= SEEN_NEARNESS_SD * nearness.apparent_sd(last):
-        return _not_seen(adjustment, last, min(math.hypot(value, nearness.total_sd(last)), nearness.UNKNOWN_SD))
-    if not settled or value >= MAX_NEARNESS:
+    sd, of_radius = _told(near, shared)
+    if near.settled and value <= SEEN_NEARNESS_SD * nearness.apparent_sd(sd):
+        return _not_seen(adjustment, math.hypot(value, nearness.total_sd(sd)), of_radius)
+    if not near.settled or value >= MAX_NEARNESS:
         # What was seen and could not be settled is not known to less than what the search had found.
+        unseen = _not_seen(adjustment, nearness.UNKNOWN_SD, found.of_radius)
         return replace(unseen, sd_nearness=max(nearness.UNKNOWN_SD, abs(value)))
-    sd = nearness.total_sd(last)
+    sd = nearness.total_sd(sd)
     near = replace(near, covariance=_with_radius_error(near), sd_nearness=sd)
-    return replace(near, covariance=with_radius_error(near, last.of_radius * sd))
+    return replace(near, covariance=with_radius_error(near, of_radius * sd))
 
 
-def _not_seen(adjustment: Adjustment, found: SharedChange, sd: float) -> Adjustment:
+def _not_seen(adjustment: Adjustment, sd: float, of_radius: float) -> Adjustment:
     """The ``adjustment`` of a camera infinitely far away, whose radius errs with a nearness of that ``sd``."""
-    return replace(adjustment, covariance=with_radius_error(adjustment, found.of_radius * sd), sd_nearness=sd)
+    sd = min(sd, nearness.UNKNOWN_SD)
+    return replace(adjustment, covariance=with_radius_error(adjustment, of_radius * sd), sd_nearness=sd)
 
 
-def _probe(state: State, level: _Level, shared: RowRunner) -> Adjustment | None:
-    """The adjustment at the nearness of a usual camera; None if it explains the images no better than the ``state``."""
-    weights = state.profile.weights(state.windows, state.poses.centre)
-
-    def unexplained(other: State) -> Tensor:
-        levels = drawn(other, shared).levels(other.ball.coefficients)
-        return (weights * (other.windows.levels - levels).square()).sum()
-
-    before = unexplained(state)
-    near = nearness.with_nearness(state, torch.full_like(state.ball.radius, nearness.UNKNOWN_SD))
-    # A new map alone shows where poses that follow will not help: it saves their steps.
-    near, _ = fit_map(near, shared, NEW_MAP_STEPS)
-    if bool(unexplained(near) > nearness.HOPELESS * before):
-        return None
-    adjusted = _adjust_level(near, level, shared)
-    return adjusted if bool(unexplained(adjusted.state) < (1 - nearness.MIN_GAIN) * before) else None
+def _told(adjustment: Adjustment, shared: RowRunner) -> tuple[float, float]:
+    """Standard deviation of the last unknown of the ``adjustment``, and change of the radius with it, px."""
+    assert adjustment.last is not None
+    state, model, joint = adjustment.last
+    columns = model.jacobian.shape[-1] - 1
+    without = Linearisation(model.levels, model.jacobian[..., :columns].contiguous())
+    rest = elimination.joint_equations(without, joint.map, state.poses, _precisions(adjustment.unknowns[:-1]))
+    found = shared_unknown.measure(adjustment.unknowns[-1], state, without, rest, shared)
+    return float(found.sd), found.of_radius
 
 
 def _report(progress: Callable[[float], None] | None, share: float) -> None:
@@ -351,56 +306,62 @@ def _with_first_map(state: State, cell_px: float, shared: RowRunner) -> State:
 
 
 def _adjust_level(state: State, level: _Level, shared: RowRunner) -> Adjustment:
-    """Gauss-Newton steps until one moves no pose by more than ``settled_px``."""
+    """Gauss-Newton steps until one moves no pose by more than ``settled_px``, and no unknown by its last change."""
     if not math.isfinite(float(state.ball.radius)):
         raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
-    state = with_cells(state, cube_map.cells_per_face(float(state.ball.radius), level.cell_px))
-    state, equations = fit_map(state, shared, NEW_MAP_STEPS)
-    limit, before, share, moved = (math.inf if level.is_outline_found else MAX_RING_VARIANCE), None, 1.0, MIN_MOVE_PX
-    for number in range(level.max_steps):
+    if state.ball.cells != level.cells:
+        state, _ = fit_map(with_cells(state, level.cells), shared, NEW_MAP_STEPS)
+    limit, before, share, moved = MAX_RING_VARIANCE, None, 1.0, MIN_MOVE
+    for _ in range(level.max_steps):
         model = linearised(state, shared)
-        if number:
-            weights = state.profile.weights(state.windows, state.poses.centre)
-            equations = MapEquations.of(drawn(state, shared), weights, shared, state.smoothness)
+        weights = state.profile.weights(state.windows, state.poses.centre)
+        equations = MapEquations.of(drawn(state, shared), weights, shared, state.smoothness)
         state = reweighted(state, state.windows.levels - model.levels, equations.leverage(), shared, limit)
         weights = state.profile.weights(state.windows, state.poses.centre)
         equations = MapEquations.of(equations.design, weights, shared, state.smoothness)
-        last = LastStep(state, model, elimination.joint_equations(model, equations, state.poses))
-        settled = max(level.settled_px, SETTLED_SD * float(last.joint.covariance.diagonal()[0].sqrt()))
-        of_map, step = _step(last, SOLVED_SHARE * settled)
+        model = shared_unknown.with_columns(level.unknowns, state, model, shared)
+        joint = elimination.joint_equations(model, equations, state.poses, _precisions(level.unknowns))
+        last = LastStep(state, model, joint)
+        settled = level.settled(len(state.poses), joint.covariance)
+        of_map, step = _step(last, level.unknowns, SOLVED_SHARE * settled)
         share, before = _share_of_step(share, before, step), step
-        state, move = _moved(state, last.joint, share * of_map, share * step)
+        state, of_step = _moved(state, level.unknowns, joint, share * of_map, share * step)
         if level.is_blurred:
             state = with_footprint_of_outline(state)
-        state, relit = _relit(state, level, shared)
+        move, move_px = float((of_step / settled).abs().max()), _in_px(of_step, len(state.poses))
         if not math.isfinite(move):
             raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
         is_bound = level.is_last and float(state.profile.variance.max()) >= limit * float(state.profile.variance[0])
         # The next move is shorter by as much as this one was, at least.
-        left, moved = move * min(1.0, move / moved), move
-        if left < settled and relit < LAST_CHANGE and not is_bound:
+        shorter, moved = min(1.0, move / moved), move
+        if shorter * move < 1 and not is_bound:
             break
-        if move < OUTLINE_FOUND_PX:
+        if move_px < OUTLINE_FOUND_PX:
             limit = math.inf
-    return Adjustment(state, last.joint.covariance, left < max(settled, MAX_UNSETTLED_PX), last=last)
+    has_settled = shorter * move_px < max(level.settled_px, MAX_UNSETTLED_PX)
+    return Adjustment(state, joint.covariance, has_settled, last=last, unknowns=level.unknowns)
 
 
-def _relit(state: State, level: _Level, shared: RowRunner) -> tuple[State, float]:
-    """The state with its light, if it has one from a side, after one more change, and the change.
-
-    Poses and light take up a part of each other: changed in turns, they settle together.
-    """
-    is_lit = level.is_last and is_lit_from_a_side(state.ball)
-    return light.changed(state, shared) if is_lit else (state, 0.0)
+def _in_px(step: Tensor, n: int) -> float:
+    """Largest move of one of n poses, or of the radius, by a ``step`` (u,), px."""
+    of_poses = step[: PER_IMAGE * n].unflatten(0, (n, PER_IMAGE))[:, :5]
+    return float(of_poses.abs().max().maximum(step[-COMMON].abs()))
 
 
-def _step(at: LastStep, settled_px: float) -> tuple[Tensor, Tensor]:
-    """Gauss-Newton step of the map (m,) and of all other unknowns (7 n + 2,)."""
+def _precisions(unknowns: SharedUnknowns) -> tuple[float, ...]:
+    return tuple(unknown.precision for unknown in unknowns)
+
+
+def _step(at: LastStep, unknowns: SharedUnknowns, settled: Tensor) -> tuple[Tensor, Tensor]:
+    """Gauss-Newton step of the map (m,) and of all other unknowns (u,), down to a share of what counts as settled."""
     state, model, joint = at
     weighted = (joint.map.weights * (state.windows.levels - model.levels)).flatten(1).unsqueeze(1)
     by_unknowns = elimination.spread_gradient(torch.bmm(weighted, model.jacobian)[:, 0].double())
+    first = PER_IMAGE * len(state.poses)
+    for number, unknown in enumerate(unknowns):
+        by_unknowns[first + number] -= unknown.precision * unknown.value(state)
     by_map = joint.map.gradient(state.ball.coefficients, state.windows.levels)
-    return joint.solve(by_map, by_unknowns, STEPS, settled_px)
+    return joint.solve(by_map, by_unknowns, STEPS, settled)
 
 
 def _share_of_step(share: float, before: Tensor | None, step: Tensor) -> float:
@@ -415,20 +376,17 @@ def _share_of_step(share: float, before: Tensor | None, step: Tensor) -> float:
     return min(1.0, max(share / (1 - back), LEAST_SHARE)) if back < 1 else 1.0
 
 
-def _moved(state: State, joint: JointEquations, of_map: Tensor, step: Tensor) -> tuple[State, float]:
-    """The state after a step, held within the limits of its length, and the largest move of a pose, px."""
-    ball = state.ball
+def _moved(
+    state: State, unknowns: SharedUnknowns, joint: JointEquations, of_map: Tensor, step: Tensor
+) -> tuple[State, Tensor]:
+    """The state after a step, held within the limits of its length, and what was taken of the step (u,)."""
+    ball, poses = state.ball, len(state.poses)
     # The blur is held within its bounds; the other unknowns follow by their correlation with it.
     wanted = step[-1].clamp(-MAX_BLUR_STEP_PX, MAX_BLUR_STEP_PX).maximum(forward_model.MIN_BLUR_PX - ball.edge_blur)
     step = step + joint.covariance[:, -1] / joint.covariance[-1, -1] * (wanted - step[-1])
-    own = step[:-COMMON].unflatten(0, (-1, PER_IMAGE))
-    longest = own[:, :5].abs().max()
-    share = MAX_MOVE_PX / longest.clamp_min(MAX_MOVE_PX)
-    step, own = share * step, share * own
-    poses = state.poses.moved(own[:, :5], ball.radius).brightened(own[:, 5:])
-    coefficients = ball.coefficients + share.to(of_map) * of_map
-    ball = replace(ball, radius=ball.radius + step[-2], edge_blur=ball.edge_blur + step[-1], coefficients=coefficients)
-    return replace(state, poses=poses, ball=ball), float(own[:, :5].abs().max().maximum(step[-2].abs()))
+    most = limits(poses, MAX_MOVE_PX, [unknown.max_change for unknown in unknowns]).to(step)
+    share = 1 / (step / most).abs().max().clamp_min(1)
+    return shared_unknown.moved(state, unknowns, share.to(of_map) * of_map, share * step), share * step
 
 
 def _with_radius_error(adjustment: Adjustment) -> Tensor:

@@ -12,12 +12,14 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from torchsphere.kernels.layout import COLUMNS
 from torchsphere.sphere_map import map_fit
 from torchsphere.sphere_map.ball import Poses
 from torchsphere.sphere_map.forward_model import BRIGHTNESS, MOTION, SHARED, Linearisation
 from torchsphere.sphere_map.map_fit import MapEquations
 
-#: Unknowns of each image: motion, gain, offset; and of all images: radius and edge blur.
+#: Unknowns of each image: motion, gain, offset; and of all images, at the end: radius and edge blur. Between them are
+#: those of `shared_unknown`, if there are any.
 PER_IMAGE, COMMON = 7, 2
 
 #: Standard deviations of the mean gain and of the mean offset, grey levels: the map scales as they do, and the
@@ -39,44 +41,42 @@ CALM_STEPS, CALM_SHARE = 4, 0.1
 
 @dataclass(frozen=True)
 class JointEquations:
-    """Gauss-Newton equations of map (m,) and u = 7 n + 2 other unknowns, and their approximate solution."""
+    """Gauss-Newton equations of map (m,) and u = 7 n + k + 2 other unknowns, and their approximate solution."""
 
     map: MapEquations
     normal: Tensor  # (u, u), float64, of the other unknowns, with constraints on what the images leave open
-    coupling: Tensor  # (m, u): normal matrix between the map's nodes and the unknowns
+    seen: Tensor  # numbers (r,) of the coefficients that an image shows
+    coupling: Tensor  # (r, u): normal matrix between these coefficients and the unknowns
     taken_up: Tensor  # (u, u): what the map takes up of the normal matrix, were its own matrix diagonal at its nodes
     covariance: Tensor  # (u, u), float64: inverse of the Schur complement
 
     def times(self, of_map: Tensor, step: Tensor) -> tuple[Tensor, Tensor]:
         """Product (m,) and (u,) of the matrix with changes of the map (m,) and of the other unknowns (u,)."""
-        cells = self.map.design.cells
-        by_map = self.map.times(of_map) + map_fit.from_nodes(self.coupling @ step.to(self.coupling), cells)
-        return by_map, self._by_unknowns(map_fit.from_nodes(of_map, cells)).double() + self.normal @ step
+        by_map = self.map.times(of_map) + self._by_map(step.to(self.coupling))
+        return by_map, self._by_unknowns(of_map).double() + self.normal @ step
 
     def solve(
-        self, by_map: Tensor, by_unknowns: Tensor, steps: int, settled_px: float = 0.0
+        self, by_map: Tensor, by_unknowns: Tensor, steps: int, settled: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """Solution (m,) and (u,) after ``steps`` of conjugate gradients from the approximate one.
 
-        It ends before, where `CALM_STEPS` have moved no pose, nor the radius, by more than ``settled_px`` or by
-        `CALM_SHARE` of the move so far.
+        It ends before, where `CALM_STEPS` have moved no unknown by more than its ``settled`` (u,), or by `CALM_SHARE`
+        of the longest move so far, measured by these.
         """
-        cells = self.map.design.cells
+        scale = torch.zeros_like(by_unknowns) if settled is None else 1 / settled
         rest, wanted = by_map, by_unknowns
         of_map, step = torch.zeros_like(by_map), torch.zeros_like(by_unknowns)
         at = self.approximate(rest, wanted)
         square = (rest @ at.of_map).double() + wanted @ at.step
-        moves = [_in_px(step)]
+        moves = [step]
         for _ in range(steps):
-            mp = self.map.times(at.of_map) + map_fit.from_nodes(at.coupled, cells)
+            mp = self.map.times(at.of_map) + at.coupled
             mq = at.coupled_back.double() + self.normal @ at.step
             length = square / ((at.of_map @ mp).double() + at.step @ mq).clamp_min(1e-30)
             of_map, step = of_map + length.to(mp) * at.of_map, step + length * at.step
-            moves.append(_in_px(step))
-            if len(moves) > CALM_STEPS:
-                rest_px = float((moves[-1] - moves[-1 - CALM_STEPS]).abs().max())
-                if rest_px < max(settled_px, CALM_SHARE * float(moves[-1].abs().max())):
-                    break
+            moves.append(scale * step)
+            if settled is not None and _is_calm(moves):
+                break
             rest, wanted = rest - length.to(mp) * mp, wanted - length * mq
             new = self.approximate(rest, wanted)
             before, square = square, (rest @ new.of_map).double() + wanted @ new.step
@@ -85,25 +85,32 @@ class JointEquations:
 
     def approximate(self, by_map: Tensor, by_unknowns: Tensor) -> Direction:
         """Solution as if the map's matrix were diagonal at its nodes."""
-        cells = self.map.design.cells
-        at_nodes = map_fit.to_nodes(by_map, cells) / self.map.density
-        back = self._by_unknowns(at_nodes)
+        alone = self.map.approximate_inverse(by_map)
+        back = self._by_unknowns(alone)
         step = self.covariance @ (by_unknowns - back.double())
         single = step.to(back)
-        coupled = torch.cat(self.map.shared(lambda a, b: self.coupling[a:b] @ single, len(at_nodes)))
-        of_map = map_fit.to_nodes(at_nodes - coupled / self.map.density, cells)
+        coupled = self._by_map(single)
+        of_map = alone - self.map.approximate_inverse(coupled)
         return Direction(of_map, step, coupled, back - self.taken_up @ single)
 
-    def _by_unknowns(self, at_nodes: Tensor) -> Tensor:
-        """Product (u,) of the transposed coupling with values at the map's nodes (m,)."""
-        parts = self.map.shared(lambda a, b: self.coupling[a:b].T @ at_nodes[a:b], len(at_nodes))
+    def _by_map(self, step: Tensor) -> Tensor:
+        """Product (m,) of the coupling with a ``step`` (u,)."""
+        parts = self.map.shared(lambda a, b: self.coupling[a:b] @ step, len(self.seen))
+        return step.new_zeros(len(self.map.density)).index_copy_(0, self.seen, torch.cat(parts))
+
+    def _by_unknowns(self, of_map: Tensor) -> Tensor:
+        """Product (u,) of the transposed coupling with a change of the map (m,)."""
+        shown = of_map[self.seen]
+        parts = self.map.shared(lambda a, b: self.coupling[a:b].T @ shown[a:b], len(shown))
         return torch.stack(parts).sum(0)
 
 
-def _in_px(step: Tensor) -> Tensor:
-    """The part (6 n,) of a step (7 n + 2,) that moves poses or the outline, px."""
-    own = step[:-COMMON].unflatten(0, (-1, PER_IMAGE))[:, :5]
-    return torch.cat((own.flatten(), step[-COMMON:-1]))
+def _is_calm(moves: list[Tensor]) -> bool:
+    """Whether the last of the ``moves`` (u,) hardly differ; a move of 1 is one that counts as settled."""
+    if len(moves) <= CALM_STEPS:
+        return False
+    rest = float((moves[-1] - moves[-1 - CALM_STEPS]).abs().max())
+    return rest < max(1.0, CALM_SHARE * float(moves[-1].abs().max()))
 
 
 class Direction(NamedTuple):
@@ -115,7 +122,7 @@ class Direction(NamedTuple):
 
     of_map: Tensor  # (m,)
     step: Tensor  # (u,), float64
-    coupled: Tensor  # (m,): coupling with ``step``, at the nodes
+    coupled: Tensor  # (m,): coupling with ``step``
     coupled_back: Tensor  # (u,): transposed coupling with ``of_map``
 
     def plus(self, share: Tensor, other: Direction) -> Direction:
@@ -123,11 +130,18 @@ class Direction(NamedTuple):
         return Direction(*(a + share.to(a) * b for a, b in zip(self, other, strict=True)))
 
 
-def joint_equations(model: Linearisation, equations: MapEquations, poses: Poses) -> JointEquations:
-    """Set up the equations and eliminate the map."""
+def joint_equations(
+    model: Linearisation, equations: MapEquations, poses: Poses, precisions: tuple[float, ...] = ()
+) -> JointEquations:
+    """Set up the equations and eliminate the map.
+
+    Columns of the ``model`` beyond those of poses and outline are unknowns that all images share, with these
+    ``precisions`` of their priors.
+    """
     design, n = equations.design, len(poses)
-    coupling = model.jacobian.new_empty(len(equations.density), PER_IMAGE * n + COMMON)
-    own = coupling[:, :-COMMON].unflatten(1, (n, PER_IMAGE))
+    shared = _shared_columns(model.jacobian.shape[-1])
+    coupling = model.jacobian.new_empty(len(equations.density), PER_IMAGE * n + len(shared))
+    own = coupling[:, : PER_IMAGE * n].unflatten(1, (n, PER_IMAGE))
 
     def part(a: int, b: int) -> tuple[Tensor, Tensor]:
         jacobian, weights = model.jacobian[a:b], equations.weights[a:b]
@@ -135,18 +149,29 @@ def joint_equations(model: Linearisation, equations: MapEquations, poses: Poses)
         columns = design.rows(a, b).adjoint_columns(weighted).movedim(0, 1)
         # Straight to their places: these are the largest arrays of an adjustment.
         own[:, a:b, :5], own[:, a:b, 5:] = columns[..., MOTION], columns[..., BRIGHTNESS]
-        return model.rows(a, b).normal(weights, weights)[0], columns[..., SHARED].sum(1)
+        return model.rows(a, b).normal(weights, weights)[0], columns[..., shared].sum(1)
 
     blocks, common = zip(*equations.shared(part, n), strict=True)
-    coupling[:, -COMMON:] = torch.stack(common).sum(0)
+    coupling[:, PER_IMAGE * n :] = torch.stack(common).sum(0)
     normal = spread_normal(torch.cat(blocks))
-    coupling = map_fit.to_nodes(coupling, design.cells)
-    density = equations.density.unsqueeze(1)
-    products = equations.shared(lambda a, b: coupling[a:b].T @ (coupling[a:b] / density[a:b]), len(density))
+    at_nodes, density = map_fit.to_nodes(coupling, design.cells), equations.density.unsqueeze(1)
+    products = equations.shared(lambda a, b: at_nodes[a:b].T @ (at_nodes[a:b] / density[a:b]), len(density))
     taken_up = torch.stack(products).sum(0)
+    seen = _seen(coupling)
     normal = normal + _gauge(poses, normal)
     normal[-1, -1] += 1 / BLUR_SD_PX**2
-    return JointEquations(equations, normal, coupling, taken_up, _inverse_of_rest(normal, taken_up.double()))
+    first = PER_IMAGE * n
+    for number, precision in enumerate(precisions):
+        normal[first + number, first + number] += precision
+    covariance = _inverse_of_rest(normal, taken_up.double())
+    return JointEquations(equations, normal, seen, coupling[seen], taken_up, covariance)
+
+
+def _seen(coupling: Tensor) -> Tensor:
+    """Numbers (r,) of the rows of the ``coupling`` (m, u) that are not zero; all on a GPU, which would have to wait."""
+    if coupling.is_cpu:
+        return torch.nonzero((coupling != 0).any(1))[:, 0]
+    return torch.arange(len(coupling), device=coupling.device)
 
 
 def _inverse_of_rest(normal: Tensor, taken_up: Tensor) -> Tensor:
@@ -161,26 +186,32 @@ def _inverse_of_rest(normal: Tensor, taken_up: Tensor) -> Tensor:
     return back / left.clamp_min(LEAST_LEFT) @ back.T
 
 
+def _shared_columns(count: int) -> list[int]:
+    """Those of ``count`` columns of a jacobian that all images share, in the order of the unknowns."""
+    outline = list(range(count))[SHARED]
+    return [*range(COLUMNS, count), *outline]
+
+
 def spread_normal(blocks: Tensor) -> Tensor:
-    """Normal matrix (7 n + 2, 7 n + 2) from the ``blocks`` (n, 9, 9) of the images."""
-    order = [*range(5), 7, 8]
+    """Normal matrix (7 n + k + 2, 7 n + k + 2) from the ``blocks`` (n, 9 + k, 9 + k) of the images."""
+    order, shared = [*range(5), 7, 8], _shared_columns(blocks.shape[-1])
     own = torch.block_diag(*blocks[:, order][:, :, order])
-    across = blocks[:, order, SHARED].reshape(-1, COMMON)
-    common = blocks[:, SHARED, SHARED].sum(0)
+    across = blocks[:, order][:, :, shared].reshape(-1, len(shared))
+    common = blocks[:, shared][:, :, shared].sum(0)
     return torch.cat((torch.cat((own, across), 1), torch.cat((across.T, common), 1)))
 
 
 def spread_gradient(parts: Tensor) -> Tensor:
-    """Gradient (7 n + 2,) from that of the images (n, 9)."""
+    """Gradient (7 n + k + 2,) from that of the images (n, 9 + k)."""
     own = torch.cat((parts[:, MOTION], parts[:, BRIGHTNESS]), 1)
-    return torch.cat((own.flatten(), parts[:, SHARED].sum(0)))
+    return torch.cat((own.flatten(), parts[:, _shared_columns(parts.shape[-1])].sum(0)))
 
 
 def _gauge(poses: Poses, normal: Tensor) -> Tensor:
     """Constraints on what the images leave open: a common rotation of poses and map, mean gain and mean offset."""
     n, device = len(poses), normal.device
-    open_ = torch.zeros(5, 7 * n + COMMON, dtype=torch.float64, device=device)
-    own = open_[:, :-COMMON].view(5, n, PER_IMAGE)
+    open_ = torch.zeros(5, len(normal), dtype=torch.float64, device=device)
+    own = open_[:, : PER_IMAGE * n].view(5, n, PER_IMAGE)
     stiffness = normal.diagonal()[:5].max()
     own[:3, :, 2:5] = poses.orientation.permute(2, 0, 1) * (stiffness / n).sqrt()
     own[3, :, 5] = 1 / (MEAN_GAIN_SD * n)

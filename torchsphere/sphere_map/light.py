@@ -8,58 +8,75 @@ import torch
 from torch import Tensor
 
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map.ball import LIGHT_TERMS, TexturedBall
+from torchsphere.sphere_map.ball import LIGHT_TERMS
 from torchsphere.sphere_map.map_fit import MapEquations
+from torchsphere.sphere_map.shared_unknown import SharedUnknown, SharedUnknowns
 from torchsphere.sphere_map.soft_limit import share_beyond
 from torchsphere.sphere_map.state import State, drawn
 
-#: Share of the squared residuals that a light must explain, and largest number of its changes (docs/constants.toml).
-MIN_EXPLAINED, ROUNDS = 0.01, 3
+#: Share of the squared residuals that a light must explain, and number of its first changes (docs/constants.toml).
+MIN_EXPLAINED, ROUNDS = 0.01, 2
 
-#: Change of the light, relative to it, that needs no further one (docs/constants.toml).
+#: Change of the light, relative to it, below which it has settled (docs/constants.toml).
 LAST_CHANGE = 0.0005
 
 #: Share of the squared residuals beside the map from which a light is looked for (docs/constants.toml).
 MIN_SEEN = 2e-4
 
-#: Prior standard deviation of the light's terms (docs/constants.toml).
-TERM_SD = 0.3
+#: Prior standard deviation of the light's terms, and their largest change at once (docs/constants.toml).
+TERM_SD, MAX_CHANGE = 0.3, 0.3
 
 #: Conjugate gradients for the map's response to the light, or to the blur (docs/constants.toml).
 MAP_STEPS = 16
 
 
-def fit_light(state: State, shared: RowRunner) -> State:
-    """Fit the light on the ball, if a light that differs from side to side explains enough of the residuals.
+def fit_light(state: State, shared: RowRunner) -> tuple[State, float]:
+    """The state with a first light on the ball, the poses held, and the share of a light from a side that is believed.
 
+    The share is 0, and the light even, where one that differs from side to side explains too little of the residuals.
     Map and light are solved for together: in turns, the map would keep the light that the map has already absorbed.
     """
-    seen = 1.0 if is_lit_from_a_side(state.ball) else _seen_share(state, shared)
+    seen = _seen_share(state, shared)
     if not seen:
-        return state
+        return state, 0.0
+    share = 0.0
     for _ in range(ROUNDS):
-        state, change = changed(state, shared, seen)
-        if change < LAST_CHANGE:
-            break
-    return state
+        ball = state.ball
+        change, response, explained = _change(state, shared)
+        share = seen * share_beyond(explained, MIN_EXPLAINED)
+        change = share * (ball.light[1:] + change) - ball.light[1:]
+        light = ball.light + torch.cat((torch.zeros_like(change[:1]), change))
+        coefficients = ball.coefficients - response @ change.to(response)
+        state = replace(state, ball=replace(ball, light=light, coefficients=coefficients))
+    return state, share
 
 
-def changed(state: State, shared: RowRunner, seen: float = 1.0) -> tuple[State, float]:
-    """The state after one change of light and map, the poses held, and the largest change of a term of the light.
+def unknowns(share: float) -> SharedUnknowns:
+    """The terms of a light from a side that is believed by that ``share``."""
+    return tuple(_term(number, TERM_SD * share) for number in range(1, LIGHT_TERMS)) if share else ()
 
-    ``seen`` is the share of a light that is taken over.
+
+def is_false(terms: Tensor, covariance: Tensor, squares: Tensor) -> bool:
+    """Whether a light with these ``terms`` (3,), which count, explains too little of the squares.
+
+    Of the weighted squares () that are left with it, and the ``covariance`` (3, 3) of its terms.
     """
-    ball = state.ball
-    change, response, explained = _change(state, shared)
-    change = seen * share_beyond(explained, MIN_EXPLAINED) * (ball.light[1:] + change) - ball.light[1:]
-    light = ball.light + torch.cat((torch.zeros_like(change[:1]), change))
-    coefficients = ball.coefficients - response @ change.to(response)
-    return replace(state, ball=replace(ball, light=light, coefficients=coefficients)), float(change.abs().max())
+    explained = terms @ torch.linalg.solve(covariance, terms)
+    counts = float(terms.abs().max()) > LAST_CHANGE
+    return counts and not share_beyond(explained / (squares + explained), MIN_EXPLAINED)
 
 
-def is_lit_from_a_side(ball: TexturedBall) -> bool:
-    """Whether the light differs from side to side."""
-    return bool(ball.light[1:].any())
+def _term(number: int, prior_sd: float) -> SharedUnknown:
+    """The light's term of that ``number``."""
+
+    def value(state: State) -> Tensor:
+        return state.ball.light[number]
+
+    def changed(state: State, change: Tensor) -> State:
+        added = torch.zeros_like(state.ball.light).index_fill(0, torch.tensor(number, device=change.device), 1.0)
+        return state.with_light(state.ball.light + change * added)
+
+    return SharedUnknown(value, changed, TERM_SD, prior_sd, MAX_CHANGE, LAST_CHANGE)
 
 
 def _seen_share(state: State, shared: RowRunner) -> float:

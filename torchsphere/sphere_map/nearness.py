@@ -12,13 +12,9 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import shared_unknown
 from torchsphere.sphere_map.ball import Poses
-from torchsphere.sphere_map.elimination import JointEquations
-from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.perspective import Optics
-from torchsphere.sphere_map.shared_unknown import SharedChange, SharedUnknown
+from torchsphere.sphere_map.shared_unknown import SharedUnknown
 from torchsphere.sphere_map.state import State
 
 #: Prior standard deviation of the nearness, radius over distance, of a camera that is not known: 33 radii are the
@@ -29,37 +25,24 @@ UNKNOWN_SD = 0.03
 #: none (docs/constants.toml).
 SYSTEMATIC_SD, APPARENT_SD = 0.0007, 0.0005
 
-#: Share of the squared residuals that a near camera must explain where the images hardly tell (docs/constants.toml).
-MIN_GAIN = 0.005
-
-#: Squared residuals with a new map, in those without a near camera, from which no near camera is looked for
-#: (docs/constants.toml).
-HOPELESS = 4.0
-
 #: Largest change of the nearness at once (docs/constants.toml).
 MAX_CHANGE = 0.1
+
+#: Change of the nearness below which it has settled (docs/constants.toml).
+LAST_CHANGE = 0.0001
 
 #: Nearness over which the model's derivative is taken.
 STEP = 0.01
 
 
-def measure(state: State, model: Linearisation, joint: JointEquations, shared: RowRunner) -> SharedChange:
-    """Gauss-Newton step of the nearness, map and all poses left free, with ``model`` and ``joint`` at the state.
-
-    A near ball's front seems to turn faster.
-    """
-    unknown = SharedUnknown(_nearer, STEP, UNKNOWN_SD, MAX_CHANGE)
-    return shared_unknown.measure(unknown, nearness_of(state), state, model, joint, shared)
+def total_sd(sd: float) -> float:
+    """Standard deviation of a nearness that was measured with that ``sd``, with its systematic error."""
+    return math.hypot(sd, SYSTEMATIC_SD)
 
 
-def total_sd(found: SharedChange) -> float:
-    """Standard deviation of a measured nearness, with its systematic error."""
-    return math.hypot(float(found.sd), SYSTEMATIC_SD)
-
-
-def apparent_sd(found: SharedChange) -> float:
-    """Standard deviation of the change where the camera is infinitely far away."""
-    return math.hypot(float(found.sd), APPARENT_SD)
+def apparent_sd(sd: float) -> float:
+    """Standard deviation of what is measured with that ``sd`` where the camera is infinitely far away."""
+    return math.hypot(sd, APPARENT_SD)
 
 
 def nearness_of(state: State) -> Tensor:
@@ -88,3 +71,7 @@ def seen_alike(poses: Poses, before: Optics | None, after: Optics | None) -> Pos
     if after is not None:
         orientation = after.view(poses.centre).turn @ orientation
     return replace(poses, orientation=orientation)
+
+
+#: The nearness as an unknown beside map and poses: a near ball's front seems to turn faster.
+UNKNOWN = SharedUnknown(nearness_of, _nearer, STEP, UNKNOWN_SD, MAX_CHANGE, LAST_CHANGE)

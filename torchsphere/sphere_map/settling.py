@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import bundle_adjustment, exposure
+from torchsphere.sphere_map import bundle_adjustment, exposure, exposure_share
 from torchsphere.sphere_map.ball import Poses
 from torchsphere.sphere_map.bundle_adjustment import Adjustment
 from torchsphere.sphere_map.known_frames import KnownFrames
@@ -53,15 +53,16 @@ def settle(
         progress,
         optics_px=blur.optics_px,
         least_variance=frames.source.rounding_variance,
+        is_exposure_known=blur.is_share_known or windows.moments is None,
     )
     open_share = blur.open_share
-    if frames.moments is not None and adjustment.settled and not blur.is_share_known:
-        adjustment, longer = bundle_adjustment.find_exposure(adjustment, cell_px, blur.optics_px, shared)
+    if frames.moments is not None:
+        longer = exposure_share.factor_between(windows, adjustment.state.windows)
         frames, open_share = replace(frames, moments=longer * frames.moments), longer * open_share
     settled_afar = adjustment.settled
     if not is_distance_known:
         far = orthographic(tuple(frames.background.shape), windows.levels.device)
-        adjustment = bundle_adjustment.find_nearness(adjustment, far, cell_px, shared)
+        adjustment = bundle_adjustment.find_nearness(adjustment, far, shared)
         frames, initial = _seen_alike(frames, initial, adjustment.state.windows.optics)
     return Settled(adjustment, frames, initial, open_share, settled_afar)
 

@@ -1,4 +1,8 @@
-"""An unknown that all images share, beside map, poses and ball: its Gauss-Newton step with all of these left free."""
+"""Unknowns that all images share, beside map, poses, radius and blur: each is a description, and a column of the step.
+
+A column is the change of the drawn grey levels with the unknown, by finite differences. What the images do not tell of
+an unknown is held by its prior.
+"""
 
 from __future__ import annotations
 
@@ -14,29 +18,65 @@ from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
 from torchsphere.sphere_map.forward_model import MIN_BLUR_PX, Linearisation
 from torchsphere.sphere_map.state import State, drawn
 
-#: Conjugate gradients for the response of map and poses.
-SOLVER_STEPS = 8
+#: Most conjugate gradients for the response of map and poses.
+SOLVER_STEPS = 60
+
+#: Move, px, that is no move: a response counts by its shares alone.
+NO_MOVE_PX = 1e-9
 
 
 @dataclass(frozen=True)
 class SharedUnknown:
     """What the unknown does, and what is known of it beforehand."""
 
+    value: Callable[[State], Tensor]  # the unknown () of a state; 0 is what is expected without the images
     changed: Callable[[State, Tensor], State]  # the state after a change () of the unknown
     step: float  # change over which the model's derivative is taken
-    prior_sd: float  # standard deviation of the unknown, which is 0 without the images
+    prior_sd: float
     max_change: float  # at once: further away the grey levels are not linear in the unknown
+    last_change: float  # below which the unknown has settled
+
+    @property
+    def precision(self) -> float:
+        """Of the prior."""
+        return 1 / self.prior_sd**2
+
+    def column(self, state: State, shared: RowRunner) -> Tensor:
+        """Change of the drawn grey levels (n, s, s) per change of the unknown."""
+        step = torch.full_like(state.ball.radius, self.step)
+        coefficients = state.ball.coefficients
+        more, less = (drawn(self.changed(state, h), shared).levels(coefficients) for h in (step, -step))
+        return (more - less) / (2 * self.step)
+
+
+#: Unknowns in the order of their columns.
+SharedUnknowns = tuple[SharedUnknown, ...]
+
+
+def with_columns(unknowns: SharedUnknowns, state: State, model: Linearisation, shared: RowRunner) -> Linearisation:
+    """The ``model`` at the ``state`` with columns for the ``unknowns`` after those that it has."""
+    if not unknowns:
+        return model
+    columns = [unknown.column(state, shared).flatten(1).unsqueeze(-1) for unknown in unknowns]
+    return Linearisation(model.levels, torch.cat((model.jacobian, *columns), -1))
+
+
+def limits(n: int, px: float, of_unknowns: list[float]) -> Tensor:
+    """Moves (7 n + k + 2,) that count as settled: ``px`` for n poses and the radius; brightness and blur always are."""
+    own = torch.full((n, PER_IMAGE), px, dtype=torch.float64)
+    own[:, 5:] = torch.inf
+    return torch.cat((own.flatten(), torch.tensor([*of_unknowns, px, torch.inf], dtype=torch.float64)))
 
 
 @dataclass(frozen=True)
 class SharedChange:
-    """Change of the unknown, and of all else with it."""
+    """Change of an unknown that has no column yet, and of all else with it."""
 
     unknown: SharedUnknown
     change: Tensor  # ()
     sd: Tensor  # standard deviation () by the images' noise
     of_map: Tensor  # change (m,) of the map per change of the unknown
-    step: Tensor  # change (7 n + 2,) of the other unknowns per change of the unknown
+    step: Tensor  # change (u,) of the other unknowns per change of the unknown
 
     @property
     def of_radius(self) -> float:
@@ -44,29 +84,31 @@ class SharedChange:
         return float(self.step[-COMMON])
 
     def applied(self, state: State) -> State:
-        """The ``state`` after the change of all unknowns."""
+        """The ``state`` after the change of the unknown, of map, poses and outline."""
         state = self.unknown.changed(state, self.change)
-        own = self.change * self.step[:-COMMON].unflatten(0, (-1, PER_IMAGE))
-        size, blur = self.change * self.step[-COMMON:]
-        ball = replace(
-            state.ball,
-            radius=state.ball.radius + size,
-            edge_blur=(state.ball.edge_blur + blur).clamp_min(MIN_BLUR_PX),
-            coefficients=state.ball.coefficients + self.change.to(self.of_map) * self.of_map,
-        )
-        return replace(state, ball=ball, poses=state.poses.moved(own[:, :5], ball.radius).brightened(own[:, 5:]))
+        return moved(state, (), self.change.to(self.of_map) * self.of_map, self.change * self.step)
+
+
+def moved(state: State, unknowns: SharedUnknowns, of_map: Tensor, step: Tensor) -> State:
+    """The ``state`` after a change of the map (m,), and a ``step`` (u,) of all else, the ``unknowns`` included."""
+    poses = len(state.poses) * PER_IMAGE
+    for unknown, change in zip(unknowns, step[poses:-COMMON], strict=False):
+        state = unknown.changed(state, change)
+    own, (size, blur) = step[:poses].unflatten(0, (-1, PER_IMAGE)), step[-COMMON:]
+    ball = replace(
+        state.ball,
+        radius=state.ball.radius + size,
+        edge_blur=(state.ball.edge_blur + blur).clamp_min(MIN_BLUR_PX),
+        coefficients=state.ball.coefficients + of_map,
+    )
+    return replace(state, ball=ball, poses=state.poses.moved(own[:, :5], ball.radius).brightened(own[:, 5:]))
 
 
 def measure(
-    unknown: SharedUnknown, value: Tensor, state: State, model: Linearisation, joint: JointEquations, shared: RowRunner
+    unknown: SharedUnknown, state: State, model: Linearisation, joint: JointEquations, shared: RowRunner
 ) -> SharedChange:
-    """The step of the ``unknown``, which has the ``value`` () at the ``state``.
-
-    ``model`` and ``joint`` are those there.
-    """
-    step, coefficients = torch.full_like(value, unknown.step), state.ball.coefficients
-    more, less = (drawn(unknown.changed(state, h), shared).levels(coefficients) for h in (step, -step))
-    column = (more - less) / (2 * unknown.step)
+    """The Gauss-Newton step of an ``unknown`` that has no column in the ``joint`` equations of the ``model``."""
+    column, value = unknown.column(state, shared), unknown.value(state)
     equations, weights = joint.map, joint.map.weights
     residual = state.windows.levels - model.levels
 
@@ -75,16 +117,18 @@ def measure(
         return elimination.spread_gradient(torch.bmm(weighted, model.jacobian)[:, 0].double())
 
     coupling = equations.design.adjoint(weights * column), by_unknowns(column)
-    of_map, of_rest = joint.solve(*coupling, SOLVER_STEPS)
+    others = len(joint.normal) - PER_IMAGE * len(state.poses) - COMMON
+    calm = limits(len(state.poses), NO_MOVE_PX, [torch.inf] * others).to(coupling[1])
+    of_map, of_rest = joint.solve(*coupling, SOLVER_STEPS, calm)
     # With a solution that is not exact the sum of both is never too little.
     back = joint.times(of_map, of_rest)
     taken_up = 2 * _product(coupling, (of_map, of_rest)) - _product(back, (of_map, of_rest))
-    own = (weights * column.square()).sum().double() + 1 / unknown.prior_sd**2
+    own = (weights * column.square()).sum().double() + unknown.precision
     gradients = equations.gradient(state.ball.coefficients, state.windows.levels), by_unknowns(residual)
     gradient = (weights * column * residual).sum().double() - _product(gradients, (of_map, of_rest))
-    gradient = gradient - value / unknown.prior_sd**2
+    gradient = gradient - value * unknown.precision
     # What is not known from the images is held by the prior; rounding must not take that away.
-    reduced = (own - taken_up).clamp_min(1 / unknown.prior_sd**2)
+    reduced = (own - taken_up).clamp_min(unknown.precision)
     change = (gradient / reduced).nan_to_num(0.0, 0.0, 0.0).clamp(-unknown.max_change, unknown.max_change)
     return SharedChange(unknown, change, reduced.rsqrt(), -of_map, -of_rest)
 
