@@ -124,11 +124,19 @@ def test_to_nodes_and_from_nodes_are_inverse_and_their_own_transposes() -> None:
         torch.testing.assert_close(function(values, CELLS), alone, atol=1e-10, rtol=0)
 
 
-def test_loops_and_torch_take_values_at_nodes_to_the_same_coefficients() -> None:
-    values = random(COUNT, 5)
-    found = map_fit.to_nodes(values.float(), CELLS)
+@pytest.mark.parametrize("function", [map_fit.to_nodes, map_fit.from_nodes])
+@pytest.mark.parametrize("shape", [(COUNT,), (COUNT, 5)])
+def test_loops_and_torch_agree_on_nodes(function: Callable[[Tensor, int], Tensor], shape: tuple[int, ...]) -> None:
+    values = random(*shape)
+    found = function(values.float(), CELLS)
     assert found.dtype == torch.float32
-    torch.testing.assert_close(found.double(), map_fit.to_nodes(values, CELLS), atol=1e-5, rtol=0)
+    torch.testing.assert_close(found.double(), function(values, CELLS), atol=1e-5, rtol=0)
+
+
+def test_loops_and_torch_agree_on_the_prior() -> None:
+    coefficients = random(COUNT)
+    found = map_fit.prior_gradient(coefficients.float(), CELLS)
+    torch.testing.assert_close(found.double(), map_fit.prior_gradient(coefficients, CELLS), atol=1e-5, rtol=0)
 
 
 def test_from_nodes_gives_the_values_of_the_map_at_its_inner_nodes() -> None:

@@ -43,10 +43,13 @@ def _along_both(change: Callable[[Array], None], values: Tensor, width: int) -> 
     """Values (m, ...) after the ``change`` along the columns of the faces, then along their rows."""
     faces = values.reshape(6, width, -1).clone(memory_format=torch.contiguous_format)
     change(faces.numpy())
+    if values.ndim > 1:
+        change(faces.view(6 * width, width, -1).numpy())
+        return faces.view(values.shape)
     # Neighbouring lines are worked on together: those of one value each are turned for that.
-    turned = _turned(faces.view(6, width, width, -1)).view(6, width, -1)
+    turned = _turned(faces)
     change(turned.numpy())
-    return _turned(turned.view(6, width, width, -1)).reshape(values.shape)
+    return _turned(turned).flatten()
 
 
 def _turned(faces: Tensor) -> Tensor:

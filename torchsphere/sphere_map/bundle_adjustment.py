@@ -107,6 +107,10 @@ MAX_MOVE_PX = 1.0
 #: Least move that is told from none, in moves that count as settled.
 MIN_MOVE = 1e-9
 
+#: Least share of a move that the next one is expected to have: weights change with what is drawn
+#: (docs/constants.toml).
+LEAST_LEFT = 0.3
+
 #: Least share of a step that is taken.
 LEAST_SHARE = 0.3
 
@@ -131,6 +135,7 @@ class Adjustment:
     sd_nearness: float = 0.0  # standard deviation of the ball's radius over its distance, which all images share
     last: LastStep | None = None
     unknowns: SharedUnknowns = ()
+    move: float = 0.0  # by the last step, in moves that count as settled
 
 
 def adjust(
@@ -181,12 +186,12 @@ def adjust(
         state = with_footprint_of_outline(replace(state, ball=replace(state.ball, edge_blur=blur)))
     exposure_of = None if is_exposure_known else windows
     # Poses that are off look like a light, and a light pulls at the poses: it is looked for after one step.
-    state = _adjust_level(state, last._replace(max_steps=1), shared).state
-    lit, share = _with_light(state, last, shared)
-    adjustment = _adjust_last(lit, last, light.unknowns(share), exposure_of, shared)
+    first = _adjust_level(state, last._replace(max_steps=1), shared)
+    lit, share = _with_light(first.state, last, shared)
+    adjustment = _adjust_last(lit, last, light.unknowns(share), exposure_of, shared, first.move)
     if share and light.is_false(*_told_of_light(adjustment)):
         even = replace(adjustment.state, ball=replace(adjustment.state.ball, light=uniform_light(size)))
-        adjustment = _adjust_last(even, last, (), exposure_of, shared)
+        adjustment = _adjust_last(even, last, (), exposure_of, shared, MIN_MOVE)
     _report(progress, 1.0)
     return replace(adjustment, covariance=_with_radius_error(adjustment))
 
@@ -208,18 +213,24 @@ def _told_of_light(adjustment: Adjustment) -> tuple[Tensor, Tensor, Tensor]:
 
 
 def _adjust_last(
-    state: State, level: _Level, lights: SharedUnknowns, exposure_of: Windows | None, shared: RowRunner
+    state: State,
+    level: _Level,
+    lights: SharedUnknowns,
+    exposure_of: Windows | None,
+    shared: RowRunner,
+    moved: float,
 ) -> Adjustment:
     """The adjustment on the last ``level`` with a light, and with the exposure over that of the given windows.
 
-    The exposure stays where poses do not settle with another one.
+    The exposure stays where poses do not settle with another one. A step of ``moved`` came before.
     """
     longer = None if exposure_of is None else exposure_share.unknown_from(exposure_of)
     if longer is not None:
         adjustment = _adjust_level(state, level._replace(unknowns=(*lights, longer)), shared)
         if adjustment.settled:
             return adjustment
-    return _adjust_level(state, level._replace(unknowns=lights), shared)
+    # Unknowns that are new may move more than all did before.
+    return _adjust_level(state, level._replace(unknowns=lights), shared, MIN_MOVE if lights else moved)
 
 
 def find_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) -> Adjustment:
@@ -305,13 +316,16 @@ def _with_first_map(state: State, cell_px: float, shared: RowRunner) -> State:
     return fit_map(state, shared, NEW_MAP_STEPS)[0]
 
 
-def _adjust_level(state: State, level: _Level, shared: RowRunner) -> Adjustment:
-    """Gauss-Newton steps until one moves no pose by more than ``settled_px``, and no unknown by its last change."""
+def _adjust_level(state: State, level: _Level, shared: RowRunner, moved: float = MIN_MOVE) -> Adjustment:
+    """Gauss-Newton steps until one moves no pose by more than ``settled_px``, and no unknown by its last change.
+
+    ``moved`` is the `Adjustment.move` before.
+    """
     if not math.isfinite(float(state.ball.radius)):
         raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
     if state.ball.cells != level.cells:
         state, _ = fit_map(with_cells(state, level.cells), shared, NEW_MAP_STEPS)
-    limit, before, share, moved = MAX_RING_VARIANCE, None, 1.0, MIN_MOVE
+    limit, before, share = MAX_RING_VARIANCE, None, 1.0
     for _ in range(level.max_steps):
         model = linearised(state, shared)
         weights = state.profile.weights(state.windows, state.poses.centre)
@@ -332,14 +346,14 @@ def _adjust_level(state: State, level: _Level, shared: RowRunner) -> Adjustment:
         if not math.isfinite(move):
             raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
         is_bound = level.is_last and float(state.profile.variance.max()) >= limit * float(state.profile.variance[0])
-        # The next move is shorter by as much as this one was, at least.
-        shorter, moved = min(1.0, move / moved), move
+        # The next move is shorter by as much as this one was.
+        shorter, moved = min(max(move / moved, LEAST_LEFT), 1.0), move
         if shorter * move < 1 and not is_bound:
             break
         if move_px < OUTLINE_FOUND_PX:
             limit = math.inf
     has_settled = shorter * move_px < max(level.settled_px, MAX_UNSETTLED_PX)
-    return Adjustment(state, joint.covariance, has_settled, last=last, unknowns=level.unknowns)
+    return Adjustment(state, joint.covariance, has_settled, last=last, unknowns=level.unknowns, move=move)
 
 
 def _in_px(step: Tensor, n: int) -> float:

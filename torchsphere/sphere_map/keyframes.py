@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 #: Angle between the directions of two keyframes, deg, that is small enough to show every side (docs/constants.toml).
 APART_DEG = 20.0
 
-#: Smallest and largest number of keyframes: they share the noise of the map (docs/constants.toml).
-MIN_KEYFRAMES, MAX_KEYFRAMES = 12, 48
+#: Smallest number of keyframes, of large balls and of others, and largest: they share the noise of the map
+#: (docs/constants.toml).
+MIN_OF_LARGE, MIN_KEYFRAMES, MAX_KEYFRAMES = 8, 12, 48
+
+#: Pixels on the ball, in all keyframes, that are enough where there are `MIN_OF_LARGE` (docs/constants.toml).
+ENOUGH_PIXELS = 150_000
 
 #: Smallest number of views of each side, an oblique view counted by its cosine (docs/constants.toml).
 MIN_VIEWS = 4.0
@@ -19,8 +25,10 @@ MIN_VIEWS = 4.0
 SPREAD_OVER = 300
 
 
-def choose_keyframes(known: NDArray[np.int64], orientation: NDArray[np.float64]) -> list[int]:
+def choose_keyframes(known: NDArray[np.int64], orientation: NDArray[np.float64], radius: float) -> list[int]:
     """Numbers of the keyframes among the ``known`` frames (k,), in order; ``orientation`` (n, 3, 3) of all frames.
+
+    ``radius`` is that of the ball, px.
 
     A frame becomes a keyframe where no earlier one shows the ball from within `APART_DEG`. So a long recording of a
     spinning ball has keyframes in its first turns, within which the sum of the increments has hardly drifted. More
@@ -29,7 +37,8 @@ def choose_keyframes(known: NDArray[np.int64], orientation: NDArray[np.float64])
     directions = orientation[known][:, 2]
     needed = _by_direction(directions)
     end = max(needed[-1], min(len(known), SPREAD_OVER) - 1)
-    for count in range(max(len(needed), MIN_KEYFRAMES), MAX_KEYFRAMES + 1, 2):
+    least = min(max(math.ceil(ENOUGH_PIXELS / (math.pi * radius**2)), MIN_OF_LARGE), MIN_KEYFRAMES)
+    for count in range(max(len(needed), least), MAX_KEYFRAMES + 1, 2):
         chosen = _with_gaps_filled(needed, end, count)
         views = (directions[: end + 1] @ directions[chosen].T).clip(0).sum(1)
         if views.min() >= MIN_VIEWS or len(chosen) > end:

@@ -128,7 +128,7 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
         return lacking
     frames = _known_frames(asked)
     optics = frames.optics
-    keys = choose_keyframes(known, asked.orientation)
+    keys = choose_keyframes(known, asked.orientation, circle.radius)
     initial = Poses.at(frames.position[keys], frames.orientation[keys])
     windows = frames.windows(keys, initial.centre, circle.radius)
     noise = max(asked.noise_share * texture_variance(windows), source.rounding_variance)
