@@ -132,6 +132,21 @@ def test_a_step_that_has_settled_needs_no_more_conjugate_gradients(dense: Dense,
     assert float(((step - exact) / sd).abs().max()) < 0.5
 
 
+def test_an_unknown_that_all_images_share_stands_before_the_radius(dense: Dense) -> None:
+    column, precision, at = random(N, dense.model.jacobian.shape[1], 1, seed=5), 4.0, PER_IMAGE * N
+    model = Linearisation(dense.model.levels, torch.cat((dense.model.jacobian, column), 2))
+    joint = elimination.joint_equations(model, dense.joint.map, poses(N), (precision,))
+    others = [*range(at), at + 1, at + 2]
+    torch.testing.assert_close(joint.normal[others][:, others], dense.joint.normal)
+    weighted = dense.weights * column.flatten()
+    assert float(joint.normal[at, at]) == pytest.approx(float(weighted @ column.flatten()) + precision)
+    step = torch.zeros(UNKNOWNS + 1, dtype=torch.float64)
+    step[at] = 1.0
+    of_map, of_rest = joint.times(torch.zeros(COUNT, dtype=torch.float64), step)
+    torch.testing.assert_close(of_map, dense.rows.T @ weighted)
+    torch.testing.assert_close(of_rest[others], dense.jacobian.T @ weighted)
+
+
 def test_the_covariance_is_near_that_of_the_dense_schur_complement(dense: Dense) -> None:
     ratio = (dense.joint.covariance.diagonal() / dense.covariance.diagonal()).sqrt()
     own = ratio[:-COMMON].reshape(N, PER_IMAGE)

@@ -67,11 +67,9 @@ COARSE_PX, COARSE_SETTLED_PX = 2.0, 0.1
 #: takes a texture at the limb for a part of the outline, and turn of the limb that halves it, px (docs/constants.toml).
 RADIUS_ERROR_PX, STILL_RADIUS_ERROR_PX, HALVING_TURN_PX = 0.003, 0.055, 4.0
 
-#: Largest variance of a ring over that within the disc while the outline is not yet found (docs/constants.toml).
+#: Largest variance of a ring over that within the disc in the first step; its square in the second, and so on
+#: (docs/constants.toml).
 MAX_RING_VARIANCE = 4.0
-
-#: Move of a pose by a step below which the outline counts as found, px (docs/constants.toml).
-OUTLINE_FOUND_PX = 0.02
 
 #: Move of a pose by the last step from which an adjustment is given up, px: smaller ones do not matter, as every image
 #: is registered again (docs/constants.toml).
@@ -82,10 +80,13 @@ MAX_UNSETTLED_PX = 0.02
 LAST_SETTLED_PX, SETTLED_SD = 0.0005, 0.1
 
 #: Most steps on the last map.
-MAX_STEPS = 30
+MAX_STEPS = 40
 
 #: Conjugate gradients for a map on new cells, and most for a step of map and poses together (docs/constants.toml).
 NEW_MAP_STEPS, STEPS = 6, 60
+
+#: Conjugate gradients for a step with further unknowns, always as many (docs/constants.toml).
+STEPS_OF_UNKNOWNS = 40
 
 #: Share of a move that counts as settled, by which conjugate gradients may still change a step.
 SOLVED_SHARE = 0.2
@@ -104,15 +105,16 @@ SUSPECTED_NEARNESS_SD = 1.3
 #: Largest move of a pose in a step, px (docs/constants.toml).
 MAX_MOVE_PX = 1.0
 
-#: Least move that is told from none, in moves that count as settled.
-MIN_MOVE = 1e-9
+#: Steps after which the weights of the pixels stay: weights and outline that follow each other creep on for long, and
+#: rounding would decide where they end (docs/constants.toml).
+REWEIGHTED = 12
 
-#: Least share of a move that the next one is expected to have: weights change with what is drawn
+#: Least and largest share of a move that the next one is expected to have (docs/constants.toml).
+LEAST_LEFT, MOST_LEFT = 0.3, 0.8
+
+#: Least share of a step that is taken, and largest where light and texture take each other's place
 #: (docs/constants.toml).
-LEAST_LEFT = 0.3
-
-#: Least share of a step that is taken.
-LEAST_SHARE = 0.3
+LEAST_SHARE, MOST_SHARE = 0.3, 2.0
 
 
 class LastStep(NamedTuple):
@@ -191,7 +193,7 @@ def adjust(
     adjustment = _adjust_last(lit, last, light.unknowns(share), exposure_of, shared, first.move)
     if share and light.is_false(*_told_of_light(adjustment)):
         even = replace(adjustment.state, ball=replace(adjustment.state.ball, light=uniform_light(size)))
-        adjustment = _adjust_last(even, last, (), exposure_of, shared, MIN_MOVE)
+        adjustment = _adjust_last(even, last, (), exposure_of, shared, 0.0)
     _report(progress, 1.0)
     return replace(adjustment, covariance=_with_radius_error(adjustment))
 
@@ -230,7 +232,7 @@ def _adjust_last(
         if adjustment.settled:
             return adjustment
     # Unknowns that are new may move more than all did before.
-    return _adjust_level(state, level._replace(unknowns=lights), shared, MIN_MOVE if lights else moved)
+    return _adjust_level(state, level._replace(unknowns=lights), shared, 0.0 if lights else moved)
 
 
 def find_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) -> Adjustment:
@@ -316,29 +318,33 @@ def _with_first_map(state: State, cell_px: float, shared: RowRunner) -> State:
     return fit_map(state, shared, NEW_MAP_STEPS)[0]
 
 
-def _adjust_level(state: State, level: _Level, shared: RowRunner, moved: float = MIN_MOVE) -> Adjustment:
+def _adjust_level(state: State, level: _Level, shared: RowRunner, moved: float = 0.0) -> Adjustment:
     """Gauss-Newton steps until one moves no pose by more than ``settled_px``, and no unknown by its last change.
 
-    ``moved`` is the `Adjustment.move` before.
+    ``moved`` is the `Adjustment.move` before, 0 if there is none.
     """
     if not math.isfinite(float(state.ball.radius)):
         raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
     if state.ball.cells != level.cells:
         state, _ = fit_map(with_cells(state, level.cells), shared, NEW_MAP_STEPS)
-    limit, before, share = MAX_RING_VARIANCE, None, 1.0
-    for _ in range(level.max_steps):
+    before, share = None, 1.0
+    for number in range(level.max_steps):
         model = linearised(state, shared)
         weights = state.profile.weights(state.windows, state.poses.centre)
         equations = MapEquations.of(drawn(state, shared), weights, shared, state.smoothness)
-        state = reweighted(state, state.windows.levels - model.levels, equations.leverage(), shared, limit)
-        weights = state.profile.weights(state.windows, state.poses.centre)
-        equations = MapEquations.of(equations.design, weights, shared, state.smoothness)
+        # Step by step the outline is found, and may lose the weight that it lacks.
+        limit = MAX_RING_VARIANCE ** (number + 1)
+        if number < REWEIGHTED:
+            state = reweighted(state, state.windows.levels - model.levels, equations.leverage(), shared, limit)
+            weights = state.profile.weights(state.windows, state.poses.centre)
+            equations = MapEquations.of(equations.design, weights, shared, state.smoothness)
         model = shared_unknown.with_columns(level.unknowns, state, model, shared)
         joint = elimination.joint_equations(model, equations, state.poses, _precisions(level.unknowns))
         last = LastStep(state, model, joint)
         settled = level.settled(len(state.poses), joint.covariance)
         of_map, step = _step(last, level.unknowns, SOLVED_SHARE * settled)
-        share, before = _share_of_step(share, before, step), step
+        most = MOST_SHARE if level.unknowns else 1.0
+        share, before = _share_of_step(share, before, step / settled, most), step / settled
         state, of_step = _moved(state, level.unknowns, joint, share * of_map, share * step)
         if level.is_blurred:
             state = with_footprint_of_outline(state)
@@ -346,14 +352,23 @@ def _adjust_level(state: State, level: _Level, shared: RowRunner, moved: float =
         if not math.isfinite(move):
             raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
         is_bound = level.is_last and float(state.profile.variance.max()) >= limit * float(state.profile.variance[0])
-        # The next move is shorter by as much as this one was.
-        shorter, moved = min(max(move / moved, LEAST_LEFT), 1.0), move
-        if shorter * move < 1 and not is_bound:
+        # With further unknowns a short move may follow a long one, and a long one it.
+        left, longest, moved = _share_left(move, moved), max(move, moved) if level.unknowns else move, move
+        if left * longest < 1 and not is_bound:
             break
-        if move_px < OUTLINE_FOUND_PX:
-            limit = math.inf
-    has_settled = shorter * move_px < max(level.settled_px, MAX_UNSETTLED_PX)
+    has_settled = left * move_px < max(level.settled_px, MAX_UNSETTLED_PX)
     return Adjustment(state, joint.covariance, has_settled, last=last, unknowns=level.unknowns, move=move)
+
+
+def _share_left(move: float, before: float) -> float:
+    """What is left to move over the last ``move``, if moves get shorter by the share that this one has of that before.
+
+    It is the sum of all moves to come.
+    """
+    if not before:
+        return 1.0
+    share = min(max(move / before, LEAST_LEFT), MOST_LEFT)
+    return share / (1 - share)
 
 
 def _in_px(step: Tensor, n: int) -> float:
@@ -375,19 +390,24 @@ def _step(at: LastStep, unknowns: SharedUnknowns, settled: Tensor) -> tuple[Tens
     for number, unknown in enumerate(unknowns):
         by_unknowns[first + number] -= unknown.precision * unknown.value(state)
     by_map = joint.map.gradient(state.ball.coefficients, state.windows.levels)
-    return joint.solve(by_map, by_unknowns, STEPS, settled)
+    is_sharpest = float(state.ball.edge_blur) <= forward_model.MIN_BLUR_PX
+    if is_sharpest and float(joint.approximate(by_map, by_unknowns).step[-1]) < 0:
+        # Cut off afterwards, a blur that wants to be less would leave the others a step that is not theirs.
+        joint = joint.with_blur_held()
+    # Where light and texture take each other's place, the end of a step would hang on rounding.
+    return joint.solve(by_map, by_unknowns, *((STEPS_OF_UNKNOWNS, None) if unknowns else (STEPS, settled)))
 
 
-def _share_of_step(share: float, before: Tensor | None, step: Tensor) -> float:
-    """The share of a ``step`` (u,) to take, after that ``share`` of the step ``before``.
+def _share_of_step(share: float, before: Tensor | None, step: Tensor, most: float) -> float:
+    """The share of a ``step`` (u,) to take, after that ``share`` of the step ``before``, in moves that are settled.
 
-    Steps that go back a part of the step before, as the weights change with what is drawn, would go on to and fro. By
-    both steps the end lies where they would vanish (the secant rule).
+    Steps that go back a part of the step before, as the weights change with what is drawn, would go on to and fro, and
+    steps that hardly get shorter would creep. By both steps the end lies where they would vanish (the secant rule).
     """
     if before is None:
         return 1.0
     back = float(step @ before / (before @ before).clamp_min(1e-30))
-    return min(1.0, max(share / (1 - back), LEAST_SHARE)) if back < 1 else 1.0
+    return min(most, max(share / (1 - back), LEAST_SHARE)) if back < 1 else most
 
 
 def _moved(

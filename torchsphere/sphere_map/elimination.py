@@ -6,7 +6,7 @@ the map's values at its nodes (`map_fit`), so that no equations have to be solve
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import torch
@@ -33,6 +33,9 @@ BLUR_SD_PX = 0.1
 #: Least share of the normal matrix that the map leaves, where it would leave less than nothing (docs/constants.toml).
 LEAST_LEFT = 1e-4
 
+
+#: Factor in the stiffness of an unknown that is held.
+HELD = 1e6
 
 #: Conjugate gradients that tell whether a step has settled, and the share of the step by which they may still move it
 #: (docs/constants.toml).
@@ -92,6 +95,12 @@ class JointEquations:
         coupled = self._by_map(single)
         of_map = alone - self.map.approximate_inverse(coupled)
         return Direction(of_map, step, coupled, back - self.taken_up @ single)
+
+    def with_blur_held(self) -> JointEquations:
+        """The equations of a blur that stays as it is."""
+        normal = self.normal.clone()
+        normal[-1, -1] *= HELD
+        return replace(self, normal=normal, covariance=_inverse_of_rest(normal, self.taken_up.double()))
 
     def _by_map(self, step: Tensor) -> Tensor:
         """Product (m,) of the coupling with a ``step`` (u,)."""
