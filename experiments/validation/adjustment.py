@@ -53,7 +53,7 @@ CHANGES: tuple[tuple[ModuleType, str, float], ...] = (
     (bundle_adjustment, "LEAST_LEFT", 0.0),
     (bundle_adjustment, "LEAST_LEFT", 0.6),
     (bundle_adjustment, "MOST_LEFT", 0.5),
-    (bundle_adjustment, "REWEIGHTED", 3),
+    (bundle_adjustment, "REWEIGHTED", 2),
     (bundle_adjustment, "REWEIGHTED", 40),
     (bundle_adjustment, "COARSE_SETTLED_PX", 0.02),
     (keyframes, "ENOUGH_PIXELS", 0),

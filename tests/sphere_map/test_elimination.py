@@ -132,6 +132,17 @@ def test_a_step_that_has_settled_needs_no_more_conjugate_gradients(dense: Dense,
     assert float(((step - exact) / sd).abs().max()) < 0.5
 
 
+def test_a_blur_that_is_held_stays_and_leaves_the_others_their_own_step(dense: Dense) -> None:
+    noise = 2 * random(len(dense.weights), seed=12)
+    by_map, by_unknowns = dense.rows.T @ (dense.weights * noise), dense.jacobian.T @ (dense.weights * noise)
+    rest = dense.whole[:-1, :-1]
+    exact = torch.linalg.solve(rest, torch.cat((by_map, by_unknowns))[:-1])[COUNT:]
+    sd = dense.covariance.diagonal().sqrt()
+    _, step = dense.joint.with_blur_held().solve(by_map, by_unknowns, 60)
+    assert float(step[-1].abs()) < 1e-3 * float(sd[-1])
+    assert float(((step[:-1] - exact) / sd[:-1]).square().mean().sqrt()) < 0.03
+
+
 def test_an_unknown_that_all_images_share_stands_before_the_radius(dense: Dense) -> None:
     column, precision, at = random(N, dense.model.jacobian.shape[1], 1, seed=5), 4.0, PER_IMAGE * N
     model = Linearisation(dense.model.levels, torch.cat((dense.model.jacobian, column), 2))

@@ -107,14 +107,13 @@ MAX_MOVE_PX = 1.0
 
 #: Steps after which the weights of the pixels stay: weights and outline that follow each other creep on for long, and
 #: rounding would decide where they end (docs/constants.toml).
-REWEIGHTED = 12
+REWEIGHTED = 6
 
 #: Least and largest share of a move that the next one is expected to have (docs/constants.toml).
 LEAST_LEFT, MOST_LEFT = 0.3, 0.8
 
-#: Least share of a step that is taken, and largest where light and texture take each other's place
-#: (docs/constants.toml).
-LEAST_SHARE, MOST_SHARE = 0.3, 2.0
+#: Least share of a step that is taken (docs/constants.toml).
+LEAST_SHARE = 0.3
 
 
 class LastStep(NamedTuple):
@@ -191,6 +190,11 @@ def adjust(
     first = _adjust_level(state, last._replace(max_steps=1), shared)
     lit, share = _with_light(first.state, last, shared)
     adjustment = _adjust_last(lit, last, light.unknowns(share), exposure_of, shared, first.move)
+    if not share:
+        # Poses that were off may also have hidden it.
+        lit, share = _with_light(adjustment.state, last, shared)
+        if share:
+            adjustment = _adjust_last(lit, last, light.unknowns(share), exposure_of, shared, 0.0)
     if share and light.is_false(*_told_of_light(adjustment)):
         even = replace(adjustment.state, ball=replace(adjustment.state.ball, light=uniform_light(size)))
         adjustment = _adjust_last(even, last, (), exposure_of, shared, 0.0)
@@ -343,8 +347,7 @@ def _adjust_level(state: State, level: _Level, shared: RowRunner, moved: float =
         last = LastStep(state, model, joint)
         settled = level.settled(len(state.poses), joint.covariance)
         of_map, step = _step(last, level.unknowns, SOLVED_SHARE * settled)
-        most = MOST_SHARE if level.unknowns else 1.0
-        share, before = _share_of_step(share, before, step / settled, most), step / settled
+        share, before = _share_of_step(share, before, step / settled), step / settled
         state, of_step = _moved(state, level.unknowns, joint, share * of_map, share * step)
         if level.is_blurred:
             state = with_footprint_of_outline(state)
@@ -398,16 +401,16 @@ def _step(at: LastStep, unknowns: SharedUnknowns, settled: Tensor) -> tuple[Tens
     return joint.solve(by_map, by_unknowns, *((STEPS_OF_UNKNOWNS, None) if unknowns else (STEPS, settled)))
 
 
-def _share_of_step(share: float, before: Tensor | None, step: Tensor, most: float) -> float:
+def _share_of_step(share: float, before: Tensor | None, step: Tensor) -> float:
     """The share of a ``step`` (u,) to take, after that ``share`` of the step ``before``, in moves that are settled.
 
-    Steps that go back a part of the step before, as the weights change with what is drawn, would go on to and fro, and
-    steps that hardly get shorter would creep. By both steps the end lies where they would vanish (the secant rule).
+    Steps that go back a part of the step before, as the weights change with what is drawn, would go on to and fro. By
+    both steps the end lies where they would vanish (the secant rule).
     """
     if before is None:
         return 1.0
     back = float(step @ before / (before @ before).clamp_min(1e-30))
-    return min(most, max(share / (1 - back), LEAST_SHARE)) if back < 1 else most
+    return min(1.0, max(share / (1 - back), LEAST_SHARE)) if back < 1 else 1.0
 
 
 def _moved(

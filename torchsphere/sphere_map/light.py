@@ -14,8 +14,8 @@ from torchsphere.sphere_map.shared_unknown import SharedUnknown, SharedUnknowns
 from torchsphere.sphere_map.soft_limit import share_beyond
 from torchsphere.sphere_map.state import State, drawn
 
-#: Share of the squared residuals that a light must explain, and number of its first changes (docs/constants.toml).
-MIN_EXPLAINED, ROUNDS = 0.01, 2
+#: Share of the squared residuals that a light must explain (docs/constants.toml).
+MIN_EXPLAINED = 0.01
 
 #: Change of the light, relative to it, below which it has settled (docs/constants.toml).
 LAST_CHANGE = 0.0005
@@ -39,16 +39,13 @@ def fit_light(state: State, shared: RowRunner) -> tuple[State, float]:
     seen = _seen_share(state, shared)
     if not seen:
         return state, 0.0
-    share = 0.0
-    for _ in range(ROUNDS):
-        ball = state.ball
-        change, response, explained = _change(state, shared)
-        share = seen * share_beyond(explained, MIN_EXPLAINED)
-        change = share * (ball.light[1:] + change) - ball.light[1:]
-        light = ball.light + torch.cat((torch.zeros_like(change[:1]), change))
-        coefficients = ball.coefficients - response @ change.to(response)
-        state = replace(state, ball=replace(ball, light=light, coefficients=coefficients))
-    return state, share
+    ball = state.ball
+    change, response, explained = _change(state, shared)
+    share = seen * share_beyond(explained, MIN_EXPLAINED)
+    change = share * (ball.light[1:] + change) - ball.light[1:]
+    light = ball.light + torch.cat((torch.zeros_like(change[:1]), change))
+    coefficients = ball.coefficients - response @ change.to(response)
+    return replace(state, ball=replace(ball, light=light, coefficients=coefficients)), share
 
 
 def unknowns(share: float) -> SharedUnknowns:
