@@ -55,8 +55,13 @@ class _Level(NamedTuple):
 
     def settled(self, n: int, covariance: Tensor) -> Tensor:
         """Moves of all unknowns, of n poses, that count as settled: see `limits`."""
-        least = limits(n, self.settled_px, [unknown.last_change for unknown in self.unknowns]).to(covariance)
-        return least.maximum(SETTLED_SD * covariance.diagonal().sqrt())
+        sd = covariance.diagonal().sqrt()
+        px = max(self.settled_px, SETTLED_SD * float(sd[0]))
+        of_unknowns = [
+            max(unknown.last_change, SETTLED_SD * float(sd[PER_IMAGE * n + k]))
+            for k, unknown in enumerate(self.unknowns)
+        ]
+        return limits(n, px, of_unknowns).to(covariance)
 
 
 #: Width of the first map's cells, px, and move of a pose below which it counts as settled there: coarse cells align
@@ -347,7 +352,8 @@ def _adjust_level(state: State, level: _Level, shared: RowRunner, moved: float =
         last = LastStep(state, model, joint)
         settled = level.settled(len(state.poses), joint.covariance)
         of_map, step = _step(last, level.unknowns, SOLVED_SHARE * settled)
-        share, before = _share_of_step(share, before, step / settled), step / settled
+        if level.unknowns:
+            share, before = _share_of_step(share, before, step / settled), step / settled
         state, of_step = _moved(state, level.unknowns, joint, share * of_map, share * step)
         if level.is_blurred:
             state = with_footprint_of_outline(state)
@@ -355,8 +361,8 @@ def _adjust_level(state: State, level: _Level, shared: RowRunner, moved: float =
         if not math.isfinite(move):
             raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
         is_bound = level.is_last and float(state.profile.variance.max()) >= limit * float(state.profile.variance[0])
-        # With further unknowns a short move may follow a long one, and a long one it.
-        left, longest, moved = _share_left(move, moved), max(move, moved) if level.unknowns else move, move
+        # A short move may follow a long one by chance, and a long one it.
+        left, longest, moved = _share_left(move, moved), max(move, moved) if level.is_last else move, move
         if left * longest < 1 and not is_bound:
             break
     has_settled = left * move_px < max(level.settled_px, MAX_UNSETTLED_PX)
