@@ -47,8 +47,11 @@ BALLS = (
 CHANGES: tuple[tuple[ModuleType, str, float], ...] = (
     (elimination, "CALM_STEPS", 4),
     (elimination, "CALM_SHARE", 0.3),
+    (bundle_adjustment, "STEPS", 16),
+    (bundle_adjustment, "LEAST_LEFT", 0.05),
     (bundle_adjustment, "COARSE_SETTLED_PX", 0.02),
     (keyframes, "ENOUGH_PIXELS", 0),
+    (keyframes, "MIN_OF_LARGE", 6),
 )
 
 

@@ -84,7 +84,7 @@ MAX_UNSETTLED_PX = 0.02
 #: (docs/constants.toml).
 LAST_SETTLED_PX, SETTLED_SD = 0.0005, 0.1
 
-#: Most steps on the last map.
+#: Most steps on the last map (docs/constants.toml).
 MAX_STEPS = 40
 
 #: Conjugate gradients for a map on new cells, and most for a step of map and poses together (docs/constants.toml).
@@ -93,7 +93,7 @@ NEW_MAP_STEPS, STEPS = 6, 60
 #: Conjugate gradients for a step with further unknowns, always as many (docs/constants.toml).
 STEPS_OF_UNKNOWNS = 40
 
-#: Share of a move that counts as settled, by which conjugate gradients may still change a step.
+#: Share of a move that counts as settled, by which conjugate gradients may still change a step (docs/constants.toml).
 SOLVED_SHARE = 0.2
 
 #: Largest change of the edge's blur in a step, px: its effect on the grey levels is far from linear.
@@ -193,12 +193,14 @@ def adjust(
     exposure_of = None if is_exposure_known else windows
     # Poses that are off look like a light, and a light pulls at the poses: it is looked for after one step.
     first = _adjust_level(state, last._replace(max_steps=1), shared)
-    lit, share = _with_light(first.state, last, shared)
+    lit, share = fit_light(first.state, shared)
+    lit = _with_footprint(lit, last, shared)
     adjustment = _adjust_last(lit, last, light.unknowns(share), exposure_of, shared, first.move)
     if not share:
         # Poses that were off may also have hidden it.
-        lit, share = _with_light(adjustment.state, last, shared)
+        lit, share = fit_light(adjustment.state, shared)
         if share:
+            lit = _with_footprint(lit, last, shared)
             adjustment = _adjust_last(lit, last, light.unknowns(share), exposure_of, shared, 0.0)
     if share and light.is_false(*_told_of_light(adjustment)):
         even = replace(adjustment.state, ball=replace(adjustment.state.ball, light=uniform_light(size)))
@@ -207,10 +209,9 @@ def adjust(
     return replace(adjustment, covariance=_with_radius_error(adjustment))
 
 
-def _with_light(state: State, level: _Level, shared: RowRunner) -> tuple[State, float]:
-    """`fit_light`, and the footprint's blur where it is not that of the optics."""
-    state, share = fit_light(state, shared)
-    return (state if level.is_blurred else fit_footprint(state, shared)), share
+def _with_footprint(state: State, level: _Level, shared: RowRunner) -> State:
+    """The state with the footprint's blur that fits best, where it is not that of the optics."""
+    return state if level.is_blurred else fit_footprint(state, shared)
 
 
 def _told_of_light(adjustment: Adjustment) -> tuple[Tensor, Tensor, Tensor]:

@@ -34,7 +34,7 @@ BLUR_SD_PX = 0.1
 LEAST_LEFT = 1e-4
 
 
-#: Factor in the stiffness of an unknown that is held.
+#: Factor in the stiffness of an unknown that is held (docs/constants.toml).
 HELD = 1e6
 
 #: Conjugate gradients that tell whether a step has settled, and the share of the step by which they may still move it

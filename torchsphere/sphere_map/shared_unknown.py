@@ -18,7 +18,7 @@ from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
 from torchsphere.sphere_map.forward_model import MIN_BLUR_PX, Linearisation
 from torchsphere.sphere_map.state import State, drawn
 
-#: Most conjugate gradients for the response of map and poses.
+#: Most conjugate gradients for the response of map and poses (docs/constants.toml).
 SOLVER_STEPS = 60
 
 #: Move, px, that is no move: a response counts by its shares alone.
