@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TypeVar
 
 import torch
@@ -101,13 +102,20 @@ def poses(n: int = 2) -> Poses:
     turns = [
         rotation_matrix(torch.tensor([0.3 + 0.2 * i, 0.5 - 0.15 * i, -0.2], dtype=torch.float64)) for i in range(n)
     ]
-    return Poses(centre, torch.stack(turns), 1.1 - 0.05 * at, 2.0 + at)
+    return Poses(centre, torch.stack(turns), 1.1 - 0.05 * at, 2.0 + at, torch.zeros_like(at))
+
+
+def grown(at: Poses) -> Poses:
+    """The poses with an outline of another radius in each image, larger and smaller than that of the ball."""
+    number = torch.arange(len(at), dtype=torch.float64)
+    return replace(at, added_radius=0.9 - 1.6 * number)
 
 
 def windows(at: Poses, dtype: torch.dtype = torch.float64) -> Windows:
     """Windows around the poses over a background that changes from pixel to pixel; the images are noise."""
     background = (40 + 5 * random(SIZE, SIZE, seed=4)).to(dtype)
-    return cut_windows((90 + 9 * random(len(at), SIZE, SIZE, seed=5)).to(dtype), background, at.centre, RADIUS)
+    images = (90 + 9 * random(len(at), SIZE, SIZE, seed=5)).to(dtype)
+    return cut_windows(images, background, at.centre, at.radii(RADIUS))
 
 
 def one_share(part: Callable[[int, int], Result], n: int) -> list[Result]:

@@ -75,7 +75,7 @@ def test_further_steps_reach_the_minimum_of_the_squares_and_then_stop(adjusted: 
     state, moves = adjusted.adjustment.state, []
     for _ in range(15):
         model = linearised(state, one_share)
-        weights = state.profile.weights(state.windows, state.poses.centre)
+        weights = state.profile.weights(state.windows, state.poses)
         equations = MapEquations.of(drawn(state, one_share), weights, one_share)
         last = LastStep(state, model, elimination.joint_equations(model, equations, state.poses))
         step = bundle_adjustment._step(last, (), limits(len(state.poses), 1e-4, []))

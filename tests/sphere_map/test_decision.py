@@ -24,7 +24,7 @@ def test_a_map_is_made_of_frames_enough_with_a_rotation_by_a_rigid_model() -> No
     assert not_needed(None, "rigid", position, rotation) is None
     for asked, model, turns, frames, why in (
         (False, "rigid", rotation, N, Why.NOT_ASKED),
-        (None, "pinhole6", rotation, N, Why.MODEL),
+        (None, "translation", rotation, N, Why.MODEL),
         (None, "rigid", rotation * np.nan, N, Why.NO_ROTATION),
         (None, "rigid", rotation, MIN_FRAMES - 1, Why.FEW_FRAMES),
     ):
@@ -33,7 +33,7 @@ def test_a_map_is_made_of_frames_enough_with_a_rotation_by_a_rigid_model() -> No
         assert found is not None
         assert found.why is why
         assert not found.is_needed
-    asked_for = not_needed(True, "pinhole6", position, rotation)
+    asked_for = not_needed(True, "translation", position, rotation)
     assert asked_for is not None
     assert asked_for.is_needed
     assert few_poses(MIN_FRAMES) is None

@@ -12,6 +12,7 @@ from ball_models import (
     SIZE,
     dense_design,
     distances,
+    grown,
     poses,
     random,
     random_directions,
@@ -47,18 +48,22 @@ def in_single(ball: TexturedBall) -> TexturedBall:
 
 def levels_of(unknowns: Tensor, seen: Windows, at: Poses, ball: TexturedBall) -> Tensor:
     """Grey levels (p,) of one image after a change (9,) of the unknowns; differentiable."""
-    x, y, z = unknowns[2:5] / ball.radius.detach()
+    x, y, z = unknowns[2:5] / at.radii(ball.radius.detach())
     none = torch.zeros_like(x)
     turn = torch.linalg.matrix_exp(torch.stack((none, -z, y, z, none, -x, -y, x, none)).reshape(3, 3))
-    moved = Poses(at.centre + unknowns[:2], turn @ at.orientation, at.gain + unknowns[7], at.offset + unknowns[8])
+    brightness = at.gain + unknowns[7], at.offset + unknowns[8]
+    moved = Poses(at.centre + unknowns[:2], turn @ at.orientation, *brightness, at.added_radius)
     changed = replace(ball, radius=ball.radius + unknowns[5], edge_blur=ball.edge_blur + unknowns[6])
     return forward_model.design(seen, moved, changed).levels(ball.coefficients).flatten()
 
 
+either_size = pytest.mark.parametrize("at", [poses(), grown(poses())], ids=["one size", "grows"])
+
+
 def at_limb(seen: Windows, at: Poses) -> Tensor:
     """Pixels (n, s, s) for which the model draws more than two rays."""
-    limit = min(rays.LIMB_FROM * RADIUS, RADIUS - rays.LEAST_LIMB_PX)
-    return distances(seen, at) >= limit
+    radius = at.radii(RADIUS).reshape(-1, 1, 1)
+    return distances(seen, at) >= (rays.LIMB_FROM * radius).minimum(radius - rays.LEAST_LIMB_PX)
 
 
 def rms(values: Tensor) -> Tensor:
@@ -171,9 +176,11 @@ ball_and_error = pytest.mark.parametrize(
 )
 
 
+@either_size
 @ball_and_error
-def test_the_derivatives_are_those_of_automatic_differentiation(ball: TexturedBall, limb_error: float) -> None:
-    at = poses()
+def test_the_derivatives_are_those_of_automatic_differentiation(
+    ball: TexturedBall, limb_error: float, at: Poses
+) -> None:
     seen = windows(at)
     model, limb, visible = forward_model.linearise(seen, at, ball), at_limb(seen, at), seen.visibility > 0
     for i in range(len(at)):
@@ -230,9 +237,9 @@ def test_columns_have_the_signs_of_the_motion() -> None:
     assert abs(float(turned[..., 2][middle].mean())) < 0.05 * 50 / RADIUS
 
 
+@either_size
 @either_ball
-def test_loops_and_torch_give_the_same_model(ball: TexturedBall) -> None:
-    at = poses()
+def test_loops_and_torch_give_the_same_model(ball: TexturedBall, at: Poses) -> None:
     seen = windows(at)
     visible = seen.visibility > 0
     exact, fast = (forward_model.linearise(*given) for given in ((seen, at, ball), (single(seen), at, in_single(ball))))
@@ -248,17 +255,17 @@ def test_loops_and_torch_give_the_same_model(ball: TexturedBall) -> None:
     assert float(rms(difference[limb]).max()) < 3e-4
 
 
-def designs(ball: TexturedBall) -> tuple[Windows, Design, Design]:
-    at = poses()
+def designs(ball: TexturedBall, at: Poses) -> tuple[Windows, Design, Design]:
     seen = windows(at)
     return seen, forward_model.design(seen, at, ball), forward_model.design(single(seen), at, ball)
 
 
+@either_size
 @either_ball
-def test_the_design_gives_the_levels_of_the_linearisation(ball: TexturedBall) -> None:
-    seen, exact, fast = designs(ball)
+def test_the_design_gives_the_levels_of_the_linearisation(ball: TexturedBall, at: Poses) -> None:
+    seen, exact, fast = designs(ball, at)
     visible = seen.visibility > 0
-    levels = forward_model.linearise(seen, poses(), ball).levels
+    levels = forward_model.linearise(seen, at, ball).levels
     torch.testing.assert_close(exact.levels(ball.coefficients), levels, atol=1e-10, rtol=0)
     found = fast.levels(ball.coefficients.float())
     assert found.dtype == torch.float32
@@ -270,7 +277,7 @@ def test_the_design_gives_the_levels_of_the_linearisation(ball: TexturedBall) ->
 
 def test_products_with_the_map_and_their_adjoints_belong_together() -> None:
     ball = rough_ball()
-    seen, exact, fast = designs(ball)
+    seen, exact, fast = designs(ball, poses())
     shown = (seen.visibility > 0).double()
     values = shown * random(*shown.shape)
     total = exact.adjoint(values)
@@ -282,7 +289,7 @@ def test_products_with_the_map_and_their_adjoints_belong_together() -> None:
 
 
 def test_the_adjoint_of_columns_is_that_of_each_image_and_column() -> None:
-    seen, exact, fast = designs(rough_ball())
+    seen, exact, fast = designs(rough_ball(), poses())
     shown = (seen.visibility > 0).double()
     columns = shown.flatten(1).unsqueeze(-1) * random(2, shown[0].numel(), 3)
     found = exact.adjoint_columns(columns)

@@ -202,11 +202,11 @@ def test_the_joint_equations_run_on_a_gpu(mode: OnFakeCuda, fake: _Fake) -> None
 
 def test_the_weights_of_the_pixels_run_on_a_gpu(mode: OnFakeCuda, fake: _Fake) -> None:
     with mode:
-        seen, centre = fake.windows, fake.poses.centre
-        sums = pixel_weights.ring_sums(seen, centre, seen.levels, fake.ball.radius, seen.visibility)
+        seen, at = fake.windows, fake.poses
+        sums = pixel_weights.ring_sums(seen, at, seen.levels, fake.ball.radius, seen.visibility)
         profile = pixel_weights.profile_of(sums, fake.ball.radius)
-        assert_on_gpu(profile.weights(seen, centre))
-        assert_on_gpu(pixel_weights.estimate_visibility(seen, profile.at(seen, centre), seen.levels))
+        assert_on_gpu(profile.weights(seen, at))
+        assert_on_gpu(pixel_weights.estimate_visibility(seen, profile.at(seen, at), seen.levels))
 
 
 def test_a_step_of_the_registration_runs_on_a_gpu(mode: OnFakeCuda, fake: _Fake) -> None:

@@ -52,7 +52,7 @@ def found_on(device: torch.device, camera: Camera | None, ignore: Tensor | None)
     source = Source(lambda a, b: made.images[a:b, :, :WIDTH], N, device, torch.float32)
     initial: Any = made.centres.numpy() + 0.1, made.orientations.numpy()
     circle = Circle(*made.circle)
-    found = poses.poses_on_map(MapRequest(source, *initial, 0.002, circle, ignore, 0.35, camera))
+    found = poses.poses_on_map(MapRequest(source, *initial, np.full(N, RADIUS), 0.002, circle, ignore, 0.35, camera))
     assert isinstance(found, MapPoses), found
     return found
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from ball_models import RADIUS, SIZE, poses, random, rough_ball, smooth_ball
+from ball_models import RADIUS, SIZE, grown, poses, random, rough_ball, smooth_ball
 from shots import rotation_matrix
 from torch import Tensor
 
@@ -26,7 +26,7 @@ BENT = replace(NEAR, distortion=(-0.12, 0.02, 0.0))
 def seen_by(camera: Camera, at: Poses) -> Windows:
     background = 40 + 5 * random(SIZE, SIZE, seed=4)
     images = 90 + 9 * random(len(at), SIZE, SIZE, seed=5)
-    return cut_windows(images, background, at.centre, RADIUS, optics=Optics.of(camera, CPU))
+    return cut_windows(images, background, at.centre, at.radii(RADIUS), optics=Optics.of(camera, CPU))
 
 
 def single(seen: Windows) -> Windows:
@@ -79,14 +79,14 @@ def test_a_ball_that_moves_right_shows_its_left_side() -> None:
     along = optics.view(centre).along(torch.eye(3, dtype=torch.float64).repeat(2, 1, 1))
     turned = along[1] @ along[0].T
     torch.testing.assert_close(turned, rotation_matrix(torch.tensor([0.0, -math.atan(1 / 200), 0.0]).double()))
-    motion = optics.view(centre).motion(torch.tensor(RADIUS).double())[0]
+    motion = optics.view(centre).motion(torch.full((2,), RADIUS).double())[0]
     # Rotations times the radius: 20 / 200 px about y per px to the right; the step itself is not changed.
     torch.testing.assert_close(motion[:, 0], torch.tensor([1.0, 0.0, 0.0, -0.1, 0.0]).double())
 
 
 def levels_of(unknowns: Tensor, seen: Windows, at: Poses, ball: TexturedBall) -> Tensor:
     """Grey levels (p,) of one image after a change (6,) of pose and radius, px, rotations times the radius."""
-    x, y, z = unknowns[2:5] / RADIUS
+    x, y, z = unknowns[2:5] / at.radii(RADIUS)
     none = torch.zeros_like(x)
     turn = torch.linalg.matrix_exp(torch.stack((none, -z, y, z, none, -x, -y, x, none)).reshape(3, 3))
     moved = replace(at, centre=at.centre + unknowns[:2], orientation=turn @ at.orientation)
@@ -96,7 +96,7 @@ def levels_of(unknowns: Tensor, seen: Windows, at: Poses, ball: TexturedBall) ->
 
 @pytest.mark.parametrize("camera", [NEAR, BENT], ids=["pinhole", "distortion"])
 def test_the_derivatives_in_perspective_are_those_of_automatic_differentiation(camera: Camera) -> None:
-    at, ball = straight_poses(1), smooth_ball()
+    at, ball = grown(straight_poses(1)), smooth_ball()
     seen = seen_by(camera, at)
     exact = torch.func.jacfwd(lambda u: levels_of(u, seen, at, ball))(torch.zeros(6, dtype=torch.float64))
     found = forward_model.linearise(seen, at, ball).jacobian[0, :, :6]
@@ -113,7 +113,7 @@ def test_the_derivatives_in_perspective_are_those_of_automatic_differentiation(c
 
 @pytest.mark.parametrize("camera", [NEAR, BENT], ids=["pinhole", "distortion"])
 def test_loops_and_torch_give_the_same_model_in_perspective(camera: Camera) -> None:
-    at, ball = straight_poses(), rough_ball()
+    at, ball = grown(straight_poses()), rough_ball()
     seen = seen_by(camera, at)
     fast_ball = replace(ball, coefficients=ball.coefficients.float())
     exact, fast = forward_model.linearise(seen, at, ball), forward_model.linearise(single(seen), at, fast_ball)
@@ -125,8 +125,9 @@ def test_loops_and_torch_give_the_same_model_in_perspective(camera: Camera) -> N
     assert float((drawn - exact.levels)[visible].abs().max()) < 0.03
 
 
-def test_a_registration_in_perspective_is_the_same_by_loops_and_by_torch() -> None:
-    at, ball = straight_poses(), rough_ball()
+@pytest.mark.parametrize("grows", [False, True])
+def test_a_registration_in_perspective_is_the_same_by_loops_and_by_torch(*, grows: bool) -> None:
+    at, ball = grown(straight_poses()), replace(rough_ball(), grows=grows)
     seen = seen_by(BENT, at)
     seen = replace(seen, levels=forward_model.linearise(seen, at, ball).levels + random(*seen.levels.shape, seed=8))
     start = at.moved(torch.tensor([[0.1, -0.1, 0.05, 0.1, -0.05]]).repeat(2, 1), RADIUS)
@@ -139,3 +140,6 @@ def test_a_registration_in_perspective_is_the_same_by_loops_and_by_torch() -> No
     torch.testing.assert_close(fast.poses.orientation, exact.poses.orientation, atol=1e-5, rtol=0)
     torch.testing.assert_close(fast.covariance, exact.covariance, atol=1e-6, rtol=1e-2)
     assert float((exact.poses.centre - at.centre).abs().max()) < 0.05
+    off = (fast.poses.added_radius - exact.poses.added_radius).abs()
+    assert float(off.max()) < 1e-4 if grows else float(off.max()) == 0
+    assert bool((exact.covariance[:, 5, 5] > 0).all()) == grows

@@ -17,7 +17,7 @@ SIZE = torch.tensor(RADIUS, dtype=torch.float64)
 def test_a_uniform_profile_weighs_visible_pixels_alike() -> None:
     at = poses()
     seen = windows(at)
-    weights = pixel_weights.uniform_profile(SIZE, 4.0).weights(seen, at.centre)
+    weights = pixel_weights.uniform_profile(SIZE, 4.0).weights(seen, at)
     torch.testing.assert_close(weights, seen.visibility / 4)
 
 
@@ -29,7 +29,7 @@ def test_the_variance_of_a_ring_is_the_mean_square_of_its_pixels_and_excess_over
     distance = distances(seen, at) - RADIUS
     residual = 2 * random(*seen.levels.shape) * torch.where(distance > -3, 1.5, 1.0)
     leverage = 0.3 * torch.sigmoid(random(*seen.levels.shape, seed=6))
-    profile = pixel_weights.profile_of(pixel_weights.ring_sums(seen, at.centre, residual, SIZE, leverage), SIZE)
+    profile = pixel_weights.profile_of(pixel_weights.ring_sums(seen, at, residual, SIZE, leverage), SIZE)
     assert len(profile.variance) == len(RING_LIMITS_PX) + 1
     inner = None
     for variance, (lower, upper) in zip(
@@ -51,14 +51,14 @@ def test_between_rings_the_variance_goes_over_without_a_jump() -> None:
     expected = 1 + 8 * (from_limit / RAMP_PX + 0.5).clamp(0, 1)
     # The ramp is a line in the square of the distance, which bends by this much.
     bent = RAMP_PX / (RADIUS + RING_LIMITS_PX[0])
-    torch.testing.assert_close(profile.at(seen, at.centre).to(expected), expected, atol=bent, rtol=0)
+    torch.testing.assert_close(profile.at(seen, at).to(expected), expected, atol=bent, rtol=0)
 
 
 def test_rounding_limits_the_variance_from_below() -> None:
     at = poses()
     seen = windows(at)
     none = torch.zeros_like(seen.levels)
-    profile = pixel_weights.profile_of(pixel_weights.ring_sums(seen, at.centre, none, SIZE, none), SIZE)
+    profile = pixel_weights.profile_of(pixel_weights.ring_sums(seen, at, none, SIZE, none), SIZE)
     assert float(profile.variance.min()) == pytest.approx(ROUNDING_VARIANCE)
 
 

@@ -158,7 +158,16 @@ def test_images_that_do_not_fit_any_map_are_refused(turning: Turning) -> None:
     images = turning.images[:10].clone()
     images[1::2] = noisy(other, 2.0, 11)[1::2]
     circle = Circle(*turning.circle)
-    request = MapRequest(Source.open(images), turning.centres[:10], turning.orientations[:10], 0.025, circle, None, 0.1)
+    request = MapRequest(
+        Source.open(images),
+        turning.centres[:10],
+        turning.orientations[:10],
+        np.full(10, circle.radius),
+        0.025,
+        circle,
+        None,
+        0.1,
+    )
     found = poses.poses_on_map(request)
     assert isinstance(found, NoMap)
     assert found
@@ -195,7 +204,7 @@ def step_variances(misfits: dict[int, float], keyframe_variance: float = 4.0) ->
     ``keyframe_variance``.
     """
     numbers = np.array(sorted({*misfits, *KEYS}))
-    unit = torch.eye(5, dtype=torch.float64).expand(len(numbers), 5, 5)
+    unit = torch.eye(6, dtype=torch.float64).expand(len(numbers), 6, 6)
     misfit = torch.tensor([misfits.get(int(i), 1.0) for i in numbers], dtype=torch.float64)
     at = Poses.at(torch.zeros(len(numbers), 2).double(), torch.eye(3).double().expand(len(numbers), 3, 3))
     found = Registration(at, unit, misfit > 0, misfit)
@@ -206,7 +215,7 @@ def step_variances(misfits: dict[int, float], keyframe_variance: float = 4.0) ->
     covariance = keyframe_variance * torch.eye(PER_IMAGE * len(KEYS) + COMMON, dtype=torch.float64)
     adjustment = Adjustment(state, covariance, settled=True)
     variance = np.einsum("nii->ni", pose_errors.step_covariances(9, numbers, found, KEYS, adjustment))
-    return variance * np.array([1, 1, *3 * [RADIUS**2]])
+    return variance * np.array([1, 1, *4 * [RADIUS**2]])
 
 
 def test_a_step_has_the_noise_of_its_two_images_scaled_by_their_misfits() -> None:
@@ -243,9 +252,9 @@ def test_a_step_of_a_frame_that_is_not_on_the_map_has_no_covariance() -> None:
 def test_images_that_the_map_does_not_explain_tell_nothing_of_the_cameras_distance(
     factor: float, expected: float
 ) -> None:
-    still = np.zeros((2, 2)), np.tile(np.eye(3), (2, 1, 1)), np.eye(5)[None]
+    still = np.zeros((2, 2)), np.tile(np.eye(3), (2, 1, 1)), np.full(2, 5.0), np.eye(5)[None], np.zeros(1)
     found = poses.MapPoses(*still, Circle(9.0, 9.0, 5.0), 2, 0.3, 1.0, np.ones(2), sd_nearness=0.002)
-    assert poses._widened(found, np.full(5, factor)).sd_nearness == pytest.approx(expected)
+    assert poses._widened(found, np.full(6, factor)).sd_nearness == pytest.approx(expected)
     # With a camera that is given, or telecentric, there is nothing to find.
     given = replace(found, sd_nearness=0.0)
-    assert poses._widened(given, np.full(5, factor)).sd_nearness == 0
+    assert poses._widened(given, np.full(6, factor)).sd_nearness == 0

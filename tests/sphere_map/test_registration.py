@@ -58,7 +58,7 @@ def test_single_and_double_precision_register_images_to_the_same_poses(mapped: M
     assert float((single.poses.orientation - double.poses.orientation).abs().max()) < 1e-4 / RADIUS
     # Covariances that are nearly 0 are compared by the standard deviations.
     sd = double.covariance.diagonal(dim1=1, dim2=2).sqrt()
-    off_by = (single.covariance - double.covariance) / (sd.unsqueeze(1) * sd.unsqueeze(2))
+    off_by = ((single.covariance - double.covariance) / (sd.unsqueeze(1) * sd.unsqueeze(2)))[:, :5, :5]
     assert float(off_by.abs().max()) < 1e-3
     assert float((double.poses.centre - mapped.shot.centres[6:9]).abs().max()) < 0.016
     torch.testing.assert_close(double.poses.gain, truth.gain, rtol=0.01, atol=0)
@@ -89,10 +89,10 @@ def test_images_that_the_map_was_made_of_fit_it_but_for_what_it_took_up_of_their
     # The map of 14 images takes up a fifth of their noise.
     assert 0.7 < float(found.misfit.mean()) < 1.0
     windows, poses = mapped.windows(mapped.shot.images, mapped.state.poses), mapped.state.poses
-    weights = mapped.state.profile.weights(windows, poses.centre)
+    weights = mapped.state.profile.weights(windows, poses)
     model = forward_model.linearise(windows, poses, mapped.state.ball)
-    own = registration.normal_equations(model, weights, weights)[0].inverse()[:, :5, :5]
-    torch.testing.assert_close(found.covariance, own, rtol=0.1, atol=1e-8)
+    own = registration.normal_equations(model, weights, weights, registration.COLUMNS)[0].inverse()[:, :5, :5]
+    torch.testing.assert_close(found.covariance[:, :5, :5], own, rtol=0.1, atol=1e-8)
 
 
 def test_an_object_in_front_of_the_ball_does_not_shift_its_pose(mapped: Mapped) -> None:
@@ -118,7 +118,7 @@ def test_loops_and_torch_hide_the_same_pixels(mapped: Mapped) -> None:
     assert float((single.poses.centre - double.poses.centre).abs().max()) < 1e-4
     # Covariances that are nearly 0 are compared by the standard deviations.
     sd = double.covariance.diagonal(dim1=1, dim2=2).sqrt()
-    off_by = (single.covariance - double.covariance) / (sd.unsqueeze(1) * sd.unsqueeze(2))
+    off_by = ((single.covariance - double.covariance) / (sd.unsqueeze(1) * sd.unsqueeze(2)))[:, :5, :5]
     assert float(off_by.abs().max()) < 1e-3
     torch.testing.assert_close(single.misfit.double(), double.misfit.double(), rtol=1e-3, atol=1e-3)
 

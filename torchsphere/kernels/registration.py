@@ -26,6 +26,7 @@ class Rings(NamedTuple):
     limits: Any  # between the rings (m - 1,), with slopes: `ResidualProfile.ramps`
     slopes: Any
     variances: Any  # (m,)
+    radius: Any  # of the outline (), px, that has these limits
 
 
 class Hidden(NamedTuple):
@@ -50,7 +51,8 @@ def equations(
     """Equations for the ``columns`` (k,) of the jacobian, from the ``levels`` (n, s, s) seen."""
     n, k = len(levels), len(columns)
     found = Equations(*(torch.zeros(n, *shape, dtype=torch.float64) for shape in ((k, k), (k,), (), ())))
-    rings = Rings(*arrays(*(ring.float() for ring in rings)))
+    limits, slopes, variances = arrays(*(ring.float() for ring in rings[:-1]))
+    rings = Rings(limits, slopes, variances, np.float32(float(rings.radius)))
     hidden = Hidden(hidden.window, np.float32(hidden.limit))
     given = model.of_arrays(), contiguous(images), *arrays(levels), rings, hidden, np.array(columns)
     _equations(*given, Equations(*arrays(*found)))
@@ -78,9 +80,10 @@ def _equations(
     misfits, usable = np.zeros((wide, wide), np.float32), np.zeros((wide, wide), np.float32)
     sums, counts = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
     for i in range(n):
+        scale = rings.radius / images.ball[i, layout.RADIUS]
         for row in range(side):
             linearise_row(model, images, i, row, memory, expected[row], jacobian[row])
-            _inverse_variance(memory.across, memory.down, rings, weights[row])
+            _inverse_variance(memory.across, memory.down, scale, rings, weights[row])
             for column in range(side):
                 residual[row, column] = levels[i, row, column] - expected[row, column]
         _misfits(expected, residual, visibility[i], weights, misfits, usable)
@@ -98,15 +101,15 @@ def _equations(
 
 
 @compiled
-def _inverse_variance(xs: Floats, ys: Floats, rings: Rings, found: Floats) -> None:
-    """One over `pixel_weights.ResidualProfile.at` the pixels of a row."""
-    limits, slopes, variances = rings
+def _inverse_variance(xs: Floats, ys: Floats, scale: Any, rings: Rings, found: Floats) -> None:
+    """One over `pixel_weights.ResidualProfile.at` the pixels of a row, whose distances are as many times longer."""
+    limits, slopes, variances, _ = rings
     for column in range(len(found)):
         found[column] = variances[0]
     for k in range(len(limits)):
         limit, slope, step = limits[k], slopes[k], variances[k + 1] - variances[k]
         for column in range(len(found)):
-            x, y = xs[column], ys[column]
+            x, y = scale * xs[column], scale * ys[column]
             share = (x * x + y * y - limit) * slope + _HALF
             found[column] += step * min(max(share, ZERO), ONE)
     for column in range(len(found)):

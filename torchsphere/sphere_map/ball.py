@@ -20,16 +20,18 @@ class Poses:
     orientation: Tensor  # rotations (n, 3, 3) from body to camera axes
     gain: Tensor  # brightness (n,) of the images relative to each other
     offset: Tensor  # (n,), grey levels
+    added_radius: Tensor  # radius (n,) of the outline less that of the ball, px: it grows as the ball comes nearer
 
     @classmethod
-    def at(cls, centre: Tensor, orientation: Tensor) -> Poses:
-        """Poses with gain 1 and offset 0."""
-        return cls(centre, orientation, torch.ones_like(centre[:, 0]), torch.zeros_like(centre[:, 0]))
+    def at(cls, centre: Tensor, orientation: Tensor, added_radius: Tensor | None = None) -> Poses:
+        """Poses with gain 1 and offset 0, and the radius of the ball where none is added."""
+        zero = torch.zeros_like(centre[:, 0])
+        return cls(centre, orientation, torch.ones_like(zero), zero, zero if added_radius is None else added_radius)
 
     @classmethod
     def joined(cls, parts: list[Poses]) -> Poses:
         """The poses of all parts, one after the other."""
-        columns = zip(*((p.centre, p.orientation, p.gain, p.offset) for p in parts), strict=True)
+        columns = zip(*(vars(part).values() for part in parts), strict=True)
         return cls(*(torch.cat(column) for column in columns))
 
     def __len__(self) -> int:
@@ -37,13 +39,24 @@ class Poses:
 
     def take(self, rows: Tensor | slice | list[int]) -> Poses:
         """Poses of the given rows."""
-        return Poses(self.centre[rows], self.orientation[rows], self.gain[rows], self.offset[rows])
+        return Poses(*(part[rows] for part in vars(self).values()))
+
+    def radii(self, of_ball: Tensor | float) -> Tensor:
+        """Radius (n,) of the outline in each image, px."""
+        return of_ball + self.added_radius
 
     def moved(self, step: Tensor, radius: Tensor | float) -> Poses:
-        """The poses after a ``step`` (n, 5) of (dx, dy, wx, wy, wz), px, rotations times the ``radius``."""
+        """The poses after a ``step`` (n, 5) of (dx, dy, wx, wy, wz), px, of a ball of that ``radius``.
+
+        Rotations are times the radius of the outline in each image.
+        """
         step = step.double()
-        rotation = So3.exp(step[:, 2:] / radius).matrix()
+        rotation = So3.exp(step[:, 2:] / self.radii(radius).unsqueeze(1)).matrix()
         return replace(self, centre=self.centre + step[:, :2], orientation=rotation @ self.orientation)
+
+    def enlarged(self, change: Tensor) -> Poses:
+        """The poses after a ``change`` (n,) of the outlines' radii, px."""
+        return replace(self, added_radius=self.added_radius + change.double())
 
     def brightened(self, change: Tensor) -> Poses:
         """The poses after a ``change`` (n, 2) of the gain and of the offset."""
@@ -68,6 +81,8 @@ class TexturedBall:
     footprint_blur: float = 0.0
     # Number of rays of a pixel at the outline: see `rays.rim_points`.
     rim_points: int = 12
+    # Whether the radius in each image is an unknown of its pose: the ball comes nearer or goes away.
+    grows: bool = False
 
 
 def uniform_light(like: Tensor) -> Tensor:

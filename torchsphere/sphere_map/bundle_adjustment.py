@@ -28,7 +28,7 @@ from torchsphere.sphere_map import (
 )
 from torchsphere.sphere_map.ball import LIGHT_TERMS, Poses, TexturedBall, uniform_light
 from torchsphere.sphere_map.decision import NO_SOLUTION
-from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
+from torchsphere.sphere_map.elimination import COMMON, GEOMETRY, PER_IMAGE, JointEquations
 from torchsphere.sphere_map.footprint import fit_footprint, with_footprint_of_outline
 from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.light import fit_light
@@ -134,8 +134,9 @@ class Adjustment:
     """The adjusted ball and poses."""
 
     state: State
-    # (u, u): of each image (dx, dy, wx, wy, wz), px, rotations times the radius, then gain and offset; then of the
-    # level's unknowns; then of radius and edge blur, px. The mean orientation defines the frame and has no variance.
+    # (u, u): of each image (dx, dy, wx, wy, wz), px, rotations times the radius, the outline's added radius, px, gain
+    # and offset; then of the level's unknowns; then of radius and edge blur, px. The mean orientation defines the frame
+    # and has no variance, nor has the mean of the added radii.
     covariance: Tensor
     settled: bool  # False if the poses still moved at the end
     sd_nearness: float = 0.0  # standard deviation of the ball's radius over its distance, which all images share
@@ -156,19 +157,22 @@ def adjust(
     optics_px: float = 0.0,
     least_variance: float = ROUNDING_VARIANCE,
     is_exposure_known: bool = True,
+    grows: bool = False,
 ) -> Adjustment:
     """Adjust map and poses to n images, from ``poses`` within half a speckle and a ``radius`` within a px.
 
     ``cell_px`` is the width of the map's cells, ``noise_variance`` that of the images, grey levels squared, and
     ``least_variance`` that which the steps of the levels leave; ``shared`` shares images out among threads.
     ``progress`` is called with the share that is done. The adjustment starts from the blur ``optics_px`` of the
-    images, 0 where they are sharp, and from the exposure of the windows, which is adjusted if it is not known.
+    images, 0 where they are sharp, and from the exposure of the windows, which is adjusted if it is not known. The
+    radius in each image is adjusted if the ball ``grows``.
     Singular equations raise LinAlgError.
     """
     like = windows.levels
     size = torch.tensor(radius, dtype=torch.float64, device=like.device)
     blur, none = torch.full_like(size, max(optics_px, OPTICS_BLUR_PX)), like.new_zeros(0)
-    ball = TexturedBall(size, blur, 0, none, uniform_light(size), rim_points=rim_points(radius))
+    points = rim_points(float(poses.radii(radius).max()))
+    ball = TexturedBall(size, blur, 0, none, uniform_light(size), rim_points=points, grows=grows)
     state = State(
         windows,
         _with_initial_gains(windows, poses),
@@ -296,7 +300,7 @@ def _told(adjustment: Adjustment, shared: RowRunner) -> tuple[float, float]:
     state, model, joint = adjustment.last
     columns = model.jacobian.shape[-1] - 1
     without = Linearisation(model.levels, model.jacobian[..., :columns].contiguous())
-    rest = elimination.joint_equations(without, joint.map, state.poses, _precisions(adjustment.unknowns[:-1]))
+    rest = _joint_equations(state, without, joint.map, adjustment.unknowns[:-1])
     found = shared_unknown.measure(adjustment.unknowns[-1], state, without, rest, shared)
     return float(found.sd), found.of_radius
 
@@ -340,16 +344,16 @@ def _adjust_level(state: State, level: _Level, shared: RowRunner, moved: float =
     before, share = None, 1.0
     for number in range(level.max_steps):
         model = linearised(state, shared)
-        weights = state.profile.weights(state.windows, state.poses.centre)
+        weights = state.profile.weights(state.windows, state.poses)
         equations = MapEquations.of(drawn(state, shared), weights, shared, state.smoothness)
         # Step by step the outline is found, and may lose the weight that it lacks.
         limit = MAX_RING_VARIANCE ** (number + 1)
         if number < REWEIGHTED:
             state = reweighted(state, state.windows.levels - model.levels, equations.leverage(), shared, limit)
-            weights = state.profile.weights(state.windows, state.poses.centre)
+            weights = state.profile.weights(state.windows, state.poses)
             equations = MapEquations.of(equations.design, weights, shared, state.smoothness)
         model = shared_unknown.with_columns(level.unknowns, state, model, shared)
-        joint = elimination.joint_equations(model, equations, state.poses, _precisions(level.unknowns))
+        joint = _joint_equations(state, model, equations, level.unknowns)
         last = LastStep(state, model, joint)
         settled = level.settled(len(state.poses), joint.covariance)
         of_map, step = _step(last, level.unknowns, SOLVED_SHARE * settled)
@@ -383,12 +387,15 @@ def _share_left(move: float, before: float) -> float:
 
 def _in_px(step: Tensor, n: int) -> float:
     """Largest move of one of n poses, or of the radius, by a ``step`` (u,), px."""
-    of_poses = step[: PER_IMAGE * n].unflatten(0, (n, PER_IMAGE))[:, :5]
+    of_poses = step[: PER_IMAGE * n].unflatten(0, (n, PER_IMAGE))[:, :GEOMETRY]
     return float(of_poses.abs().max().maximum(step[-COMMON].abs()))
 
 
-def _precisions(unknowns: SharedUnknowns) -> tuple[float, ...]:
-    return tuple(unknown.precision for unknown in unknowns)
+def _joint_equations(
+    state: State, model: Linearisation, equations: MapEquations, unknowns: SharedUnknowns
+) -> JointEquations:
+    precisions = tuple(unknown.precision for unknown in unknowns)
+    return elimination.joint_equations(model, equations, state.poses, precisions, grows=state.ball.grows)
 
 
 def _step(at: LastStep, unknowns: SharedUnknowns, settled: Tensor) -> tuple[Tensor, Tensor]:

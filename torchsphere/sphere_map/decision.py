@@ -14,8 +14,9 @@ Rows = NDArray[np.bool_]
 #: Smallest number of frames for a map.
 MIN_FRAMES = 6
 
-#: Models of a rigid motion at a constant distance, which a map replaces.
-MAP_MODELS = ("rigid", "finite", "pinhole")
+#: Models of a rigid motion at a distance that changes, and all of a rigid motion, which a map replaces.
+GROWING_MODELS = ("pinhole6",)
+MAP_MODELS = ("rigid", "finite", "pinhole", *GROWING_MODELS)
 
 #: Residual variance within the disc, in variances of the noise, from which the map is refused (docs/constants.toml).
 MAX_MISFIT = 4.0
@@ -94,7 +95,7 @@ def not_needed(asked: bool | None, model: str, position: Array, rotation: Array)
     if asked is False:
         return NoMap(Why.NOT_ASKED, "it was not asked for", is_needed=False)
     if model not in MAP_MODELS:
-        sentence = f"a map of the ball takes a rigid motion at a constant distance, which {model!r} is not"
+        sentence = f"a map of the ball takes a rigid motion, which {model!r} is not"
         return NoMap(Why.MODEL, sentence, is_needed=bool(asked))
     if not np.isfinite(rotation).any():
         return NoMap(Why.NO_ROTATION, "no rotation was measured, so no map of the ball can be made", bool(asked))

@@ -12,19 +12,26 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from torchsphere.kernels.layout import COLUMNS
+from torchsphere.kernels.layout import BY_GAIN, BY_OFFSET, BY_RADIUS, COLUMNS, WZ
 from torchsphere.sphere_map import map_fit
 from torchsphere.sphere_map.ball import Poses
-from torchsphere.sphere_map.forward_model import BRIGHTNESS, MOTION, SHARED, Linearisation
+from torchsphere.sphere_map.forward_model import SHARED, Linearisation
 from torchsphere.sphere_map.map_fit import MapEquations
 
-#: Unknowns of each image: motion, gain, offset; and of all images, at the end: radius and edge blur. Between them are
-#: those of `shared_unknown`, if there are any.
-PER_IMAGE, COMMON = 7, 2
+#: Unknowns of each image: motion, added radius, gain, offset; how many of these are no brightness; and unknowns of all
+#: images, at the end: radius and edge blur. Between them are those of `shared_unknown`, if there are any.
+PER_IMAGE, GEOMETRY, COMMON = 8, 6, 2
+
+#: Columns of a jacobian for the unknowns of an image.
+OWN = [*range(WZ + 1), BY_RADIUS, BY_GAIN, BY_OFFSET]
 
 #: Standard deviations of the mean gain and of the mean offset, grey levels: the map scales as they do, and the
 #: background, a mean of the images, holds them.
 MEAN_GAIN_SD, MEAN_OFFSET_SD = 1e-6, 1e-4
+
+#: Standard deviation of an added radius, px, that is held, and of the mean of those that are not: the ball's own radius
+#: is an unknown.
+HELD_RADIUS_SD_PX = 1e-6
 
 #: Standard deviation of a change of the edge's blur, px: where the outline has no contrast, nothing else holds it
 #: (docs/constants.toml).
@@ -44,7 +51,7 @@ CALM_STEPS, CALM_SHARE = 8, 0.1
 
 @dataclass(frozen=True)
 class JointEquations:
-    """Gauss-Newton equations of map (m,) and u = 7 n + k + 2 other unknowns, and their approximate solution."""
+    """Gauss-Newton equations of map (m,) and u = 8 n + k + 2 other unknowns, and their approximate solution."""
 
     map: MapEquations
     normal: Tensor  # (u, u), float64, of the other unknowns, with constraints on what the images leave open
@@ -140,9 +147,14 @@ class Direction(NamedTuple):
 
 
 def joint_equations(
-    model: Linearisation, equations: MapEquations, poses: Poses, precisions: tuple[float, ...] = ()
+    model: Linearisation,
+    equations: MapEquations,
+    poses: Poses,
+    precisions: tuple[float, ...] = (),
+    *,
+    grows: bool = False,
 ) -> JointEquations:
-    """Set up the equations and eliminate the map.
+    """Set up the equations and eliminate the map; the outlines' radii are unknowns of the images if the ball ``grows``.
 
     Columns of the ``model`` beyond those of poses and outline are unknowns that all images share, with these
     ``precisions`` of their priors.
@@ -157,7 +169,7 @@ def joint_equations(
         weighted = weights.flatten(1).unsqueeze(-1) * jacobian
         columns = design.rows(a, b).adjoint_columns(weighted).movedim(0, 1)
         # Straight to their places: these are the largest arrays of an adjustment.
-        own[:, a:b, :5], own[:, a:b, 5:] = columns[..., MOTION], columns[..., BRIGHTNESS]
+        own[:, a:b] = columns[..., OWN]
         return model.rows(a, b).normal(weights, weights)[0], columns[..., shared].sum(1)
 
     blocks, common = zip(*equations.shared(part, n), strict=True)
@@ -167,7 +179,7 @@ def joint_equations(
     products = equations.shared(lambda a, b: at_nodes[a:b].T @ (at_nodes[a:b] / density[a:b]), len(density))
     taken_up = torch.stack(products).sum(0)
     seen = _seen(coupling)
-    normal = normal + _gauge(poses, normal)
+    normal = normal + _gauge(poses, normal, grows=grows)
     normal[-1, -1] += 1 / BLUR_SD_PX**2
     first = PER_IMAGE * n
     for number, precision in enumerate(precisions):
@@ -202,27 +214,33 @@ def _shared_columns(count: int) -> list[int]:
 
 
 def spread_normal(blocks: Tensor) -> Tensor:
-    """Normal matrix (7 n + k + 2, 7 n + k + 2) from the ``blocks`` (n, 9 + k, 9 + k) of the images."""
-    order, shared = [*range(5), 7, 8], _shared_columns(blocks.shape[-1])
-    own = torch.block_diag(*blocks[:, order][:, :, order])
-    across = blocks[:, order][:, :, shared].reshape(-1, len(shared))
+    """Normal matrix (8 n + k + 2, 8 n + k + 2) from the ``blocks`` (n, 9 + k, 9 + k) of the images."""
+    shared = _shared_columns(blocks.shape[-1])
+    own = torch.block_diag(*blocks[:, OWN][:, :, OWN])
+    across = blocks[:, OWN][:, :, shared].reshape(-1, len(shared))
     common = blocks[:, shared][:, :, shared].sum(0)
     return torch.cat((torch.cat((own, across), 1), torch.cat((across.T, common), 1)))
 
 
 def spread_gradient(parts: Tensor) -> Tensor:
-    """Gradient (7 n + k + 2,) from that of the images (n, 9 + k)."""
-    own = torch.cat((parts[:, MOTION], parts[:, BRIGHTNESS]), 1)
-    return torch.cat((own.flatten(), parts[:, _shared_columns(parts.shape[-1])].sum(0)))
+    """Gradient (8 n + k + 2,) from that of the images (n, 9 + k)."""
+    return torch.cat((parts[:, OWN].flatten(), parts[:, _shared_columns(parts.shape[-1])].sum(0)))
 
 
-def _gauge(poses: Poses, normal: Tensor) -> Tensor:
-    """Constraints on what the images leave open: a common rotation of poses and map, mean gain and mean offset."""
+def _gauge(poses: Poses, normal: Tensor, *, grows: bool) -> Tensor:
+    """Constraints on what the images leave open: a common rotation of poses and map, and mean gain, offset and radius.
+
+    The radius added in each image is held unless the ball ``grows``.
+    """
     n, device = len(poses), normal.device
-    open_ = torch.zeros(5, len(normal), dtype=torch.float64, device=device)
-    own = open_[:, : PER_IMAGE * n].view(5, n, PER_IMAGE)
+    open_ = torch.zeros(6, len(normal), dtype=torch.float64, device=device)
+    own = open_[:, : PER_IMAGE * n].view(6, n, PER_IMAGE)
     stiffness = normal.diagonal()[:5].max()
     own[:3, :, 2:5] = poses.orientation.permute(2, 0, 1) * (stiffness / n).sqrt()
-    own[3, :, 5] = 1 / (MEAN_GAIN_SD * n)
-    own[4, :, 6] = 1 / (MEAN_OFFSET_SD * n)
-    return open_.T @ open_
+    own[3, :, GEOMETRY] = 1 / (MEAN_GAIN_SD * n)
+    own[4, :, GEOMETRY + 1] = 1 / (MEAN_OFFSET_SD * n)
+    own[5, :, GEOMETRY - 1] = 1 / (HELD_RADIUS_SD_PX * n)
+    gauge = open_.T @ open_
+    if not grows:
+        gauge.diagonal()[: PER_IMAGE * n].view(n, PER_IMAGE)[:, GEOMETRY - 1] += HELD_RADIUS_SD_PX**-2
+    return gauge

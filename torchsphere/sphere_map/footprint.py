@@ -52,7 +52,7 @@ def _with_variance(state: State, variance: float) -> State:
 def _changed(state: State, shared: RowRunner) -> State:
     """The state after one Gauss-Newton step of the variance and of the map."""
     ball, windows = state.ball, state.windows
-    weights = state.profile.weights(windows, state.poses.centre)
+    weights = state.profile.weights(windows, state.poses)
     equations = MapEquations.of(drawn(state, shared), weights, shared, state.smoothness)
     coefficients, variance = ball.coefficients, ball.footprint_blur**2
     more = drawn(_with_variance(state, variance + DERIVATIVE_STEP_PX2), shared).map_levels(coefficients)

@@ -38,7 +38,8 @@ class Linearisation:
     """The model's grey levels in n images with their derivatives, p = s * s pixels each."""
 
     levels: Tensor  # grey levels (n, s, s)
-    # Derivatives (n, p, 9) by dx, dy, rotations times radius, radius and edge blur, px, and by gain and offset.
+    # Derivatives (n, p, 9) by dx, dy, rotations times the image's radius, radius and edge blur, px, and by gain and
+    # offset.
     jacobian: Tensor
 
     def rows(self, start: int, stop: int) -> Linearisation:
@@ -94,16 +95,18 @@ def _seen(windows: Windows, poses: Poses, ball: TexturedBall) -> _Seen:
         return _Seen(poses.orientation, light, torch.zeros_like(poses.gain))
     view = windows.optics.view(poses.centre)
     turned = (view.turn.mT @ light[:, 1:].unsqueeze(-1))[..., 0]
-    return _Seen(view.along(poses.orientation), torch.cat((light[:, :1], turned), 1), view.nearness(ball.radius))
+    nearness = view.nearness(poses.radii(ball.radius))
+    return _Seen(view.along(poses.orientation), torch.cat((light[:, :1], turned), 1), nearness)
 
 
 def _project(windows: Windows, poses: Poses, ball: TexturedBall) -> _Projection:
     x, y = windows.offsets(poses.centre)
-    radius, blur = ball.radius.to(x), ball.edge_blur.to(x)
+    radius, blur = _column(poses.radii(ball.radius), x), ball.edge_blur.to(x)
     rays = rays_of(x, y, radius, ball)
+    along = radius.unsqueeze(-1)
     seen = _seen(windows, poses, ball)
     near = seen.nearness.to(x).reshape(-1, 1, 1, 1)
-    across, down = rays.scale * x.unsqueeze(-1) / radius, rays.scale * y.unsqueeze(-1) / radius
+    across, down = rays.scale * x.unsqueeze(-1) / along, rays.scale * y.unsqueeze(-1) / along
     squared = across.square() + down.square()
     # A ray that is tilted by the angle asin(k b) meets the ball nearer to the axis than a parallel one.
     height, upright = (1 - squared).sqrt(), (1 - near.square() * squared).sqrt()
@@ -128,7 +131,7 @@ def inputs_of_loops(windows: Windows, poses: Poses, ball: TexturedBall) -> layou
     """The images, poses and ball for the loops."""
     brightness, seen = torch.stack((poses.gain, poses.offset), 1), _seen(windows, poses, ball)
     numbers = seen.light.new_empty(len(poses), layout.BALL_COLUMNS)
-    numbers[:, layout.RADIUS], numbers[:, layout.BLUR] = ball.radius, ball.edge_blur
+    numbers[:, layout.RADIUS], numbers[:, layout.BLUR] = poses.radii(ball.radius), ball.edge_blur
     numbers[:, layout.NEARNESS], numbers[:, layout.FOOTPRINT_BLUR] = seen.nearness, ball.footprint_blur
     numbers[:, layout.EVEN_LIGHT : layout.LIGHT_Z + 1] = seen.light
     first, places = windows.origin - poses.centre, windows.levels.new_zeros(0, 0, 0, 2)
@@ -159,7 +162,7 @@ def linearise(windows: Windows, poses: Poses, ball: TexturedBall) -> Linearisati
         levels, jacobian = loops.linearise(model, inputs_of_loops(windows, poses, ball))
         return Linearisation(levels, _in_image(jacobian, windows, poses, ball))
     seen = _project(windows, poses, ball)
-    radius = ball.radius.to(seen.x)
+    radius = _column(poses.radii(ball.radius), seen.x).unsqueeze(-1)
     value, by_place = seen.places.value_and_gradient(ball.coefficients.to(seen.x))
     # In the axes of the view: of the lit texture, which turns with the ball, and of the light, which does not.
     slope = seen.light * torch.einsum("nij,jnabk->inabk", seen.orientation, by_place)
@@ -202,7 +205,7 @@ def _in_image(jacobian: Tensor, windows: Windows, poses: Poses, ball: TexturedBa
     """The ``jacobian`` (n, p, 9) by the motion in the image, from that by the motion in the view."""
     if windows.optics is None:
         return jacobian
-    view = windows.optics.view(poses.centre)
-    jacobian[..., MOTION] = jacobian[..., MOTION] @ view.motion(ball.radius).to(jacobian)
-    jacobian[..., :2] += jacobian[..., SHARED][..., :1] * view.shrinking(ball.radius).to(jacobian).unsqueeze(1)
+    view, radii = windows.optics.view(poses.centre), poses.radii(ball.radius)
+    jacobian[..., MOTION] = jacobian[..., MOTION] @ view.motion(radii).to(jacobian)
+    jacobian[..., :2] += jacobian[..., SHARED][..., :1] * view.shrinking(radii).to(jacobian).unsqueeze(1)
     return jacobian

@@ -39,15 +39,21 @@ class KnownFrames:
 
     source: Source
     known: NDArray[np.int64]  # numbers (k,) of the frames with an initial pose
-    position: Tensor  # initial poses of all frames, float64: (n, 2) and (n, 3, 3), NaN where unknown
+    # Initial poses of all frames, float64: (n, 2), (n, 3, 3) and (n,), NaN where unknown.
+    position: Tensor
     orientation: Tensor
+    added_radius: Tensor
     background: Tensor
     usable: Tensor | None
     optics: Optics | None
     moments: Tensor | None = None  # `Windows.moments` of all frames
 
-    def windows(self, numbers: list[int], centres: Tensor, radius: float) -> Windows:
-        """Windows of the given frames around ``centres`` (k, 2)."""
+    def poses(self, numbers: NDArray[np.int64] | slice = slice(None)) -> Poses:
+        """Initial poses of the given frames, or of all."""
+        return Poses.at(self.position[numbers], self.orientation[numbers], self.added_radius[numbers])
+
+    def windows(self, numbers: list[int], poses: Poses, radius: Tensor | float) -> Windows:
+        """Windows of the given frames around a ball of that ``radius`` at its ``poses`` (k,)."""
         first, last = numbers[0], numbers[-1] + 1
         if last - first == len(numbers):
             images = self.source.images(first, last)
@@ -56,7 +62,8 @@ class KnownFrames:
         # Single precision is nearly twice as fast and moves a pose by 1e-6 px.
         images = images.float() if images.dtype == torch.float64 else images
         moments = None if self.moments is None else self.moments[numbers]
-        return cut_windows(images, self.background, centres, radius, self.usable, self.optics, moments)
+        radii = poses.radii(radius)
+        return cut_windows(images, self.background, poses.centre, radii, self.usable, self.optics, moments)
 
 
 def register_frames(
@@ -76,7 +83,7 @@ def register_frames(
     for first in range(0, len(wanted), BATCH):
         batch = wanted[first : first + BATCH]
         start = _undrifted(frames, batch, *anchors)
-        windows = frames.windows(batch.tolist(), start.centre, float(ball.radius))
+        windows = frames.windows(batch.tolist(), start, ball.radius)
 
         def part(a: int, b: int, windows: Windows = windows, start: Poses = start) -> Registration:
             return registration.register(windows.take(slice(a, b)), start.take(slice(a, b)), ball, profile)
@@ -97,7 +104,7 @@ def _with_last(anchors: Anchors, frames: KnownFrames, number: int, pose: Poses) 
     """The ``anchors`` after frame ``number``, with the pose that was found for it; those before it are not needed."""
     numbers, before, after = anchors
     later = [i for i, key in enumerate(numbers) if key > number]
-    own = Poses.at(frames.position[number : number + 1], frames.orientation[number : number + 1])
+    own = frames.poses(slice(number, number + 1))
     kept = [number, *(numbers[i] for i in later)]
     return kept, Poses.joined([own, before.take(later)]), Poses.joined([pose, after.take(later)])
 
@@ -109,10 +116,11 @@ def _undrifted(frames: KnownFrames, batch: NDArray[np.int64], numbers: list[int]
     """
     shift = after.centre - before.centre
     turn = So3.from_matrix(after.orientation @ before.orientation.mT).log()
-    brightness = torch.stack((after.gain, after.offset), 1)
-    known = torch.cat((shift, turn, brightness), 1).cpu().numpy()
+    others = torch.stack((after.gain, after.offset, after.added_radius - before.added_radius), 1)
+    known = torch.cat((shift, turn, others), 1).cpu().numpy()
     at = np.stack([np.interp(batch, numbers, column) for column in known.T], 1)
     change = torch.from_numpy(at).to(frames.position.device)
     rotation = So3.exp(change[:, 2:5]).matrix()
-    centre = frames.position[batch] + change[:, :2]
-    return Poses(centre, rotation @ frames.orientation[batch], change[:, 5], change[:, 6])
+    own = frames.poses(batch)
+    gain, offset, added = change[:, 5:].unbind(1)
+    return Poses(own.centre + change[:, :2], rotation @ own.orientation, gain, offset, own.added_radius + added)

@@ -82,11 +82,12 @@ def _seen_share(state: State, shared: RowRunner) -> float:
     Most of a light is taken up by the map.
     """
     windows, poses = state.windows, state.poses
-    weights = state.profile.weights(windows, poses.centre)
+    weights = state.profile.weights(windows, poses)
     levels = drawn(state, shared).levels(state.ball.coefficients)
     residual = windows.levels - levels
     x, y = windows.offsets(poses.centre)
-    across, down = x / state.ball.radius.to(x), y / state.ball.radius.to(y)
+    radius = poses.radii(state.ball.radius).to(x).reshape(-1, 1, 1)
+    across, down = x / radius, y / radius
     depth = 1 - across.square() - down.square()
     weights = torch.where(depth > 0, weights, 0.0)
     normals = (across.expand_as(depth), down.expand_as(depth), depth.clamp_min(0).sqrt())
@@ -104,7 +105,7 @@ def _change(state: State, shared: RowRunner) -> tuple[Tensor, Tensor, Tensor]:
     would be left without any.
     """
     ball, windows = state.ball, state.windows
-    weights = state.profile.weights(windows, state.poses.centre)
+    weights = state.profile.weights(windows, state.poses)
     equations = MapEquations.of(drawn(state, shared), weights, shared, state.smoothness)
     residual = windows.levels - equations.design.levels(ball.coefficients)
     units = torch.eye(LIGHT_TERMS, dtype=ball.light.dtype, device=ball.light.device)[1:]

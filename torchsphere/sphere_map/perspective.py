@@ -91,7 +91,7 @@ class View:
     per_focal: Tensor  # one over the focal length (), 1/px
 
     def nearness(self, radius: Tensor) -> Tensor:
-        """Radius over distance (n,) of a ball of that ``radius`` at its depth, px."""
+        """Radius over distance (n,) of a ball of that ``radius`` (n,) at its depth, px."""
         return radius * self.per_focal / self.secant
 
     def offsets(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
@@ -113,7 +113,7 @@ class View:
         return self.turn.mT @ orientation
 
     def motion(self, radius: Tensor) -> Tensor:
-        """Motion (n, 5, 5) in the view by a motion (dx, dy, wx, wy, wz) in the image, px, rotations times ``radius``.
+        """Motion (n, 5, 5) in the view by one (dx, dy, wx, wy, wz) in the image, px, rotations times ``radius`` (n,).
 
         A ball that moves sideways is seen from another side.
         """
@@ -128,8 +128,8 @@ class View:
         return found
 
     def shrinking(self, radius: Tensor) -> Tensor:
-        """Change (n, 2) of the outline's ``radius`` with the centre, both px: a ball off the axis is farther away."""
-        return -radius * self.per_focal / self.secant.square().unsqueeze(-1) * self.towards
+        """Change (n, 2) of the outline's ``radius`` (n,) with the centre, px: a ball off the axis is farther away."""
+        return -(radius * self.per_focal / self.secant.square()).unsqueeze(-1) * self.towards
 
 
 def orthographic(shape: tuple[int, ...], device: torch.device) -> Optics:

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from torchsphere.kernels import region
 from torchsphere.kernels.jit import suits
+from torchsphere.sphere_map.ball import Poses
 from torchsphere.sphere_map.window import Windows
 
 #: Limits of the rings in which the residual variance is measured, px from the outline (docs/constants.toml).
@@ -39,19 +40,23 @@ ROUNDING_VARIANCE = 1 / 12
 class ResidualProfile:
     """Variance of the residual by the distance from the outline."""
 
-    limits: Tensor  # limits (m - 1,) of the rings, px from the ball's centre
+    limits: Tensor  # limits (m - 1,) of the rings, px from the ball's centre, in images of its own radius
     variance: Tensor  # variance (m,) in each ring, grey levels squared
     least: float = ROUNDING_VARIANCE  # that the steps of the levels leave in each ring
 
-    def at(self, windows: Windows, centre: Tensor) -> Tensor:
-        """Variance (n, s, s) at the windows' pixels, with the ball's ``centre`` (n, 2) in each image.
+    @property
+    def radius(self) -> Tensor:
+        """Radius () of the ball, px."""
+        return self.limits[-1] - RING_LIMITS_PX[-1]
+
+    def at(self, windows: Windows, poses: Poses) -> Tensor:
+        """Variance (n, s, s) at the windows' pixels, with the ball at its ``poses``.
 
         It goes over from one ring to the next along `RAMP_PX`: a pixel that rounding puts on the one or the other side
         of a limit has the same weight on both.
         """
-        x, y = windows.offsets(centre)
-        square, (squares, slopes) = x.square() + y.square(), (part.to(x) for part in self.ramps())
-        variance = self.variance.to(x)
+        square = _square_distances(windows, poses, self.radius)
+        (squares, slopes), variance = (part.to(square) for part in self.ramps()), self.variance.to(square)
         found = variance[0].expand_as(square)
         for limit, slope, step in zip(squares, slopes, variance.diff(), strict=True):
             found = found + step * ((square - limit) * slope + 0.5).clamp(0, 1)
@@ -62,21 +67,21 @@ class ResidualProfile:
         limits = self.limits.clamp_min(0)
         return limits.square(), 1 / (2 * RAMP_PX * limits.clamp_min(RAMP_PX))
 
-    def weights(self, windows: Windows, centre: Tensor) -> Tensor:
+    def weights(self, windows: Windows, poses: Poses) -> Tensor:
         """Weight (n, s, s) of each pixel: visibility over the variance of its ring."""
-        return windows.visibility / self.at(windows, centre)
+        return windows.visibility / self.at(windows, poses)
+
+
+def _square_distances(windows: Windows, poses: Poses, radius: Tensor) -> Tensor:
+    """Squares (n, s, s) of the pixels' distances from the centre, px^2, were the outline's radius that ``radius``."""
+    x, y = windows.offsets(poses.centre)
+    scale = (radius / poses.radii(radius)).square()
+    return (x.square() + y.square()) * scale.to(x).reshape(-1, 1, 1)
 
 
 def _ring_limits(radius: Tensor) -> Tensor:
     """`ResidualProfile.limits` around a ball of that ``radius``."""
     return radius + torch.tensor(RING_LIMITS_PX, dtype=radius.dtype, device=radius.device)
-
-
-def _ring_numbers(windows: Windows, centre: Tensor, limits: Tensor) -> Tensor:
-    """Number (n, s, s) of the ring around ``centre`` (n, 2) in which each pixel lies."""
-    x, y = windows.offsets(centre)
-    # Squares need no root.
-    return torch.bucketize(x.square() + y.square(), limits.to(x).clamp_min(0).square())
 
 
 def uniform_profile(radius: Tensor, variance: float, least: float = ROUNDING_VARIANCE) -> ResidualProfile:
@@ -86,13 +91,14 @@ def uniform_profile(radius: Tensor, variance: float, least: float = ROUNDING_VAR
     return ResidualProfile(limits, same, least)
 
 
-def ring_sums(windows: Windows, centre: Tensor, residual: Tensor, radius: Tensor, leverage: Tensor) -> Tensor:
+def ring_sums(windows: Windows, poses: Poses, residual: Tensor, radius: Tensor, leverage: Tensor) -> Tensor:
     """Sums (2, m) per ring over the visible pixels: squares of the ``residual`` (n, s, s), and shares of noise in them.
 
     A map that was fitted to the same pixels takes up a part of their noise, the ``leverage`` (n, s, s).
     """
-    limits = _ring_limits(radius)
-    ring = _ring_numbers(windows, centre, limits).flatten()
+    limits, distances = _ring_limits(radius), _square_distances(windows, poses, radius)
+    # Squares need no root.
+    ring = torch.bucketize(distances, limits.to(distances).clamp_min(0).square()).flatten()
     squares, free = windows.visibility * residual.square(), windows.visibility * (1 - leverage)
     none = torch.zeros(len(limits) + 1, dtype=torch.float64, device=radius.device)
     return torch.stack([none.index_add(0, ring, part.flatten().double()) for part in (squares, free)])

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.sphere_map.bundle_adjustment import Adjustment
-from torchsphere.sphere_map.elimination import PER_IMAGE
+from torchsphere.sphere_map.elimination import GEOMETRY, PER_IMAGE
 from torchsphere.sphere_map.registration import Registration
 
 Array = NDArray[np.float64]
@@ -29,26 +29,29 @@ def without_leverage(misfit: Tensor, numbers: NDArray[np.int64], of_map: NDArray
 def step_covariances(
     n: int, numbers: NDArray[np.int64], found: Registration, keys: list[int], adjustment: Adjustment
 ) -> Array:
-    """Covariance (n - 1, 5, 5) of the steps between frames that are both on the map; px and rad, NaN elsewhere.
+    """Covariance (n - 1, 6, 6) of the steps between frames that are both on the map; NaN elsewhere.
+
+    Of the motion, px and rad, and of the relative growth of the outline.
 
     Between keyframes, the covariance is that of the adjustment. Elsewhere it is the noise of both images, scaled by
     `Registration.misfit`: the residual also holds the map's error at the frame's pixels, which cancels little in a
     step.
     """
-    radius = float(adjustment.state.ball.radius)
-    units = np.array([1.0, 1.0, *3 * [1 / radius]])
-    own = np.full((n, 5, 5), np.nan)
+    radius = np.full(n, np.nan)
+    radius[numbers] = found.poses.radii(adjustment.state.ball.radius).cpu().numpy()
+    units = np.column_stack((np.ones((n, 2)), *4 * [1 / radius]))[:-1]
+    own = np.full((n, GEOMETRY, GEOMETRY), np.nan)
     own[numbers] = (found.misfit[:, None, None] * found.covariance).cpu().numpy()
     covariance = own[:-1] + own[1:]
     whole = adjustment.covariance.cpu().numpy()
     for k in range(len(keys) - 1):
         if keys[k + 1] == keys[k] + 1:
             covariance[keys[k]] = _difference_covariance(whole, k, k + 1)
-    return covariance * np.outer(units, units)
+    return covariance * units[:, :, None] * units[:, None, :]
 
 
 def _difference_covariance(covariance: Array, a: int, b: int) -> Array:
-    """Covariance (5, 5) of the step from pose number ``a`` to number ``b``, from that of all poses."""
-    first, second = (slice(PER_IMAGE * k, PER_IMAGE * k + 5) for k in (a, b))
+    """Covariance (6, 6) of the step from pose number ``a`` to number ``b``, from that of all poses."""
+    first, second = (slice(PER_IMAGE * k, PER_IMAGE * k + GEOMETRY) for k in (a, b))
     shared = covariance[first, second]
     return covariance[first, first] + covariance[second, second] - shared - shared.T

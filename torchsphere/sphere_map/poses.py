@@ -74,7 +74,9 @@ class MapPoses:
 
     position: Array  # (n, 2), px; NaN for a frame that is not on the map
     orientation: Array  # rotation (n, 3, 3) since the first known frame; NaN for a frame that is not on the map
+    radius: Array  # radius (n,) of the outline, px; NaN for a frame that is not on the map
     step_covariance: Array  # covariance (n - 1, 5, 5) of the step from each frame to the next: px and rad
+    sd_growth: Array  # standard deviation (n - 1,) of the relative change of the radius from each frame to the next
     circle: Circle  # the outline, with the radius of the map and the centre of the first known frame
     keyframes: int
     edge_blur: float  # blur of the outline by the optics, px
@@ -97,12 +99,14 @@ class MapRequest:
     # included; NaN where unknown.
     position: Array
     orientation: Array
+    radius: Array  # of the outline (n,), px, nearly; NaN where unknown
     noise_share: float  # variance of the images' noise over that of their grey levels
     circle: Circle
     ignore: Tensor | None  # (h, w), True for pixels to ignore
     fineness: float  # of the texture's slopes over its variance, 1/px^2
     camera: Camera | None = None  # with a known focal length; without one its distance is found
     telecentric: bool = False
+    grows: bool = False  # whether the ball comes nearer or goes away: its radius in each frame is an unknown
     progress: Callable[[int, int], None] | None = None
     blur: exposure.Blur = SHARP
 
@@ -116,23 +120,32 @@ class MapRequest:
         """Numbers of the frames with a known pose."""
         return np.flatnonzero(np.isfinite(self.position[:, 0]) & np.isfinite(self.orientation[:, 0, 0]))
 
+    @functools.cached_property
+    def middle(self) -> Circle:
+        """The outline with the radius that the map is made for: halfway between smallest and largest of those known."""
+        if not self.grows:
+            return self.circle
+        known = self.radius[self.known]
+        return replace(self.circle, radius=math.sqrt(float(known.min() * known.max())))
+
 
 def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
     """Register all frames on a map of the ball: their poses, or why no map is possible.
 
     Singular equations of the map raise LinAlgError.
     """
-    source, known, circle, blur = asked.source, asked.known, asked.circle, asked.blur
+    source, known, circle, blur = asked.source, asked.known, asked.middle, asked.blur
     lacking = few_poses(len(known))
     if lacking:
         return lacking
     frames = _known_frames(asked)
     optics = frames.optics
     keys = choose_keyframes(known, asked.orientation, circle.radius)
-    initial = Poses.at(frames.position[keys], frames.orientation[keys])
-    windows = frames.windows(keys, initial.centre, circle.radius)
+    initial = frames.poses(np.array(keys))
+    windows = frames.windows(keys, initial, circle.radius)
     noise = max(asked.noise_share * texture_variance(windows), source.rounding_variance)
-    cell_px = float(np.clip(CELLS_PER_TEXTURE / np.sqrt(asked.fineness), MIN_CELL_PX, MAX_CELL_PX))
+    texture_px = circle.radius / asked.circle.radius / np.sqrt(asked.fineness)
+    cell_px = float(np.clip(CELLS_PER_TEXTURE * texture_px, MIN_CELL_PX, MAX_CELL_PX))
     cell_px *= WIDER_CELLS if asked.noise_share > NOISY else 1.0
     asked.report(0)
     with threads.row_runner(source.device, PIXELS_PER_PIXEL * windows.levels[0].numel()) as shared:
@@ -147,6 +160,7 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
             shared,
             lambda share: asked.report(round(share * len(keys))),
             is_distance_known=asked.camera is not None or asked.telecentric,
+            grows=asked.grows,
         )
         adjustment = settled.adjustment
         ball, turned = adjustment.state.ball, adjustment.state.poses.orientation
@@ -174,17 +188,20 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
 
 def _known_frames(asked: MapRequest) -> KnownFrames:
     """The images with what is known of them; images, poses and camera are all on one device."""
-    source, known, circle = asked.source, asked.known, asked.circle
+    source, known, circle = asked.source, asked.known, asked.middle
     optics = None if asked.camera is None else Optics.of(asked.camera, source.device)
+    radius = np.where(np.isfinite(asked.radius), asked.radius, circle.radius)
     seen = torch.from_numpy(asked.position).to(source.device)
     centres = seen if optics is None else optics.straightened(seen)
-    reach = circle.radius * (1.0 if optics is None else optics.enlargement(centres[known], circle.radius))
-    motion = _motion(asked.position, asked.orientation, circle.radius, source.durations(0, source.count))
+    largest = float(radius[known].max())
+    reach = largest * (1.0 if optics is None else optics.enlargement(centres[known], largest))
+    motion = _motion(asked.position, asked.orientation, radius, source.durations(0, source.count))
     return KnownFrames(
         source,
         known,
         centres,
         torch.from_numpy(asked.orientation).to(source.device),
+        torch.from_numpy(radius - circle.radius).to(source.device),
         background(source, asked.position, reach).to(source.device, torch.float32),
         None if asked.ignore is None else ~asked.ignore.to(source.device),
         optics,
@@ -192,15 +209,17 @@ def _known_frames(asked: MapRequest) -> KnownFrames:
     )
 
 
-def _motion(position: Array, orientation: Array, radius: float, durations: Array) -> Tensor:
-    """Motion (n, 5) of all frames by the steps to their neighbours, px per interval, rotations times the ``radius``.
+def _motion(position: Array, orientation: Array, radius: Array, durations: Array) -> Tensor:
+    """Motion (n, 5) of all frames by the steps to their neighbours, px per interval.
 
-    ``durations`` (n - 1,) are the times of the steps, in frame intervals. 0 where no neighbour is known.
+    Rotations are times the ``radius`` (n,). ``durations`` (n - 1,) are the times of the steps, in frame intervals. 0
+    where no neighbour is known.
     """
     turns = orientation[1:] @ np.swapaxes(orientation[:-1], 1, 2)
     known = np.asarray(np.isfinite(turns).all((1, 2)))
     turned = So3.from_matrix(torch.from_numpy(np.where(known[:, None, None], turns, np.eye(3)))).log().numpy()
-    steps = np.concatenate((np.diff(position, axis=0), radius * np.where(known[:, None], turned, np.nan)), 1)
+    turned *= np.where(known, radius[1:], np.nan)[:, None]
+    steps = np.concatenate((np.diff(position, axis=0), turned), 1)
     steps = np.pad(steps / durations[:, None], ((1, 1), (0, 0)), constant_values=np.nan)
     around = np.stack((steps[:-1], steps[1:]))
     measured = np.isfinite(around)
@@ -217,12 +236,13 @@ def _widened(found: MapPoses, factors: Array) -> MapPoses:
         sd_y=float(circle.sd_y * factors[1]),
         sd_radius=float(np.hypot(circle.sd_radius, by_model)),
     )
-    covariance, sd_nearness = found.step_covariance * np.outer(factors, factors), found.sd_nearness
+    covariance, sd_nearness = found.step_covariance * np.outer(factors[:5], factors[:5]), found.sd_nearness
     if sd_nearness:
         sd_nearness = math.hypot(sd_nearness, SD_NEARNESS_MORE * excess)
         if factors.max() > MAX_FACTOR_OF_NEARNESS:
             sd_nearness = max(sd_nearness, UNKNOWN_SD)
-    return replace(found, step_covariance=covariance, circle=outline, widening=factors, sd_nearness=sd_nearness)
+    widened = {"step_covariance": covariance, "sd_growth": factors[5] * found.sd_growth, "widening": factors[:5]}
+    return replace(found, circle=outline, sd_nearness=sd_nearness, **widened)
 
 
 def _through_lens(found: MapPoses, optics: Optics) -> MapPoses:
@@ -249,7 +269,7 @@ def _on_map(
     shared: RowRunner,
     report: Callable[[int], None],
 ) -> tuple[NDArray[np.int64], Registration, Array]:
-    """Numbers (k,) and registrations of all frames on the map, and the `residual_scatter.widening` (5,) of their poses.
+    """Numbers (k,) and registrations of all frames on the map, and the `residual_scatter.widening` (6,) of their poses.
 
     The keyframes have settled what all images share. A map of more frames has less noise, and then all frames are
     registered on it.
@@ -265,7 +285,7 @@ def _on_map(
     registered, found = register_frames(frames, frames.known, anchors, state, shared, report)
     some = residual_scatter.spread_out(len(registered))
     poses = found.poses.take(torch.from_numpy(some).to(found.misfit.device))
-    windows = frames.windows(registered[some].tolist(), poses.centre, float(state.ball.radius))
+    windows = frames.windows(registered[some].tolist(), poses, state.ball.radius)
     widened = residual_scatter.widening(windows, poses, state.ball, state.profile).cpu().numpy()
     found = replace(found, misfit=without_leverage(found.misfit, registered, numbers, leverage))
     return registered, found, widened
@@ -275,7 +295,7 @@ def _of_more_frames(
     state: State, frames: KnownFrames, numbers: NDArray[np.int64], poses: Poses, shared: RowRunner
 ) -> tuple[State, Tensor]:
     """The state with a map of the frames with these ``numbers`` (m,) and ``poses``, and the frames' leverage (m,)."""
-    windows = frames.windows(numbers.tolist(), poses.centre, float(state.ball.radius))
+    windows = frames.windows(numbers.tolist(), poses, state.ball.radius)
     state = replace(state, windows=windows, poses=poses)
     design = drawn(state, shared)
     residual = unexplained(state, design, shared)
@@ -296,26 +316,29 @@ def _assemble(
     misfit: float,
 ) -> MapPoses:
     """Arrays over all ``n`` frames from the registrations, and the outline with its standard deviations."""
-    position, orientation = np.full((n, 2), np.nan), np.full((n, 3, 3), np.nan)
+    position, orientation, radii = (np.full((n, *shape), np.nan) for shape in ((2,), (3, 3), ()))
     position[numbers] = found.poses.centre.cpu().numpy()
     orientation[numbers] = (found.poses.orientation @ found.poses.orientation[0].T).cpu().numpy()
     ball, variances = adjustment.state.ball, adjustment.covariance.diagonal().cpu().numpy()
-    first, radius = int(numbers[0]), float(ball.radius)
+    radii[numbers] = found.poses.radii(ball.radius).cpu().numpy()
+    first = int(numbers[0])
     k = keys.index(first) if first in keys else 0
     sd_x, sd_y = np.sqrt(variances[PER_IMAGE * k : PER_IMAGE * k + 2])
     outline = replace(
         circle,
         x=float(position[first, 0]),
         y=float(position[first, 1]),
-        radius=radius,
+        radius=float(radii[first]),
         sd_guessed=False,
         sd_x=float(sd_x),
         sd_y=float(sd_y),
         sd_radius=float(np.sqrt(variances[-COMMON])),
     )
     steps = step_covariances(n, numbers, found, keys, adjustment)
+    motion, growth = steps[:, :5, :5], np.sqrt(steps[:, 5, 5].clip(0))
     near, sd_near = float(nearness_of(adjustment.state)), adjustment.sd_nearness
     misfits = np.full(n, np.nan)
     misfits[numbers] = found.misfit.cpu().numpy()
     blur = float(ball.edge_blur)
-    return MapPoses(position, orientation, steps, outline, len(keys), blur, misfit, misfits, near, sd_near)
+    poses = position, orientation, radii, motion, growth
+    return MapPoses(*poses, outline, len(keys), blur, misfit, misfits, near, sd_near)

@@ -71,11 +71,11 @@ class Rays:
 
 
 def rays_of(x: Tensor, y: Tensor, radius: Tensor, ball: TexturedBall) -> Rays:
-    """Rays of the pixels at ``x`` and ``y`` from the centre, px, which broadcast to (n, s, s), on that ``radius``.
+    """Rays of the pixels at ``x`` and ``y`` from the centre, px, which broadcast to (n, s, s) with the ``radius``.
 
     A blurred pixel is at the limb where the slope of the surface is as many times less as the pixel is wider.
     """
-    distance = (x.square() + y.square()).sqrt().clamp_min(1e-6).unsqueeze(-1)
+    distance, radius = (x.square() + y.square()).sqrt().clamp_min(1e-6).unsqueeze(-1), radius.unsqueeze(-1)
     given, blur = rule(ball), ball.footprint_blur
     # As many times is the footprint wider than a sharp pixel.
     wider = math.sqrt(12 * footprint_variance(blur))

@@ -17,7 +17,7 @@ from torch import Tensor
 from torchsphere.sphere_map import exposure, pixel_weights
 from torchsphere.sphere_map.ball import Poses, TexturedBall
 from torchsphere.sphere_map.pixel_weights import ResidualProfile
-from torchsphere.sphere_map.registration import COLUMNS, normal_equations
+from torchsphere.sphere_map.registration import GROWING, columns_of, normal_equations
 from torchsphere.sphere_map.window import Windows
 
 #: Most frames whose residuals are examined (docs/constants.toml).
@@ -36,16 +36,19 @@ def spread_out(count: int) -> NDArray[np.int64]:
 
 
 def widening(windows: Windows, poses: Poses, ball: TexturedBall, profile: ResidualProfile) -> Tensor:
-    """Factors (5,), float64, at least 1, on the standard deviations of (dx, dy, wx, wy, wz), from n registered images.
+    """Factors (6,), float64, at least 1, on the standard deviations of (dx, dy, wx, wy, wz) and the outline's radius.
+
+    They are from n registered images; that of a radius that is no unknown is 1.
 
     The images have one factor together: a single one has too few blocks for its own.
     """
     model = exposure.linearise(windows, poses, ball)
     residual = windows.levels - model.levels
-    seen = pixel_weights.estimate_visibility(windows, profile.at(windows, poses.centre), residual)
-    weights = profile.weights(seen, poses.centre)
-    normal, _ = normal_equations(model, weights, residual)
-    scores = (weights * residual).unsqueeze(1) * model.jacobian[:, :, COLUMNS].mT.unflatten(2, residual.shape[1:])
+    seen = pixel_weights.estimate_visibility(windows, profile.at(windows, poses), residual)
+    weights = profile.weights(seen, poses)
+    columns = columns_of(ball)
+    normal, _ = normal_equations(model, weights, residual, columns)
+    scores = (weights * residual).unsqueeze(1) * model.jacobian[:, :, columns].mT.unflatten(2, residual.shape[1:])
     side = max(MIN_BLOCK_PX, math.ceil(BLOCK * float(ball.radius)))
     shares = _fading_blocks(residual.shape[-1], side).to(scores)
     sums = (shares @ scores @ shares.T).flatten(2).double()
@@ -55,7 +58,9 @@ def widening(windows: Windows, poses: Poses, ball: TexturedBall, profile: Residu
     count = (weights > 0).sum((1, 2)).clamp_min(1)
     misfit = (weights * residual.square()).sum((1, 2)) / count
     stated = (misfit.double().unsqueeze(1) * inverse.diagonal(dim1=1, dim2=2)).sum(0)
-    return (found / stated)[:5].nan_to_num(1.0).clamp_min(1.0).sqrt()
+    factors = torch.ones(len(GROWING), dtype=found.dtype, device=found.device)
+    rows = torch.tensor([GROWING.index(column) for column in columns], device=found.device)
+    return factors.index_copy(0, rows, (found / stated).nan_to_num(1.0).clamp_min(1.0).sqrt())[:6]
 
 
 def _fading_blocks(length: int, side: int) -> Tensor:

@@ -38,6 +38,7 @@ def settle(
     progress: Callable[[float], None],
     *,
     is_distance_known: bool,
+    grows: bool,
 ) -> Settled:
     """Adjust the keyframes' ``windows`` from their ``initial`` poses; other arguments as `bundle_adjustment.adjust`.
 
@@ -54,6 +55,7 @@ def settle(
         optics_px=blur.optics_px,
         least_variance=frames.source.rounding_variance,
         is_exposure_known=blur.is_share_known or windows.moments is None,
+        grows=grows,
     )
     open_share = blur.open_share
     if frames.moments is not None:
@@ -71,6 +73,5 @@ def _seen_alike(frames: KnownFrames, initial: Poses, optics: Optics | None) -> t
     """Frames and initial poses, so far orthographic, as the camera that was found shows the same sides of the ball."""
     if optics is None:
         return frames, initial
-    all_poses = Poses.at(frames.position, frames.orientation)
-    seen = replace(frames, optics=optics, orientation=seen_alike(all_poses, None, optics).orientation)
+    seen = replace(frames, optics=optics, orientation=seen_alike(frames.poses(), None, optics).orientation)
     return seen, seen_alike(initial, None, optics)

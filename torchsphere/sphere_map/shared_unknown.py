@@ -14,7 +14,7 @@ from torch import Tensor
 
 from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import elimination
-from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
+from torchsphere.sphere_map.elimination import COMMON, GEOMETRY, PER_IMAGE, JointEquations
 from torchsphere.sphere_map.forward_model import MIN_BLUR_PX, Linearisation
 from torchsphere.sphere_map.state import State, drawn
 
@@ -62,9 +62,9 @@ def with_columns(unknowns: SharedUnknowns, state: State, model: Linearisation, s
 
 
 def limits(n: int, px: float, of_unknowns: list[float]) -> Tensor:
-    """Moves (7 n + k + 2,) that count as settled: ``px`` for n poses and the radius; brightness and blur always are."""
+    """Moves (8 n + k + 2,) that count as settled: ``px`` for n poses and the radius; brightness and blur always are."""
     own = torch.full((n, PER_IMAGE), px, dtype=torch.float64)
-    own[:, 5:] = torch.inf
+    own[:, GEOMETRY:] = torch.inf
     return torch.cat((own.flatten(), torch.tensor([*of_unknowns, px, torch.inf], dtype=torch.float64)))
 
 
@@ -91,17 +91,18 @@ class SharedChange:
 
 def moved(state: State, unknowns: SharedUnknowns, of_map: Tensor, step: Tensor) -> State:
     """The ``state`` after a change of the map (m,), and a ``step`` (u,) of all else, the ``unknowns`` included."""
-    poses = len(state.poses) * PER_IMAGE
-    for unknown, change in zip(unknowns, step[poses:-COMMON], strict=False):
+    end = len(state.poses) * PER_IMAGE
+    for unknown, change in zip(unknowns, step[end:-COMMON], strict=False):
         state = unknown.changed(state, change)
-    own, (size, blur) = step[:poses].unflatten(0, (-1, PER_IMAGE)), step[-COMMON:]
+    own, (size, blur) = step[:end].unflatten(0, (-1, PER_IMAGE)), step[-COMMON:]
     ball = replace(
         state.ball,
         radius=state.ball.radius + size,
         edge_blur=(state.ball.edge_blur + blur).clamp_min(MIN_BLUR_PX),
         coefficients=state.ball.coefficients + of_map,
     )
-    return replace(state, ball=ball, poses=state.poses.moved(own[:, :5], ball.radius).brightened(own[:, 5:]))
+    poses = state.poses.moved(own[:, :5], ball.radius).enlarged(own[:, 5]).brightened(own[:, GEOMETRY:])
+    return replace(state, ball=ball, poses=poses)
 
 
 def measure(

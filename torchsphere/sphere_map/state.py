@@ -58,7 +58,7 @@ def fit_map(state: State, shared: RowRunner, steps: int, design: Design | None =
 
     A ``design`` that is known at these poses saves drawing it.
     """
-    weights = state.profile.weights(state.windows, state.poses.centre)
+    weights = state.profile.weights(state.windows, state.poses)
     equations = MapEquations.of(design or drawn(state, shared), weights, shared, state.smoothness)
     coefficients = state.ball.coefficients
     change, _ = equations.solve(equations.gradient(coefficients, state.windows.levels), steps)
@@ -85,10 +85,10 @@ def reweighted(state: State, residual: Tensor, leverage: Tensor, shared: RowRunn
     ``leverage`` (n, s, s) is the share of the noise that the map has taken up. No ring gets a variance of more than
     ``limit`` times that within the disc.
     """
-    windows, centre = state.windows, state.poses.centre
+    windows, poses = state.windows, state.poses
     sums = shared(
         lambda a, b: pixel_weights.ring_sums(
-            windows.take(slice(a, b)), centre[a:b], residual[a:b], state.ball.radius, leverage[a:b]
+            windows.take(slice(a, b)), poses.take(slice(a, b)), residual[a:b], state.ball.radius, leverage[a:b]
         ),
         len(windows),
     )
@@ -97,6 +97,7 @@ def reweighted(state: State, residual: Tensor, leverage: Tensor, shared: RowRunn
 
     def visibility(a: int, b: int) -> Tensor:
         some = windows.take(slice(a, b))
-        return pixel_weights.estimate_visibility(some, profile.at(some, centre[a:b]), residual[a:b]).visibility
+        variance = profile.at(some, poses.take(slice(a, b)))
+        return pixel_weights.estimate_visibility(some, variance, residual[a:b]).visibility
 
     return replace(state, profile=profile, windows=windows.with_visibility(torch.cat(shared(visibility, len(windows)))))

@@ -78,19 +78,22 @@ def cut_windows(
     images: Tensor,
     background: Tensor,
     centres: Tensor,
-    radius: float,
+    radius: float | Tensor,
     usable: Tensor | None = None,
     optics: Optics | None = None,
     moments: Tensor | None = None,
 ) -> Windows:
     """Cut squares around ``centres`` (n, 2) from ``images`` (n, h, w), with the pixels up to `MARGIN_PX` from the disc.
 
+    The ``radius`` of the outline is that of all images, or of each (n,), px.
+
     ``background`` and ``usable``, where given, are (h, w); ``usable`` is False for pixels to ignore. With ``optics``
     the centres are those without the lens's distortion.
     """
+    reach = torch.as_tensor(radius, dtype=torch.float64, device=centres.device) + MARGIN_PX
     if moments is not None:
-        radius += float(moments[..., :2].norm(dim=-1).max())
-    half = half_size(centres, radius, optics)
+        reach = reach + moments[..., :2].norm(dim=-1).max()
+    half = half_size(centres, float(reach.max()), optics)
     at = centres if optics is None else optics.bent(centres)
     origin = at.double().round() - half
     levels, behind, inside = _squares(images, background, origin, 2 * half + 1, usable)
@@ -99,7 +102,7 @@ def cut_windows(
     bend = None if optics is None or not optics.is_distorted else _bend(origin, 2 * half + 1, optics).to(levels)
     windows = Windows(levels, behind, levels, origin, optics, bend)
     across, down = windows.offsets(centres.double())
-    seen = across.square() + down.square() < (radius + MARGIN_PX) ** 2
+    seen = across.square() + down.square() < reach.square().to(across).reshape(-1, 1, 1)
     if inside is not None:
         seen = seen & inside
         # Ignored pixels may hold any value, NaN too.
@@ -108,11 +111,10 @@ def cut_windows(
     return Windows(levels, behind, seen.expand_as(levels).to(levels), origin, optics, bend, moments)
 
 
-def half_size(centres: Tensor, radius: float, optics: Optics | None) -> int:
-    """Pixels from the middle of a window to its border, for balls seen at ``centres`` (n, 2)."""
-    reach = radius + MARGIN_PX
+def half_size(centres: Tensor, reach: float, optics: Optics | None) -> int:
+    """Pixels from the middle of a window to its border, for balls seen at ``centres`` (n, 2) with that ``reach``."""
     if optics is not None:
-        reach *= optics.enlargement(centres, radius)
+        reach *= optics.enlargement(centres, reach)
     return math.ceil(reach) + 1
 
 

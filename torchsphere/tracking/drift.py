@@ -11,10 +11,19 @@ from numpy.typing import NDArray
 
 from torchsphere.correlation.options import Options
 from torchsphere.geometry import orientation
+from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging.interpolation import noise_gains
 from torchsphere.runtime import steps
-from torchsphere.sphere_map.decision import NO_SOLUTION, MadeMap, NoMap, lacks_frames, not_needed, shaded_frames
+from torchsphere.sphere_map.decision import (
+    GROWING_MODELS,
+    NO_SOLUTION,
+    MadeMap,
+    NoMap,
+    lacks_frames,
+    not_needed,
+    shaded_frames,
+)
 from torchsphere.sphere_map.poses import MapPoses, MapRequest, poses_on_map
 from torchsphere.tracking.blur_estimate import estimate_blur
 from torchsphere.tracking.record import Record
@@ -31,6 +40,8 @@ class AbsoluteMotion:
     increment: Array
     covariance: Array
     orientation: Array
+    radius: Array
+    sd_growth: Array
     circle: Circle
     map: MadeMap | NoMap
     on_map: NDArray[np.bool_]  # (n,), True for a frame whose pose is on a map
@@ -65,26 +76,35 @@ class AbsoluteMotion:
         )
 
 
-def absolute_motion(task: Task, measured: Record, circle: Circle, options: Options, fineness: float) -> AbsoluteMotion:
+def absolute_motion(
+    task: Task, measured: Record, circle: Circle, options: Options, fineness: float, camera: Camera | None
+) -> AbsoluteMotion:
     """The ``measured`` motion, on a map of the ball unless none is asked for (None: if there are frames enough).
 
-    The exposure is the one asked for, or else the one that the file states, or the smear of the outline.
+    The exposure is the one asked for, or else the one that the file states, or the smear of the outline. Without
+    a ``camera`` that is known, its distance is found with the map.
     """
     known = np.isfinite(measured.position[:, 0])
     chained = orientation.chain(measured.rotation, known)
     without = not_needed(task.sphere_map, options.model, measured.position, measured.rotation)
     if without is None:
-        found = _on_map(task, measured, chained, circle, options, fineness)
+        found = _on_map(task, measured, chained, circle, options, fineness, camera)
         if isinstance(found, MapPoses):
             return _merged(measured, chained, found)
         without = found
-    motion = measured.position, measured.increment, measured.covariance
+    motion = measured.position, measured.increment, measured.covariance, chained, measured.size, measured.sd_growth
     on_map = np.zeros(len(known), dtype=bool)
-    return AbsoluteMotion(*motion, chained, circle, without, on_map, np.ones_like(measured.increment))
+    return AbsoluteMotion(*motion, circle, without, on_map, np.ones_like(measured.increment))
 
 
 def _on_map(
-    task: Task, measured: Record, chained: Array, circle: Circle, options: Options, fineness: float
+    task: Task,
+    measured: Record,
+    chained: Array,
+    circle: Circle,
+    options: Options,
+    fineness: float,
+    camera: Camera | None,
 ) -> MapPoses | NoMap:
     """The poses on a map of the ball, or why there is none."""
     steps.tell("making a map of the ball")
@@ -92,19 +112,21 @@ def _on_map(
     lack = float(np.median(1 - known)) if len(known) else 0.0
     # Variance of the images' noise over that of their grey levels.
     noise = lack / noise_gains(options.pre_blur)[0]
-    blur = estimate_blur(task.source, measured.position, circle, task.ignore, options.camera, task.stated_exposure)
+    blur = estimate_blur(task.source, measured.position, circle, task.ignore, camera, task.stated_exposure)
     if task.exposure is not None:
         blur = replace(blur, open_share=task.exposure, is_share_known=True)
     asked = MapRequest(
         task.source,
         measured.position,
         chained,
+        measured.size,
         noise,
         circle,
         task.ignore,
         fineness,
-        options.camera,
+        camera,
         task.telecentric,
+        options.model in GROWING_MODELS,
         task.progress,
         blur,
     )
@@ -118,7 +140,7 @@ def _on_map(
 def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion:
     """Poses of the map; frames that are not on the map, or shaded, follow from their neighbours by the steps."""
     on_map = np.isfinite(found.position[:, 0]) & ~_shaded(measured, found)
-    position, turned = _bridged(measured.position, chained, found, on_map)
+    position, turned, radius = _bridged(measured, chained, found, on_map)
     steps: NDArray[np.bool_] = np.isfinite(measured.increment)
     whole = np.asarray(steps.all(axis=1))
     increment = np.where(steps, np.concatenate((np.diff(position, axis=0), _turns(turned, whole)), 1), np.nan)
@@ -139,8 +161,10 @@ def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion
         radius_over_distance=found.nearness,
         sd_radius_over_distance=found.sd_nearness,
     )
+    sd_growth = np.where(both, found.sd_growth, measured.sd_growth)
     factors = np.where(both[:, None], found.widening, 1.0)
-    return AbsoluteMotion(position, increment, covariance, turned, found.circle, made, on_map, factors)
+    motion = position, increment, covariance, turned, radius, sd_growth
+    return AbsoluteMotion(*motion, found.circle, made, on_map, factors)
 
 
 def _turns(orientation: Array, known: NDArray[np.bool_]) -> Array:
@@ -166,11 +190,15 @@ def _shaded(measured: Record, found: MapPoses) -> NDArray[np.bool_]:
     return shaded_frames(by_map - measured.increment, by_noise + measured.covariance, known, found.frame_misfit, on_map)
 
 
-def _bridged(position: Array, chained: Array, found: MapPoses, on_map: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Positions (n, 2) and orientations (n, 3, 3): those ``on_map``, and the ``position`` and ``chained`` ones between.
+def _bridged(
+    measured: Record, chained: Array, found: MapPoses, on_map: NDArray[np.bool_]
+) -> tuple[Array, Array, Array]:
+    """Positions (n, 2), orientations (n, 3, 3) and radii (n,): those ``on_map``, between them the ``measured`` ones.
 
-    The pairs' poses are moved to the map's at both ends of a gap: what both differ by is shared out among its frames.
+    The pairs' poses, with the ``chained`` orientations, are moved to the map's at both ends of a gap: what both differ
+    by is shared out among its frames.
     """
+    position, size = measured.position, measured.size
     mapped, rest = np.flatnonzero(on_map), np.flatnonzero(np.isfinite(position[:, 0]) & ~on_map)
     placed, turned = np.where(on_map[:, None], found.position, np.nan), found.orientation.copy()
     after = np.searchsorted(mapped, rest)
@@ -178,7 +206,10 @@ def _bridged(position: Array, chained: Array, found: MapPoses, on_map: NDArray[n
     share = ((rest - a) / (b - a).clip(1)).clip(0, 1)[:, None]
     shift = found.position - position
     placed[rest] = position[rest] + (1 - share) * shift[a] + share * shift[b]
+    larger, weight = found.radius / size, share[:, 0]
+    radius = np.where(on_map, found.radius, np.nan)
+    radius[rest] = size[rest] * ((1 - weight) * larger[a] + weight * larger[b])
     turn = found.orientation @ np.swapaxes(chained, 1, 2)
     between = So3.exp(torch.from_numpy(share * _vectors(turn[b] @ np.swapaxes(turn[a], 1, 2)))).matrix().numpy()
     turned[rest] = between @ turn[a] @ chained[rest]
-    return placed, turned
+    return placed, turned, radius

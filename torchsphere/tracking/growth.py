@@ -1,9 +1,9 @@
 """A ball that comes nearer or goes away: its image grows or shrinks from frame to frame.
 
-The rigid modes take a growth for motion, and a map of the ball has one radius. The trend of the limb's radius shows a
-growth: its error does not add up over the frames. The rigid modes put a ball that grows fast beside its limb, so that
-the radii scatter. In both cases the recording is measured with the model `pinhole6`, and the growth is believed if
-limbs and sizes along the new path agree.
+The rigid modes take a growth for motion. The course of the limb's radius shows a growth: its error does not add up over
+the frames. The rigid modes put a ball that grows fast beside its limb, so that the radii scatter. In both cases the
+recording is followed with the model `pinhole6`, and the growth is believed if limbs and sizes along the new path agree.
+On the map of such a ball the radius in each image is an unknown.
 """
 
 from __future__ import annotations
@@ -24,6 +24,9 @@ from torchsphere.tracking.slipped_path import MIN_LOOKS
 #: Growth over its standard deviation that is significant (docs/constants.toml).
 SIGNIFICANT_SD = 6.0
 
+#: Degree of the course of the radius in time: one that an impact turns needs two (docs/constants.toml).
+DEGREE = 3
+
 #: Relative scatter of the limbs' radii from which they may lie beside the ball (docs/constants.toml).
 SUSPECT_SCATTER = 0.01
 
@@ -41,16 +44,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Growth:
-    """Relative growth of the ball's image per frame, and its standard deviation."""
+    """Course of the relative radius of the ball's image."""
 
-    per_frame: float
-    sd: float
-    scatter: float  # of the radii about the trend, relative
+    course: Array  # coefficients (d,) of polynomials in time that are normal to each other and to a constant
+    sd: float  # standard deviation of each
+    scatter: float  # of the radii about the course, relative
 
     @property
     def is_significant(self) -> bool:
         """Whether the growth is no chance."""
-        return abs(self.per_frame) > SIGNIFICANT_SD * self.sd
+        return bool(np.abs(self.course).max() > SIGNIFICANT_SD * self.sd)
 
 
 def may_grow(limbs: Limbs) -> bool:
@@ -63,18 +66,18 @@ def may_grow(limbs: Limbs) -> bool:
 
 
 def scatter_of_limbs(limbs: Limbs) -> float:
-    """Relative scatter of the limbs' radii about their trend; 0 where there are too few limbs."""
+    """Relative scatter of the limbs' radii about their course; 0 where there are too few limbs."""
     found = growth_of_limbs(limbs)
     return 0.0 if found is None else found.scatter
 
 
 def limbs_follow(limbs: Limbs, measured: Record) -> bool:
     """Whether the limbs grow significantly, and as the sizes in a record ``measured`` by the options of `growing`."""
-    limb, frames = growth_of_limbs(limbs), np.flatnonzero(measured.is_ok)
-    if limb is None or len(frames) < MIN_LOOKS or not limb.is_significant:
+    limb = growth_of_limbs(limbs)
+    if limb is None or not limb.is_significant:
         return False
-    by_pairs = float(np.polyfit(frames, np.log(measured.size[frames]), 1)[0])
-    return 1 / SAME_GROWTH < by_pairs / limb.per_frame < SAME_GROWTH
+    by_pairs = _polynomials(limbs.frames).T @ np.log(measured.size[limbs.frames])
+    return bool(1 / SAME_GROWTH < (by_pairs @ limb.course) / (limb.course @ limb.course) < SAME_GROWTH)
 
 
 def growing(options: Options, radius: float, image: Tensor) -> Options:
@@ -85,11 +88,19 @@ def growing(options: Options, radius: float, image: Tensor) -> Options:
 
 
 def growth_of_limbs(limbs: Limbs) -> Growth | None:
-    """The growth by the trend of the limbs' radii; None where too few frames show a limb."""
+    """The growth by the course of the limbs' radii; None where too few frames show a limb."""
     if len(limbs.frames) < MIN_LOOKS:
         return None
     radius, typical = np.log(limbs.circles[:, 2]), float(np.median(limbs.sd[:, 2] / limbs.circles[:, 2]))
-    centred = limbs.frames - limbs.frames.mean()
-    slope = float(centred @ radius / (centred @ centred))
-    scatter = float(np.std(radius - radius.mean() - slope * centred, ddof=2))
-    return Growth(slope, max(scatter, typical) / float(np.sqrt(centred @ centred)), scatter)
+    shapes = _polynomials(limbs.frames)
+    course = shapes.T @ radius
+    left = radius - radius.mean() - shapes @ course
+    scatter = float(np.sqrt(left @ left / (len(left) - shapes.shape[1] - 1)))
+    return Growth(course, max(scatter, typical), scatter)
+
+
+def _polynomials(frames: NDArray[np.int64]) -> Array:
+    """Polynomials (m, d) of the numbers of ``frames`` (m,), of length 1 and normal to each other and to a constant."""
+    time = 2 * (frames - frames[0]) / (frames[-1] - frames[0]) - 1
+    powers = np.vander(time, min(DEGREE, len(frames) - 2) + 1, increasing=True)
+    return np.asarray(np.linalg.qr(powers)[0][:, 1:])

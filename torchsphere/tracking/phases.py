@@ -259,12 +259,13 @@ def _absolute_motion(task: Task, start: _Start, measured: Record) -> AbsoluteMot
     """Phase 3: the poses on a map of the ball where a map is made, else the sum of the increments."""
     _LOG.info("followed: %d of %d frames are ok", int(measured.is_ok.sum()), len(measured.status))
     fineness = texture_fineness(start.image, start.circle, task.ignore)
-    return absolute_motion(task, measured, start.circle, start.options, fineness)
+    # A ball that grows, which nobody said, is followed with a camera that is far away.
+    camera = None if start.grows and "camera" not in start.given else start.options.camera
+    return absolute_motion(task, measured, start.circle, start.options, fineness, camera)
 
 
 def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotion) -> Assembled:
     """Phase 4: the track, and what its errors are found by."""
-    radius = motion.circle.radius
     track = Track(
         position=motion.position,
         increment=motion.increment,
@@ -273,8 +274,8 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
         zncc=measured.zncc,
         iterations=measured.iterations,
         status=measured.status,
-        radius=measured.size * (radius / start.circle.radius),
-        sd_growth=measured.sd_growth,
+        radius=motion.radius,
+        sd_growth=motion.sd_growth,
         sd_steady=np.zeros(5),
         circle=motion.circle,
         settings=dataclasses.asdict(start.options)
