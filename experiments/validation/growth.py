@@ -118,8 +118,10 @@ def measure(made: Recording) -> Result:
     circle = (*made.position[0].tolist(), float(made.radius[0]))
     track = ts.track(made.images, circle, camera=made.camera, log=False)
     place = track.position - made.position
-    turned = Rotation.from_matrix(track.orientation) * Rotation.from_matrix(made.orientation).inv()
-    left = made.radius[:, None] * (turned * turned[0].inv()).as_rotvec()
+    known = np.isfinite(track.orientation[:, 0, 0])
+    turned = Rotation.from_matrix(track.orientation[known]) * Rotation.from_matrix(made.orientation[known]).inv()
+    left = np.full((len(known), 3), np.nan)
+    left[known] = made.radius[known, None] * (turned * turned[0].inv()).as_rotvec()
     depth = FOCAL_PX * RADIUS_M / track.radius
     steps = np.diff(depth - made.depth)
     sd = track.sd_growth * depth[1:]

@@ -34,7 +34,8 @@ def by_map() -> MapPoses:
     """The true poses."""
     position, orientation = moving()
     variance = np.tile(np.diag([1e-4, 1e-4, 1e-6, 1e-6, 1e-6]), (N - 1, 1, 1))
-    return MapPoses(position, orientation, variance, Circle(50.0, 50.0, 20.0), 4, 0.3, 1.0, np.full(N, 0.9))
+    motion = position, orientation, np.full(N, 20.0), variance, np.zeros(N - 1)
+    return MapPoses(*motion, Circle(50.0, 50.0, 20.0), 4, 0.3, 1.0, np.full(N, 0.9))
 
 
 def by_pairs() -> tuple[Record, np.ndarray]:

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.dynamics.depth import depth, is_known
 from torchsphere.dynamics.depth_plane import in_depth_plane
 from torchsphere.dynamics.draws import Draws
 from torchsphere.dynamics.scale import Scale, distance_error, scale
@@ -127,11 +129,11 @@ def kinematics(
     times = _times(plane, known.frame_rate, track.first_frame, times_s)
     if method not in METHODS:
         raise ValueError(f"method = {method!r}: expected one of {', '.join(METHODS)}")
-    if method == "smoother":
-        motion = smoothed([plane], [times])[0]
-    else:
-        motion = polynomials(plane, times, method, window, order)
-    return _result(track, plane, motion, times, known, lab_frame=lab_frame, log=log)
+
+    def differentiate(moved: Track) -> Motion:
+        return _smoothed(moved, times) if method == "smoother" else polynomials(moved, times, method, window, order)
+
+    return _result(track, plane, differentiate(plane), times, known, differentiate, lab_frame=lab_frame, log=log)
 
 
 def kinematics_of_many(
@@ -175,7 +177,7 @@ def kinematics_of_many(
     times = [_times(track, each.frame_rate, track.first_frame, None) for track, each in zip(planes, known, strict=True)]
     motions = smoothed(planes, times)
     return [
-        _result(track, plane, motion, moments, each, lab_frame=lab_frame, log=log)
+        _result(track, plane, motion, moments, each, partial(_smoothed, times=moments), lab_frame=lab_frame, log=log)
         for track, plane, motion, moments, each in zip(tracks, planes, motions, times, known, strict=True)
     ]
 
@@ -202,13 +204,31 @@ def _inputs(track: Track, given: Mapping[str, Any], options: Mapping[str, Any]) 
     return _Inputs(known, known.frame_rate, pixel, (*notes, *units))
 
 
+def _smoothed(moved: Track, times: Array) -> Motion:
+    return smoothed([moved], [times])[0]
+
+
 def _result(
-    track: Track, plane: Track, motion: Motion, times: Array, known: _Inputs, *, lab_frame: bool, log: bool
+    track: Track,
+    plane: Track,
+    motion: Motion,
+    times: Array,
+    known: _Inputs,
+    differentiate: Callable[[Track], Motion],
+    *,
+    lab_frame: bool,
+    log: bool,
 ) -> Kinematics:
-    """The motion in SI units; ``plane`` is the track in the plane of the first depth, ``times`` are in frames."""
+    """The motion in SI units; ``plane`` is the track in the plane of the first depth, ``times`` are in frames.
+
+    ``differentiate`` gives the motion of a track as it gave that of the ``plane``.
+    """
     given = known.calibration
     units = Units(known.scale, known.frame_rate, lab_frame, given.relative_sd_frame_rate)
-    found = in_si_units(plane, motion, times / known.frame_rate, units, given.mass_kg, given.relative_sd_mass)
+    mass = given.mass_kg, given.relative_sd_mass
+    found = in_si_units(plane, motion, times / known.frame_rate, units, *mass)
+    if is_known(track):
+        found = replace(found, depth=depth(plane, motion, times, units, *mass, differentiate))
     if log:
         for sentence in known.warnings:
             if sentence not in track.warnings:
@@ -227,8 +247,9 @@ def _scale(track: Track, diameter_m: float | None, m_per_px: float | None, relat
 def mean_motion(track: Track, motion: Kinematics | None) -> dict[str, Array]:
     """Means over the time of the measured steps and their standard deviations, for the summary; NaN if none was.
 
-    ``increment_px_rad`` (5,); with ``motion`` also ``velocity_m_s`` (2,) and ``spin_rad_s`` (3,) in its axes. The
-    standard deviations have the same names with ``sd_``.
+    ``increment_px_rad`` (5,); with ``motion`` also ``velocity_m_s`` (2,) and ``spin_rad_s`` (3,) in its axes, and
+    ``out_of_plane_deg`` where the depth is known: see `Depth`. The standard deviations have the same names with
+    ``sd_``.
     """
     step, sd = _mean_step(track, Scale(1.0, 0.0, "px"))
     means = {"increment_px_rad": step, "sd_increment_px_rad": sd}
@@ -239,6 +260,9 @@ def mean_motion(track: Track, motion: Kinematics | None) -> dict[str, Array]:
     velocity, spin = units.rates(step)
     sd_velocity, sd_spin = units.sd_rates(step, sd)
     means |= {"velocity_m_s": velocity, "sd_velocity_m_s": sd_velocity}
+    if motion.depth is not None:
+        angles, sds = motion.depth.out_of_plane_deg, motion.depth.sd_out_of_plane_deg
+        means |= {"out_of_plane_deg": np.array(angles), "sd_out_of_plane_deg": np.array(sds)}
     return means | {"spin_rad_s": spin, "sd_spin_rad_s": sd_spin}
 
 

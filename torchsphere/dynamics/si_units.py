@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.dynamics.depth import Depth
 from torchsphere.dynamics.draws import Draws, drawn_motions
 from torchsphere.dynamics.scale import Scale
 from torchsphere.dynamics.shared_errors import SharedErrors
@@ -80,6 +81,8 @@ class Kinematics(Tabulated):
         Sentences on contradictions between what was given and what the track knew, and on units.
     track : Track or None
         The track that moved so, with the calibration that was used.
+    depth : Depth or None
+        Motion along the optical axis; None where the ball keeps its distance, or the camera is not known.
     """
 
     time_s: Array
@@ -110,6 +113,7 @@ class Kinematics(Tabulated):
     diameter_m: float | None = None
     warnings: tuple[str, ...] = ()
     track: Track | None = field(default=None, repr=False, compare=False)
+    depth: Depth | None = None
 
     @property
     def frame(self) -> NDArray[np.int64]:

@@ -59,6 +59,8 @@ class Findings:
         Of a ball that turns without leaving it.
     grows : bool
         Whether the ball comes nearer or goes away, which nobody said.
+    camera_assumed : bool
+        Whether the camera of the settings was not given: a ball that grows is followed with one that is far away.
     interlaced : bool
         Whether only the even rows are used, as the others show another instant.
     mosaic : tuple of str
@@ -95,6 +97,7 @@ class Findings:
     sd_radius_over_distance: float = 0.0
     place: Place | None = None
     grows: bool = False
+    camera_assumed: bool = False
     interlaced: bool = False
     mosaic: tuple[str, ...] = ()
     noise_memory: float = 0.0

@@ -41,7 +41,8 @@ def write_paraview(result: ResultFolder) -> Path:
     """Write ``paraview/ball.pvd`` with its ``.vtp`` files into the result folder, and return its path.
 
     Lengths are in m and times in s, in the frame of `ResultFolder.motion`, if scale and frame rate are known;
-    otherwise in px and frames, camera frame. The ball (part 0) has texture coordinates and the displacement of its
+    otherwise in px and frames, camera frame; the motion along the axis, where it is known, is since the first frame.
+    The ball (part 0) has texture coordinates and the displacement of its
     points since the first frame with a pose; frames without rotation lack this part. The centre (part 1) has velocity,
     force and spin as far as they are known; frames without the ball lack this part. The whole series replaces an
     earlier one. Raises ValueError if the ball was seen in no frame.
@@ -57,7 +58,7 @@ def write_paraview(result: ResultFolder) -> Path:
 def _write(result: ResultFolder, folder: Path) -> None:
     mesh, centres = sphere_mesh(), _centres(result)
     orientations = matrices(result.quaternion) * np.outer(result.axis_signs, result.axis_signs)
-    radius = result.radius if result.motion is None else result.radius * float(result.summary["scale"]["m_per_px"])
+    radius = _radii(result)
     times = result.time_s if np.isfinite(result.time_s).all() else result.frame.astype(np.float64)
     first: Array | None = None
     entries = []
@@ -128,7 +129,18 @@ def _centres(result: ResultFolder) -> Array:
     """Centres (n, 3) of the ball, m or px, with z = 0; NaN if the ball was not seen."""
     plane = result.position if result.motion is None else result.motion.position_m
     plane = np.where(result.known[:, None], plane, np.nan)
-    return np.concatenate((plane, np.zeros((len(plane), 1))), 1)
+    depth = None if result.motion is None else result.motion.depth
+    if depth is None:
+        return np.column_stack((plane, np.zeros(len(plane))))
+    return np.column_stack((plane, depth.z_m - depth.z_m[np.isfinite(depth.z_m)][0]))
+
+
+def _radii(result: ResultFolder) -> Array:
+    """Radius (n,) of the ball in each frame: the same in all where it moves along the optical axis, as is known."""
+    if result.motion is None:
+        return result.radius
+    radius = result.radius * float(result.summary["scale"]["m_per_px"])
+    return radius if result.motion.depth is None else np.full_like(radius, radius[np.isfinite(radius)][0])
 
 
 def _vectors(result: ResultFolder, i: int) -> dict[str, Array]:
@@ -136,7 +148,10 @@ def _vectors(result: ResultFolder, i: int) -> dict[str, Array]:
     motion = result.motion
     if motion is None:
         return {}
-    in_plane = {"velocity_m_s": motion.velocity_m_s, "force_N": motion.force_N}
-    vectors = {name: np.append(v[i], 0.0)[None] for name, v in in_plane.items() if v is not None}
+    vectors = {}
+    for name in ("velocity_m_s", "force_N"):
+        in_plane, along = getattr(motion, name), getattr(motion.depth, name, None)
+        if in_plane is not None:
+            vectors[name] = np.append(in_plane[i], 0.0 if along is None else along[i])[None]
     vectors["spin_rad_s"] = motion.spin_rad_s[i][None]
     return {name: v for name, v in vectors.items() if np.isfinite(v).all()}

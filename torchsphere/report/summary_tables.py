@@ -51,6 +51,10 @@ ENERGY_COLUMNS = (("before", "before"), ("after", "after"), ("lost", "given to t
 Row = tuple[str, str]
 
 
+#: Row of the angles of `torchsphere.dynamics.depth.Depth`.
+OUT_OF_PLANE = "Flights against the image's plane (positive along z)"
+
+
 @dataclass(frozen=True)
 class Table:
     """A table of several columns; each row begins with its name."""
@@ -137,11 +141,12 @@ def _mean_motion(result: ResultFolder) -> list[Row]:
 
     rows = [
         ("Mean velocity (x, y)", mean("velocity_m_s", slice(2), "m/s")),
+        *([(OUT_OF_PLANE, mean("out_of_plane_deg", slice(None), "deg"))] if means.get("out_of_plane_deg") else []),
         ("Mean spin (x, y, z)", mean("spin_rad_s", slice(3), "rad/s")),
         ("Mean step (x, y)", mean("increment_px_rad", slice(2), "px per frame")),
         ("Mean rotation (x, y, z)", mean("increment_px_rad", slice(2, 5), "deg per frame", math.degrees(1))),
     ]
-    return rows if "velocity_m_s" in means else rows[2:]
+    return rows if "velocity_m_s" in means else rows[-2:]
 
 
 def _setup(result: ResultFolder) -> list[Row]:

@@ -84,15 +84,26 @@ def _in_px(result: ResultFolder) -> list[TimeSeries]:
 
 def _in_si(m: SIMotion) -> list[TimeSeries]:
     if m.force_N is not None and m.sd_force_N is not None:
-        second = _prefixed("force", "N", m.force_N, m.sd_force_N)
+        second = _prefixed("force", "N", *_with_depth(m, "force_N"))
     else:
-        second = _prefixed("acceleration", "m/s²", m.acceleration_m_s2, m.sd_acceleration_m_s2)
+        second = _prefixed("acceleration", "m/s²", *_with_depth(m, "acceleration_m_s2"))
+    velocity, sd_velocity = _with_depth(m, "velocity_m_s")
     return [
         TimeSeries("position", "position", "mm", XY, 1e3 * m.position_m, 1e3 * m.sd_position_m),
-        TimeSeries("velocity", "velocity", "m/s", XY, m.velocity_m_s, m.sd_velocity_m_s),
+        TimeSeries("velocity", "velocity", "m/s", XYZ[: velocity.shape[1]], velocity, sd_velocity),
         second,
         TimeSeries("spin", "spin", "rad/s", XYZ, m.spin_rad_s, m.sd_spin_rad_s),
     ]
+
+
+def _with_depth(m: SIMotion, name: str) -> tuple[Array, Array]:
+    """A vector and its standard deviation (n, 2), or (n, 3) where the motion along the axis is known."""
+    found: Array = getattr(m, name)
+    sd: Array = getattr(m, "sd_" + name)
+    if m.depth is None or getattr(m.depth, name) is None:
+        return found, sd
+    along, sd_along = getattr(m.depth, name), getattr(m.depth, "sd_" + name)
+    return np.column_stack((found, along)), np.column_stack((sd, sd_along))
 
 
 def _with_raw(series: list[TimeSeries], result: ResultFolder) -> list[TimeSeries]:
@@ -113,5 +124,5 @@ def _prefixed(key: str, unit: str, values: Array, sd: Array) -> TimeSeries:
     """The quantity in its unit, or in thousands of the unit if its largest value is 1000 or more."""
     largest = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
     if largest < 1000:
-        return TimeSeries(key, key, unit, XY, values, sd)
-    return TimeSeries(key, key, f"k{unit}", XY, 1e-3 * values, 1e-3 * sd)
+        return TimeSeries(key, key, unit, XYZ[: values.shape[1]], values, sd)
+    return TimeSeries(key, key, f"k{unit}", XYZ[: values.shape[1]], 1e-3 * values, 1e-3 * sd)

@@ -13,7 +13,7 @@ from torchsphere.dynamics.filtered_motion import FilteredMotion
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.geometry.orientation import quaternions
 from torchsphere.motion.track import Track
-from torchsphere.results.reader import FORCE_PATH_COLUMNS, KINEMATICS_COLUMNS, TRACK_COLUMNS
+from torchsphere.results.reader import DEPTH_COLUMNS, FORCE_PATH_COLUMNS, KINEMATICS_COLUMNS, TRACK_COLUMNS
 
 Columns = dict[str, NDArray[Any]]
 
@@ -58,8 +58,14 @@ def covariances(track: Track) -> NDArray[np.float64]:
 
 
 def motion_columns(motion: Kinematics, first_frame: int) -> Columns:
-    """Columns of ``kinematics.csv``: times, known vectors, their standard deviations, numbers of the frames."""
-    return _vectors(motion, tuple(KINEMATICS_COLUMNS), first_frame)
+    """Columns of ``kinematics.csv``: times, known vectors, their standard deviations, numbers of the frames, depth."""
+    columns, depth = _vectors(motion, tuple(KINEMATICS_COLUMNS), first_frame), motion.depth
+    if depth is None:
+        return columns
+    known = {name: column for name, column in DEPTH_COLUMNS.items() if getattr(depth, name) is not None}
+    return columns | {
+        prefix + column: getattr(depth, prefix + name) for prefix in ("", "sd_") for name, column in known.items()
+    }
 
 
 def filtered_columns(motion: FilteredMotion, first_frame: int) -> Columns:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pyarrow import csv
 
 from torchsphere.correlation.frame_status import STATUSES
+from torchsphere.dynamics.depth import Depth
 from torchsphere.dynamics.scale import LAB_AXES
 from torchsphere.motion.ledger import INCREMENTS
 from torchsphere.results.sampled_frames import Sampled, load
@@ -37,6 +38,9 @@ KINEMATICS_COLUMNS = {
     "force_N": ("fx_N", "fy_N"),
     "spin_rad_s": ("wx_rad_s", "wy_rad_s", "wz_rad_s"),
 }
+
+#: Last columns of ``kinematics.csv``, where the motion along the optical axis is measured.
+DEPTH_COLUMNS = {"z_m": "z_m", "velocity_m_s": "vz_m_s", "acceleration_m_s2": "az_m_s2", "force_N": "fz_N"}
 
 #: Columns of ``force_path.csv``.
 FORCE_PATH_COLUMNS = (
@@ -67,6 +71,7 @@ class SIMotion:
     sd_acceleration_m_s2: Array
     sd_force_N: Array | None  # noqa: N815
     sd_spin_rad_s: Array
+    depth: Depth | None = None
 
 
 @dataclass(frozen=True)
@@ -167,7 +172,7 @@ def read(path: Path) -> ResultFolder:
     try:
         summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
         table = _columns(path / "track.csv", ("status",))
-        motion = _motion(path / "kinematics.csv") if (path / "kinematics.csv").is_file() else None
+        motion = _motion(path / "kinematics.csv", summary) if (path / "kinematics.csv").is_file() else None
         _check_complete(summary, table, motion)
         return ResultFolder(
             path=path,
@@ -252,14 +257,25 @@ def _measured(quaternion: Array) -> Array:
     return quaternion if np.isfinite(quaternion[:, 0]).sum() > 1 else np.full_like(quaternion, np.nan)
 
 
-def _motion(path: Path) -> SIMotion:
+def _motion(path: Path, summary: dict[str, Any]) -> SIMotion:
     table = _columns(path)
     vectors: dict[str, Any] = {
         prefix + name: _stacked(table, columns, prefix) if columns[0] in table else None
         for name, columns in KINEMATICS_COLUMNS.items()
         for prefix in ("", "sd_")
     }
-    return SIMotion(time_s=table["time_s"], **vectors)
+    return SIMotion(time_s=table["time_s"], depth=_depth(table, summary.get("mean_motion") or {}), **vectors)
+
+
+def _depth(table: dict[str, NDArray[Any]], means: dict[str, Any]) -> Depth | None:
+    """The motion along the optical axis; None where the table has none."""
+    if DEPTH_COLUMNS["z_m"] not in table:
+        return None
+    known: dict[str, Any] = {
+        prefix + name: table.get(prefix + column) for prefix in ("", "sd_") for name, column in DEPTH_COLUMNS.items()
+    }
+    known |= {name: tuple(means.get(name, ())) for name in ("out_of_plane_deg", "sd_out_of_plane_deg")}
+    return Depth(**known)
 
 
 def _force_path(path: Path, summary: dict[str, Any]) -> ForcePathTable | None:

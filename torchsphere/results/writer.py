@@ -92,7 +92,7 @@ def _field(name: str, kind: pa.DataType) -> pa.Field:
 
 
 def write_kinematics(folder: Path, motion: Kinematics, first_frame: int) -> None:
-    """Write ``kinematics.csv``: times, known vectors, their standard deviations, numbers of the frames."""
+    """Write ``kinematics.csv``: the columns of `motion_columns`."""
     _write_csv(folder / "kinematics.csv", motion_columns(motion, first_frame))
 
 

@@ -164,7 +164,9 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
         )
         adjustment = settled.adjustment
         ball, turned = adjustment.state.ball, adjustment.state.poses.orientation
-        off_outline = radius_error.by_outline(float(ball.radius), turned, circle)
+        # The first frame, with the outline that was given, is a keyframe.
+        first_radius = float(adjustment.state.poses.radii(ball.radius)[0])
+        off_outline = radius_error.by_outline(first_radius, turned, asked.circle)
         by_blur = radius_error.by_blur(float(ball.edge_blur), blur.optics_px, circle)
         error_px = math.hypot(by_blur, off_outline)
         less_certain = bundle_adjustment.with_radius_error(adjustment, error_px)
@@ -172,7 +174,7 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
         adjustment = replace(adjustment, covariance=less_certain, last=None)
         settled = replace(settled, adjustment=adjustment)
         misfit = float(adjustment.state.profile.variance[0]) / noise
-        shown = float(ball.radius), circle.radius, float(ball.edge_blur), blur.optics_px, misfit
+        shown = first_radius, asked.circle.radius, float(ball.edge_blur), blur.optics_px, misfit
         refused = refused_as_unsettled(adjustment.settled) or refusal(*shown)
         if refused:
             return refused

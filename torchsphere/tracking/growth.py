@@ -57,12 +57,12 @@ class Growth:
 
 
 def may_grow(limbs: Limbs) -> bool:
-    """Whether the limbs along a path grow, or scatter as if they lay beside the ball.
+    """Whether the limbs along a path grow, or scatter as if they lay beside the ball, or are too few.
 
     That it grows is known only after `limbs_follow`.
     """
     limb = growth_of_limbs(limbs)
-    return limb is not None and (limb.is_significant or limb.scatter > SUSPECT_SCATTER)
+    return limb is None or limb.is_significant or limb.scatter > SUSPECT_SCATTER
 
 
 def scatter_of_limbs(limbs: Limbs) -> float:

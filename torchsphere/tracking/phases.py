@@ -61,6 +61,11 @@ class _Start:
     interlaced: bool = False  # whether only the even rows are used, as the others show another instant
     mosaic: tuple[str, ...] = ()  # colour mosaics that the images may be, of which only the green pixels are used
 
+    @property
+    def is_camera_assumed(self) -> bool:
+        """Whether the camera was not given: a ball that grows is followed with one that is far away."""
+        return self.grows and "camera" not in self.given
+
 
 class Assembled(NamedTuple):
     """A track without the errors of the ledger, and what these are found by."""
@@ -209,11 +214,14 @@ def _follow_as_it_grows(task: Task, start: _Start) -> tuple[_Start, Record]:
     measured = _follow(task, start)
     if task.in_place or start.grows or start.options.model not in growth.RIGID_MODELS:
         return start, measured
-    camera = start.options.camera
-    if not growth.may_grow(slipped_path.limbs_of(task.source, measured, task.ignore, camera)):
-        return start, measured
-    options = growth.growing(start.options, start.circle.radius, start.image)
+    camera, options = start.options.camera, growth.growing(start.options, start.circle.radius, start.image)
     growing = dataclasses.replace(start, options=options, grows=True)
+    limbs = slipped_path.limbs_of(task.source, measured, task.ignore, camera)
+    if not growth.may_grow(limbs):
+        return start, measured
+    # Without limbs enough to show a growth a few pairs must do so.
+    if growth.growth_of_limbs(limbs) is None and _failed_trial(task, growing) is not None:
+        return start, measured
     followed = _follow(task, growing)
     limbs = slipped_path.limbs_of(task.source, followed, task.ignore, camera)
     if not growth.limbs_follow(limbs, followed):
@@ -225,7 +233,10 @@ def _follow(task: Task, start: _Start) -> Record:
     """Phase 2: the motion from frame to frame."""
     first, options = start.circle, start.options
     is_seen = task.circle is None or shows_outline(start.image, first, options.camera)
-    measured = None if is_seen and not first.doubt else _failed_trial(task, start)
+    measured = None
+    if first.doubt or not is_seen:
+        steps.tell("testing the circle %s px, which its image leaves in doubt", first.text())
+        measured = _failed_trial(task, start)
     if measured is None:
         _LOG.info("following the circle %s px of frame %d with the model %s", first.text(), first.frame, options.model)
         calls: dict[str, Any] = {"progress": task.progress, "watch": task.watch}
@@ -238,13 +249,12 @@ def _follow(task: Task, start: _Start) -> Record:
 
 
 def _failed_trial(task: Task, start: _Start) -> Record | None:
-    """The record of a few pairs after a circle in doubt, if hardly one of these was measured; else None.
+    """The record of a few pairs after a start in doubt, if hardly one of these was measured; else None.
 
     Each frame that fails takes a search: a circle that no image supports is not looked for in all of them.
     """
     first, count = start.circle, task.source.count
     stop = min(first.frame + 1 + TRIAL_PAIRS, count)
-    steps.tell("testing the circle %s px, which its image leaves in doubt", first.text())
     follower = Follower(task.source, first, task.ignore, start.options, in_place=task.in_place, searches=TRIAL_SEARCHES)
     measured = follower.run(stop)
     tried = measured.status[first.frame + 1 : stop]
@@ -259,8 +269,7 @@ def _absolute_motion(task: Task, start: _Start, measured: Record) -> AbsoluteMot
     """Phase 3: the poses on a map of the ball where a map is made, else the sum of the increments."""
     _LOG.info("followed: %d of %d frames are ok", int(measured.is_ok.sum()), len(measured.status))
     fineness = texture_fineness(start.image, start.circle, task.ignore)
-    # A ball that grows, which nobody said, is followed with a camera that is far away.
-    camera = None if start.grows and "camera" not in start.given else start.options.camera
+    camera = None if start.is_camera_assumed else start.options.camera
     return absolute_motion(task, measured, start.circle, start.options, fineness, camera)
 
 
@@ -290,6 +299,7 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
         findings=Findings(
             map=motion.map,
             grows=start.grows,
+            camera_assumed=start.is_camera_assumed,
             interlaced=start.interlaced,
             mosaic=start.mosaic,
             repeated_frames=tuple(measured.repeated),
