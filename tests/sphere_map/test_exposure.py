@@ -96,7 +96,9 @@ def test_the_change_of_an_exposure_is_told_from_its_moments_and_is_none_where_th
     unknown = exposure_share.unknown_from(moving.windows)
     assert unknown is not None
     longer = unknown.changed(moving, torch.tensor(0.25))
-    assert exposure_share.factor_between(moving.windows, longer.windows) == pytest.approx(math.exp(0.25))
+    assert exposure_share.factor_between(moving.windows.moments, longer.windows.moments) == pytest.approx(
+        math.exp(0.25)
+    )
     assert float(unknown.value(longer)) == pytest.approx(0.25)
-    assert exposure_share.factor_between(resting.windows, resting.windows) == 1.0
+    assert exposure_share.factor_between(resting.windows.moments, resting.windows.moments) == 1.0
     assert exposure_share.unknown_from(resting.windows) is None

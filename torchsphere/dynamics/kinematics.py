@@ -29,6 +29,7 @@ from torchsphere.motion.track import Track
 from torchsphere.settings.calibration import Calibration, implausible_units, with_option_names
 from torchsphere.settings.choices import METHODS, ORDER, WINDOW
 from torchsphere.settings.limits import as_float
+from torchsphere.sphere_map.decision import MadeMap
 
 __all__ = ["Draws", "FoundContact", "Kinematics", "kinematics", "kinematics_of_many", "mean_motion"]
 
@@ -237,8 +238,11 @@ def _result(
 
 
 def _scale(track: Track, diameter_m: float | None, m_per_px: float | None, relative_sd: float) -> Scale:
-    """Scale of a track, whose outline is larger the nearer the camera is."""
+    """Scale of a track, whose outline is larger the nearer the camera is, and another one where the lens bends."""
     by_distance = distance_error(track.findings.radius_over_distance, track.findings.sd_radius_over_distance)
+    made = track.findings.map
+    if isinstance(made, MadeMap):
+        by_distance = math.hypot(by_distance, made.sd_scale)
     return scale(
         track.circle, diameter_m=diameter_m, m_per_px=m_per_px, relative_sd=relative_sd, sd_by_distance=by_distance
     )

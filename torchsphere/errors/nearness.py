@@ -19,7 +19,7 @@ widen = steady_error.widen
 def detect(track: Track, evidence: Evidence) -> Findings:
     """The standard deviation of the ball's radius over the camera's distance."""
     found = track.findings
-    if track.settings["telecentric"] or (evidence.options.camera is not None and not found.grows):
+    if track.settings["telecentric"] or (evidence.options.camera is not None and not found.camera_assumed):
         sd = 0.0
     else:
         sd = found.map.sd_radius_over_distance if isinstance(found.map, MadeMap) else UNKNOWN_SD
@@ -29,7 +29,8 @@ def detect(track: Track, evidence: Evidence) -> Findings:
 def sentences(track: Track, evidence: Evidence) -> list[str]:
     """Whether turns are uncertain as the camera's distance is not known."""
     settings, turns = track.settings, track.covariance[:, [2, 3], [2, 3]]
-    if settings["telecentric"] or settings["camera"] is not None or not np.isfinite(turns).any():
+    is_known = settings["camera"] is not None and not track.findings.camera_assumed
+    if settings["telecentric"] or is_known or not np.isfinite(turns).any():
         return []
     sd = track.findings.sd_radius_over_distance
     apparent = float(np.degrees(steady_error.sd_of_apparent_turn(track.increment, track.circle.radius, sd).max()))

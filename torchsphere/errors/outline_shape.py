@@ -139,6 +139,9 @@ def _by_view(found: Array, off: Array, sd: float, nearness: float) -> float:
 def detect(track: Track, evidence: Evidence) -> Findings:
     """The axes of outlines that are ellipses."""
     found, radius = track.findings, track.circle.radius
+    if isinstance(found.map, MadeMap) and found.map.has_lens:
+        # The map holds what the outlines show.
+        return found
     sd_nearness = 0.0 if track.settings["telecentric"] else found.sd_radius_over_distance
     allowed = Allowed.of(evidence.options.camera, radius, found.map, sd_nearness, stated=evidence.exposure)
     ratio = axis_ratio(evidence.source, track.position, radius, evidence.ignore, allowed)

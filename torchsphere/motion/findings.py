@@ -164,4 +164,5 @@ def _read_map(about: Mapping[str, Any]) -> MadeMap | NoMap:
         why = str(about.get("why", UNKNOWN_MAP.why.name)).upper()
         sentence = reason.removeprefix(NOT_NEEDED)
         return NoMap(Why[why], sentence, is_needed=sentence == reason)
-    return MadeMap(**{one.name: about[one.name] for one in fields(MadeMap) if one.name in about})
+    known = {one.name: about[one.name] for one in fields(MadeMap) if one.name in about}
+    return MadeMap(**known | {"lens_middle_px": tuple(about.get("lens_middle_px", (0.0, 0.0)))})

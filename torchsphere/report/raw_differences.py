@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,12 +48,14 @@ def raw_differences(result: ResultFolder) -> dict[str, Raw]:
 
 
 def _position(result: ResultFolder) -> Array:
-    """Positions (n, 2), px; with a camera in the plane of the first depth, as those of the motion."""
-    settings: dict[str, Any] | None = result.summary["settings"].get("camera")
-    if settings is None:
+    """Positions (n, 2), px; with a camera or a lens in the plane of the first depth, as those of the motion."""
+    settings = result.summary["settings"]
+    # Torch takes 1.2 s to import, and figures of an orthographic view do not need it.
+    if settings.get("camera") is None and not (settings.get("sphere_map") or {}).get("lens_middle_px", (0, 0))[0]:
         return result.position
-    # Torch takes 1.2 s to import, and figures without a camera do not need it.
-    from torchsphere.dynamics.depth_plane import plane_position
-    from torchsphere.geometry.camera import Camera
+    from torchsphere.dynamics.depth_plane import PlaneView
+    from torchsphere.motion.findings import Findings
 
-    return plane_position(result.position, result.radius / result.summary["circle"]["radius"], Camera(**settings))
+    view = PlaneView.of(settings.get("camera"), Findings.read(settings).map)
+    magnification = result.radius / result.summary["circle"]["radius"]
+    return result.position if view is None else view.position(result.position, magnification)

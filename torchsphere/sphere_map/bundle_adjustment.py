@@ -31,6 +31,7 @@ from torchsphere.sphere_map.decision import NO_SOLUTION
 from torchsphere.sphere_map.elimination import COMMON, GEOMETRY, PER_IMAGE, JointEquations
 from torchsphere.sphere_map.footprint import fit_footprint, with_footprint_of_outline
 from torchsphere.sphere_map.forward_model import Linearisation
+from torchsphere.sphere_map.lens import View, is_seen
 from torchsphere.sphere_map.light import fit_light
 from torchsphere.sphere_map.map_fit import MapEquations
 from torchsphere.sphere_map.perspective import Optics
@@ -79,6 +80,9 @@ MAX_RING_VARIANCE = 4.0
 #: Move of a pose by the last step from which an adjustment is given up, px: smaller ones do not matter, as every image
 #: is registered again (docs/constants.toml).
 MAX_UNSETTLED_PX = 0.02
+
+#: Most images in which a lens is looked for (docs/constants.toml).
+LENS_IMAGES = 6
 
 #: Move of a pose below which it counts as settled on the last map, px, and in standard deviations
 #: (docs/constants.toml).
@@ -143,6 +147,7 @@ class Adjustment:
     last: LastStep | None = None
     unknowns: SharedUnknowns = ()
     move: float = 0.0  # by the last step, in moves that count as settled
+    lens: SharedUnknowns = ()  # that the images show, and the windows were not cut for: nothing else has settled
 
 
 def adjust(
@@ -158,6 +163,8 @@ def adjust(
     least_variance: float = ROUNDING_VARIANCE,
     is_exposure_known: bool = True,
     grows: bool = False,
+    view: View | None = None,
+    lens: SharedUnknowns = (),
 ) -> Adjustment:
     """Adjust map and poses to n images, from ``poses`` within half a speckle and a ``radius`` within a px.
 
@@ -165,7 +172,8 @@ def adjust(
     ``least_variance`` that which the steps of the levels leave; ``shared`` shares images out among threads.
     ``progress`` is called with the share that is done. The adjustment starts from the blur ``optics_px`` of the
     images, 0 where they are sharp, and from the exposure of the windows, which is adjusted if it is not known. The
-    radius in each image is adjusted if the ball ``grows``.
+    radius in each image is adjusted if the ball ``grows``, and with it the unknowns of a ``lens`` that the windows are
+    cut for. A lens is looked for in the ``view`` on coarse cells: if the images show one, the adjustment ends there.
     Singular equations raise LinAlgError.
     """
     like = windows.levels
@@ -181,13 +189,19 @@ def adjust(
     )
     coarse = cube_map.cells_per_face(radius, max(COARSE_PX, cell_px))
     state = _with_first_map(state, max(COARSE_PX, cell_px), shared)
-    adjustment = _adjust_level(state, _Level(coarse, COARSE_SETTLED_PX, 20, is_last=False), shared)
+    level = _Level(coarse, COARSE_SETTLED_PX, 20, is_last=False, unknowns=lens)
+    adjustment = _adjust_level(state, level, shared)
+    if view is not None and _shows_lens(adjustment, view, shared):
+        watched = level._replace(unknowns=view.unknowns)
+        adjustment = _without_unseen(_adjust_level(view.of(state), watched, shared))
     _report(progress, 0.4)
+    if adjustment.lens:
+        return adjustment
     if not adjustment.settled:
         # Poses that jump about on a coarse map do so on a fine one.
         return adjustment
     fine = cube_map.cells_per_face(radius, cell_px)
-    last = _Level(fine, LAST_SETTLED_PX, MAX_STEPS, is_last=True, is_blurred=optics_px > 0)
+    last = _Level(fine, LAST_SETTLED_PX, MAX_STEPS, is_last=True, is_blurred=optics_px > 0, unknowns=lens)
     # The noise as the steps between images saw it may hold more than noise, and so may a residual on coarse cells.
     noise = min(noise_variance, float(adjustment.state.profile.variance[0]))
     state = replace(adjustment.state, smoothness=map_fit.smoothness_for(noise, texture_variance(windows)))
@@ -211,6 +225,45 @@ def adjust(
         adjustment = _adjust_last(even, last, (), exposure_of, shared, 0.0)
     _report(progress, 1.0)
     return replace(adjustment, covariance=_with_radius_error(adjustment))
+
+
+def _shows_lens(adjustment: Adjustment, view: View, shared: RowRunner) -> bool:
+    """Whether the images of an ``adjustment`` show a lens: some of them do, by an approximate step of all unknowns.
+
+    Poses that have not settled may lack one.
+    """
+    if not adjustment.settled:
+        return True
+    count = len(adjustment.state.poses)
+    rows = torch.linspace(0, count - 1, min(count, LENS_IMAGES)).round().long().unique()
+    state = view.of(adjustment.state.take(rows))
+    at = _equations(state, view.unknowns, shared)
+    step = at.joint.approximate(*_gradients(at, view.unknowns)).step
+    return bool(_seen(view.unknowns, step[PER_IMAGE * len(rows) :], at.joint.covariance))
+
+
+def _seen(unknowns: SharedUnknowns, values: Tensor, covariance: Tensor) -> SharedUnknowns:
+    """Those of the ``unknowns`` that the images show, if a lens is among them.
+
+    The camera's nearness alone is told on fine cells. The ``values`` (k,) have their variances in the ``covariance``.
+    """
+    first = len(covariance) - COMMON - len(unknowns)
+    sds = covariance.diagonal()[first:].sqrt()
+    seen = tuple(one for one, value, sd in zip(unknowns, values, sds, strict=False) if is_seen(float(value), float(sd)))
+    return () if seen == (nearness.UNKNOWN,) else seen
+
+
+def _without_unseen(adjustment: Adjustment) -> Adjustment:
+    """The ``adjustment`` on coarse cells with the lens that the images show, and without what they do not."""
+    state = adjustment.state
+    values = torch.stack([unknown.value(state) for unknown in adjustment.unknowns])
+    seen = _seen(adjustment.unknowns, values, adjustment.covariance)
+    for unknown in adjustment.unknowns:
+        if unknown not in seen:
+            state = unknown.changed(state, -unknown.value(state))
+    if not seen:
+        state = replace(state, windows=replace(state.windows, optics=None, bend=None))
+    return replace(adjustment, state=state, unknowns=(), lens=seen)
 
 
 def _with_footprint(state: State, level: _Level, shared: RowRunner) -> State:
@@ -242,11 +295,11 @@ def _adjust_last(
     """
     longer = None if exposure_of is None else exposure_share.unknown_from(exposure_of)
     if longer is not None:
-        adjustment = _adjust_level(state, level._replace(unknowns=(*lights, longer)), shared)
+        adjustment = _adjust_level(state, level._replace(unknowns=(*lights, longer, *level.unknowns)), shared)
         if adjustment.settled:
             return adjustment
     # Unknowns that are new may move more than all did before.
-    return _adjust_level(state, level._replace(unknowns=lights), shared, 0.0 if lights else moved)
+    return _adjust_level(state, level._replace(unknowns=(*lights, *level.unknowns)), shared, 0.0 if lights else moved)
 
 
 def find_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) -> Adjustment:
@@ -264,7 +317,13 @@ def find_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) -> 
 
 def _with_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) -> Adjustment:
     assert adjustment.last is not None
+    if adjustment.unknowns[-1:] == (nearness.UNKNOWN,):
+        sd, of_radius = _told(adjustment, shared)
+        sd = nearness.total_sd(sd)
+        return replace(adjustment, covariance=with_radius_error(adjustment, of_radius * sd), sd_nearness=sd)
     before, model, joint = adjustment.last
+    # A lens that was found stays.
+    optics = before.windows.optics or optics
     far = replace(before, windows=before.windows.seen_by(optics))
     # By the equations of the last step: the step itself hardly matters.
     found = shared_unknown.measure(nearness.UNKNOWN, far, model, joint, shared)
@@ -391,6 +450,14 @@ def _in_px(step: Tensor, n: int) -> float:
     return float(of_poses.abs().max().maximum(step[-COMMON].abs()))
 
 
+def _equations(state: State, unknowns: SharedUnknowns, shared: RowRunner) -> LastStep:
+    """The model at the ``state`` and the equations of a step, with the weights that the state has."""
+    weights = state.profile.weights(state.windows, state.poses)
+    equations = MapEquations.of(drawn(state, shared), weights, shared, state.smoothness)
+    model = shared_unknown.with_columns(unknowns, state, linearised(state, shared), shared)
+    return LastStep(state, model, _joint_equations(state, model, equations, unknowns))
+
+
 def _joint_equations(
     state: State, model: Linearisation, equations: MapEquations, unknowns: SharedUnknowns
 ) -> JointEquations:
@@ -398,15 +465,21 @@ def _joint_equations(
     return elimination.joint_equations(model, equations, state.poses, precisions, grows=state.ball.grows)
 
 
-def _step(at: LastStep, unknowns: SharedUnknowns, settled: Tensor) -> tuple[Tensor, Tensor]:
-    """Gauss-Newton step of the map (m,) and of all other unknowns (u,), down to a share of what counts as settled."""
+def _gradients(at: LastStep, unknowns: SharedUnknowns) -> tuple[Tensor, Tensor]:
+    """Gradients by the map (m,) and by all other unknowns (u,)."""
     state, model, joint = at
     weighted = (joint.map.weights * (state.windows.levels - model.levels)).flatten(1).unsqueeze(1)
     by_unknowns = elimination.spread_gradient(torch.bmm(weighted, model.jacobian)[:, 0].double())
     first = PER_IMAGE * len(state.poses)
     for number, unknown in enumerate(unknowns):
         by_unknowns[first + number] -= unknown.precision * unknown.value(state)
-    by_map = joint.map.gradient(state.ball.coefficients, state.windows.levels)
+    return joint.map.gradient(state.ball.coefficients, state.windows.levels), by_unknowns
+
+
+def _step(at: LastStep, unknowns: SharedUnknowns, settled: Tensor) -> tuple[Tensor, Tensor]:
+    """Gauss-Newton step of the map (m,) and of all other unknowns (u,), down to a share of what counts as settled."""
+    state, _, joint = at
+    by_map, by_unknowns = _gradients(at, unknowns)
     is_sharpest = float(state.ball.edge_blur) <= forward_model.MIN_BLUR_PX
     if is_sharpest and float(joint.approximate(by_map, by_unknowns).step[-1]) < 0:
         # Cut off afterwards, a blur that wants to be less would leave the others a step that is not theirs.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,6 +85,23 @@ class MadeMap:
     radius_off_outline_px: float = 0.0  # error of the radius by what the outline tells
     radius_over_distance: float = 0.0  # of the camera: its nearness
     sd_radius_over_distance: float = 0.0
+    # The lens as the images show it: radial distortion in the image's corner, a share of the distance from its middle,
+    # and width of the pixels over their height; with this middle, px.
+    lens_distortion: float = 0.0
+    sd_lens_distortion: float = 0.0
+    pixel_ratio: float = 1.0
+    sd_pixel_ratio: float = 0.0
+    lens_middle_px: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def has_lens(self) -> bool:
+        """Whether the images show a lens that bends, or pixels that are not square."""
+        return bool(self.lens_distortion) or self.pixel_ratio != 1
+
+    @property
+    def sd_scale(self) -> float:
+        """Relative standard deviation of lengths by that of the lens, at most: in the image's corner."""
+        return math.hypot(3 * self.sd_lens_distortion, 0.5 * self.sd_pixel_ratio)
 
 
 def not_needed(asked: bool | None, model: str, position: Array, rotation: Array) -> NoMap | None:

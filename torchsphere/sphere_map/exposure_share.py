@@ -29,17 +29,17 @@ STEP = 0.02
 
 def unknown_from(start: Windows) -> SharedUnknown | None:
     """The logarithm of the share over that of the ``start``; None where no image is smeared."""
-    if not _smear(start):
+    if not _smear(start.moments):
         return None
 
     def value(state: State) -> Tensor:
-        return torch.full_like(state.ball.radius, math.log(factor_between(start, state.windows)))
+        return torch.full_like(state.ball.radius, math.log(factor_between(start.moments, state.windows.moments)))
 
     return SharedUnknown(value, _lengthened, STEP, OUTLINES_SD, MAX_CHANGE, LAST_CHANGE)
 
 
-def factor_between(before: Windows, after: Windows) -> float:
-    """Exposure ``after`` over that ``before``; 1 where the ball rests in all images, which are not smeared."""
+def factor_between(before: Tensor | None, after: Tensor | None) -> float:
+    """Exposure with the `Windows.moments` ``after`` over that ``before``; 1 where the ball rests in all images."""
     smear = _smear(before)
     return _smear(after) / smear if smear else 1.0
 
@@ -50,5 +50,5 @@ def _lengthened(state: State, change: Tensor) -> State:
     return replace(state, windows=replace(windows, moments=change.exp() * windows.moments))
 
 
-def _smear(windows: Windows) -> float:
-    return 0.0 if windows.moments is None else float(windows.moments.norm())
+def _smear(moments: Tensor | None) -> float:
+    return 0.0 if moments is None else float(moments.norm())

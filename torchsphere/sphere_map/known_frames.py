@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -15,6 +15,7 @@ from torchsphere.recording.frame_source import Source
 from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import registration
 from torchsphere.sphere_map.ball import Poses
+from torchsphere.sphere_map.nearness import seen_alike
 from torchsphere.sphere_map.perspective import Optics
 from torchsphere.sphere_map.registration import Registration
 from torchsphere.sphere_map.state import State
@@ -51,6 +52,15 @@ class KnownFrames:
     def poses(self, numbers: NDArray[np.int64] | slice = slice(None)) -> Poses:
         """Initial poses of the given frames, or of all."""
         return Poses.at(self.position[numbers], self.orientation[numbers], self.added_radius[numbers])
+
+    def seen_by(self, optics: Optics | None) -> KnownFrames:
+        """The same frames seen by another camera, which shows the same sides of the ball in the same places."""
+        if optics is None:
+            return self
+        afar = seen_alike(self.poses(), self.optics, None)
+        seen = self.position if self.optics is None else self.optics.bent(self.position)
+        orientation = seen_alike(replace(afar, centre=optics.straightened(seen)), None, optics).orientation
+        return replace(self, optics=optics, position=optics.straightened(seen), orientation=orientation)
 
     def windows(self, numbers: list[int], poses: Poses, radius: Tensor | float) -> Windows:
         """Windows of the given frames around a ball of that ``radius`` at its ``poses`` (k,)."""

@@ -26,45 +26,52 @@ class Optics:
 
     principal: Tensor  # intersection of the optical axis with the image (2,), px
     per_focal: Tensor  # one over the focal length (), 1/px
-    distortion: Tensor  # radial coefficients (3,), as in `torchsphere.geometry.camera.Camera`
+    # Radial coefficients (3,), 1/px^2, 1/px^4 and 1/px^6: those of `torchsphere.geometry.camera.Camera` over powers of
+    # the focal length, so that a camera infinitely far away has them, too.
+    distortion: Tensor
+    stretch: Tensor  # logarithm () of the pixels' width over their height, as the images show it
 
     @classmethod
     def of(cls, camera: Camera, device: torch.device) -> Optics:
         """The optics of a camera whose focal length and principal point are known."""
         assert camera.focal_px is not None
         assert camera.principal_px is not None
-        principal, distortion = (
-            torch.tensor(v, dtype=torch.float64, device=device) for v in (camera.principal_px, camera.distortion)
-        )
-        return cls(principal, torch.tensor(1 / camera.focal_px, dtype=torch.float64, device=device), distortion)
+        coefficients = [k / camera.focal_px ** (2 * power) for power, k in enumerate(camera.distortion, 1)]
+        given = camera.principal_px, 1 / camera.focal_px, coefficients, 0.0
+        return cls(*(torch.tensor(v, dtype=torch.float64, device=device) for v in given))
 
     @property
     def is_distorted(self) -> bool:
-        """Whether straight lines are bent in the images."""
-        return bool((self.distortion != 0).any())
+        """Whether straight lines are bent in the images, or squares are not square."""
+        return bool((self.distortion != 0).any() or self.stretch != 0)
+
+    @property
+    def _sides(self) -> Tensor:
+        """Factors (2,) that make the pixels square, of the same area."""
+        return (0.5 * self.stretch * torch.tensor([1.0, -1.0]).to(self.principal)).exp()
 
     def straightened(self, points: Tensor) -> Tensor:
-        """Image points (..., 2) without the distortion of the lens."""
+        """Image points (..., 2) without the distortion of the lens, on square pixels."""
         if not self.is_distorted:
             return points
-        rays = undistorted((points - self.principal) * self.per_focal, self.distortion)
-        return self.principal + rays / self.per_focal
+        return self.principal + undistorted(self._sides * (points - self.principal), self.distortion)
 
     def bent(self, points: Tensor) -> Tensor:
         """Image points (..., 2) with the distortion of the lens: the inverse of `straightened`."""
         if not self.is_distorted:
             return points
-        rays = distorted((points - self.principal) * self.per_focal, self.distortion)
-        return self.principal + rays / self.per_focal
+        return self.principal + distorted(points - self.principal, self.distortion) / self._sides
 
     def enlargement(self, centres: Tensor, radius: float) -> float:
         """Largest distance of an outline from the ``centres`` (n, 2) at which balls are seen, over their ``radius``."""
-        if not bool(self.per_focal > 0):
-            return 1.0
-        circles = torch.cat((self.bent(centres), torch.full_like(centres[:, :1], radius)), 1)
-        camera = Camera(float(1 / self.per_focal), tuple(self.principal.tolist()), tuple(self.distortion.tolist()))
         angles = torch.arange(8, dtype=centres.dtype, device=centres.device) * (math.pi / 4)
-        return float(outline_distance(circles, angles, camera).max()) / radius
+        far = torch.full((len(centres), len(angles)), radius, dtype=centres.dtype, device=centres.device)
+        if bool(self.per_focal > 0):
+            camera = Camera(float(1 / self.per_focal), tuple(self.principal.tolist()))
+            far = outline_distance(torch.cat((centres, far[:, :1]), 1), angles, camera)
+        around = far.unsqueeze(-1) * torch.stack((angles.cos(), angles.sin()), -1)
+        seen = self.bent(centres.unsqueeze(1) + around) - self.bent(centres).unsqueeze(1)
+        return float(seen.norm(dim=-1).max()) / radius
 
     def view(self, centre: Tensor) -> View:
         """The view of balls whose centres are seen at ``centre`` (n, 2)."""
@@ -137,4 +144,4 @@ def orthographic(shape: tuple[int, ...], device: torch.device) -> Optics:
     height, width = shape[-2:]
     zero = torch.zeros((), dtype=torch.float64, device=device)
     principal = torch.tensor(((width - 1) / 2, (height - 1) / 2), dtype=torch.float64, device=device)
-    return Optics(principal, zero, torch.zeros(3, dtype=torch.float64, device=device))
+    return Optics(principal, zero, torch.zeros(3, dtype=torch.float64, device=device), zero)

@@ -30,6 +30,7 @@ from torchsphere.sphere_map.decision import NoMap, few_poses, refusal, refused_a
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
 from torchsphere.sphere_map.keyframes import choose_keyframes, choose_map_frames
 from torchsphere.sphere_map.known_frames import KnownFrames, register_frames
+from torchsphere.sphere_map.lens import Lens
 from torchsphere.sphere_map.nearness import UNKNOWN_SD, nearness_of
 from torchsphere.sphere_map.perspective import Optics
 from torchsphere.sphere_map.pose_errors import step_covariances, without_leverage
@@ -64,8 +65,8 @@ SD_NEARNESS_MORE = 0.003
 #: a near camera, or look like one (docs/constants.toml).
 MAX_FACTOR_OF_NEARNESS = 2.0
 
-#: Images without blur.
-SHARP = exposure.Blur()
+#: Images without blur, and a lens that bends nothing.
+SHARP, NO_LENS = exposure.Blur(), Lens()
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,7 @@ class MapPoses:
     nearness: float = 0.0  # radius over the camera's distance, and its standard deviation
     sd_nearness: float = 0.0
     open_share: float = 0.0  # exposure over the time between frames
+    lens: Lens = NO_LENS
     off_outline: float = 0.0  # error of the radius by what the outline tells, px: `radius_error.by_outline`
     # (5,): factors in the steps' standard deviations by an error that neighbouring pixels share
     widening: Array = field(default_factory=lambda: np.ones(5))
@@ -139,10 +141,8 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
     if lacking:
         return lacking
     frames = _known_frames(asked)
-    optics = frames.optics
     keys = choose_keyframes(known, asked.orientation, circle.radius)
-    initial = frames.poses(np.array(keys))
-    windows = frames.windows(keys, initial, circle.radius)
+    windows = frames.windows(keys, frames.poses(np.array(keys)), circle.radius)
     noise = max(asked.noise_share * texture_variance(windows), source.rounding_variance)
     texture_px = circle.radius / asked.circle.radius / np.sqrt(asked.fineness)
     cell_px = float(np.clip(CELLS_PER_TEXTURE * texture_px, MIN_CELL_PX, MAX_CELL_PX))
@@ -151,8 +151,7 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
     with threads.row_runner(source.device, PIXELS_PER_PIXEL * windows.levels[0].numel()) as shared:
         settled = settle(
             frames,
-            windows,
-            initial,
+            keys,
             circle.radius,
             noise,
             cell_px,
@@ -160,6 +159,7 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
             shared,
             lambda share: asked.report(round(share * len(keys))),
             is_distance_known=asked.camera is not None or asked.telecentric,
+            is_lens_known=asked.camera is not None,
             grows=asked.grows,
         )
         adjustment = settled.adjustment
@@ -185,7 +185,8 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
         return refused
     assembled = _assemble(len(asked.position), numbers, found, keys, adjustment, circle, misfit)
     assembled = _widened(replace(assembled, off_outline=off_outline, open_share=settled.open_share), widened)
-    return assembled if optics is None else _through_lens(assembled, optics)
+    optics = settled.frames.optics
+    return assembled if optics is None else _through_lens(replace(assembled, lens=settled.lens), optics)
 
 
 def _known_frames(asked: MapRequest) -> KnownFrames:

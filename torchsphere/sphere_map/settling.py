@@ -1,18 +1,20 @@
-"""Map and poses of the keyframes, then the exposure, then the camera's nearness, each settled from the one before."""
+"""Map and poses of the keyframes, with lens and exposure, and then the camera's nearness, settled from those before."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import bundle_adjustment, exposure, exposure_share
+from torchsphere.sphere_map import bundle_adjustment, exposure, exposure_share, lens, nearness
 from torchsphere.sphere_map.ball import Poses
 from torchsphere.sphere_map.bundle_adjustment import Adjustment
 from torchsphere.sphere_map.known_frames import KnownFrames
-from torchsphere.sphere_map.nearness import seen_alike
-from torchsphere.sphere_map.perspective import Optics, orthographic
-from torchsphere.sphere_map.window import Windows
+from torchsphere.sphere_map.lens import Lens, View
+from torchsphere.sphere_map.perspective import orthographic
+from torchsphere.sphere_map.shared_unknown import SharedUnknowns
 
 
 @dataclass(frozen=True)
@@ -24,12 +26,12 @@ class Settled:
     initial: Poses  # of the keyframes, as that camera shows the same sides of the ball
     open_share: float  # exposure over the time between frames
     settled_afar: bool  # whether the poses settled with the camera they began with, before a nearer one was tried
+    lens: Lens
 
 
 def settle(
     frames: KnownFrames,
-    windows: Windows,
-    initial: Poses,
+    keys: list[int],
     radius: float,
     noise_variance: float,
     cell_px: float,
@@ -38,40 +40,48 @@ def settle(
     progress: Callable[[float], None],
     *,
     is_distance_known: bool,
+    is_lens_known: bool,
     grows: bool,
 ) -> Settled:
-    """Adjust the keyframes' ``windows`` from their ``initial`` poses; other arguments as `bundle_adjustment.adjust`.
+    """Adjust the frames ``keys`` from their initial poses; other arguments as `bundle_adjustment.adjust`.
 
-    The exposure stays where it ``is_share_known``, and the camera where ``is_distance_known``.
+    The exposure stays where it ``is_share_known``, and camera and lens where they are known.
     """
-    adjustment = bundle_adjustment.adjust(
-        windows,
-        initial,
-        radius,
-        noise_variance,
-        cell_px,
-        shared,
-        progress,
-        optics_px=blur.optics_px,
-        least_variance=frames.source.rounding_variance,
-        is_exposure_known=blur.is_share_known or windows.moments is None,
-        grows=grows,
-    )
+    far = orthographic(tuple(frames.background.shape), frames.position.device)
+
+    def adjusted(start: Poses, radius: float, view: View | None = None, of_lens: SharedUnknowns = ()) -> Adjustment:
+        windows = frames.windows(keys, start, radius)
+        return bundle_adjustment.adjust(
+            windows,
+            start,
+            radius,
+            noise_variance,
+            cell_px,
+            shared,
+            progress,
+            optics_px=blur.optics_px,
+            least_variance=frames.source.rounding_variance,
+            is_exposure_known=blur.is_share_known or windows.moments is None,
+            grows=grows,
+            view=view,
+            lens=of_lens,
+        )
+
+    of_lens = () if is_lens_known else lens.unknowns(far)
+    unknowns = of_lens if is_distance_known else (*of_lens, nearness.UNKNOWN)
+    view = None if is_lens_known else View(far, unknowns)
+    adjustment = adjusted(frames.poses(np.array(keys)), radius, view)
+    if adjustment.lens:
+        state = adjustment.state
+        frames = frames.seen_by(state.windows.optics)
+        adjustment = adjusted(state.poses, float(state.ball.radius), of_lens=adjustment.lens)
     open_share = blur.open_share
     if frames.moments is not None:
-        longer = exposure_share.factor_between(windows, adjustment.state.windows)
+        longer = exposure_share.factor_between(frames.moments[keys], adjustment.state.windows.moments)
         frames, open_share = replace(frames, moments=longer * frames.moments), longer * open_share
     settled_afar = adjustment.settled
     if not is_distance_known:
-        far = orthographic(tuple(frames.background.shape), windows.levels.device)
         adjustment = bundle_adjustment.find_nearness(adjustment, far, shared)
-        frames, initial = _seen_alike(frames, initial, adjustment.state.windows.optics)
-    return Settled(adjustment, frames, initial, open_share, settled_afar)
-
-
-def _seen_alike(frames: KnownFrames, initial: Poses, optics: Optics | None) -> tuple[KnownFrames, Poses]:
-    """Frames and initial poses, so far orthographic, as the camera that was found shows the same sides of the ball."""
-    if optics is None:
-        return frames, initial
-    seen = replace(frames, optics=optics, orientation=seen_alike(frames.poses(), None, optics).orientation)
-    return seen, seen_alike(initial, None, optics)
+    frames = frames.seen_by(adjustment.state.windows.optics)
+    found = lens.found(of_lens, adjustment.state, adjustment.unknowns, adjustment.covariance)
+    return Settled(adjustment, frames, frames.poses(np.array(keys)), open_share, settled_afar, found)

@@ -28,6 +28,10 @@ class State:
     profile: ResidualProfile  # variance of the residual by the distance from the outline
     smoothness: float = SMOOTHNESS  # weight of the map's prior: see `map_fit`
 
+    def take(self, rows: Tensor) -> State:
+        """The images of the given rows (k,)."""
+        return replace(self, windows=self.windows.take(rows), poses=self.poses.take(rows))
+
     def with_light(self, light: Tensor) -> State:
         """The state with another ``light`` (4,)."""
         return replace(self, ball=replace(self.ball, light=light))

@@ -56,8 +56,8 @@ class Windows:
         return replace(self, visibility=visibility)
 
     def seen_by(self, optics: Optics) -> Windows:
-        """The same pixels seen by another camera without distortion."""
-        return replace(self, optics=optics)
+        """The same pixels seen by another camera."""
+        return replace(self, optics=optics, bend=_bend(self.origin, self.levels.shape[-1], optics, self.levels))
 
     def offsets(self, centre: Tensor) -> tuple[Tensor, Tensor]:
         """Offsets x and y of the pixels from ``centre`` (n, 2), px, in the type of the images.
@@ -99,7 +99,7 @@ def cut_windows(
     levels, behind, inside = _squares(images, background, origin, 2 * half + 1, usable)
     levels = levels if levels.is_floating_point() else levels.float()
     behind = behind.to(levels)
-    bend = None if optics is None or not optics.is_distorted else _bend(origin, 2 * half + 1, optics).to(levels)
+    bend = None if optics is None else _bend(origin, 2 * half + 1, optics, levels)
     windows = Windows(levels, behind, levels, origin, optics, bend)
     across, down = windows.offsets(centres.double())
     seen = across.square() + down.square() < reach.square().to(across).reshape(-1, 1, 1)
@@ -118,13 +118,15 @@ def half_size(centres: Tensor, reach: float, optics: Optics | None) -> int:
     return math.ceil(reach) + 1
 
 
-def _bend(origin: Tensor, side: int, optics: Optics) -> Tensor:
-    """`Windows.bend` of windows of that ``side`` from ``origin`` (n, 2) on."""
+def _bend(origin: Tensor, side: int, optics: Optics, like: Tensor) -> Tensor | None:
+    """`Windows.bend` of windows of that ``side`` from ``origin`` (n, 2) on; None without a distortion."""
+    if not optics.is_distorted:
+        return None
     steps = torch.arange(side, dtype=origin.dtype, device=origin.device)
     points = origin.reshape(-1, 1, 1, 2) + torch.stack(
         (steps.expand(side, side), steps[:, None].expand(side, side)), -1
     )
-    return optics.straightened(points) - points
+    return (optics.straightened(points) - points).to(like)
 
 
 def _squares(

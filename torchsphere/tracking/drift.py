@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -160,6 +161,11 @@ def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion
         radius_off_outline_px=found.off_outline,
         radius_over_distance=found.nearness,
         sd_radius_over_distance=found.sd_nearness,
+        lens_distortion=found.lens.distortion,
+        sd_lens_distortion=found.lens.sd_distortion,
+        pixel_ratio=math.exp(found.lens.stretch),
+        sd_pixel_ratio=found.lens.sd_stretch,
+        lens_middle_px=found.lens.middle,
     )
     sd_growth = np.where(both, found.sd_growth, measured.sd_growth)
     factors = np.where(both[:, None], found.widening, 1.0)

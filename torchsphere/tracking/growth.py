@@ -33,6 +33,10 @@ SUSPECT_SCATTER = 0.01
 #: Ratio up to which the growths by limbs and by pairs, whose errors add up, are the same (docs/constants.toml).
 SAME_GROWTH = 2.0
 
+#: Change of the radius on the map, relative, from which the ball does grow: what limbs took for a growth may have been
+#: a lens (docs/constants.toml).
+LEAST_GROWTH = 0.003
+
 #: Motion models that a growth spoils.
 RIGID_MODELS = ("rigid", "finite", "pinhole")
 
@@ -63,6 +67,11 @@ def may_grow(limbs: Limbs) -> bool:
     """
     limb = growth_of_limbs(limbs)
     return limb is None or limb.is_significant or limb.scatter > SUSPECT_SCATTER
+
+
+def grows_on_map(radius: Array) -> bool:
+    """Whether the ``radius`` (n,) on the map, NaN where unknown, changes."""
+    return bool(np.nanmax(radius) / np.nanmin(radius) > 1 + LEAST_GROWTH)
 
 
 def scatter_of_limbs(limbs: Limbs) -> float:

@@ -275,6 +275,7 @@ def _absolute_motion(task: Task, start: _Start, measured: Record) -> AbsoluteMot
 
 def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotion) -> Assembled:
     """Phase 4: the track, and what its errors are found by."""
+    grows = start.grows and not (isinstance(motion.map, MadeMap) and not growth.grows_on_map(motion.radius))
     track = Track(
         position=motion.position,
         increment=motion.increment,
@@ -298,7 +299,7 @@ def _assemble(task: Task, start: _Start, measured: Record, motion: AbsoluteMotio
         },
         findings=Findings(
             map=motion.map,
-            grows=start.grows,
+            grows=grows,
             camera_assumed=start.is_camera_assumed,
             interlaced=start.interlaced,
             mosaic=start.mosaic,
