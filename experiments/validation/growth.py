@@ -155,8 +155,8 @@ def tables(found: list[tuple[Case, Result]]) -> str:
             f"{result.place:.4f}",
             f"{result.turn:.4f}",
             f"{result.drift:.4f}",
-            f"{result.depth_mm:.4f}",
-            f"{result.depth_sd:.2f}",
+            f"{result.depth_mm:.4f}" if case.before or case.after else "held",
+            f"{result.depth_sd:.2f}" if case.before or case.after else "",
         )
         for case, result in found
     ]

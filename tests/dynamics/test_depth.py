@@ -22,7 +22,7 @@ GIVEN = {"frame_rate": RATE, "diameter_m": 2 * RADIUS_M, "mass_kg": 0.1, "log": 
 
 
 def track_of(depth: Array, step_px: float = 2.0) -> ts.Track:
-    """The track of a ball at that ``depth`` (n,), m, that moves along the image's x by ``step_px`` at its first depth."""
+    """The track of a ball at that ``depth`` (n,), m, that moves along x by ``step_px`` at its first depth."""
     draw = np.random.default_rng(7)
     size = np.log(FOCAL_PX * RADIUS_M / depth) + NOISE_SIZE * draw.standard_normal(FRAMES)
     straight = np.column_stack((step_px * np.arange(FRAMES) - 60, np.zeros(FRAMES))) * (depth[0] / depth)[:, None]
@@ -78,7 +78,7 @@ def test_depths_are_right_within_their_standard_deviation() -> None:
 
 def test_an_impact_that_turns_the_motion_along_the_axis_has_a_force_along_it() -> None:
     k = np.arange(FRAMES)
-    depth = DISTANCE_M * (1 + 0.001 * np.where(k < 30, -k, k - 60) - 0.001 * np.where(k < 30, 0, 0))
+    depth = DISTANCE_M * (1 + 0.001 * np.where(k < 30, -k, k - 60))
     found = ts.kinematics(track_of(depth), **GIVEN)
     along = found.depth
     assert along is not None

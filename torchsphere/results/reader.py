@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -172,7 +172,7 @@ def read(path: Path) -> ResultFolder:
     try:
         summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
         table = _columns(path / "track.csv", ("status",))
-        motion = _motion(path / "kinematics.csv", summary) if (path / "kinematics.csv").is_file() else None
+        motion = _motion(path / "kinematics.csv") if (path / "kinematics.csv").is_file() else None
         _check_complete(summary, table, motion)
         return ResultFolder(
             path=path,
@@ -186,7 +186,7 @@ def read(path: Path) -> ResultFolder:
             sd_increment=_stacked(table, INCREMENTS, "sd_"),
             zncc=table["zncc"],
             quaternion=_measured(_stacked(table, ("qw", "qx", "qy", "qz"))),
-            motion=motion,
+            motion=motion if motion is None else _with_angles(motion, summary.get("mean_motion") or {}),
             sampled=load(path / "frames.npz") if (path / "frames.npz").is_file() else None,
             force_path=_force_path(path / "force_path.csv", summary),
         )
@@ -257,25 +257,32 @@ def _measured(quaternion: Array) -> Array:
     return quaternion if np.isfinite(quaternion[:, 0]).sum() > 1 else np.full_like(quaternion, np.nan)
 
 
-def _motion(path: Path, summary: dict[str, Any]) -> SIMotion:
+def _motion(path: Path) -> SIMotion:
     table = _columns(path)
     vectors: dict[str, Any] = {
         prefix + name: _stacked(table, columns, prefix) if columns[0] in table else None
         for name, columns in KINEMATICS_COLUMNS.items()
         for prefix in ("", "sd_")
     }
-    return SIMotion(time_s=table["time_s"], depth=_depth(table, summary.get("mean_motion") or {}), **vectors)
+    return SIMotion(time_s=table["time_s"], depth=_depth(table), **vectors)
 
 
-def _depth(table: dict[str, NDArray[Any]], means: dict[str, Any]) -> Depth | None:
+def _depth(table: dict[str, NDArray[Any]]) -> Depth | None:
     """The motion along the optical axis; None where the table has none."""
     if DEPTH_COLUMNS["z_m"] not in table:
         return None
     known: dict[str, Any] = {
         prefix + name: table.get(prefix + column) for prefix in ("", "sd_") for name, column in DEPTH_COLUMNS.items()
     }
-    known |= {name: tuple(means.get(name, ())) for name in ("out_of_plane_deg", "sd_out_of_plane_deg")}
     return Depth(**known)
+
+
+def _with_angles(motion: SIMotion, means: dict[str, Any]) -> SIMotion:
+    """The motion with the angles of its flights, which the ``means`` of the summary have."""
+    if motion.depth is None:
+        return motion
+    angles, sds = (tuple(means.get(name, ())) for name in ("out_of_plane_deg", "sd_out_of_plane_deg"))
+    return replace(motion, depth=replace(motion.depth, out_of_plane_deg=angles, sd_out_of_plane_deg=sds))
 
 
 def _force_path(path: Path, summary: dict[str, Any]) -> ForcePathTable | None:

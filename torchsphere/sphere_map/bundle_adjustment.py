@@ -192,11 +192,14 @@ def adjust(
     level = _Level(coarse, COARSE_SETTLED_PX, 20, is_last=False, unknowns=lens)
     adjustment = _adjust_level(state, level, shared)
     if view is not None and _shows_lens(adjustment, view, shared):
-        watched = level._replace(unknowns=view.unknowns)
-        adjustment = _without_unseen(_adjust_level(view.of(state), watched, shared))
+        watched = _adjust_level(view.of(state), level._replace(unknowns=view.unknowns), shared)
+        if _lens_of(watched):
+            return _with_lens_alone(watched)
+    if lens:
+        # Cut through the lens, the windows show better what belongs to it.
+        adjustment = _with_lens_alone(adjustment)
+        lens = adjustment.lens
     _report(progress, 0.4)
-    if adjustment.lens:
-        return adjustment
     if not adjustment.settled:
         # Poses that jump about on a coarse map do so on a fine one.
         return adjustment
@@ -253,16 +256,18 @@ def _seen(unknowns: SharedUnknowns, values: Tensor, covariance: Tensor) -> Share
     return () if seen == (nearness.UNKNOWN,) else seen
 
 
-def _without_unseen(adjustment: Adjustment) -> Adjustment:
-    """The ``adjustment`` on coarse cells with the lens that the images show, and without what they do not."""
-    state = adjustment.state
-    values = torch.stack([unknown.value(state) for unknown in adjustment.unknowns])
-    seen = _seen(adjustment.unknowns, values, adjustment.covariance)
+def _lens_of(adjustment: Adjustment) -> SharedUnknowns:
+    """Those of its unknowns that the images show, if a lens is among them."""
+    values = torch.stack([unknown.value(adjustment.state) for unknown in adjustment.unknowns])
+    return _seen(adjustment.unknowns, values, adjustment.covariance)
+
+
+def _with_lens_alone(adjustment: Adjustment) -> Adjustment:
+    """The ``adjustment`` on coarse cells with the unknowns of a lens that the images show, or all if they show none."""
+    state, seen = adjustment.state, _lens_of(adjustment) or adjustment.unknowns
     for unknown in adjustment.unknowns:
         if unknown not in seen:
             state = unknown.changed(state, -unknown.value(state))
-    if not seen:
-        state = replace(state, windows=replace(state.windows, optics=None, bend=None))
     return replace(adjustment, state=state, unknowns=(), lens=seen)
 
 

@@ -74,6 +74,9 @@ def settle(
     if adjustment.lens:
         state = adjustment.state
         frames = frames.seen_by(state.windows.optics)
+        if not blur.is_share_known:
+            # Outlines that a lens bends look smeared.
+            frames, blur = replace(frames, moments=None), replace(blur, open_share=0.0)
         adjustment = adjusted(state.poses, float(state.ball.radius), of_lens=adjustment.lens)
     open_share = blur.open_share
     if frames.moments is not None:
