@@ -28,6 +28,9 @@ SEED, COUNT = 54_200, 3
 #: Radius, px; frames; images (h, w); frames per second; turn per frame, deg; noise, grey levels.
 RADIUS, FRAMES, SHAPE, FRAME_RATE, TURN_DEG, NOISE = 40.0, 50, (300, 420), 10_000.0, 1.0, 2.0
 
+#: Pixels that are drawn along the side of one, where it is not square.
+FINER = 6
+
 #: Diameter of the ball, m: a px is a mm.
 DIAMETER_M = 0.08
 
@@ -96,9 +99,7 @@ def recording(case: Case, seed: int) -> Recording:
     images = []
     for number, centre in enumerate(seen):
         turn = torch.from_numpy(Rotation.from_rotvec(number * axis).as_matrix())[None].float()
-        given = pattern, torch.from_numpy(centre)[None].float(), RADIUS, turn, 70.0
-        drawn = ray_caster.render(*given, shape=SHAPE, subsamples=4, camera=camera)[0].numpy()
-        drawn = _widened(drawn, case.ratio)
+        drawn = _seen(pattern, centre, turn, camera, case.ratio)
         images.append((drawn + NOISE * draw.standard_normal(drawn.shape)).round().clip(0, 255).astype(np.uint8))
     # Square pixels of the same area as the images' own are larger than those that were drawn.
     step = np.diff(straight, axis=0).mean(0) / np.sqrt(case.ratio)
@@ -106,13 +107,20 @@ def recording(case: Case, seed: int) -> Recording:
     return Recording(np.stack(images), start, step, axis)
 
 
-def _widened(image: Array, ratio: float) -> Array:
-    """The image (h, w) on pixels that are wider by a ``ratio``: each is the mean of what lies in it."""
+def _seen(pattern: ray_caster.Pattern, centre: Array, turn: torch.Tensor, camera: ts.Camera, ratio: float) -> Array:
+    """An image by a ``camera`` whose pixels are wider by a ``ratio``: each is the mean of what lies in it."""
+    place = torch.from_numpy(centre)[None].float()
     if ratio == 1:
-        return image
-    sums = np.concatenate((np.zeros((len(image), 1)), image.cumsum(1)), 1)
-    edges = ratio * np.arange(int(image.shape[1] / ratio) + 1)
-    return np.diff(np.stack([np.interp(edges, np.arange(sums.shape[1]), row) for row in sums]), axis=1) / ratio
+        drawn = ray_caster.render(pattern, place, RADIUS, turn, 70.0, shape=SHAPE, subsamples=4, camera=camera)
+        return drawn[0].numpy()
+    # Square pixels, of which `FINER` x `FINER` are one, and a part of those at the ends of a wide one.
+    shape = FINER * SHAPE[0], FINER * SHAPE[1]
+    given = pattern, FINER * (place + 0.5) - 0.5, FINER * RADIUS, turn, 70.0
+    fine = ray_caster.render(*given, shape=shape, subsamples=1)[0].numpy().reshape(SHAPE[0], FINER, -1).mean(1)
+    sums = np.concatenate((np.zeros((len(fine), 1)), fine.cumsum(1)), 1)
+    edges = FINER * ratio * np.arange(int(SHAPE[1] / ratio) + 1)
+    levels = np.stack([np.interp(edges, np.arange(sums.shape[1]), row) for row in sums])
+    return np.diff(levels, axis=1) / (FINER * ratio)
 
 
 def measure(case: Case, seed: int) -> Result:

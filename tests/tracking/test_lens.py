@@ -1,0 +1,91 @@
+"""A lens that distorts, or pixels that are not square, of which nobody said anything."""
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+from shots import noisy, rotation_matrix
+from tracks import made_map
+
+import torchsphere as ts
+from torchsphere.synthetic import ray_caster
+
+Array = NDArray[np.float64]
+
+FRAMES, RADIUS, SHAPE, TURN = 16, 24.0, (160, 220), np.radians([0.8, 1.2, 0.3])
+MIDDLE = np.array([(SHAPE[1] - 1) / 2, (SHAPE[0] - 1) / 2])
+GIVEN = {"fps": 1000.0, "diameter_mm": 30.0, "log": False}
+
+
+def straight_path() -> Array:
+    """Places (n, 2), px, on a line from corner to corner."""
+    return np.array([36.0, 36.0]) + np.arange(FRAMES)[:, None] * (2 * MIDDLE - 72) / (FRAMES - 1)
+
+
+def images_through(distortion: float) -> tuple[torch.Tensor, Array]:
+    """Images of a lens that moves the corner by that share of its distance from the middle, and the places seen."""
+    focal = 1000 * RADIUS
+    coefficient = distortion * focal**2 / float(MIDDLE @ MIDDLE)
+    rays = (straight_path() - MIDDLE) / focal
+    seen = MIDDLE + focal * rays * (1 + coefficient * (rays**2).sum(1, keepdims=True))
+    pattern, camera = ray_caster.speckle(4, radius_px=RADIUS), ts.Camera(focal, None, (coefficient, 0.0, 0.0))
+    given = pattern, torch.from_numpy(seen).float(), RADIUS, turns(), 90.0
+    return noisy(ray_caster.render(*given, shape=SHAPE, subsamples=4, camera=camera), 2.0, 3), seen
+
+
+def images_on_wide_pixels(ratio: float) -> torch.Tensor:
+    """Images whose pixels are wider than high by a ``ratio``: each is the mean of what lies in it."""
+    finer, (height, width) = 6, SHAPE
+    at = torch.from_numpy(finer * (straight_path() + 0.5) - 0.5).float()
+    given = ray_caster.speckle(4, radius_px=RADIUS), at, finer * RADIUS, turns(), 90.0
+    fine = ray_caster.render(*given, shape=(finer * height, finer * width), subsamples=1)
+    rows = fine.reshape(FRAMES, height, finer, -1).mean(2).numpy()
+    sums = np.concatenate((np.zeros((FRAMES, height, 1)), rows.cumsum(2)), 2)
+    edges = finer * ratio * np.arange(int(width / ratio) + 1)
+    low = np.floor(edges).astype(int).clip(max=finer * width - 1)
+    levels = sums[..., low] + (edges - low) * (sums[..., low + 1] - sums[..., low])
+    return noisy(torch.from_numpy(np.diff(levels, axis=2) / (finer * ratio)).float(), 2.0, 3)
+
+
+def turns() -> torch.Tensor:
+    """Orientations (n, 3, 3)."""
+    return torch.stack([rotation_matrix(torch.from_numpy(i * TURN)) for i in range(FRAMES)]).float()
+
+
+@pytest.mark.parametrize("distortion", [-0.06, 0.04])
+def test_the_distortion_is_found_and_lengths_are_without_it(distortion: float) -> None:
+    images, seen = images_through(distortion)
+    track = ts.track(images, (*seen[0].tolist(), RADIUS), **GIVEN)
+    assert (track.status == "ok").all()
+    found = made_map(track)
+    assert found.lens_distortion == pytest.approx(distortion, abs=4 * found.sd_lens_distortion + 2e-4)
+    assert found.pixel_ratio == pytest.approx(1, abs=0.002)
+    # In px the ball is where it is seen.
+    np.testing.assert_allclose(track.position, seen, atol=0.02)
+    motion = ts.kinematics(track, log=False)
+    true = np.diff(straight_path(), axis=0).mean(0) * 1000 * 0.03 / (2 * RADIUS)
+    off = (np.nanmean(motion.velocity_m_s, 0) - true) / np.nanmedian(motion.sd_velocity_m_s, 0)
+    assert np.abs(off).max() < 4
+    spin = (np.nanmean(motion.spin_rad_s, 0) - 1000 * TURN) / np.nanmedian(motion.sd_spin_rad_s, 0)
+    assert np.abs(spin).max() < 4
+    assert any("the lens moves the image's corner" in sentence for sentence in track.warnings)
+    assert not track.findings.grows
+
+
+def test_without_a_distortion_no_lens_is_found() -> None:
+    images, seen = images_through(0.0)
+    track = ts.track(images, (*seen[0].tolist(), RADIUS), **GIVEN)
+    assert not made_map(track).has_lens
+    assert not any("As the images show the ball" in sentence for sentence in track.warnings)
+
+
+def test_pixels_that_are_wide_are_found() -> None:
+    ratio, first = 1.04, straight_path()[0]
+    start = ((first[0] + 0.5) / ratio - 0.5, float(first[1]), RADIUS / np.sqrt(ratio))
+    track = ts.track(images_on_wide_pixels(ratio), start, **GIVEN)
+    assert made_map(track).pixel_ratio == pytest.approx(ratio, abs=0.001)
+    motion = ts.kinematics(track, log=False)
+    # Square pixels of the same area are larger than those that were drawn, and so is the ball in m.
+    true = np.diff(straight_path(), axis=0).mean(0) * 1000 * 0.03 / (2 * RADIUS)
+    np.testing.assert_allclose(np.nanmean(motion.velocity_m_s, 0), true, rtol=0.002)
+    assert any("times as wide as high" in sentence for sentence in track.warnings)
