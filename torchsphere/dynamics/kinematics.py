@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.dynamics.depth import depth, is_known
+from torchsphere.dynamics.depth_motion import depth, is_known
 from torchsphere.dynamics.depth_plane import in_depth_plane
 from torchsphere.dynamics.draws import Draws
 from torchsphere.dynamics.scale import Scale, distance_error, scale

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.dynamics.scale import LAB_AXES
+from torchsphere.motion.findings import Findings
 from torchsphere.results.reader import ResultFolder
+from torchsphere.sphere_map.decision import MadeMap
 
 Array = NDArray[np.float64]
 
@@ -50,12 +52,12 @@ def raw_differences(result: ResultFolder) -> dict[str, Raw]:
 def _position(result: ResultFolder) -> Array:
     """Positions (n, 2), px; with a camera or a lens in the plane of the first depth, as those of the motion."""
     settings = result.summary["settings"]
+    made = Findings.read(settings).map
     # Torch takes 1.2 s to import, and figures of an orthographic view do not need it.
-    if settings.get("camera") is None and not (settings.get("sphere_map") or {}).get("lens_middle_px", (0, 0))[0]:
+    if settings.get("camera") is None and not (isinstance(made, MadeMap) and made.has_lens):
         return result.position
     from torchsphere.dynamics.depth_plane import PlaneView
-    from torchsphere.motion.findings import Findings
 
-    view = PlaneView.of(settings.get("camera"), Findings.read(settings).map)
+    view = PlaneView.of(settings.get("camera"), made)
     magnification = result.radius / result.summary["circle"]["radius"]
     return result.position if view is None else view.position(result.position, magnification)
