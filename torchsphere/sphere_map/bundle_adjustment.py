@@ -193,7 +193,7 @@ def adjust(
     adjustment = _adjust_level(state, level, shared)
     if view is not None and _shows_lens(adjustment, view, shared):
         watched = _adjust_level(view.of(state), level._replace(unknowns=view.unknowns), shared)
-        if _lens_of(watched):
+        if watched.settled and _lens_of(watched):
             return _with_lens_alone(watched)
     if lens:
         # Cut through the lens, the windows show better what belongs to it.

@@ -49,8 +49,10 @@ def settle(
     """
     far = orthographic(tuple(frames.background.shape), frames.position.device)
 
-    def adjusted(start: Poses, radius: float, view: View | None = None, of_lens: SharedUnknowns = ()) -> Adjustment:
-        windows = frames.windows(keys, start, radius)
+    def adjusted(
+        seen: KnownFrames, start: Poses, radius: float, view: View | None, lens_seen: SharedUnknowns
+    ) -> Adjustment:
+        windows = seen.windows(keys, start, radius)
         return bundle_adjustment.adjust(
             windows,
             start,
@@ -60,24 +62,24 @@ def settle(
             shared,
             progress,
             optics_px=blur.optics_px,
-            least_variance=frames.source.rounding_variance,
+            least_variance=seen.source.rounding_variance,
             is_exposure_known=blur.is_share_known or windows.moments is None,
             grows=grows,
             view=view,
-            lens=of_lens,
+            lens=lens_seen,
         )
 
     of_lens = () if is_lens_known else lens.unknowns(far)
     unknowns = of_lens if is_distance_known else (*of_lens, nearness.UNKNOWN)
     view = None if is_lens_known else View(far, unknowns)
-    adjustment = adjusted(frames.poses(np.array(keys)), radius, view)
+    adjustment = adjusted(frames, frames.poses(np.array(keys)), radius, view, ())
     if adjustment.lens:
         state = adjustment.state
         frames = frames.seen_by(state.windows.optics)
         if not blur.is_share_known:
             # Outlines that a lens bends look smeared.
             frames, blur = replace(frames, moments=None), replace(blur, open_share=0.0)
-        adjustment = adjusted(state.poses, float(state.ball.radius), of_lens=adjustment.lens)
+        adjustment = adjusted(frames, state.poses, float(state.ball.radius), None, adjustment.lens)
     open_share = blur.open_share
     if frames.moments is not None:
         longer = exposure_share.factor_between(frames.moments[keys], adjustment.state.windows.moments)
