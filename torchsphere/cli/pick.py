@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import sys
 import webbrowser
@@ -65,9 +66,9 @@ def run(options: dict[str, Any]) -> int:
             if not options["no_browser"] and _has_screen():
                 webbrowser.open(server.address)
             try:
-                server.serve_forever()
-            except KeyboardInterrupt:
-                pass
+                # Ctrl-C is the way to end it.
+                with contextlib.suppress(KeyboardInterrupt):
+                    server.serve_forever()
             finally:
                 session.close()
                 if not quiet:

@@ -324,7 +324,9 @@ def _with_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) ->
     assert adjustment.last is not None
     if adjustment.unknowns[-1:] == (nearness.UNKNOWN,):
         sd, of_radius = _told(adjustment, shared)
-        sd = nearness.total_sd(sd)
+        is_near = float(nearness.nearness_of(adjustment.state)) > SEEN_NEARNESS_SD * nearness.apparent_sd(sd)
+        # A near camera and a lens look alike, and the steps end before the two have parted.
+        sd = nearness.UNKNOWN_SD if is_near else nearness.total_sd(sd)
         return replace(adjustment, covariance=with_radius_error(adjustment, of_radius * sd), sd_nearness=sd)
     before, model, joint = adjustment.last
     # A lens that was found stays.

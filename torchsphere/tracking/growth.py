@@ -61,12 +61,17 @@ class Growth:
 
 
 def may_grow(limbs: Limbs) -> bool:
-    """Whether the limbs along a path grow, or scatter as if they lay beside the ball, or are too few.
+    """Whether the limbs along a path grow, or scatter as if they lay beside the ball.
 
     That it grows is known only after `limbs_follow`.
     """
     limb = growth_of_limbs(limbs)
-    return limb is None or limb.is_significant or limb.scatter > SUSPECT_SCATTER
+    return limb is not None and (limb.is_significant or limb.scatter > SUSPECT_SCATTER)
+
+
+def hides_growth(measured: Record) -> bool:
+    """Whether so few frames were measured that no limbs can show a growth, which may be why they were not."""
+    return int(measured.is_ok.sum()) < MIN_LOOKS <= len(measured.status)
 
 
 def grows_on_map(radius: Array) -> bool:

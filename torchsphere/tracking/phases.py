@@ -217,10 +217,9 @@ def _follow_as_it_grows(task: Task, start: _Start) -> tuple[_Start, Record]:
     camera, options = start.options.camera, growth.growing(start.options, start.circle.radius, start.image)
     growing = dataclasses.replace(start, options=options, grows=True)
     limbs = slipped_path.limbs_of(task.source, measured, task.ignore, camera)
-    if not growth.may_grow(limbs):
-        return start, measured
-    # Without limbs enough to show a growth a few pairs must do so.
-    if growth.growth_of_limbs(limbs) is None and _failed_trial(task, growing) is not None:
+    # Where hardly any frame was measured, a few pairs must show that the growth is why.
+    is_hidden = growth.hides_growth(measured) and _failed_trial(task, growing) is None
+    if not (is_hidden or growth.may_grow(limbs)):
         return start, measured
     followed = _follow(task, growing)
     limbs = slipped_path.limbs_of(task.source, followed, task.ignore, camera)
