@@ -288,16 +288,23 @@ def test_products_with_the_map_and_their_adjoints_belong_together() -> None:
     assert float((fast.adjoint(values.float()) - total).abs().max()) < 1e-4 * float(total.abs().max())
 
 
-def test_the_adjoint_of_columns_is_that_of_each_image_and_column() -> None:
+def test_the_coupling_is_the_adjoint_of_each_column() -> None:
     seen, exact, fast = designs(rough_ball(), poses())
     shown = (seen.visibility > 0).double()
-    columns = shown.flatten(1).unsqueeze(-1) * random(2, shown[0].numel(), 3)
-    found = exact.adjoint_columns(columns)
-    for i in range(2):
-        for k in range(3):
-            alone = exact.rows(i, i + 1).adjoint(columns[i, :, k].reshape(1, *shown.shape[1:]))
-            torch.testing.assert_close(found[i, :, k], alone, atol=1e-10, rtol=0)
-    assert float((fast.adjoint_columns(columns.float()) - found).abs().max()) < 1e-4 * float(found.abs().max())
+    columns, own = shown.flatten(1).unsqueeze(-1) * random(2, shown[0].numel(), 5), 3
+    found = exact.coupling(columns, own)
+    assert found.shape[1] == 2 * own + 2
+
+    def alone(k: int, some: slice) -> Tensor:
+        return exact.rows(some.start, some.stop).adjoint(columns[some, :, k].reshape(-1, *shown.shape[1:]))
+
+    for k in range(own):
+        for i in range(2):
+            expected = alone(k, slice(i, i + 1))
+            torch.testing.assert_close(found[:, own * i + k], expected, atol=1e-10, rtol=0)
+    for k in range(own, 5):
+        torch.testing.assert_close(found[:, own + k], alone(k, slice(0, 2)), atol=1e-10, rtol=0)
+    assert float((fast.coupling(columns.float(), own) - found).abs().max()) < 1e-4 * float(found.abs().max())
 
 
 def test_normal_equations_are_sums_over_the_pixels() -> None:

@@ -17,8 +17,9 @@ def test_loops_and_torch_measure_the_same_poses(monkeypatch: pytest.MonkeyPatch)
     by_torch = track(made.images, made.circle)
     assert by_loops.findings.is_on_map
     assert by_torch.findings.is_on_map
-    np.testing.assert_allclose(by_loops.position, by_torch.position, atol=1e-4)
-    np.testing.assert_allclose(15.0 * by_loops.increment[:, 2:], 15.0 * by_torch.increment[:, 2:], atol=1e-4)
-    deviations = (np.sqrt(np.diagonal(t.covariance, axis1=1, axis2=2)) for t in (by_loops, by_torch))
-    np.testing.assert_allclose(*deviations, rtol=0.01)
+    of_loops, of_torch = (np.sqrt(np.diagonal(t.covariance, axis1=1, axis2=2)) for t in (by_loops, by_torch))
+    np.testing.assert_allclose(of_loops, of_torch, rtol=0.01)
+    # A step below a tenth of a standard deviation may be the last one, and rounding decides which step is.
+    assert (np.abs(by_loops.increment - by_torch.increment) < 0.05 * of_loops).all()
+    assert (np.abs(by_loops.position - by_torch.position) < 0.05 * of_loops[:, :2].max(0)).all()
     assert torch.isfinite(torch.from_numpy(by_torch.orientation)).all()

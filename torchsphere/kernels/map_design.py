@@ -33,10 +33,11 @@ def adjoint(rays: Rays, values: Tensor, cells: int, count: int) -> Tensor:
     return found
 
 
-def adjoint_columns(rays: Rays, values: Tensor, cells: int, count: int) -> Tensor:
-    """Sums (n, m, k) of the columns of ``values`` (n, p, k), for each image."""
-    found = values.new_zeros(len(values), count, values.shape[-1])
-    _adjoint_columns(Rays(*arrays(*rays)), *arrays(values), cells + 3, found.numpy())
+def coupling(rays: Rays, values: Tensor, own: int, cells: int, count: int) -> Tensor:
+    """Sums (m, n k + c) of columns of ``values`` (n, p, k + c): the ``own`` k of each image, and those of all."""
+    n, _, columns = values.shape
+    found = values.new_zeros(count, n * own + columns - own)
+    _coupling(Rays(*arrays(*rays)), *arrays(values), own, cells + 3, found.numpy())
     return found
 
 
@@ -105,20 +106,34 @@ def _adjoint(rays: Rays, values: Floats, width: int, found: Floats) -> None:
 
 
 @compiled
-def _adjoint_columns(rays: Rays, values: Floats, width: int, found: Floats) -> None:
-    corner, offset, factor, pixel = rays
-    n, count = factor.shape
-    columns = values.shape[2]
+def _coupling(rays: Rays, values: Floats, own: int, width: int, found: Floats) -> None:
+    n, _, columns = values.shape
+    # The sums of one image are near each other in memory, as their places among those of all are not.
+    sums = np.zeros((n, len(found), columns), np.float32)
     for i in range(n):
-        for k in range(count):
-            share = factor[i, k]
-            if share == ZERO:
-                continue
-            of_u, of_v = weights(offset[i, k, 0]), weights(offset[i, k, 1])
-            first, given = corner[i, k], values[i, pixel[i, k]]
-            for down in range(4):
-                for along in range(4):
-                    part = share * of_v[down] * of_u[along]
-                    place = found[i, first + down * width + along]
-                    for c in range(columns):
-                        place[c] += part * given[c]
+        _add_columns(rays, i, values[i], width, sums[i])
+    for place in range(len(found)):
+        for i in range(n):
+            for c in range(own):
+                found[place, i * own + c] = sums[i, place, c]
+            for c in range(own, columns):
+                found[place, (n - 1) * own + c] += sums[i, place, c]
+
+
+@compiled
+def _add_columns(rays: Rays, i: int, values: Floats, width: int, sums: Floats) -> None:
+    """Add the columns of ``values`` (p, k) of image ``i`` to the ``sums`` (m, k)."""
+    corner, offset, factor, pixel = rays
+    columns = values.shape[1]
+    for k in range(factor.shape[1]):
+        share = factor[i, k]
+        if share == ZERO:
+            continue
+        of_u, of_v = weights(offset[i, k, 0]), weights(offset[i, k, 1])
+        first, shown = np.uint64(np.uint32(corner[i, k])), np.uint64(np.uint32(pixel[i, k]))
+        for down in range(4):
+            for along in range(4):
+                part = share * of_v[down] * of_u[along]
+                place = first + np.uint64(down * width + along)
+                for c in range(columns):
+                    sums[place, c] += part * values[shown, c]

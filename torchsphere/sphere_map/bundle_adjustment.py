@@ -423,8 +423,7 @@ def _adjust_level(state: State, level: _Level, shared: RowRunner, moved: float =
         last = LastStep(state, model, joint)
         settled = level.settled(len(state.poses), joint.covariance)
         of_map, step = _step(last, level.unknowns, SOLVED_SHARE * settled)
-        if level.unknowns:
-            share, before = _share_of_step(share, before, step / settled), step / settled
+        share, before = _share_of_step(share, before, step / settled), step / settled
         state, of_step = _moved(state, level.unknowns, joint, share * of_map, share * step)
         if level.is_blurred:
             state = with_footprint_of_outline(state)
@@ -498,8 +497,9 @@ def _step(at: LastStep, unknowns: SharedUnknowns, settled: Tensor) -> tuple[Tens
 def _share_of_step(share: float, before: Tensor | None, step: Tensor) -> float:
     """The share of a ``step`` (u,) to take, after that ``share`` of the step ``before``, in moves that are settled.
 
-    Steps that go back a part of the step before, as the weights change with what is drawn, would go on to and fro. By
-    both steps the end lies where they would vanish (the secant rule).
+    Steps that go back a part of the step before would go on to and fro: the weights change with what is drawn, and
+    radius and map, which share the rim, each step as if the other's step were small. By both steps the end lies where
+    they would vanish (the secant rule).
     """
     if before is None:
         return 1.0

@@ -80,16 +80,21 @@ class Design:
             return loops.adjoint(self._rays(), values.flatten(1), self.cells, count)
         return self._places().adjoint(self.factor * values.flatten(1).gather(1, self.pixel.long()), count)
 
-    def adjoint_columns(self, values: Tensor) -> Tensor:
-        """`adjoint` (n, m, k) of the columns of ``values`` (n, s * s, k), for each image by itself."""
+    def coupling(self, values: Tensor, own: int) -> Tensor:
+        """`adjoint` (m, n k + c) of the columns of ``values`` (n, s * s, k + c).
+
+        The ``own`` first k columns of an image stand side by side, image after image. The others, which all images
+        share, follow, summed over the images.
+        """
         count = cube_map.coefficient_count(self.cells)
         if suits(self.factor, values):
-            return loops.adjoint_columns(self._rays(), values, self.cells, count)
-        n, columns = len(values), values.shape[-1]
+            return loops.coupling(self._rays(), values, own, self.cells, count)
+        n = len(values)
         images = torch.arange(n, device=values.device).unsqueeze(1)
         places = replace(self._places(), corner=self.corner + count * images)
         rays = self.factor.unsqueeze(-1) * values[images, self.pixel.long()]
-        return places.adjoint(rays, n * count).reshape(n, count, columns)
+        found = places.adjoint(rays, n * count).reshape(n, count, -1)
+        return torch.cat((found[..., :own].movedim(0, 1).flatten(1), found[..., own:].sum(0)), 1)
 
     @property
     def _pixels(self) -> int:

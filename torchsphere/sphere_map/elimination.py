@@ -161,24 +161,20 @@ def joint_equations(
     """
     design, n = equations.design, len(poses)
     shared = _shared_columns(model.jacobian.shape[-1])
-    coupling = model.jacobian.new_empty(len(equations.density), PER_IMAGE * n + len(shared))
-    own = coupling[:, : PER_IMAGE * n].unflatten(1, (n, PER_IMAGE))
 
     def part(a: int, b: int) -> tuple[Tensor, Tensor]:
         jacobian, weights = model.jacobian[a:b], equations.weights[a:b]
-        weighted = weights.flatten(1).unsqueeze(-1) * jacobian
-        columns = design.rows(a, b).adjoint_columns(weighted).movedim(0, 1)
-        # Straight to their places: these are the largest arrays of an adjustment.
-        own[:, a:b] = columns[..., OWN]
-        return model.rows(a, b).normal(weights, weights)[0], columns[..., shared].sum(1)
+        weighted = weights.flatten(1).unsqueeze(-1) * jacobian[..., [*OWN, *shared]]
+        return model.rows(a, b).normal(weights, weights)[0], design.rows(a, b).coupling(weighted, PER_IMAGE)
 
-    blocks, common = zip(*equations.shared(part, n), strict=True)
-    coupling[:, PER_IMAGE * n :] = torch.stack(common).sum(0)
+    blocks, columns = zip(*equations.shared(part, n), strict=True)
+    coupling = _joined(columns, len(shared))
     normal = spread_normal(torch.cat(blocks))
-    at_nodes, density = map_fit.to_nodes(coupling, design.cells), equations.density.unsqueeze(1)
-    products = equations.shared(lambda a, b: at_nodes[a:b].T @ (at_nodes[a:b] / density[a:b]), len(density))
+    # Multiplied in place: these are the largest arrays of an adjustment.
+    at_nodes = map_fit.to_nodes(coupling, design.cells).mul_(equations.density.rsqrt().unsqueeze(1))
+    products = equations.shared(lambda a, b: at_nodes[a:b].T @ at_nodes[a:b], len(at_nodes))
     taken_up = torch.stack(products).sum(0)
-    seen = _seen(coupling)
+    seen = _seen(equations)
     normal = normal + _gauge(poses, normal, grows=grows)
     normal[-1, -1] += 1 / BLUR_SD_PX**2
     first = PER_IMAGE * n
@@ -188,11 +184,19 @@ def joint_equations(
     return JointEquations(equations, normal, seen, coupling[seen], taken_up, covariance)
 
 
-def _seen(coupling: Tensor) -> Tensor:
-    """Numbers (r,) of the rows of the ``coupling`` (m, u) that are not zero; all on a GPU, which would have to wait."""
-    if coupling.is_cpu:
-        return torch.nonzero((coupling != 0).any(1))[:, 0]
-    return torch.arange(len(coupling), device=coupling.device)
+def _joined(columns: tuple[Tensor, ...], common: int) -> Tensor:
+    """Columns (m, u) of all images from those of shares of the images, whose last ``common`` ones are summed."""
+    if len(columns) == 1:
+        return columns[0]
+    of_all = torch.stack([part[:, -common:] for part in columns]).sum(0)
+    return torch.cat((*(part[:, :-common] for part in columns), of_all), 1)
+
+
+def _seen(equations: MapEquations) -> Tensor:
+    """Numbers (r,) of the coefficients that an image shows; all on a GPU, which would have to wait."""
+    if equations.density.is_cpu:
+        return torch.nonzero(equations.density > equations.prior_density)[:, 0]
+    return torch.arange(len(equations.density), device=equations.density.device)
 
 
 def _inverse_of_rest(normal: Tensor, taken_up: Tensor) -> Tensor:

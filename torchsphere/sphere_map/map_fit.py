@@ -8,7 +8,7 @@ is close to its diagonal, so that a few steps are enough.
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -50,8 +50,13 @@ class MapEquations:
         ones = weights.new_ones(cube_map.coefficient_count(design.cells))
         # Splines sum to one: these are the sums of the matrix's rows.
         rows = cls(design, weights, shared, ones, weights.max(), smoothness).times(ones)
-        prior = weights.max() * smoothness * (RIDGE + 4)
-        return cls(design, weights, shared, rows.clamp_min(0) + prior, weights.max(), smoothness)
+        alone = cls(design, weights, shared, rows, weights.max(), smoothness)
+        return replace(alone, density=rows.clamp_min(0) + alone.prior_density)
+
+    @property
+    def prior_density(self) -> Tensor:
+        """The prior's part () of the `density`."""
+        return self.heaviest * self.smoothness * (RIDGE + 4)
 
     def prior(self, coefficients: Tensor) -> Tensor:
         """Product (m, ...) of the prior's matrix with ``coefficients`` (m, ...)."""
