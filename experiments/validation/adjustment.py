@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 import torchsphere as ts
 from experiments.experiment import Array, publish, table
-from torchsphere.sphere_map import bundle_adjustment, elimination, keyframes
+from torchsphere.sphere_map import bundle_adjustment, elimination, keyframes, level
 from torchsphere.synthetic import ray_caster
 
 #: First seed of the recordings.
@@ -47,8 +47,8 @@ BALLS = (
 CHANGES: tuple[tuple[ModuleType, str, float], ...] = (
     (elimination, "CALM_STEPS", 4),
     (elimination, "CALM_SHARE", 0.3),
-    (bundle_adjustment, "STEPS", 16),
-    (bundle_adjustment, "LEAST_LEFT", 0.05),
+    (level, "STEPS", 16),
+    (level, "LEAST_LEFT", 0.05),
     (bundle_adjustment, "COARSE_SETTLED_PX", 0.02),
     (keyframes, "ENOUGH_PIXELS", 0),
     (keyframes, "MIN_OF_LARGE", 6),

@@ -11,10 +11,10 @@ import torch
 from ball_models import one_share
 from shots import Shot, noisy, rotation_matrix, shot
 
-from torchsphere.sphere_map import bundle_adjustment, elimination, pixel_weights
+from torchsphere.sphere_map import bundle_adjustment, elimination, level, pixel_weights
 from torchsphere.sphere_map.ball import Poses
-from torchsphere.sphere_map.bundle_adjustment import Adjustment, LastStep
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
+from torchsphere.sphere_map.level import Adjustment, LastStep
 from torchsphere.sphere_map.map_fit import MapEquations
 from torchsphere.sphere_map.shared_unknown import limits
 from torchsphere.sphere_map.state import State, drawn, linearised
@@ -78,8 +78,8 @@ def test_further_steps_reach_the_minimum_of_the_squares_and_then_stop(adjusted: 
         weights = state.profile.weights(state.windows, state.poses)
         equations = MapEquations.of(drawn(state, one_share), weights, one_share)
         last = LastStep(state, model, elimination.joint_equations(model, equations, state.poses))
-        step = bundle_adjustment._step(last, (), limits(len(state.poses), 1e-4, []))
-        state, moved = bundle_adjustment._moved(state, (), last.joint, *step)
+        step = level._step(last, (), limits(len(state.poses), 1e-4, []))
+        state, moved = level._moved(state, (), last.joint, *step)
         moves.append(float(moved[:-COMMON].reshape(-1, PER_IMAGE)[:, :5].abs().max()))
     # At the minimum a step is rounding. The adjustment ends within a standard deviation.
     assert moves[-1] < 1e-3, moves

@@ -13,10 +13,10 @@ from torchsphere import Circle, track
 from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map import bundle_adjustment, pose_errors, poses, registration
 from torchsphere.sphere_map.ball import Poses, TexturedBall, uniform_light
-from torchsphere.sphere_map.bundle_adjustment import Adjustment
 from torchsphere.sphere_map.decision import NoMap, Why
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
 from torchsphere.sphere_map.keyframes import MAX_KEYFRAMES, MIN_KEYFRAMES
+from torchsphere.sphere_map.level import Adjustment
 from torchsphere.sphere_map.nearness import UNKNOWN_SD
 from torchsphere.sphere_map.pixel_weights import uniform_profile
 from torchsphere.sphere_map.poses import MapRequest

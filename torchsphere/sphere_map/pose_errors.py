@@ -7,8 +7,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.sphere_map.bundle_adjustment import Adjustment
 from torchsphere.sphere_map.elimination import GEOMETRY, PER_IMAGE
+from torchsphere.sphere_map.level import Adjustment
 from torchsphere.sphere_map.registration import Registration
 
 Array = NDArray[np.float64]

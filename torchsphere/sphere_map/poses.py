@@ -23,14 +23,14 @@ from torchsphere.imaging.background import background
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import bundle_adjustment, exposure, radius_error, residual_scatter
+from torchsphere.sphere_map import exposure, radius_error, residual_scatter
 from torchsphere.sphere_map.ball import Poses
-from torchsphere.sphere_map.bundle_adjustment import NEW_MAP_STEPS, Adjustment
 from torchsphere.sphere_map.decision import NoMap, few_poses, refusal, refused_as_unsettled
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
 from torchsphere.sphere_map.keyframes import choose_keyframes, choose_map_frames
 from torchsphere.sphere_map.known_frames import KnownFrames, register_frames
 from torchsphere.sphere_map.lens import Lens
+from torchsphere.sphere_map.level import NEW_MAP_STEPS, Adjustment
 from torchsphere.sphere_map.nearness import UNKNOWN_SD, nearness_of
 from torchsphere.sphere_map.perspective import Optics
 from torchsphere.sphere_map.pose_errors import step_covariances, without_leverage
@@ -169,9 +169,8 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
         off_outline = radius_error.by_outline(first_radius, turned, asked.circle)
         by_blur = radius_error.by_blur(float(ball.edge_blur), blur.optics_px, circle)
         error_px = math.hypot(by_blur, off_outline)
-        less_certain = bundle_adjustment.with_radius_error(adjustment, error_px)
         # The equations of the last step are the largest arrays, and are not needed any more.
-        adjustment = replace(adjustment, covariance=less_certain, last=None)
+        adjustment = replace(adjustment.with_radius_error(error_px), last=None)
         settled = replace(settled, adjustment=adjustment)
         misfit = float(adjustment.state.profile.variance[0]) / noise
         shown = first_radius, asked.circle.radius, float(ball.edge_blur), blur.optics_px, misfit

@@ -10,9 +10,10 @@ import numpy as np
 from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import bundle_adjustment, exposure, exposure_share, lens, nearness
 from torchsphere.sphere_map.ball import Poses
-from torchsphere.sphere_map.bundle_adjustment import Adjustment
 from torchsphere.sphere_map.known_frames import KnownFrames
 from torchsphere.sphere_map.lens import Lens, View
+from torchsphere.sphere_map.level import Adjustment
+from torchsphere.sphere_map.nearness_decision import find_nearness
 from torchsphere.sphere_map.perspective import orthographic
 from torchsphere.sphere_map.shared_unknown import SharedUnknowns
 
@@ -86,7 +87,7 @@ def settle(
         frames, open_share = replace(frames, moments=longer * frames.moments), longer * open_share
     settled_afar = adjustment.settled
     if not is_distance_known:
-        adjustment = bundle_adjustment.find_nearness(adjustment, far, shared)
+        adjustment = find_nearness(adjustment, far, shared)
     frames = frames.seen_by(adjustment.state.windows.optics)
     found = lens.found(of_lens, adjustment.state, adjustment.unknowns, adjustment.covariance)
     return Settled(adjustment, frames, frames.poses(np.array(keys)), open_share, settled_afar, found)

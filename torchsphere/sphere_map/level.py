@@ -1,0 +1,236 @@
+"""Gauss-Newton steps of map, poses and shared unknowns together, on one resolution of the map.
+
+Each step is found by conjugate gradients (`elimination`), which start from the equations without the map.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from torchsphere.runtime.threads import RowRunner
+from torchsphere.sphere_map import elimination, forward_model, shared_unknown
+from torchsphere.sphere_map.decision import NO_SOLUTION
+from torchsphere.sphere_map.elimination import COMMON, GEOMETRY, PER_IMAGE, JointEquations
+from torchsphere.sphere_map.footprint import with_footprint_of_outline
+from torchsphere.sphere_map.forward_model import Linearisation
+from torchsphere.sphere_map.map_fit import MapEquations
+from torchsphere.sphere_map.shared_unknown import SharedUnknowns, limits
+from torchsphere.sphere_map.state import State, drawn, fit_map, linearised, reweighted, with_cells
+
+#: Largest variance of a ring over that within the disc in the first step; its square in the second, and so on
+#: (docs/constants.toml).
+MAX_RING_VARIANCE = 4.0
+
+#: Move of a pose by the last step from which an adjustment is given up, px: smaller ones do not matter, as every image
+#: is registered again (docs/constants.toml).
+MAX_UNSETTLED_PX = 0.02
+
+#: Move of a pose below which it counts as settled on the last map, px, and in standard deviations
+#: (docs/constants.toml).
+LAST_SETTLED_PX, SETTLED_SD = 0.0005, 0.1
+
+#: Conjugate gradients for a map on new cells, and most for a step of map and poses together (docs/constants.toml).
+NEW_MAP_STEPS, STEPS = 6, 60
+
+#: Conjugate gradients for a step with further unknowns, always as many (docs/constants.toml).
+STEPS_OF_UNKNOWNS = 40
+
+#: Share of a move that counts as settled, by which conjugate gradients may still change a step (docs/constants.toml).
+SOLVED_SHARE = 0.2
+
+#: Largest change of the edge's blur in a step, px: its effect on the grey levels is far from linear.
+MAX_BLUR_STEP_PX = 0.2
+
+#: Largest move of a pose in a step, px (docs/constants.toml).
+MAX_MOVE_PX = 1.0
+
+#: Steps after which the weights of the pixels stay: weights and outline that follow each other creep on for long, and
+#: rounding would decide where they end (docs/constants.toml).
+REWEIGHTED = 6
+
+#: Least and largest share of a move that the next one is expected to have (docs/constants.toml).
+LEAST_LEFT, MOST_LEFT = 0.3, 0.8
+
+#: Least share of a step that is taken (docs/constants.toml).
+LEAST_SHARE = 0.3
+
+
+class Level(NamedTuple):
+    """One resolution of the map."""
+
+    cells: int  # along a side of a face
+    settled_px: float  # largest move of a pose by a step below which the level is done
+    max_steps: int
+    is_last: bool
+    # Whether the optics blur the footprint of a pixel as they blur the outline.
+    is_blurred: bool = False
+    unknowns: SharedUnknowns = ()  # that all images share, beside radius and blur
+
+    def settled(self, n: int, covariance: Tensor) -> Tensor:
+        """Moves of all unknowns, of n poses, that count as settled: see `limits`."""
+        sd = covariance.diagonal().sqrt()
+        px = max(self.settled_px, SETTLED_SD * float(sd[0]))
+        of_unknowns = [
+            max(unknown.last_change, SETTLED_SD * float(sd[PER_IMAGE * n + k]))
+            for k, unknown in enumerate(self.unknowns)
+        ]
+        return limits(n, px, of_unknowns).to(covariance)
+
+
+class LastStep(NamedTuple):
+    """The last step of an adjustment."""
+
+    state: State  # before the step
+    model: Linearisation
+    joint: JointEquations
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """The adjusted ball and poses."""
+
+    state: State
+    # (u, u): of each image (dx, dy, wx, wy, wz), px, rotations times the radius, the outline's added radius, px, gain
+    # and offset; then of the level's unknowns; then of radius and edge blur, px. The mean orientation defines the frame
+    # and has no variance, nor has the mean of the added radii.
+    covariance: Tensor
+    settled: bool  # False if the poses still moved at the end
+    sd_nearness: float = 0.0  # standard deviation of the ball's radius over its distance, which all images share
+    last: LastStep | None = None
+    unknowns: SharedUnknowns = ()
+    move: float = 0.0  # by the last step, in moves that count as settled
+    lens: SharedUnknowns = ()  # that the images show, and the windows were not cut for: nothing else has settled
+
+    def with_radius_error(self, error_px: float) -> Adjustment:
+        """The adjustment with a further error of the radius, px, and the effect of this error on the poses."""
+        covariance = self.covariance
+        by_radius = covariance[:, -COMMON] / covariance[-COMMON, -COMMON]
+        return replace(self, covariance=covariance + error_px**2 * torch.outer(by_radius, by_radius))
+
+
+def adjust_level(state: State, level: Level, shared: RowRunner, moved: float = 0.0) -> Adjustment:
+    """Gauss-Newton steps until one moves no pose by more than ``settled_px``, and no unknown by its last change.
+
+    ``moved`` is the `Adjustment.move` before, 0 if there is none.
+    """
+    if not math.isfinite(float(state.ball.radius)):
+        raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
+    if state.ball.cells != level.cells:
+        state, _ = fit_map(with_cells(state, level.cells), shared, NEW_MAP_STEPS)
+    before, share = None, 1.0
+    for number in range(level.max_steps):
+        model = linearised(state, shared)
+        weights = state.profile.weights(state.windows, state.poses)
+        equations = MapEquations.of(drawn(state, shared), weights, shared, state.smoothness)
+        # Step by step the outline is found, and may lose the weight that it lacks.
+        limit = MAX_RING_VARIANCE ** (number + 1)
+        if number < REWEIGHTED:
+            state = reweighted(state, state.windows.levels - model.levels, equations.leverage(), shared, limit)
+            weights = state.profile.weights(state.windows, state.poses)
+            equations = MapEquations.of(equations.design, weights, shared, state.smoothness)
+        model = shared_unknown.with_columns(level.unknowns, state, model, shared)
+        joint = joint_equations(state, model, equations, level.unknowns)
+        last = LastStep(state, model, joint)
+        settled = level.settled(len(state.poses), joint.covariance)
+        of_map, step = _step(last, level.unknowns, SOLVED_SHARE * settled)
+        share, before = _share_of_step(share, before, step / settled), step / settled
+        state, of_step = _moved(state, level.unknowns, joint, share * of_map, share * step)
+        if level.is_blurred:
+            state = with_footprint_of_outline(state)
+        move, move_px = float((of_step / settled).abs().max()), _in_px(of_step, len(state.poses))
+        if not math.isfinite(move):
+            raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
+        is_bound = level.is_last and float(state.profile.variance.max()) >= limit * float(state.profile.variance[0])
+        # A short move may follow a long one by chance, and a long one it.
+        left, longest, moved = _share_left(move, moved), max(move, moved) if level.is_last else move, move
+        if left * longest < 1 and not is_bound:
+            break
+    has_settled = left * move_px < max(level.settled_px, MAX_UNSETTLED_PX)
+    return Adjustment(state, joint.covariance, has_settled, last=last, unknowns=level.unknowns, move=move)
+
+
+def _share_left(move: float, before: float) -> float:
+    """What is left to move over the last ``move``, if moves get shorter by the share that this one has of that before.
+
+    It is the sum of all moves to come.
+    """
+    if not before:
+        return 1.0
+    share = min(max(move / before, LEAST_LEFT), MOST_LEFT)
+    return share / (1 - share)
+
+
+def _in_px(step: Tensor, n: int) -> float:
+    """Largest move of one of n poses, or of the radius, by a ``step`` (u,), px."""
+    of_poses = step[: PER_IMAGE * n].unflatten(0, (n, PER_IMAGE))[:, :GEOMETRY]
+    return float(of_poses.abs().max().maximum(step[-COMMON].abs()))
+
+
+def equations_of(state: State, unknowns: SharedUnknowns, shared: RowRunner) -> LastStep:
+    """The model at the ``state`` and the equations of a step, with the weights that the state has."""
+    weights = state.profile.weights(state.windows, state.poses)
+    equations = MapEquations.of(drawn(state, shared), weights, shared, state.smoothness)
+    model = shared_unknown.with_columns(unknowns, state, linearised(state, shared), shared)
+    return LastStep(state, model, joint_equations(state, model, equations, unknowns))
+
+
+def joint_equations(
+    state: State, model: Linearisation, equations: MapEquations, unknowns: SharedUnknowns
+) -> JointEquations:
+    """The equations of a step, with the priors of the ``unknowns``, which have columns in the ``model``."""
+    precisions = tuple(unknown.precision for unknown in unknowns)
+    return elimination.joint_equations(model, equations, state.poses, precisions, grows=state.ball.grows)
+
+
+def gradients(at: LastStep, unknowns: SharedUnknowns) -> tuple[Tensor, Tensor]:
+    """Gradients by the map (m,) and by all other unknowns (u,)."""
+    state, model, joint = at
+    weighted = (joint.map.weights * (state.windows.levels - model.levels)).flatten(1).unsqueeze(1)
+    by_unknowns = elimination.spread_gradient(torch.bmm(weighted, model.jacobian)[:, 0].double())
+    first = PER_IMAGE * len(state.poses)
+    for number, unknown in enumerate(unknowns):
+        by_unknowns[first + number] -= unknown.precision * unknown.value(state)
+    return joint.map.gradient(state.ball.coefficients, state.windows.levels), by_unknowns
+
+
+def _step(at: LastStep, unknowns: SharedUnknowns, settled: Tensor) -> tuple[Tensor, Tensor]:
+    """Gauss-Newton step of the map (m,) and of all other unknowns (u,), down to a share of what counts as settled."""
+    state, _, joint = at
+    by_map, by_unknowns = gradients(at, unknowns)
+    is_sharpest = float(state.ball.edge_blur) <= forward_model.MIN_BLUR_PX
+    if is_sharpest and float(joint.approximate(by_map, by_unknowns).step[-1]) < 0:
+        # Cut off afterwards, a blur that wants to be less would leave the others a step that is not theirs.
+        joint = joint.with_blur_held()
+    # Where light and texture take each other's place, the end of a step would hang on rounding.
+    return joint.solve(by_map, by_unknowns, *((STEPS_OF_UNKNOWNS, None) if unknowns else (STEPS, settled)))
+
+
+def _share_of_step(share: float, before: Tensor | None, step: Tensor) -> float:
+    """The share of a ``step`` (u,) to take, after that ``share`` of the step ``before``, in moves that are settled.
+
+    Steps that go back a part of the step before would go on to and fro: the weights change with what is drawn, and
+    radius and map, which share the rim, each step as if the other's step were small. By both steps the end lies where
+    they would vanish (the secant rule).
+    """
+    if before is None:
+        return 1.0
+    back = float(step @ before / (before @ before).clamp_min(1e-30))
+    return min(1.0, max(share / (1 - back), LEAST_SHARE)) if back < 1 else 1.0
+
+
+def _moved(
+    state: State, unknowns: SharedUnknowns, joint: JointEquations, of_map: Tensor, step: Tensor
+) -> tuple[State, Tensor]:
+    """The state after a step, held within the limits of its length, and what was taken of the step (u,)."""
+    ball, poses = state.ball, len(state.poses)
+    # The blur is held within its bounds; the other unknowns follow by their correlation with it.
+    wanted = step[-1].clamp(-MAX_BLUR_STEP_PX, MAX_BLUR_STEP_PX).maximum(forward_model.MIN_BLUR_PX - ball.edge_blur)
+    step = step + joint.covariance[:, -1] / joint.covariance[-1, -1] * (wanted - step[-1])
+    most = limits(poses, MAX_MOVE_PX, [unknown.max_change for unknown in unknowns]).to(step)
+    share = 1 / (step / most).abs().max().clamp_min(1)
+    return shared_unknown.moved(state, unknowns, share.to(of_map) * of_map, share * step), share * step
