@@ -49,6 +49,7 @@ CHANGES: tuple[tuple[ModuleType, str, float], ...] = (
     (elimination, "CALM_SHARE", 0.3),
     (level, "STEPS", 16),
     (level, "LEAST_LEFT", 0.05),
+    (level, "LEAST_SHARE", 1),
     (bundle_adjustment, "COARSE_SETTLED_PX", 0.02),
     (keyframes, "ENOUGH_PIXELS", 0),
     (keyframes, "MIN_OF_LARGE", 6),

@@ -127,15 +127,16 @@ def distorted(rays: Tensor, distortion: Tensor | None) -> Tensor:
 
 
 def undistorted(seen: Tensor, distortion: Tensor | None) -> Tensor:
-    """The inverse of `distorted`, by fixed-point steps."""
+    """The inverse of `distorted`, by fixed-point steps of the rays' scale."""
     if distortion is None:
         return seen
-    rays = seen
+    square = seen.square().sum(-1, keepdim=True)
+    scale = torch.ones_like(square)
     k1, k2, k3 = (k[..., None] for k in distortion.unbind(-1))
     for _ in range(INVERSION_STEPS):
-        r2 = rays.square().sum(-1, keepdim=True)
-        rays = seen / (1 + r2 * (k1 + r2 * (k2 + r2 * k3)))
-    return rays
+        r2 = scale.square() * square
+        scale = 1 / (1 + r2 * (k1 + r2 * (k2 + r2 * k3)))
+    return scale * seen
 
 
 def distortion_slope(rays: Tensor, distortion: Tensor) -> Tensor:
