@@ -84,7 +84,7 @@ def adjust(
     state = _with_first_map(state, max(COARSE_PX, cell_px), shared)
     level = Level(coarse, COARSE_SETTLED_PX, 20, is_last=False, unknowns=lens)
     adjustment = adjust_level(state, level, shared)
-    if view is not None and _shows_lens(adjustment, view, shared):
+    if view is not None and _shows_lens(adjustment, view, level, shared):
         watched = adjust_level(view.of(state), level._replace(unknowns=view.unknowns), shared)
         if watched.settled and _lens_of(watched):
             return _with_lens_alone(watched)
@@ -131,13 +131,21 @@ def _with_light(state: State, last: Level, exposure_of: Windows | None, shared: 
     return adjustment
 
 
-def _shows_lens(adjustment: Adjustment, view: View, shared: RowRunner) -> bool:
-    """Whether the images of an ``adjustment`` show a lens: some of them do, by an approximate step of all unknowns.
+def _shows_lens(adjustment: Adjustment, view: View, level: Level, shared: RowRunner) -> bool:
+    """Whether the images of an ``adjustment`` show a lens, by one step of all unknowns on its ``level``.
 
     Poses that have not settled may lack one.
     """
     if not adjustment.settled:
         return True
+    if not _may_show_lens(adjustment, view, shared):
+        return False
+    once = level._replace(unknowns=view.unknowns, max_steps=1)
+    return bool(_lens_of(adjust_level(view.of(adjustment.state), once, shared)))
+
+
+def _may_show_lens(adjustment: Adjustment, view: View, shared: RowRunner) -> bool:
+    """Whether some images of an ``adjustment`` show a lens, by an approximate step, which hardly costs anything."""
     count = len(adjustment.state.poses)
     rows = torch.linspace(0, count - 1, min(count, LENS_IMAGES)).round().long().unique()
     state = view.of(adjustment.state.take(rows))
