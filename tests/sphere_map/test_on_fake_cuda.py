@@ -177,7 +177,7 @@ def test_the_forward_model_runs_on_a_gpu(mode: OnFakeCuda, fake: _Fake) -> None:
         assert_on_gpu(model)
         assert_on_gpu(design.levels(fake.ball.coefficients))
         assert_on_gpu(design.adjoint(fake.windows.visibility))
-        assert_on_gpu(design.coupling(model.jacobian, 8))
+        assert_on_gpu(design.coupling(model.jacobian, elimination.PER_IMAGE))
         assert_on_gpu(model.normal(fake.windows.visibility, fake.windows.levels))
 
 
