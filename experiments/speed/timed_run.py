@@ -17,7 +17,7 @@ from typing import Any
 #: Timed functions: module, name, and the name of the time.
 STAGES = (
     ("torchsphere.measure", "open_recording", "open_s"),
-    ("torchsphere.tracking.phases", "find_initial_circle", "circle_s"),
+    ("torchsphere.tracking.start", "find_initial_circle", "circle_s"),
     ("torchsphere.measure", "track", "track_s"),
 )
 

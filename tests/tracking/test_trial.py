@@ -5,8 +5,8 @@ import pytest
 
 import torchsphere as ts
 from torchsphere.synthetic import demo_shot
-from torchsphere.tracking import phases
-from torchsphere.tracking.phases import TRIAL_PAIRS
+from torchsphere.tracking import start
+from torchsphere.tracking.first_pass import TRIAL_PAIRS
 
 
 def test_noise_is_tried_on_a_few_pairs_under_a_given_circle() -> None:
@@ -35,7 +35,7 @@ def test_a_lamp_beside_the_ball_is_not_followed_through_the_recording(monkeypatc
     image = np.where((columns - 45) ** 2 + (rows - 40) ** 2 < 7.5**2, 200, 60)
     images = (image + np.random.default_rng(1).normal(0, 2, (60, 80, 90))).clip(0, 255).astype(np.uint8)
     lamp = ts.Circle(45.0, 40.0, 7.5, 2.0, 2.0, 2.0, sd_guessed=True)
-    monkeypatch.setattr(phases, "find_initial_circle", lambda source, given, mask, refine, options: (lamp, options))
+    monkeypatch.setattr(start, "find_initial_circle", lambda source, given, mask, refine, options: (lamp, options))
     seen = []
     with pytest.raises(ValueError, match="may not be the ball"):
         ts.track(images, progress=lambda done, total: seen.append(done), log=False)

@@ -48,7 +48,6 @@ class AbsoluteMotion:
     on_map: NDArray[np.bool_]  # (n,), True for a frame whose pose is on a map
     # (n - 1, 5), in the standard deviations of the steps by residuals that are alike over many pixels
     residual_factors: Array
-    outline_scatter: float = 0.0  # of the outlines' radii in several frames, relative, where a map was refused
 
     @property
     def is_refused(self) -> bool:

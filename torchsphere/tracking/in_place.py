@@ -16,7 +16,6 @@ from kornia.geometry.liegroup import So3
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.correlation.frame_status import OK
 from torchsphere.detection import limbs
 from torchsphere.detection.limbs import SIGNIFICANT_SD, STAY_SD
 from torchsphere.geometry.camera import Camera
@@ -88,14 +87,6 @@ def limb_of_turning(motion: AbsoluteMotion, look: Callable[[], CommonLimb | None
     # A path that left its ball early is known in few of the limb's frames; its place is that of all frames.
     off = _trend(known, motion.position[known] - limb.circle[:2])
     return limb if (np.abs(off) > SIGNIFICANT_SD * limb.sd[:2]).any() else None
-
-
-def is_measured_as_well(held: NDArray[np.str_], free: NDArray[np.str_]) -> bool:
-    """Whether a ball held in its place is measured in about the frames of one that is not, by their status (n,).
-
-    A frame more or less that fails is chance; a ball that flies fails in most.
-    """
-    return bool((held == OK).sum() >= MIN_KEPT_SHARE * (free == OK).sum())
 
 
 def circle_in_place(circle: Circle, limb: CommonLimb | None) -> Circle:

@@ -1,0 +1,95 @@
+"""The motion from frame to frame, from a start; a ball whose image grows is followed as one that does."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from torchsphere.correlation.frame_status import ALL_KNOWN, TRANSLATION_KNOWN
+from torchsphere.detection.ball_or_not import needs_proof, shows_outline
+from torchsphere.detection.limbs import Limbs
+from torchsphere.runtime import steps
+from torchsphere.tracking import growth, slipped_path
+from torchsphere.tracking.follow import Follower
+from torchsphere.tracking.record import Record
+from torchsphere.tracking.start import Start
+from torchsphere.tracking.task import Task
+
+_LOG = logging.getLogger("torchsphere")
+
+#: Pairs by which a circle in doubt is tested, and share of these that must be measured (docs/constants.toml).
+TRIAL_PAIRS, TRIAL_SHARE = 12, 0.25
+
+#: Failed searches over rotations after which the rest of these pairs is tried without (docs/constants.toml).
+TRIAL_SEARCHES = 2
+
+
+class Followed(NamedTuple):
+    """A start, with the model that it had at last, its record, and the limbs along this if they were looked at."""
+
+    start: Start
+    record: Record
+    limbs: Limbs | None = None
+
+
+def follow_as_it_grows(task: Task, start: Start) -> Followed:
+    """The ball from frame to frame; one whose limbs grow is followed again, with a model that lets it."""
+    record = follow(task, start)
+    if task.in_place or start.grows or start.options.model not in growth.RIGID_MODELS:
+        return Followed(start, record)
+    limbs = limbs_along(task, start, record)
+    options = growth.growing(start.options, start.circle.radius, start.image)
+    growing = dataclasses.replace(start, options=options, grows=True)
+    # Where hardly any frame was measured, a few pairs must show that the growth is why.
+    is_hidden = growth.hides_growth(record) and _failed_trial(task, growing) is None
+    if not (is_hidden or growth.may_grow(limbs)):
+        return Followed(start, record, limbs)
+    again = follow(task, growing)
+    grown = limbs_along(task, start, again)
+    if not growth.limbs_follow(grown, again):
+        return Followed(start, record, limbs)
+    return Followed(growing, slipped_path.along_limbs(task.source, again, grown, task.ignore, options, resized=True))
+
+
+def limbs_along(task: Task, start: Start, record: Record) -> Limbs:
+    """The limbs of the ball in some frames of the ``record``."""
+    return slipped_path.limbs_of(task.source, record, task.ignore, start.options.camera)
+
+
+def follow(task: Task, start: Start) -> Record:
+    """The motion from frame to frame; of a few pairs alone where these show no ball."""
+    first, options = start.circle, start.options
+    is_seen = task.circle is None or shows_outline(start.image, first, options.camera)
+    record = None
+    if first.doubt or not is_seen:
+        steps.tell("testing the circle %s px, which its image leaves in doubt", first.text())
+        record = _failed_trial(task, start)
+    if record is None:
+        _LOG.info("following the circle %s px of frame %d with the model %s", first.text(), first.frame, options.model)
+        calls: dict[str, Any] = {"progress": task.progress, "watch": task.watch}
+        follower = Follower(task.source, first, task.ignore, options, in_place=task.in_place, **calls)
+        record = follower.run(task.source.count)
+    if not is_seen and not record.is_confirmed(first.frame):
+        # Neither its own image nor any other supports the given circle.
+        record = record.without(first.frame)
+    return record.without_rotation() if options.model == "translation" else record
+
+
+def _failed_trial(task: Task, start: Start) -> Record | None:
+    """The record of a few pairs after a start in doubt, if hardly one of these was measured; else None.
+
+    Each frame that fails takes a search: a circle that no image supports is not looked for in all of them.
+    """
+    first, count = start.circle, task.source.count
+    stop = min(first.frame + 1 + TRIAL_PAIRS, count)
+    follower = Follower(task.source, first, task.ignore, start.options, in_place=task.in_place, searches=TRIAL_SEARCHES)
+    record = follower.run(stop)
+    tried = record.status[first.frame + 1 : stop]
+    # A map proves a circle that was found, and needs its texture; a lamp has an outline, too.
+    needs_texture = task.circle is None and not task.in_place and needs_proof(first)
+    if np.isin(tried, ALL_KNOWN if needs_texture else TRANSLATION_KNOWN).sum() >= TRIAL_SHARE * len(tried):
+        return None
+    return dataclasses.replace(record, untried=count - stop)
