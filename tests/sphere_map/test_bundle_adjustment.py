@@ -78,7 +78,7 @@ def test_further_steps_reach_the_minimum_of_the_squares_and_then_stop(adjusted: 
         weights = state.profile.weights(state.windows, state.poses)
         equations = MapEquations.of(drawn(state, one_share), weights, one_share)
         last = LastStep(state, model, elimination.joint_equations(model, equations, state.poses))
-        step = level._step(last, (), limits(len(state.poses), 1e-4, []))
+        step = level._step(last, (), limits(len(state.poses), 1e-4, [], 1e-4))
         state, moved = level._moved(state, (), last.joint, *step)
         moves.append(float(moved[:-COMMON].reshape(-1, PER_IMAGE)[:, :5].abs().max()))
     # At the minimum a step is rounding. The adjustment ends within a standard deviation.

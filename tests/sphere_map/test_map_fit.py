@@ -54,7 +54,7 @@ def test_products_are_those_of_the_dense_matrix(of: MapEquations, matrix: Tensor
     torch.testing.assert_close(of.times(vector), matrix @ vector, atol=1e-10, rtol=0)
     # Nearly the diagonal at the nodes: the sums of the rows.
     without_prior = matrix - of.prior(torch.eye(COUNT, dtype=torch.float64))
-    prior = of.heaviest * map_fit.SMOOTHNESS * (map_fit.RIDGE + 4)
+    prior = of.heaviest * map_fit.SMOOTHNESS * map_fit.PRIOR_AT_NODES
     torch.testing.assert_close(of.density, without_prior.sum(1) + prior, atol=1e-10, rtol=0)
 
 

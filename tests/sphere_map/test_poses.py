@@ -11,7 +11,7 @@ from tracks import made_map, no_map
 
 from torchsphere import Circle, track
 from torchsphere.recording.frame_source import Source
-from torchsphere.sphere_map import bundle_adjustment, pose_errors, poses, registration
+from torchsphere.sphere_map import bundle_adjustment, pose_errors, poses, radius_error, registration
 from torchsphere.sphere_map.ball import Poses, TexturedBall, uniform_light
 from torchsphere.sphere_map.decision import NoMap, Why
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
@@ -106,8 +106,8 @@ def test_position_and_orientation_do_not_drift(turning: Turning) -> None:
 
 
 def test_a_wrong_radius_is_corrected(turning: Turning) -> None:
-    assert abs(turning.track.circle.radius - RADIUS) < 3 * bundle_adjustment.RADIUS_ERROR_PX
-    assert turning.track.circle.sd_radius >= bundle_adjustment.RADIUS_ERROR_PX
+    assert abs(turning.track.circle.radius - RADIUS) < 3 * radius_error.RADIUS_ERROR_PX
+    assert turning.track.circle.sd_radius >= radius_error.RADIUS_ERROR_PX
 
 
 def test_increments_are_the_differences_of_the_poses_and_have_the_stated_errors(turning: Turning) -> None:

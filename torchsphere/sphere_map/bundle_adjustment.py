@@ -6,7 +6,6 @@ step's matrix is the covariance of all poses, with the uncertainty of the map.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -14,7 +13,7 @@ import torch
 from torch import Tensor
 
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import cube_map, exposure_share, light, map_fit, nearness, pixel_weights
+from torchsphere.sphere_map import cube_map, exposure_share, light, map_fit, nearness, pixel_weights, radius_error
 from torchsphere.sphere_map.ball import LIGHT_TERMS, Poses, TexturedBall, uniform_light
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
 from torchsphere.sphere_map.footprint import fit_footprint, with_footprint_of_outline
@@ -39,10 +38,6 @@ from torchsphere.sphere_map.window import Windows, texture_variance
 #: Width of the first map's cells, px, and move of a pose below which it counts as settled there: coarse cells align
 #: poses that are off by a px (docs/constants.toml).
 COARSE_PX, COARSE_SETTLED_PX = 2.0, 0.1
-
-#: Systematic error of the radius by the model of the edge, px, further error where the ball does not turn, as the map
-#: takes a texture at the limb for a part of the outline, and turn of the limb that halves it, px (docs/constants.toml).
-RADIUS_ERROR_PX, STILL_RADIUS_ERROR_PX, HALVING_TURN_PX = 0.003, 0.055, 4.0
 
 #: Most images in which a lens is looked for (docs/constants.toml).
 LENS_IMAGES = 6
@@ -254,11 +249,5 @@ def _with_first_map(state: State, cell_px: float, shared: RowRunner) -> State:
 
 def with_error_of_texture(adjustment: Adjustment) -> Adjustment:
     """The adjustment with the systematic error of the radius, more where texture may pass for outline."""
-    by_texture = STILL_RADIUS_ERROR_PX / (1 + _turned_px(adjustment.state) / HALVING_TURN_PX)
-    return adjustment.with_radius_error(math.hypot(RADIUS_ERROR_PX, by_texture))
-
-
-def _turned_px(state: State) -> float:
-    """Way, px, by which new texture has come over the limb between the images: a turn in the image brings none."""
-    sight = state.poses.orientation[:, 2]
-    return float(state.ball.radius * (sight[1:] - sight[:-1]).norm(dim=1).sum())
+    state = adjustment.state
+    return adjustment.with_radius_error(radius_error.of_model(state.poses.orientation, float(state.ball.radius)))

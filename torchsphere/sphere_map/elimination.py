@@ -46,7 +46,7 @@ HELD = 1e6
 
 #: Conjugate gradients that tell whether a step has settled, and the share of the step by which they may still move it
 #: (docs/constants.toml).
-CALM_STEPS, CALM_SHARE = 8, 0.1
+CALM_STEPS, CALM_SHARE = 5, 0.1
 
 
 @dataclass(frozen=True)

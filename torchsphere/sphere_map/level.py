@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import elimination, forward_model, shared_unknown
+from torchsphere.sphere_map import elimination, forward_model, radius_error, shared_unknown
 from torchsphere.sphere_map.decision import NO_SOLUTION
 from torchsphere.sphere_map.elimination import COMMON, GEOMETRY, PER_IMAGE, JointEquations
 from torchsphere.sphere_map.footprint import with_footprint_of_outline
@@ -71,15 +71,17 @@ class Level(NamedTuple):
     is_blurred: bool = False
     unknowns: SharedUnknowns = ()  # that all images share, beside radius and blur
 
-    def settled(self, n: int, covariance: Tensor) -> Tensor:
-        """Moves of all unknowns, of n poses, that count as settled: see `limits`."""
-        sd = covariance.diagonal().sqrt()
+    def settled(self, state: State, covariance: Tensor) -> Tensor:
+        """Moves of all unknowns that count as settled: see `limits`."""
+        sd, n = covariance.diagonal().sqrt(), len(state.poses)
         px = max(self.settled_px, SETTLED_SD * float(sd[0]))
+        by_model = radius_error.of_model(state.poses.orientation, float(state.ball.radius))
+        radius_px = max(px, SETTLED_SD * math.hypot(float(sd[-COMMON]), by_model))
         of_unknowns = [
             max(unknown.last_change, SETTLED_SD * float(sd[PER_IMAGE * n + k]))
             for k, unknown in enumerate(self.unknowns)
         ]
-        return limits(n, px, of_unknowns).to(covariance)
+        return limits(n, px, of_unknowns, radius_px).to(covariance)
 
 
 class LastStep(NamedTuple):
@@ -122,7 +124,7 @@ def adjust_level(state: State, level: Level, shared: RowRunner, moved: float = 0
         raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
     if state.ball.cells != level.cells:
         state, _ = fit_map(with_cells(state, level.cells), shared, NEW_MAP_STEPS)
-    before, share = None, 1.0
+    before, taken, share = None, None, 1.0
     for number in range(level.max_steps):
         model = linearised(state, shared)
         weights = state.profile.weights(state.windows, state.poses)
@@ -136,7 +138,7 @@ def adjust_level(state: State, level: Level, shared: RowRunner, moved: float = 0
         model = shared_unknown.with_columns(level.unknowns, state, model, shared)
         joint = joint_equations(state, model, equations, level.unknowns)
         last = LastStep(state, model, joint)
-        settled = level.settled(len(state.poses), joint.covariance)
+        settled = level.settled(state, joint.covariance)
         of_map, step = _step(last, level.unknowns, SOLVED_SHARE * settled)
         share, before = _share_of_step(share, before, step / settled), step / settled
         state, of_step = _moved(state, level.unknowns, joint, share * of_map, share * step)
@@ -146,22 +148,24 @@ def adjust_level(state: State, level: Level, shared: RowRunner, moved: float = 0
         if not math.isfinite(move):
             raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
         is_bound = level.is_last and float(state.profile.variance.max()) >= limit * float(state.profile.variance[0])
+        left, taken = _share_left(of_step / settled, taken), of_step / settled
         # A short move may follow a long one by chance, and a long one it.
-        left, longest, moved = _share_left(move, moved), max(move, moved) if level.is_last else move, move
+        longest, moved = max(move, moved) if level.is_last else move, move
         if left * longest < 1 and not is_bound:
             break
     has_settled = left * move_px < max(level.settled_px, MAX_UNSETTLED_PX)
     return Adjustment(state, joint.covariance, has_settled, last=last, unknowns=level.unknowns, move=move)
 
 
-def _share_left(move: float, before: float) -> float:
-    """What is left to move over the last ``move``, if moves get shorter by the share that this one has of that before.
+def _share_left(move: Tensor, before: Tensor | None) -> float:
+    """What is left to go over the last ``move`` (u,), if each goes on by the share that this one has of that before.
 
-    It is the sum of all moves to come.
+    It is the sum of all moves to come. Moves that go on nowhere, as rounding or a seam of the map's faces leaves them,
+    have hardly anything left, however short they are.
     """
-    if not before:
+    if before is None:
         return 1.0
-    share = min(max(move / before, LEAST_LEFT), MOST_LEFT)
+    share = min(max(float(move @ before / (before @ before).clamp_min(1e-30)), LEAST_LEFT), MOST_LEFT)
     return share / (1 - share)
 
 
@@ -231,6 +235,6 @@ def _moved(
     # The blur is held within its bounds; the other unknowns follow by their correlation with it.
     wanted = step[-1].clamp(-MAX_BLUR_STEP_PX, MAX_BLUR_STEP_PX).maximum(forward_model.MIN_BLUR_PX - ball.edge_blur)
     step = step + joint.covariance[:, -1] / joint.covariance[-1, -1] * (wanted - step[-1])
-    most = limits(poses, MAX_MOVE_PX, [unknown.max_change for unknown in unknowns]).to(step)
+    most = limits(poses, MAX_MOVE_PX, [unknown.max_change for unknown in unknowns], MAX_MOVE_PX).to(step)
     share = 1 / (step / most).abs().max().clamp_min(1)
     return shared_unknown.moved(state, unknowns, share.to(of_map) * of_map, share * step), share * step

@@ -27,7 +27,7 @@ MIN_SEEN = 2e-4
 TERM_SD, MAX_CHANGE = 0.3, 0.3
 
 #: Conjugate gradients for the map's response to the light, or to the blur (docs/constants.toml).
-MAP_STEPS = 16
+MAP_STEPS = 8
 
 
 def fit_light(state: State, shared: RowRunner) -> tuple[State, float]:

@@ -9,6 +9,10 @@ from torch import Tensor
 
 from torchsphere.geometry.circle import Circle
 
+#: Systematic error of the radius by the model of the edge, px, further error where the ball does not turn, as the map
+#: takes a texture at the limb for a part of the outline, and turn of the limb that halves it, px (docs/constants.toml).
+RADIUS_ERROR_PX, STILL_RADIUS_ERROR_PX, HALVING_TURN_PX = 0.003, 0.055, 4.0
+
 #: Blur that optics alone make, px, and error per px of further blur of a radius whose start has no known error
 #: (docs/constants.toml).
 OPTICS_BLUR_PX, RADIUS_ERROR_PER_BLUR = 0.3, 0.8
@@ -27,6 +31,16 @@ MAX_OFF_OUTLINE_SD = 3.0
 
 #: A turn, rad, that tells nothing of the radius.
 MIN_TURN = 1e-6
+
+
+def of_model(orientation: Tensor, radius: float) -> float:
+    """Systematic error of the ``radius``, px, more where texture may pass for outline.
+
+    Turns ``orientation`` (k, 3, 3) bring new texture over the limb between the images; a turn in the image brings none.
+    """
+    sight = orientation[:, 2]
+    way_px = radius * float((sight[1:] - sight[:-1]).norm(dim=1).sum())
+    return math.hypot(RADIUS_ERROR_PX, STILL_RADIUS_ERROR_PX / (1 + way_px / HALVING_TURN_PX))
 
 
 def by_blur(edge_blur: float, optics_px: float, start: Circle) -> float:

@@ -61,11 +61,11 @@ def with_columns(unknowns: SharedUnknowns, state: State, model: Linearisation, s
     return Linearisation(model.levels, torch.cat((model.jacobian, *columns), -1))
 
 
-def limits(n: int, px: float, of_unknowns: list[float]) -> Tensor:
-    """Moves (8 n + k + 2,) that count as settled: ``px`` for n poses and the radius; brightness and blur always are."""
+def limits(n: int, px: float, of_unknowns: list[float], radius_px: float) -> Tensor:
+    """Moves (8 n + k + 2,): ``px`` for n poses, ``radius_px`` for the radius; brightness and blur may move at will."""
     own = torch.full((n, PER_IMAGE), px, dtype=torch.float64)
     own[:, GEOMETRY:] = torch.inf
-    return torch.cat((own.flatten(), torch.tensor([*of_unknowns, px, torch.inf], dtype=torch.float64)))
+    return torch.cat((own.flatten(), torch.tensor([*of_unknowns, radius_px, torch.inf], dtype=torch.float64)))
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def measure(
 
     coupling = equations.design.adjoint(weights * column), by_unknowns(column)
     others = len(joint.normal) - PER_IMAGE * len(state.poses) - COMMON
-    calm = limits(len(state.poses), NO_MOVE_PX, [torch.inf] * others).to(coupling[1])
+    calm = limits(len(state.poses), NO_MOVE_PX, [torch.inf] * others, NO_MOVE_PX).to(coupling[1])
     of_map, of_rest = joint.solve(*coupling, SOLVER_STEPS, calm)
     # With a solution that is not exact the sum of both is never too little.
     back = joint.times(of_map, of_rest)
