@@ -38,7 +38,7 @@ LAST_SETTLED_PX, SETTLED_SD = 0.0005, 0.1
 NEW_MAP_STEPS, STEPS = 6, 60
 
 #: Conjugate gradients for a step with further unknowns, always as many (docs/constants.toml).
-STEPS_OF_UNKNOWNS = 40
+STEPS_OF_UNKNOWNS = 20
 
 #: Share of a move that counts as settled, by which conjugate gradients may still change a step (docs/constants.toml).
 SOLVED_SHARE = 0.2
