@@ -56,9 +56,6 @@ REWEIGHTED = 6
 #: Least and largest share of a move that the next one is expected to have (docs/constants.toml).
 LEAST_LEFT, MOST_LEFT = 0.3, 0.8
 
-#: Steps within which moves must halve, or an adjustment is given up (docs/constants.toml).
-HALVING_STEPS = 12
-
 #: Least share of a step that is taken (docs/constants.toml).
 LEAST_SHARE = 0.3
 
@@ -128,7 +125,7 @@ def adjust_level(state: State, level: Level, shared: RowRunner, moved: float = 0
         raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
     if state.ball.cells != level.cells:
         state, _ = fit_map(with_cells(state, level.cells), shared, NEW_MAP_STEPS)
-    before, taken, share, moves = None, None, 1.0, []
+    before, taken, share = None, None, 1.0
     for number in range(level.max_steps):
         model = linearised(state, shared)
         weights = state.profile.weights(state.windows, state.poses)
@@ -155,17 +152,10 @@ def adjust_level(state: State, level: Level, shared: RowRunner, moved: float = 0
         left, taken = _share_left(of_step / settled, taken), of_step / settled
         # A short move may follow a long one by chance, and a long one it.
         longest, moved = max(move, moved) if level.is_last else move, move
-        moves.append(move)
-        if (left * longest < 1 and not is_bound) or _goes_nowhere(moves):
+        if left * longest < 1 and not is_bound:
             break
-    has_settled = left * move_px < max(level.settled_px, MAX_UNSETTLED_PX) and not _goes_nowhere(moves)
+    has_settled = left * move_px < max(level.settled_px, MAX_UNSETTLED_PX)
     return Adjustment(state, joint.covariance, has_settled, last=last, unknowns=level.unknowns, move=move)
-
-
-def _goes_nowhere(moves: list[float]) -> bool:
-    """Whether the last `HALVING_STEPS` of the ``moves`` are hardly shorter than those before."""
-    recent, rest = moves[-HALVING_STEPS:], moves[:-HALVING_STEPS]
-    return bool(rest) and min(recent) > 0.5 * min(rest)
 
 
 def _share_left(move: Tensor, before: Tensor | None) -> float:
