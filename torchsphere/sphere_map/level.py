@@ -77,10 +77,9 @@ class Level(NamedTuple):
         px = max(self.settled_px, SETTLED_SD * float(sd[0]))
         by_model = radius_error.of_model(state.poses.orientation, float(state.ball.radius))
         radius_px = max(px, SETTLED_SD * math.hypot(float(sd[-COMMON]), by_model))
-        # Coarse cells show what an unknown is to its own error: it begins anew on fine ones.
-        share = SETTLED_SD if self.is_last else 1.0
         of_unknowns = [
-            max(unknown.last_change, share * float(sd[PER_IMAGE * n + k])) for k, unknown in enumerate(self.unknowns)
+            max(unknown.last_change, SETTLED_SD * float(sd[PER_IMAGE * n + k]))
+            for k, unknown in enumerate(self.unknowns)
         ]
         return limits(n, px, of_unknowns, radius_px).to(covariance)
 
