@@ -64,15 +64,15 @@ class AbsoluteMotion:
         """Number of frames on the map."""
         return int(self.on_map.sum())
 
-    def on_map_alone(self) -> AbsoluteMotion:
-        """The motion without the frames that the map does not show."""
-        between = (self.on_map[:-1] & self.on_map[1:])[:, None]
+    def only(self, kept: NDArray[np.bool_]) -> AbsoluteMotion:
+        """The motion of the ``kept`` frames (n,) and the steps between these."""
+        between = (kept[:-1] & kept[1:])[:, None]
         return replace(
             self,
-            position=np.where(self.on_map[:, None], self.position, np.nan),
+            position=np.where(kept[:, None], self.position, np.nan),
             increment=np.where(between, self.increment, np.nan),
             covariance=np.where(between[..., None], self.covariance, np.nan),
-            orientation=np.where(self.on_map[:, None, None], self.orientation, np.nan),
+            orientation=np.where(kept[:, None, None], self.orientation, np.nan),
         )
 
 

@@ -115,6 +115,13 @@ class Outcome:
         on_map = self.motion.on_map
         return int((on_map | (self.record.is_ok & ~self.beside)).sum() + on_map.sum())
 
+    def without_frames_beside(self) -> Outcome:
+        """The outcome without frames beside the ball that are left where no further map was made."""
+        if not self.beside.any():
+            return self
+        record, motion = self.record.without(self.beside), self.motion.only(~self.beside)
+        return dataclasses.replace(self, record=record, motion=motion)
+
 
 #: Looks at the best outcome, and suggests what may be better.
 Proposal = Callable[[Outcome], Hypothesis | None]
@@ -133,7 +140,7 @@ def best_outcome(task: Task, start: Start) -> Outcome:
         if hypothesis.beats(2 * int(followed.record.is_ok.sum()), best.score):
             found, maps = _placed(hypothesis, followed), maps + 1
             best = found if hypothesis.beats(found.score, best.score) else best
-    return best
+    return best.without_frames_beside()
 
 
 def _next_hypothesis(untried: list[Proposal], best: Outcome) -> Hypothesis | None:
@@ -218,5 +225,5 @@ def _placed(hypothesis: Hypothesis, followed: Followed) -> Outcome:
     motion = absolute_motion(task, record, start.circle, start.options, fineness, start.known_camera)
     if hypothesis.is_along_limbs and isinstance(motion.map, MadeMap):
         # Where a path has slipped, only the map shows that the rest of it is the ball's.
-        record, motion = record.without(~motion.on_map), motion.on_map_alone()
+        record, motion = record.without(~motion.on_map), motion.only(motion.on_map)
     return Outcome(task, start, record, motion, hypothesis.place, hypothesis.is_along_limbs, limbs)
