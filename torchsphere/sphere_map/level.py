@@ -148,24 +148,28 @@ def adjust_level(state: State, level: Level, shared: RowRunner, moved: float = 0
         if not math.isfinite(move):
             raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
         is_bound = level.is_last and float(state.profile.variance.max()) >= limit * float(state.profile.variance[0])
-        left, taken = _share_left(of_step / settled, taken), of_step / settled
+        along, taken = _share_along(of_step / settled, taken), of_step / settled
+        left, ratio = _left(along), move / moved if moved else 0.5
         # A short move may follow a long one by chance, and a long one it.
         longest, moved = max(move, moved) if level.is_last else move, move
         if left * longest < 1 and not is_bound:
             break
-    has_settled = left * move_px < max(level.settled_px, MAX_UNSETTLED_PX)
+    # Moves that stay as long as they were have not settled, wherever they go.
+    has_settled = max(left, _left(ratio)) * move_px < max(level.settled_px, MAX_UNSETTLED_PX)
     return Adjustment(state, joint.covariance, has_settled, last=last, unknowns=level.unknowns, move=move)
 
 
-def _share_left(move: Tensor, before: Tensor | None) -> float:
-    """What is left to go over the last ``move`` (u,), if each goes on by the share that this one has of that before.
+def _share_along(move: Tensor, before: Tensor | None) -> float:
+    """The share of the move ``before`` (u,) by which the last ``move`` (u,) goes on; half without one.
 
-    It is the sum of all moves to come. Moves that go on nowhere, as rounding or a seam of the map's faces leaves them,
-    have hardly anything left, however short they are.
+    Moves that rounding or a seam of the map's faces leaves go on nowhere.
     """
-    if before is None:
-        return 1.0
-    share = min(max(float(move @ before / (before @ before).clamp_min(1e-30)), LEAST_LEFT), MOST_LEFT)
+    return 0.5 if before is None else float(move @ before / (before @ before).clamp_min(1e-30))
+
+
+def _left(share: float) -> float:
+    """What is left to go, over the last move, if each has that ``share`` of the one before: the sum of all to come."""
+    share = min(max(share, LEAST_LEFT), MOST_LEFT)
     return share / (1 - share)
 
 
