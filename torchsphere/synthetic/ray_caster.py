@@ -6,6 +6,7 @@ pose.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -15,6 +16,8 @@ from torch import Tensor
 
 from torchsphere.geometry.camera import Camera, outline_distance, undistorted
 from torchsphere.imaging.interpolation import blur
+from torchsphere.kernels import jit
+from torchsphere.kernels import ray_caster as loops
 
 #: Half width of the pattern's cube in radii, which keeps the ball's surface off the border.
 CUBE_HALF_WIDTH = 1.1
@@ -47,7 +50,7 @@ def speckle(
         # Two axes at a time, so that three rounds blur each axis twice.
         noise = blur(noise, sigma / 2**0.5).permute(1, 2, 0)
     field = (noise - noise.mean()) / noise.std()
-    return Pattern(low + (high - low) * 0.5 * (1 + torch.erf(1.2 * field)))
+    return Pattern((low + (high - low) * 0.5 * (1 + torch.erf(1.2 * field))).contiguous())
 
 
 def render(
@@ -73,7 +76,7 @@ def render(
         still = torch.full(shape, float(background), dtype=centres.dtype, device=centres.device)
     else:
         raise ValueError("render: the background is a number; give the shape (h, w) of the images as well")
-    volume = pattern.volume.to(centres)
+    volume = pattern.volume.to(centres).contiguous()
     settled = None if camera is None else camera.settled(tuple(still.shape), radius)
     frames = [
         _frame(volume, centre, radius, orientation, still, subsamples, settled)
@@ -108,11 +111,9 @@ def _frame(
 
     def mean(pixels: Tensor, offsets: Tensor) -> Tensor:
         """Mean grey levels (m,) of the rays at the ``offsets`` (k, 2) from the ``pixels`` (m, 2)."""
-        hit, surface = meet(pixels[:, None].to(centre) + offsets)
-        # A row vector times A is A^T times the column: from the camera's axes to the body's.
-        body = (surface @ orientation) / CUBE_HALF_WIDTH
-        grey = F.grid_sample(volume[None, None], body[None, None], align_corners=True)[0, 0, 0]
-        return torch.where(hit, grey, still[pixels[:, 1], pixels[:, 0], None]).mean(1)
+        if camera is None:
+            return _mean_of_parallel_rays(volume, pixels, offsets, centre, orientation, still, radius)
+        return _mean_level(volume, pixels, meet(pixels[:, None].to(centre) + offsets), orientation, still)
 
     device = centre.device
     pixels = torch.cartesian_prod(torch.arange(y0, y1, device=device), torch.arange(x0, x1, device=device)).flip(1)
@@ -121,6 +122,32 @@ def _frame(
     at_limb = at_corners.any(1) & ~at_corners.all(1)
     drawn = drawn.masked_scatter(at_limb, mean(pixels[at_limb], _lattice().to(centre)))
     return still.index_put((pixels[:, 1], pixels[:, 0]), drawn)
+
+
+@jit.in_loops(functools.partial(loops.mean_levels, half_width=CUBE_HALF_WIDTH))
+def _mean_of_parallel_rays(
+    volume: Tensor,
+    pixels: Tensor,
+    offsets: Tensor,
+    centre: Tensor,
+    orientation: Tensor,
+    still: Tensor,
+    radius: float,
+) -> Tensor:
+    """`_mean_level` of the parallel rays at the ``offsets`` (k, 2) from each pixel."""
+    met = _parallel_rays(pixels[:, None].to(centre) + offsets - centre, radius)
+    return _mean_level(volume, pixels, met, orientation, still)
+
+
+def _mean_level(
+    volume: Tensor, pixels: Tensor, met: tuple[Tensor, Tensor], orientation: Tensor, still: Tensor
+) -> Tensor:
+    """Mean grey levels (m,) of the rays of ``pixels`` (m, 2), which do or do not meet the ball, and where."""
+    hit, surface = met
+    # A row vector times A is A^T times the column: from the camera's axes to the body's.
+    body = (surface @ orientation) / CUBE_HALF_WIDTH
+    grey = F.grid_sample(volume[None, None], body[None, None], align_corners=True)[0, 0, 0]
+    return torch.where(hit, grey, still[pixels[:, 1], pixels[:, 0], None]).mean(1)
 
 
 #: Offsets of a pixel's corners from its centre, px.
