@@ -98,8 +98,8 @@ def drawn_motions(contact: MotionContact, motion: Motion, frames: Array, shared:
     )
     drawn = _disturbed(undisturbed, samples.rate, samples.acceleration, samples.interval, part)
     faster = drawn.inputs.faster[:, None, None, None]
-    between, _ = units.rates(np.pad(samples.between, [(0, 0)] * 3 + [(0, 3)]), 2)
-    return replace(drawn, between_m_s2=between * faster**2, fractions=samples.fractions)
+    between = units.translation(samples.between, 2) * faster**2
+    return replace(drawn, between_m_s2=between, fractions=samples.fractions)
 
 
 def _disturbed(about: Undisturbed, rate: Array, acceleration: Array, interval: Array, span: slice) -> Draws:

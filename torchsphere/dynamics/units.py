@@ -31,8 +31,11 @@ class Units:
 
     def rates(self, values: Array, order: int = 1) -> tuple[Array, Array]:
         """Derivatives (..., 5) of an order -> (..., 2) and (..., 3)."""
-        per_time = values * self.frame_rate**order
-        return per_time[..., :2] * self.scale.m_per_px * self.axes[:2], per_time[..., 2:] * self.axes
+        return self.translation(values[..., :2], order), values[..., 2:] * (self.frame_rate**order * self.axes)
+
+    def translation(self, values: Array, order: int = 1) -> Array:
+        """Derivatives (..., 2) of an order of the position, px -> m."""
+        return values * (self.frame_rate**order * self.scale.m_per_px * self.axes[:2])
 
     def sd_rates(self, values: Array, sd: Array, order: int = 1) -> tuple[Array, Array]:
         """Standard deviations (..., 2) and (..., 3) of derivatives (..., 5) of an order, ``values`` with their ``sd``.

@@ -22,13 +22,10 @@ from torch import Tensor
 
 from torchsphere.estimation.filter_bank import (
     Array,
-    FilterBank,
-    InnovationSums,
-    Observations,
-    OwnSteps,
-    Step,
+    Numbers,
+    filtered,
+    in_flight,
     known_states,
-    step_operators,
     unknown_states,
     unpacked,
 )
@@ -42,12 +39,13 @@ from torchsphere.estimation.process_model import (
     transitions,
 )
 from torchsphere.estimation.process_noise import flight_noise
+from torchsphere.kernels.filter_bank import Observations, Steps
 
 #: Observations that the stated noise counts as (docs/constants.toml).
 STATED_COUNTS = 20.0
 
-#: Filters that run at once, and filters of one interval (docs/constants.toml).
-FILTERS_AT_ONCE, INTENSITIES_AT_ONCE = 8192, 1024
+#: Filters that run at once (docs/constants.toml).
+FILTERS_AT_ONCE = 8192
 
 #: Frames seen after the last contact before the flight is shared by all filters (docs/constants.toml).
 SETTLING_FRAMES = 8
@@ -102,19 +100,17 @@ def log_likelihood(
     # A contact without intensity is exactly no contact, so that rounding does not make two idle processes differ.
     windows = torch.where((contact > -math.inf).flatten(1).any(1)[:, None, None], windows, 0.0)
     powers = [v.expand(n, k, v.shape[2], m).cpu().numpy() for v in (flight, contact)]
-    size = math.ceil(m / math.ceil(k * m / INTENSITIES_AT_ONCE))
     is_formed = np.zeros(m, dtype=bool) if formed is None else formed.cpu().numpy()
     all_forms = np.zeros((n, c, len(NAMES))) if forms is None else forms.cpu().numpy()
     logs, squares = np.empty((2, n, k, c, m))
-    for rows in _groups(series, windows, max(1, FILTERS_AT_ONCE // (c * k * size))):
+    for rows in _groups(series, windows, max(1, FILTERS_AT_ONCE // (c * k * m))):
         batch = FilterBatch.of(series.rows(rows), windows[rows].cpu().numpy())
         own = [10.0 ** v[rows.numpy()] for v in powers]
         for kind in np.unique(is_formed):
-            columns = np.flatnonzero(is_formed == kind)
-            for part in np.array_split(columns, math.ceil(len(columns) / size)):
-                sums = batch.sums(own[0][..., part], own[1][..., part], all_forms[rows.numpy()] if kind else None)
-                place = np.ix_(rows.numpy(), np.arange(k), np.arange(c), part)
-                logs[place], squares[place] = sums
+            part = np.flatnonzero(is_formed == kind)
+            sums = batch.sums(own[0][..., part], own[1][..., part], all_forms[rows.numpy()] if kind else None)
+            place = np.ix_(rows.numpy(), np.arange(k), np.arange(c), part)
+            logs[place], squares[place] = sums
     counts = STATED_COUNTS + series.seen.sum(-1).cpu().numpy()[:, :, None, None]
     scale = (STATED_COUNTS + squares) / counts
     fit = -0.5 * (logs + counts * np.log(scale))
@@ -138,9 +134,9 @@ class FilterBatch:
     windows: Array  # (n, c, 2), frames
     touching: NDArray[np.bool_]  # (t - 1,), True where any contact overlaps the step to the next frame
     value: Array  # (t, n, k)
-    observations: Observations  # of columns (n, k)
-    # Operators of flight (t - 1, rows, rows + 1), by the number of values.
-    flight_operators: dict[int, Array]
+    observations: Observations
+    flight: Array  # matrices of flight (t - 1, 3, 3)
+    white: Array  # covariances of flight (t - 1, 5, 5) per unit intensity
 
     @classmethod
     def of(cls, series: Series, windows: Array) -> FilterBatch:
@@ -148,18 +144,16 @@ class FilterBatch:
         times, *arrays = (v.cpu().numpy() for v in series)
         value, variance, drift, seen = (np.moveaxis(v, -1, 0) for v in arrays)
         duration = np.diff(times[0])
-        flight = slice(None), slice(FLIGHT_STATES), slice(FLIGHT_STATES)
-        matrix, noise = integrator(duration)[flight], flight_noise(duration)[flight]
         value = np.where(seen, value, 0.0)
-        step = np.zeros((len(value), 2, *value.shape[1:]))
-        step[1:, 0], step[1:, 1] = drift, np.diff(value, axis=0)
+        drift, change = (np.concatenate((np.zeros((1, *v.shape[1:])), v)) for v in (drift, np.diff(value, axis=0)))
         return cls(
             times=times[0],
             windows=windows,
             touching=np.asarray(overlaps(times, windows).any((0, 1))),
             value=value,
-            observations=Observations(variance, step, seen.astype(np.float64)),
-            flight_operators={e: step_operators(matrix, [noise], e) for e in (1, 1 + FLIGHT_STATES)},
+            observations=Observations(variance, drift, change, seen.astype(np.float64)),
+            flight=integrator(duration)[:, :FLIGHT_STATES, :FLIGHT_STATES],
+            white=flight_noise(duration),
         )
 
     def sums(self, flight: Array, contact: Array, forms: Array | None) -> tuple[Array, Array]:
@@ -178,40 +172,44 @@ class FilterBatch:
         touched = np.flatnonzero(self.touching)
         first, last = (int(touched[0]), int(touched[-1]) + 1) if len(touched) else (t - 1, t - 1)
         flights = unique.reshape(n, -1)
-        start, sums_before = self._flight_before(flights, first)
+        start, logs_before, squares_before = self._flight_before(flights, first)
         settled = self._settled_frame(last)
         is_shared = t - 1 - settled >= MIN_SHARED_FRAMES and 4 * unique.shape[1] <= c * m
         after = self._flight_after(flights, settled) if is_shared else None
+        end = settled if is_shared else t - 1
+        observations = _frames(self.observations, first + 1, end + 1)
         logs, squares = np.empty((2, n * c, k * m))
         contact = np.broadcast_to(contact, (n, k, c, m)).swapaxes(1, 2).reshape(n * c, k * m)
         for rows in np.array_split(np.arange(n * c), math.ceil(n * c * k * m / FILTERS_AT_ONCE)):
-            sums = InnovationSums(arranged(sums_before.logs, rows), arranged(sums_before.squares, rows))
-            bank = FilterBank(np.stack((arranged(flights, rows), contact[rows])))
-            bank.start(FLIGHT_STATES, arranged(start, rows))
-            observations = self.observations.frames(first + 1, t).repeated(m, rows // c if n > 1 else [0])
             own_forms = None if forms is None else forms.reshape(1, n * c, -1)[:, rows]
-            steps = self._contact_steps(first, last, rows, own_forms)
-            operators = self.flight_operators[1][last : settled if is_shared else t]
-            bank.run([*steps, *((FLIGHT_STATES, operator) for operator in operators)], observations, sums)
+            state, *sums = filtered(
+                arranged(start, rows),
+                FLIGHT_STATES,
+                self._steps(first, last, end, rows, own_forms),
+                observations,
+                (arranged(flights, rows), contact[rows]),
+                rows // c if n > 1 else 0 * rows,
+            )
+            sums[0] += arranged(logs_before, rows)
+            sums[1] += arranged(squares_before, rows)
             if after is not None:
                 reference, information, logs_after = (arranged(v, rows) for v in after)
-                _add_flight_after(bank.state, reference, information, sums)
-                sums.logs += logs_after
-            logs[rows], squares[rows] = sums.logs, sums.squares
+                _add_flight_after(state, reference, information, *sums)
+                sums[0] += logs_after
+            logs[rows], squares[rows] = sums
         return logs.reshape(n, c, k, m).swapaxes(1, 2), squares.reshape(n, c, k, m).swapaxes(1, 2)
 
-    def _flight_before(self, flights: Array, first: int) -> tuple[Array, InnovationSums]:
+    def _flight_before(self, flights: Array, first: int) -> tuple[Array, Array, Array]:
         """States and sums up to frame ``first`` of a filter for each intensity in ``flights`` (n, k u)."""
-        u = flights.shape[1] // self.value.shape[-1]
-        bank, sums = FilterBank(flights[None]), InnovationSums.zeros(flights.shape)
-        bank.start(FLIGHT_STATES, unknown_states(FLIGHT_STATES, np.repeat(self.value[0], u, -1)))
-        steps = [(FLIGHT_STATES, None), *((FLIGHT_STATES, operator) for operator in self.flight_operators[1][:first])]
-        bank.run(steps, self.observations.frames(0, first + 1).repeated(u), sums)
-        return bank.state[:-1], sums
+        n, k = self.value.shape[1:]
+        start = unknown_states(FLIGHT_STATES, np.repeat(self.value[0], flights.shape[1] // k, -1))
+        steps = in_flight(self.flight[:first], self.white[:first], begins=True)
+        seen = _frames(self.observations, 0, first + 1)
+        return filtered(start, FLIGHT_STATES, steps, seen, (flights, None), np.arange(n))
 
     def _settled_frame(self, last: int) -> int:
         """Frame by which the state left unknown at frame ``last`` is known from frames seen since."""
-        seen = self.observations.weight[last + 1 :].cumsum(0)
+        seen = self.observations.seen[last + 1 :].cumsum(0)
         if not len(seen):
             return last
         return last + 1 + int((seen >= np.minimum(seen[-1], SETTLING_FRAMES)).all((1, 2)).argmax())
@@ -222,41 +220,40 @@ class FilterBatch:
         The first three numbers of a row of the information times the state's difference from the reference, plus the
         last number, are an error of variance 1; the last row holds the rest of the squares.
         """
-        u = flights.shape[1] // self.value.shape[-1]
-        observations = self.observations.frames(last + 1, len(self.times))
+        n, k = self.value.shape[1:]
+        observations = _frames(self.observations, last + 1, len(self.times))
         # Relative to a rate near the true one, the differences are small and keep their digits.
         elapsed = (self.times[last + 1 :] - self.times[last])[:, None, None]
-        rate = ((self.value[last + 1 :] - self.value[last]) * elapsed * observations.weight).sum(0)
-        rate /= np.maximum((elapsed**2 * observations.weight).sum(0), 1e-300)
-        reference = np.stack((0 * rate, -rate, 0 * rate)).repeat(u, -1)
-        bank = FilterBank(flights[None], 1 + FLIGHT_STATES)
-        whitened: list[Array] = []
-        sums = InnovationSums.zeros(flights.shape, whitened)
-        bank.start(FLIGHT_STATES, known_states(FLIGHT_STATES, reference))
-        operators = self.flight_operators[1 + FLIGHT_STATES][last:]
-        bank.run([(FLIGHT_STATES, operator) for operator in operators], observations.repeated(u), sums)
-        rows = np.moveaxis(np.concatenate(whitened)[:, [1, 2, 3, 0]], (0, 1), (-2, -1))
+        rate = ((self.value[last + 1 :] - self.value[last]) * elapsed * observations.seen).sum(0)
+        rate /= np.maximum((elapsed**2 * observations.seen).sum(0), 1e-300)
+        reference = np.stack((0 * rate, -rate, 0 * rate)).repeat(flights.shape[1] // k, -1)
+        start, steps = known_states(FLIGHT_STATES, reference), in_flight(self.flight[last:], self.white[last:])
+        whitened = np.zeros((len(steps.states), 1 + FLIGHT_STATES, *flights.shape))
+        _, logs, _ = filtered(start, FLIGHT_STATES, steps, observations, (flights, None), np.arange(n), whitened)
+        rows = np.moveaxis(whitened[:, [1, 2, 3, 0]], (0, 1), (-2, -1))
         information = np.asarray(np.linalg.qr(rows, mode="r"))
-        return reference, np.moveaxis(information, (-2, -1), (0, 1)), sums.logs
+        return reference, np.moveaxis(information, (-2, -1), (0, 1)), logs
 
-    def _contact_steps(self, first: int, last: int, rows: Array, forms: Array | None) -> list[Step]:
-        """Steps from frame ``first`` to ``last``, for some ``rows`` of the n c intervals, ``forms`` (1, rows, 6)."""
+    def _steps(self, first: int, last: int, end: int, rows: Numbers, forms: Array | None) -> Steps:
+        """Steps from frame ``first`` to ``end`` for some ``rows`` of the n c intervals, all of which end by ``last``.
+
+        ``forms`` (1, rows, 6) are those of the force.
+        """
+        flight = in_flight(self.flight[first:end], self.white[first:end])
         if first == last:
-            return []
-        times = self.times[first : last + 1]
-        steps = transitions(times[None], self.windows.reshape(1, -1, 2)[:, rows], forms)
-        most = ROUGH_STATES if forms is None else STATES
-        sizes = np.where(self.touching[first:last], most, FLIGHT_STATES)
-        before = np.minimum(sizes, np.append(FLIGHT_STATES, sizes[:-1]))
-        after = np.minimum(sizes, np.append(sizes[1:], FLIGHT_STATES))
-        # A step in flight has one operator for all rows.
-        found: list[Step] = [(FLIGHT_STATES, operator) for operator in self.flight_operators[1][first:last]]
-        flight = np.broadcast_to(steps.flight, steps.contact.shape)
-        for i in np.flatnonzero(self.touching[first:last]):
-            size, part = int(after[i]), np.s_[0, :, i, : after[i], : after[i]]
-            matrix = np.ascontiguousarray(steps.matrix[0, :, i, :size, : before[i]])
-            found[i] = (size, OwnSteps(matrix, np.stack((flight[part], steps.contact[part]))))
-        return found
+            return flight
+        windows = self.windows.reshape(1, -1, 2)[:, rows]
+        steps = transitions(self.times[None, first : last + 1], windows, forms)
+        touching = self.touching[first:last]
+        sizes = np.where(touching, ROUGH_STATES if forms is None else STATES, FLIGHT_STATES)
+        flight.states[: last - first] = np.minimum(sizes, np.append(sizes[1:], FLIGHT_STATES))
+        flight.own[: last - first][touching] = np.flatnonzero(touching)
+        return flight._replace(matrix=steps.matrix[0], contact=steps.contact[0])
+
+
+def _frames(observations: Observations, start: int, stop: int) -> Observations:
+    """The observations of the frames ``start`` to ``stop - 1``."""
+    return Observations(*(values[start:stop] for values in observations))
 
 
 def _arranged(values: Array, recordings: Array, which: Array) -> Array:
@@ -266,8 +263,8 @@ def _arranged(values: Array, recordings: Array, which: Array) -> Array:
     return each.reshape(*each.shape[:-2], -1)
 
 
-def _add_flight_after(state: Array, reference: Array, information: Array, sums: InnovationSums) -> None:
-    """Add to ``sums`` the innovations of the frames after the last contact (`FilterBatch._flight_after`)."""
+def _add_flight_after(state: Array, reference: Array, information: Array, logs: Array, squares: Array) -> None:
+    """Add to the sums the innovations of the frames after the last contact (`FilterBatch._flight_after`)."""
     covariance, mean = unpacked(state, FLIGHT_STATES)
     mean = mean - reference
     for i in reversed(range(FLIGHT_STATES)):
@@ -275,12 +272,12 @@ def _add_flight_after(state: Array, reference: Array, information: Array, sums: 
         innovation = information[i, FLIGHT_STATES] + (row * mean).sum(0)
         ahead = (covariance * row).sum(1)
         variance = 1.0 + (row * ahead).sum(0)
-        sums.logs += np.log(variance)
-        sums.squares += innovation**2 / variance
+        logs += np.log(variance)
+        squares += innovation**2 / variance
         gain = ahead / variance
         mean -= gain * innovation
         # Joseph's form, because a difference of covariances would be all rounding.
         covariance -= gain[:, None] * ahead
         covariance -= (covariance * row).sum(1)[:, None] * gain
         covariance += gain[:, None] * gain
-    sums.squares += information[FLIGHT_STATES, FLIGHT_STATES] ** 2
+    squares += information[FLIGHT_STATES, FLIGHT_STATES] ** 2
