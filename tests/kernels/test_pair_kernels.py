@@ -30,10 +30,15 @@ MOTION = (0.6, -0.4, 0.3, -0.5, 0.7)
 CLOSED = [motion_models.rigid, motion_models.finite]
 
 
+@lru_cache(maxsize=1)
+def patterns() -> list[tuple[Tensor, Tensor, tuple[float, float, float]]]:
+    return [pair(MOTION, seed=seed) for seed in (0, 1)]
+
+
 @lru_cache(maxsize=4)
 def pairs(dtype: torch.dtype, noise: float = 2.0) -> Pairs:
     """Two patterns of the example ball, off the pixels' middles."""
-    made = [pair(MOTION, seed=seed) for seed in (0, 1)]
+    made = patterns()
     circles = torch.tensor([circle for _, _, circle in made], dtype=torch.float64)
     half = half_size(float(circles[0, 2]), 8.0)
 
@@ -59,6 +64,7 @@ def assert_loops_agree(function: Callable[[torch.dtype], Tensor], tolerance: flo
 
     To within ``tolerance`` of the largest value.
     """
+    patterns()  # drawn in double precision
     with pytest.MonkeyPatch.context() as patch:
         taken: list[bool] = []
         suits = jit.suits

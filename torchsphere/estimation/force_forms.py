@@ -49,14 +49,14 @@ FORMS = (
 
 def envelope(share: Array, forms: Array) -> Array:
     """Force (..., m) over its height at shares (..., m) of the contact, of forms (..., 6); 0 before and after."""
-    onset, decay, risen, falling, is_hertz = (
-        forms[..., place, None] for place in (ONSET, DECAY, RISEN, FALLING, HERTZ)
-    )
-    inside = np.clip(share, 0.0, 1.0)
-    curved = _power(np.sin(0.5 * math.pi * inside), onset) * _power(np.cos(0.5 * math.pi * inside), decay)
-    straight = np.minimum(1.0, np.minimum(_ratio(inside, risen), _ratio(1 - inside, 1 - falling)))
-    curved = curved / _largest(onset, decay) * np.where(is_hertz > 0, _hertz_over_sine(inside), 1.0)
-    return np.asarray(curved * straight * ((share >= 0) & (share <= 1)))
+    # A report takes the power of Hertz alone, and loads no compiler.
+    from torchsphere.kernels import contact_steps
+
+    forms = np.broadcast_to(forms, (*share.shape[:-1], forms.shape[-1])).reshape(-1, forms.shape[-1])
+    flat = np.ascontiguousarray(share, dtype=np.float64).reshape(-1, share.shape[-1])
+    found = np.empty_like(flat)
+    contact_steps.envelopes(flat, np.ascontiguousarray(forms), hertz_over_sine(), found)
+    return found.reshape(share.shape)
 
 
 def hertz(share: Array) -> Array:
@@ -68,29 +68,9 @@ def hertz(share: Array) -> Array:
     return np.asarray(way ** (HERTZ_POWER / (1 + HERTZ_POWER)))
 
 
-def _hertz_over_sine(share: Array) -> Array:
-    """The force of Hertz over a sine to the same power, from a table: the ratio is smooth, also at the ends."""
-    return np.interp(0.5 - np.abs(share - 0.5), *_hertz_table())
-
-
 @functools.cache
-def _hertz_table() -> tuple[Array, Array]:
-    half = np.linspace(0.0, 0.5, HERTZ_POINTS)
+def hertz_over_sine() -> Array:
+    """The force of Hertz over a sine to the same power (p,), at even shares of 0 to 0.5: smooth, also at the ends."""
     # The ratio is even and nearly constant at the start, where both forces are 0.
-    near = np.maximum(half, 1e-4)
-    return half, hertz(near) / np.sin(math.pi * near) ** HERTZ_POWER
-
-
-def _power(values: Array, power: Array) -> Array:
-    """Values of 0 to 1 to a power: of the rounding below 0, 0; to the power 0, 1."""
-    return np.where(power > 0, np.maximum(values, 0.0) ** np.maximum(power, 1e-9), 1.0)
-
-
-def _ratio(values: Array, whole: Array) -> Array:
-    return np.where(whole > 0, values / np.where(whole > 0, whole, 1.0), np.inf)
-
-
-def _largest(onset: Array, decay: Array) -> Array:
-    """Largest product of a sine to the power ``onset`` and a cosine to the power ``decay``."""
-    total = np.maximum(onset + decay, 1e-9)
-    return _power(np.sqrt(onset / total), onset) * _power(np.sqrt(decay / total), decay)
+    near = np.maximum(np.linspace(0.0, 0.5, HERTZ_POINTS), 1e-4)
+    return np.asarray(hertz(near) / np.sin(math.pi * near) ** HERTZ_POWER)
