@@ -40,7 +40,7 @@ test: $(VENV)/installed-test  ## all checks and all tests
 	# The loops compile on one core while the checks run on another.
 	$(MAKE) -j2 --output-sync=target checks loops
 	# One thread each: processes whose threads compete for the cores slow each other down many times over.
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile --durations=10
 
 dist: $(VENV)/installed-test  ## build sdist and wheel and check them: dist/
 	rm -rf dist

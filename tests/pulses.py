@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import torchsphere as ts
 from torchsphere.geometry.orientation import chain
@@ -76,8 +77,7 @@ def filmed(push: Push, noise_m: float, rng: np.random.Generator) -> Pulse:
     correlation[1, 2] = correlation[2, 1] = -0.95
     covariance = sd[:, None] * correlation * sd
     error = rng.multivariate_normal(np.zeros(5), covariance, size=FRAMES)
-    ones = np.ones(FRAMES, dtype=bool)
-    measured = np.stack([chain(np.stack((0 * e, e)), ones[:2])[1] for e in error[:, 2:]]) @ turned
+    measured = Rotation.from_rotvec(error[:, 2:]).as_matrix() @ turned
     position = np.stack((position_px, np.full(FRAMES, 50.0)), 1) + error[:, :2]
     between = measured[1:] @ np.swapaxes(measured[:-1], 1, 2)
     # The rotation vector of a small rotation, from the odd part of its matrix.

@@ -13,7 +13,7 @@ from torchsphere.cli.main import main
 from torchsphere.synthetic.demo_shot import RADIUS_PX, Shot
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def results(tmp_path_factory: pytest.TempPathFactory, demo_shot: Shot) -> Path:
     """Results of twelve frames after the demo's impact: in SI units, in the lab frame, in px, and of a lost ball."""
     folder = tmp_path_factory.mktemp("browser")
