@@ -6,6 +6,7 @@ step's matrix is the covariance of all poses, with the uncertainty of the map.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -146,24 +147,27 @@ def _may_show_lens(adjustment: Adjustment, view: View, shared: RowRunner) -> boo
     state = view.of(adjustment.state.take(rows))
     at = equations_of(state, view.unknowns, shared)
     step = at.joint.approximate(*gradients(at, view.unknowns)).step
-    return bool(_seen(view.unknowns, step[PER_IMAGE * len(rows) :], at.joint.covariance))
+    return bool(_seen(view.unknowns, step[PER_IMAGE * len(rows) :], at.joint.covariance, state))
 
 
-def _seen(unknowns: SharedUnknowns, values: Tensor, covariance: Tensor) -> SharedUnknowns:
-    """Those of the ``unknowns`` that the images show, if a lens is among them.
+def _seen(unknowns: SharedUnknowns, values: Tensor, covariance: Tensor, state: State) -> SharedUnknowns:
+    """Those of the ``unknowns`` that the images of a ``state`` show, if a lens is among them.
 
     The camera's nearness alone is told on fine cells. The ``values`` (k,) have their variances in the ``covariance``.
     """
     first = len(covariance) - COMMON - len(unknowns)
-    sds = covariance.diagonal()[first:].sqrt()
-    seen = tuple(one for one, value, sd in zip(unknowns, values, sds, strict=False) if is_seen(float(value), float(sd)))
+    # A texture that passes for outline changes the ball's shape as a lens does.
+    radius = float(state.ball.radius)
+    of_shape = radius_error.of_model(state.poses.orientation, radius) / radius
+    sds = [math.hypot(of_shape, sd) for sd in covariance.diagonal()[first:].sqrt().tolist()]
+    seen = tuple(one for one, value, sd in zip(unknowns, values, sds, strict=False) if is_seen(float(value), sd))
     return () if seen == (nearness.UNKNOWN,) else seen
 
 
 def _lens_of(adjustment: Adjustment) -> SharedUnknowns:
     """Those of its unknowns that the images show, if a lens is among them."""
     values = torch.stack([unknown.value(adjustment.state) for unknown in adjustment.unknowns])
-    return _seen(adjustment.unknowns, values, adjustment.covariance)
+    return _seen(adjustment.unknowns, values, adjustment.covariance, adjustment.state)
 
 
 def _with_lens_alone(adjustment: Adjustment) -> Adjustment:
