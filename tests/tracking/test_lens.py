@@ -92,7 +92,7 @@ def test_pixels_that_are_wide_are_found() -> None:
 
 
 def test_a_texture_at_the_outline_of_a_ball_that_hardly_turns_is_no_lens() -> None:
-    # In 12 frames the demo's ball turns by 3 deg: pixels 1.0007 wide and a camera behind the ball explained its texture.
+    # In 12 frames the ball turns by 3 deg: pixels 1.0007 wide and a camera behind the ball explained its texture.
     shot = demo_shot.make_shot()
     track = ts.track(shot.images[:12], (*shot.position[0].tolist(), demo_shot.RADIUS_PX), log=False)
     assert not made_map(track).has_lens
