@@ -152,10 +152,10 @@ def adjust_level(state: State, level: Level, shared: RowRunner, moved: float = 0
         left, ratio = _left(along), move / moved if moved else 0.5
         # A short move may follow a long one by chance, and a long one it.
         longest, moved = max(move, moved) if level.is_last else move, move
-        if left * longest < 1 and not is_bound:
+        # Moves that stay as long as they were have not settled, wherever they go.
+        has_settled = max(left, _left(ratio)) * move_px < max(level.settled_px, MAX_UNSETTLED_PX)
+        if left * longest < 1 and has_settled and not is_bound:
             break
-    # Moves that stay as long as they were have not settled, wherever they go.
-    has_settled = max(left, _left(ratio)) * move_px < max(level.settled_px, MAX_UNSETTLED_PX)
     return Adjustment(state, joint.covariance, has_settled, last=last, unknowns=level.unknowns, move=move)
 
 
