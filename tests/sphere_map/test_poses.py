@@ -9,6 +9,7 @@ import torch
 from shots import angles_between, noisy, rotation_matrix, speckle
 from tracks import made_map, no_map
 
+from experiments.validation.attack_cases import CASES
 from torchsphere import Circle, track
 from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map import bundle_adjustment, pose_errors, poses, radius_error, registration
@@ -258,3 +259,10 @@ def test_images_that_the_map_does_not_explain_tell_nothing_of_the_cameras_distan
     # With a camera that is given, or telecentric, there is nothing to find.
     given = replace(found, sd_nearness=0.0)
     assert poses._widened(given, np.full(6, factor)).sd_nearness == 0
+
+
+@pytest.mark.parametrize("seed", [305, 306])
+def test_a_steady_flight_has_a_map(seed: int) -> None:
+    # The first steps of 305 move the poses by half a px twice: an adjustment that ended there was no map.
+    flight = CASES["nothing"](seed)
+    assert made_map(track(flight.images, log=False)).frames == len(flight.images)
