@@ -70,24 +70,25 @@ def filtered(
     states: int,
     steps: Steps,
     seen: Observations,
-    intensities: tuple[Array, Array | None],
+    intensities: tuple[Array, Array],
     recordings: Numbers,
     whitened: Array | None = None,
 ) -> tuple[Array, Array, Array]:
     """State after the last step, and sums (b, s) of the innovations' logarithms and squares.
 
     ``state`` (rows, b, s) are filters of so many ``states``, s / k of each of the k degrees of freedom side by side;
-    the ``intensities`` (b, s) are those in flight and in contact, and ``recordings`` (b,) those of the rows. Room for
-    ``whitened`` innovations (f, values, b, s) is filled; without it there is one value.
+    the ``intensities`` (b, s) are those in flight and in contact (without steps in contact not read), and
+    ``recordings`` (b,) those of the rows. Room for ``whitened`` innovations (f, values, b, s) is filled; without it
+    there is one value.
     """
     values = 1 if whitened is None else whitened.shape[1]
     most = max(states, int(steps.states.max(initial=0)))
     room = np.zeros((row_count(most, values), *state.shape[1:]))
     room[: len(state)] = state
-    flight, contact = (np.ascontiguousarray(intensities[0 if v is None else i]) for i, v in enumerate(intensities))
+    # The loops are compiled for contiguous arrays alone.
+    flight, contact = np.ascontiguousarray(intensities[0]), np.ascontiguousarray(intensities[1])
     logs, squares = np.zeros((2, *flight.shape))
     whitened = np.empty((0, 0, 0, 0)) if whitened is None else whitened
-    # The loops are compiled for contiguous arrays alone.
     steps, seen = Steps._make(map(np.ascontiguousarray, steps)), Observations._make(map(np.ascontiguousarray, seen))
     loops.run(Bank(room, flight, contact, recordings, values, logs, squares, whitened), states, steps, seen)
     left = int(steps.states[-1]) if len(steps.states) else states

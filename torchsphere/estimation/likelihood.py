@@ -205,7 +205,7 @@ class FilterBatch:
         start = unknown_states(FLIGHT_STATES, np.repeat(self.value[0], flights.shape[1] // k, -1))
         steps = in_flight(self.flight[:first], self.white[:first], begins=True)
         seen = _frames(self.observations, 0, first + 1)
-        return filtered(start, FLIGHT_STATES, steps, seen, (flights, None), np.arange(n))
+        return filtered(start, FLIGHT_STATES, steps, seen, (flights, flights), np.arange(n))
 
     def _settled_frame(self, last: int) -> int:
         """Frame by which the state left unknown at frame ``last`` is known from frames seen since."""
@@ -229,7 +229,7 @@ class FilterBatch:
         reference = np.stack((0 * rate, -rate, 0 * rate)).repeat(flights.shape[1] // k, -1)
         start, steps = known_states(FLIGHT_STATES, reference), in_flight(self.flight[last:], self.white[last:])
         whitened = np.zeros((len(steps.states), 1 + FLIGHT_STATES, *flights.shape))
-        _, logs, _ = filtered(start, FLIGHT_STATES, steps, observations, (flights, None), np.arange(n), whitened)
+        _, logs, _ = filtered(start, FLIGHT_STATES, steps, observations, (flights, flights), np.arange(n), whitened)
         rows = np.moveaxis(whitened[:, [1, 2, 3, 0]], (0, 1), (-2, -1))
         information = np.asarray(np.linalg.qr(rows, mode="r"))
         return reference, np.moveaxis(information, (-2, -1), (0, 1)), logs
