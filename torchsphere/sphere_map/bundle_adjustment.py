@@ -16,7 +16,7 @@ from torch import Tensor
 from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import cube_map, exposure_share, light, map_fit, nearness, pixel_weights, radius_error
 from torchsphere.sphere_map.ball import LIGHT_TERMS, Poses, TexturedBall, uniform_light
-from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
+from torchsphere.sphere_map.elimination import PER_IMAGE
 from torchsphere.sphere_map.footprint import fit_footprint, with_footprint_of_outline
 from torchsphere.sphere_map.lens import View, is_seen
 from torchsphere.sphere_map.level import (
@@ -80,13 +80,17 @@ def adjust(
     state = _with_first_map(state, max(COARSE_PX, cell_px), shared)
     level = Level(coarse, COARSE_SETTLED_PX, 20, is_last=False, unknowns=lens)
     adjustment = adjust_level(state, level, shared)
+    longer = None if is_exposure_known else exposure_share.unknown_from(windows)
+    if view is not None and longer is not None:
+        # What smears the outline along the motion looks like pixels that are not square.
+        view = replace(view, beside=(longer,))
     if view is not None and _shows_lens(adjustment, view, level, shared):
-        watched = adjust_level(view.of(state), level._replace(unknowns=view.unknowns), shared)
-        if watched.settled and _lens_of(watched):
-            return _with_lens_alone(watched)
+        watched = adjust_level(view.of(state), level._replace(unknowns=view.all), shared)
+        if watched.settled and _lens_of(watched, view.unknowns):
+            return _with_lens_alone(watched, view.unknowns)
     if lens:
         # Cut through the lens, the windows show better what belongs to it.
-        adjustment = _with_lens_alone(adjustment)
+        adjustment = _with_lens_alone(adjustment, lens)
         lens = adjustment.lens
     _report(progress, 0.4)
     if not adjustment.settled:
@@ -136,8 +140,8 @@ def _shows_lens(adjustment: Adjustment, view: View, level: Level, shared: RowRun
         return True
     if not _may_show_lens(adjustment, view, shared):
         return False
-    once = level._replace(unknowns=view.unknowns, max_steps=1)
-    return bool(_lens_of(adjust_level(view.of(adjustment.state), once, shared)))
+    once = level._replace(unknowns=view.all, max_steps=1)
+    return bool(_lens_of(adjust_level(view.of(adjustment.state), once, shared), view.unknowns))
 
 
 def _may_show_lens(adjustment: Adjustment, view: View, shared: RowRunner) -> bool:
@@ -145,17 +149,18 @@ def _may_show_lens(adjustment: Adjustment, view: View, shared: RowRunner) -> boo
     count = len(adjustment.state.poses)
     rows = torch.linspace(0, count - 1, min(count, LENS_IMAGES)).round().long().unique()
     state = view.of(adjustment.state.take(rows))
-    at = equations_of(state, view.unknowns, shared)
-    step = at.joint.approximate(*gradients(at, view.unknowns)).step
+    at = equations_of(state, view.all, shared)
+    step = at.joint.approximate(*gradients(at, view.all)).step
     return bool(_seen(view.unknowns, step[PER_IMAGE * len(rows) :], at.joint.covariance, state))
 
 
 def _seen(unknowns: SharedUnknowns, values: Tensor, covariance: Tensor, state: State) -> SharedUnknowns:
     """Those of the ``unknowns`` that the images of a ``state`` show, if a lens is among them.
 
-    The camera's nearness alone is told on fine cells. The ``values`` (k,) have their variances in the ``covariance``.
+    The camera's nearness alone is told on fine cells. The ``values`` (k,) have their variances in the ``covariance``
+    after those of the poses.
     """
-    first = len(covariance) - COMMON - len(unknowns)
+    first = PER_IMAGE * len(state.poses)
     # A texture that passes for outline changes the ball's shape as a lens does.
     radius = float(state.ball.radius)
     of_shape = radius_error.of_model(state.poses.orientation, radius) / radius
@@ -164,15 +169,15 @@ def _seen(unknowns: SharedUnknowns, values: Tensor, covariance: Tensor, state: S
     return () if seen == (nearness.UNKNOWN,) else seen
 
 
-def _lens_of(adjustment: Adjustment) -> SharedUnknowns:
-    """Those of its unknowns that the images show, if a lens is among them."""
-    values = torch.stack([unknown.value(adjustment.state) for unknown in adjustment.unknowns])
-    return _seen(adjustment.unknowns, values, adjustment.covariance, adjustment.state)
+def _lens_of(adjustment: Adjustment, unknowns: SharedUnknowns) -> SharedUnknowns:
+    """Those of its first ``unknowns`` that the images show, if a lens is among them."""
+    values = torch.stack([unknown.value(adjustment.state) for unknown in unknowns])
+    return _seen(unknowns, values, adjustment.covariance, adjustment.state)
 
 
-def _with_lens_alone(adjustment: Adjustment) -> Adjustment:
-    """The ``adjustment`` on coarse cells with the unknowns of a lens that the images show, or all if they show none."""
-    state, seen = adjustment.state, _lens_of(adjustment) or adjustment.unknowns
+def _with_lens_alone(adjustment: Adjustment, unknowns: SharedUnknowns) -> Adjustment:
+    """The ``adjustment`` on coarse cells with those ``unknowns`` of a lens that the images show, or all of them."""
+    state, seen = adjustment.state, _lens_of(adjustment, unknowns) or unknowns
     for unknown in adjustment.unknowns:
         if unknown not in seen:
             state = unknown.changed(state, -unknown.value(state))

@@ -48,6 +48,12 @@ class View:
 
     far: Optics
     unknowns: SharedUnknowns
+    beside: SharedUnknowns = ()  # that change the ball's shape, too, and may explain what looks like a lens
+
+    @property
+    def all(self) -> SharedUnknowns:
+        """The unknowns in the order of their columns."""
+        return (*self.unknowns, *self.beside)
 
     def of(self, state: State) -> State:
         """The ``state`` as this camera sees it."""
