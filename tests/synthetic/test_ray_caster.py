@@ -91,6 +91,15 @@ def test_compiled_loops_and_torch_draw_the_same_image() -> None:
     assert (drawn[0] - drawn[1]).abs().quantile(0.99) < 1e-3
 
 
+def test_what_is_no_rotation_or_no_cube_draws_nothing_that_looks_like_a_level() -> None:
+    given = ray_caster.speckle(2, radius_px=15.0), centre(20.3, 19.6).float(), 15.0
+    drawn = ray_caster.render(*given, torch.full((1, 3, 3), math.nan), 90.0, shape=(36, 42))[0]
+    assert torch.isnan(drawn[20, 20])
+    assert float(drawn[0, 0]) == 90.0
+    with pytest.raises(ValueError, match="as many nodes along each axis"):
+        ray_caster.render(Pattern(torch.zeros(8, 8, 4)), *given[1:], torch.eye(3)[None], 90.0, shape=(36, 42))
+
+
 def test_an_image_is_differentiable_by_the_position() -> None:
     pattern = ray_caster.speckle(0, radius_px=12.0)
     at = centre(20.3, 20.6).requires_grad_()

@@ -14,6 +14,9 @@ from torchsphere.kernels.jit import Doubles, compiled
 
 _FLIGHT, _HEIGHT, _RATE, _STATES = 3, 3, 4, 5
 
+#: Places of the numbers in a form.
+_ONSET, _DECAY, _RISEN, _FALLING, _ROUGHNESS, _HERTZ = range(6)
+
 
 class Tables(NamedTuple):
     """What all steps look up."""
@@ -35,13 +38,13 @@ def envelopes(shares: Doubles, forms: Doubles, hertz: Doubles, found: Doubles) -
 
 @compiled
 def _envelope(share: Any, form: Doubles, hertz: Doubles) -> Any:
-    if share < 0.0 or share > 1.0:
-        return 0.0
-    onset, decay, risen, falling = form[0], form[1], form[2], form[3]
+    if not 0.0 <= share <= 1.0:
+        return 0.0 * share  # what is no number stays none, and makes no index
+    onset, decay, risen, falling = form[_ONSET], form[_DECAY], form[_RISEN], form[_FALLING]
     level = _power(math.sin(0.5 * math.pi * share), onset) * _power(math.cos(0.5 * math.pi * share), decay)
     total = max(onset + decay, 1e-9)
     level /= _power(math.sqrt(onset / total), onset) * _power(math.sqrt(decay / total), decay)
-    if form[5] > 0.0:
+    if form[_HERTZ] > 0.0:
         place = (0.5 - abs(share - 0.5)) * 2.0 * (len(hertz) - 1)
         node = min(int(place), len(hertz) - 2)
         level *= hertz[node] + (place - node) * (hertz[node + 1] - hertz[node])
@@ -131,7 +134,7 @@ def _formed(
     first: Any, last: Any, length: Any, form: Doubles, tables: Tables, matrix: Doubles, covariance: Doubles
 ) -> None:
     """Step from ``first`` to ``last``, since the start of a contact whose force has a form."""
-    duration, roughness = last - first, form[4]
+    duration, roughness = last - first, form[_ROUGHNESS]
     at_end = _envelope(last / length, form, tables.hertz)
     _flight(duration, matrix)
     matrix[_HEIGHT, _HEIGHT] = matrix[_RATE, _RATE] = 1.0
@@ -149,9 +152,10 @@ def _formed(
         for a in range(_STATES):
             for b in range(_STATES):
                 covariance[a, b] += weight * roughness * response[a] * response[b]
-    if form[2] > 0.0:
-        _add_kink(first, duration, length, form[2], form[2], tables, matrix)
-        _add_kink(first, duration, length, form[3], 1.0 - form[3], tables, matrix)
+    risen, falling = form[_RISEN], form[_FALLING]
+    if risen > 0.0:
+        _add_kink(first, duration, length, risen, risen, tables, matrix)
+        _add_kink(first, duration, length, falling, 1.0 - falling, tables, matrix)
 
 
 @compiled
@@ -193,7 +197,7 @@ def _start(length: Any, form: Doubles, is_formed: bool, slope_variance: Any, fou
         found[_HEIGHT, _HEIGHT] = length
         return
     # The height is of unit variance in the middle of the contact, and changes from there to both sides.
-    change = slope_variance * form[4]
+    change = slope_variance * form[_ROUGHNESS]
     found[_HEIGHT, _HEIGHT] = (1 + change / 4) * length**3
     found[_HEIGHT, _RATE] = found[_RATE, _HEIGHT] = -change / 2 * length**2
     found[_RATE, _RATE] = change * length

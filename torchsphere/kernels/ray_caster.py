@@ -11,6 +11,7 @@ from torch import Tensor
 from torchsphere.kernels.jit import ONE, ZERO, Floats, Integers, arrays, compiled
 
 _HALF, _TINY, _NEXT = np.float32(0.5), np.float32(1e-6), np.uint64(1)
+_NONE = np.float32(np.nan)
 
 
 def mean_levels(
@@ -24,6 +25,8 @@ def mean_levels(
     half_width: float,
 ) -> Tensor:
     """`ray_caster._mean_of_parallel_rays`."""
+    if len(set(volume.shape)) > 1 or len(volume) < 2:
+        raise ValueError(f"expected a pattern of as many nodes along each axis, two or more, got {tuple(volume.shape)}")
     found = torch.empty(len(pixels))
     _mean_levels(
         *arrays(volume, pixels, offsets, centre, turn, still, found),
@@ -68,7 +71,9 @@ def _mean_levels(
 
 @compiled
 def _level_at(volume: Floats, x: Any, y: Any, z: Any) -> Any:
-    """Level of the pattern's cube at a point, half its width as unit, between its eight nearest nodes."""
+    """Level of the pattern's cube at a point, half its width as unit, between its eight nearest nodes; NaN outside."""
+    if not (abs(x) <= ONE and abs(y) <= ONE and abs(z) <= ONE):
+        return _NONE
     last = np.float32(len(volume) - 2)
     half = _HALF * (last + ONE)
     u, v, w = (x + ONE) * half, (y + ONE) * half, (z + ONE) * half
