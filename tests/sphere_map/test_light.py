@@ -10,7 +10,7 @@ from shots import rotation_matrix
 from torchsphere.sphere_map import forward_model, light
 from torchsphere.sphere_map.ball import Poses, uniform_light
 from torchsphere.sphere_map.pixel_weights import uniform_profile
-from torchsphere.sphere_map.state import State, fit_map
+from torchsphere.sphere_map.state import State, fit_map, linearised
 
 LIGHT = [1.0, -0.2, 0.1, 0.0]
 
@@ -63,3 +63,13 @@ def test_a_ball_that_hardly_turns_is_fitted_all_the_same() -> None:
     assert bool(torch.isfinite(after.ball.light).all())
     assert float(after.ball.light[1:].abs().max()) < 1
     assert residual(after) < 1.2
+
+
+def test_the_column_of_a_linear_unknown_is_that_of_central_differences() -> None:
+    state = lit(3.0, LIGHT)
+    model = linearised(state, one_share)
+    for term in light.unknowns(1.0):
+        found = term.column(state, model, one_share)
+        expected = replace(term, is_linear=False).column(state, model, one_share)
+        assert float(expected.abs().max()) > 10
+        torch.testing.assert_close(found, expected, rtol=0, atol=2e-3)

@@ -16,6 +16,7 @@ from torch import Tensor
 from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import cube_map, exposure_share, light, map_fit, nearness, pixel_weights, radius_error
 from torchsphere.sphere_map.ball import LIGHT_TERMS, Poses, TexturedBall, uniform_light
+from torchsphere.sphere_map.decision import MAX_MISFIT
 from torchsphere.sphere_map.elimination import PER_IMAGE
 from torchsphere.sphere_map.footprint import fit_footprint, with_footprint_of_outline
 from torchsphere.sphere_map.lens import View, is_seen
@@ -98,6 +99,7 @@ def adjust(
         return adjustment
     fine = cube_map.cells_per_face(radius, cell_px)
     last = Level(fine, LAST_SETTLED_PX, MAX_STEPS, is_last=True, is_blurred=optics_px > 0, unknowns=lens)
+    last = last._replace(most_residual=MAX_MISFIT * noise_variance)
     # The noise as the steps between images saw it may hold more than noise, and so may a residual on coarse cells.
     noise = min(noise_variance, float(adjustment.state.profile.variance[0]))
     state = replace(adjustment.state, smoothness=map_fit.smoothness_for(noise, texture_variance(windows)))

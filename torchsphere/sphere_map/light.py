@@ -73,7 +73,7 @@ def _term(number: int, prior_sd: float) -> SharedUnknown:
         added = torch.zeros_like(state.ball.light).index_fill(0, torch.tensor(number, device=change.device), 1.0)
         return state.with_light(state.ball.light + change * added)
 
-    return SharedUnknown(value, changed, TERM_SD, prior_sd, MAX_CHANGE, LAST_CHANGE)
+    return SharedUnknown(value, changed, TERM_SD, prior_sd, MAX_CHANGE, LAST_CHANGE, is_linear=True)
 
 
 def _seen_share(state: State, shared: RowRunner) -> float:

@@ -174,7 +174,7 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
         settled = replace(settled, adjustment=adjustment)
         misfit = float(adjustment.state.profile.variance[0]) / noise
         shown = first_radius, asked.circle.radius, float(ball.edge_blur), blur.optics_px, misfit
-        refused = refused_as_unsettled(adjustment.settled) or refusal(*shown)
+        refused = refusal(*shown) or refused_as_unsettled(adjustment.settled)
         if refused:
             return refused
         numbers, found, widened = _on_map(settled.frames, keys, settled.initial, adjustment, shared, asked.report)

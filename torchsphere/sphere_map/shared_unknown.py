@@ -1,7 +1,8 @@
 """Unknowns that all images share, beside map, poses, radius and blur: each is a description, and a column of the step.
 
-A column is the change of the drawn grey levels with the unknown, by finite differences. What the images do not tell of
-an unknown is held by its prior.
+A column is the change of the drawn grey levels with the unknown, by finite differences: central ones, but of a linear
+unknown, where one drawing beside that of the model is exact. What the images do not tell of an unknown is held by its
+prior.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import elimination
 from torchsphere.sphere_map.elimination import COMMON, GEOMETRY, PER_IMAGE, JointEquations
 from torchsphere.sphere_map.forward_model import MIN_BLUR_PX, Linearisation
-from torchsphere.sphere_map.state import State, drawn
+from torchsphere.sphere_map.state import State, linearised
 
 #: Most conjugate gradients for the response of map and poses (docs/constants.toml).
 SOLVER_STEPS = 60
@@ -35,18 +36,20 @@ class SharedUnknown:
     prior_sd: float
     max_change: float  # at once: further away the grey levels are not linear in the unknown
     last_change: float  # below which the unknown has settled
+    is_linear: bool = False  # whether the grey levels are
 
     @property
     def precision(self) -> float:
         """Of the prior."""
         return 1 / self.prior_sd**2
 
-    def column(self, state: State, shared: RowRunner) -> Tensor:
-        """Change of the drawn grey levels (n, s, s) per change of the unknown."""
+    def column(self, state: State, model: Linearisation, shared: RowRunner) -> Tensor:
+        """Change of the drawn grey levels (n, s, s) per change of the unknown, at the ``model`` of the ``state``."""
         step = torch.full_like(state.ball.radius, self.step)
-        coefficients = state.ball.coefficients
-        more, less = (drawn(self.changed(state, h), shared).levels(coefficients) for h in (step, -step))
-        return (more - less) / (2 * self.step)
+        more = linearised(self.changed(state, step), shared).levels
+        if self.is_linear:
+            return (more - model.levels) / self.step
+        return (more - linearised(self.changed(state, -step), shared).levels) / (2 * self.step)
 
 
 #: Unknowns in the order of their columns.
@@ -57,7 +60,7 @@ def with_columns(unknowns: SharedUnknowns, state: State, model: Linearisation, s
     """The ``model`` at the ``state`` with columns for the ``unknowns`` after those that it has."""
     if not unknowns:
         return model
-    columns = [unknown.column(state, shared).flatten(1).unsqueeze(-1) for unknown in unknowns]
+    columns = [unknown.column(state, model, shared).flatten(1).unsqueeze(-1) for unknown in unknowns]
     return Linearisation(model.levels, torch.cat((model.jacobian, *columns), -1))
 
 
@@ -109,7 +112,7 @@ def measure(
     unknown: SharedUnknown, state: State, model: Linearisation, joint: JointEquations, shared: RowRunner
 ) -> SharedChange:
     """The Gauss-Newton step of an ``unknown`` that has no column in the ``joint`` equations of the ``model``."""
-    column, value = unknown.column(state, shared), unknown.value(state)
+    column, value = unknown.column(state, model, shared), unknown.value(state)
     equations, weights = joint.map, joint.map.weights
     residual = state.windows.levels - model.levels
 
