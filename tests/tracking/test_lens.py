@@ -8,6 +8,8 @@ from shots import noisy, rotation_matrix
 from tracks import made_map
 
 import torchsphere as ts
+from experiments.validation import seeds
+from experiments.validation.attack_cases import CASES
 from torchsphere.synthetic import demo_shot, ray_caster
 
 Array = NDArray[np.float64]
@@ -95,5 +97,14 @@ def test_a_texture_at_the_outline_of_a_ball_that_hardly_turns_is_no_lens() -> No
     # In 12 frames the ball turns by 3 deg: pixels 1.0007 wide and a camera behind the ball explained its texture.
     shot = demo_shot.make_shot()
     track = ts.track(shot.images[:12], (*shot.position[0].tolist(), demo_shot.RADIUS_PX), log=False)
+    assert not made_map(track).has_lens
+    assert made_map(track).radius_over_distance == 0
+
+
+def test_a_lamp_from_one_side_is_no_lens() -> None:
+    # The dark side of the outline is seen further in: 16 frames had a lens, and a camera behind the ball.
+    made = CASES["lamp from one side"](seeds.SPENT["attack"][0])
+    track = ts.track(made.images[:FRAMES], log=False)
+    assert (track.status == "ok").all()
     assert not made_map(track).has_lens
     assert made_map(track).radius_over_distance == 0

@@ -82,9 +82,9 @@ def adjust(
     level = Level(coarse, COARSE_SETTLED_PX, 20, is_last=False, unknowns=lens)
     adjustment = adjust_level(state, level, shared)
     longer = None if is_exposure_known else exposure_share.unknown_from(windows)
-    if view is not None and longer is not None:
-        # What smears the outline along the motion looks like pixels that are not square.
-        view = replace(view, beside=(longer,))
+    if view is not None:
+        # What smears the outline along the motion looks like pixels that are not square, and a lamp like a lens.
+        view = replace(view, beside=(*light.unknowns(1.0), *(() if longer is None else (longer,))))
     if view is not None and _shows_lens(adjustment, view, level, shared):
         watched = adjust_level(view.of(state), level._replace(unknowns=view.all), shared)
         if watched.settled and _lens_of(watched, view.unknowns):
@@ -147,12 +147,15 @@ def _shows_lens(adjustment: Adjustment, view: View, level: Level, shared: RowRun
 
 
 def _may_show_lens(adjustment: Adjustment, view: View, shared: RowRunner) -> bool:
-    """Whether some images of an ``adjustment`` show a lens, by an approximate step, which hardly costs anything."""
+    """Whether some images of an ``adjustment`` may show a lens, by an approximate step, which hardly costs anything.
+
+    What may explain it otherwise is left out: where the map takes no part, a light from a side explains too much.
+    """
     count = len(adjustment.state.poses)
     rows = torch.linspace(0, count - 1, min(count, LENS_IMAGES)).round().long().unique()
     state = view.of(adjustment.state.take(rows))
-    at = equations_of(state, view.all, shared)
-    step = at.joint.approximate(*gradients(at, view.all)).step
+    at = equations_of(state, view.unknowns, shared)
+    step = at.joint.approximate(*gradients(at, view.unknowns)).step
     return bool(_seen(view.unknowns, step[PER_IMAGE * len(rows) :], at.joint.covariance, state))
 
 
