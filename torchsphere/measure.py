@@ -42,7 +42,7 @@ from torchsphere.results.writer import Measurement, versions
 from torchsphere.runtime import steps, threads
 from torchsphere.runtime.file_hash import hash_files
 from torchsphere.runtime.warning_levels import by_level, note, severe
-from torchsphere.settings.calibration import Calibration
+from torchsphere.settings.calibration import Calibration, exposure_share
 from torchsphere.settings.choices import MAPS
 from torchsphere.settings.limits import SettingError
 from torchsphere.tracking.follow import Progress, Watch
@@ -145,7 +145,7 @@ def _track(
 ) -> Track:
     # Without this argument `track` chooses a region of interest for the ball.
     roi: dict[str, Any] = {} if request.roi is None else {"roi": request.roi}
-    exposure = _exposure(request, known.frame_rate)
+    exposure = None if request.shutter_us is None else exposure_share(request.shutter_us, known.frame_rate)
     found = track(
         chosen,
         request.circle,
@@ -164,21 +164,6 @@ def _track(
         **calls,
     )
     return dataclasses.replace(found, calibration=known)
-
-
-def _exposure(request: Request, frame_rate: float | None) -> float | None:
-    """The exposure that was given over the time between frames; None where none was."""
-    if request.shutter_us is None:
-        return None
-    if frame_rate is None:
-        raise SettingError("`shutter_us` was given, but no frame rate is known to compare it with; give `fps`, too")
-    share = 1e-6 * request.shutter_us * frame_rate
-    if share > 1 + 1e-6:
-        raise SettingError(
-            f"`shutter_us` = {request.shutter_us:g}: longer than the {1e6 / frame_rate:.4g} us from frame to frame; "
-            "give the exposure time, or correct `fps`"
-        )
-    return min(share, 1.0)
 
 
 def _check_class(request: Request, frame_rate: float | None, intervals: NDArray[np.float64] | None) -> None:

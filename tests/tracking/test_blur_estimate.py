@@ -1,7 +1,6 @@
 """A ball that moves by several px while the shutter is open: the share of that time, and the motion."""
 
 import functools
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,11 +9,10 @@ from shots import noisy, rotation_matrix, speckle
 from tracks import made_map
 
 import torchsphere as ts
-from torchsphere import measure
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import interpolation
 from torchsphere.recording.frame_source import Source
-from torchsphere.request import Request
+from torchsphere.settings.calibration import exposure_share
 from torchsphere.synthetic import ray_caster
 from torchsphere.tracking.blur_estimate import estimate_blur
 
@@ -113,21 +111,26 @@ def test_an_exposure_that_is_given_counts_and_one_out_of_range_is_refused() -> N
         ts.track(images, circle, exposure=1.5)
 
 
-def request(**settings: float) -> Request:
-    return Request(input=Path("a.tif"), out=Path("out"), **settings)
-
-
 def test_the_time_that_is_given_becomes_a_share() -> None:
-    assert measure._exposure(request(shutter_us=20), 1e4) == pytest.approx(0.2)
-    assert measure._exposure(request(), 1e4) is None
-    assert measure._exposure(request(), None) is None
+    assert exposure_share(20, 1e4) == pytest.approx(0.2)
+    # The whole interval, but for the rounding of its time in us.
+    assert exposure_share(27.777778, 36_000) == 1.0
 
 
-def test_an_exposure_without_a_frame_rate_or_longer_than_a_frame_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"shutter_us was given, but no frame rate is known .*; give fps, too"):
-        measure._exposure(request(shutter_us=20), None)
-    with pytest.raises(ValueError, match=r"shutter_us = 200: longer than the 100 us from frame to frame"):
-        measure._exposure(request(shutter_us=200), 1e4)
+@pytest.mark.parametrize(
+    ("shutter_us", "rate", "sentence"),
+    [
+        (20, None, "shutter_us was given, but no frame rate is known .*; give fps, too"),
+        (200, 1e4, "shutter_us = 200: longer than the 100 us from frame to frame"),
+    ],
+)
+def test_an_exposure_without_a_frame_rate_or_longer_than_a_frame_is_refused(
+    shutter_us: float, rate: float | None, sentence: str
+) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        exposure_share(shutter_us, rate)
+    with pytest.raises(ValueError, match=sentence):
+        ts.track(np.zeros((3, 64, 64)), frame_rate=rate, shutter_us=shutter_us)
 
 
 def test_the_map_of_a_defocused_ball_starts_from_its_blur_and_finds_the_radius() -> None:

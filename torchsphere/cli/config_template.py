@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Mapping
 from typing import Any
 
+from torchsphere.settings.configuration import toml_value
 from torchsphere.settings.setting import Group, Setting
 
 #: Examples in TOML of settings without a default that a file could state.
@@ -54,7 +54,7 @@ def template(command: str, settings: Mapping[str, Setting]) -> str:
 
 def _value(setting: Setting) -> str:
     """The default in TOML, or an example."""
-    return EXAMPLES.get(setting.name) or json.dumps(setting.default)
+    return EXAMPLES.get(setting.name) or toml_value(setting.name, setting.default)
 
 
 def _capital(text: str) -> str:

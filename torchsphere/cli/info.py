@@ -76,23 +76,21 @@ def _facts(recording: Recording) -> list[tuple[str, str]]:
 def _preview(recording: Recording, path: Path) -> int:
     """Draw the circle that is found, with all that may be the ball, or else the first image with a grid."""
     with loading_libraries():
-        from torchsphere.correlation.options import Options
         from torchsphere.errors.raw_mosaic import about
-        from torchsphere.imaging.colour_mosaic import without_mosaic
         from torchsphere.recording.frame_source import Source
         from torchsphere.report.preview_figure import grid_figure, preview_figure
-        from torchsphere.tracking.initial_circle import find_initial_circle
+        from torchsphere.tracking.start import found_in
 
-    source, patterns = without_mosaic(Source.open(recording, "cpu").standardised())
-    if patterns:
-        print(f"{'note':<11} {as_options(about(patterns, recording))}")
     try:
-        circle, _ = find_initial_circle(source, None, None, False, Options())
+        ready = found_in(Source.open(recording, "cpu").standardised())
     except SettingError as error:
         grid_figure(path, recording.images(0, 1)[0], "frame 0: no ball was found; read its --circle X,Y,R off the grid")
         print(f"{'circle':<11} {error.as_options()}")
         print(f"{'preview':<11} {path}   (frame 0 with a grid)")
         return UNUSABLE
+    if ready.mosaic:
+        print(f"{'note':<11} {as_options(about(ready.mosaic, recording))}")
+    circle = ready.start.circle
     image, text = recording.images(circle.frame, circle.frame + 1)[0], circle.text()
     preview_figure(path, image, circle, f"frame {circle.frame}: --circle {text}")
     print(f"{'circle':<11} --circle {text}   ({circle.sd_text}; frame {circle.frame})")

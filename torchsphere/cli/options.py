@@ -1,4 +1,8 @@
-"""Options of the command line from descriptions of settings, and options of several commands."""
+"""Options of the command line from descriptions of settings, and options of several commands.
+
+The descriptions themselves stand where the settings are taken: `request` for a measurement, `plan_request` and
+`instrument_request` for the other commands.
+"""
 
 from __future__ import annotations
 

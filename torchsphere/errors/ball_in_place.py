@@ -46,7 +46,7 @@ def _of_limbs(place: Place) -> list[str]:
                 "if it does; leave `in_place` out."
             )
         )
-    if place.limbs_stay and abs(shown - radius) > SIGNIFICANT_SD * place.limbs_sd_px[2]:
+    if place.limbs_radius_used:
         found.append(
             note(
                 f"The outlines of {limbs} frames show a radius of {shown:.2f} px in place of the first {radius:.2f} "

@@ -1,4 +1,7 @@
-"""The likeliest edges, kinks and intensities of each process of a contact, and how well edges and kinks are known."""
+"""The likeliest edges, kinks and intensities of each process of a contact, and how well edges and kinks are known.
+
+It begins at the edges that `contact_search` has found with the rough process.
+"""
 
 from __future__ import annotations
 

@@ -32,6 +32,7 @@ class Place:
     limbs_stay: bool  # whether the outlines stay in one place
     limbs_radius_px: float = math.nan
     limbs_sd_px: tuple[float, ...] = ()  # of x, y and radius of the outline in one frame
+    limbs_radius_used: bool = False  # in place of the first one
 
     def items(self) -> dict[str, Any]:
         """The fields for ``summary.json``."""

@@ -10,14 +10,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from torchsphere.correlation.options import Options
-from torchsphere.detection import ball_search, detect
+from torchsphere.detection import detect
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import polar
 from torchsphere.pick.footage import Footage
 from torchsphere.runtime import threads
 from torchsphere.settings.arrays import as_mask, check_circle
-from torchsphere.tracking.initial_circle import calibrate_circle
+from torchsphere.tracking.start import found_in
 
 #: Reach of the unrolled edge to both sides of the circle, px and share of the radius, and its sampling, px.
 REACH_PX, REACH, SPACING_PX = 12.0, 0.5, 0.5
@@ -63,7 +62,7 @@ def find_ball(
     """
     source = footage.source(start, stop, check).standardised()
     mask = None if ignore is None else as_mask(ignore, source.images(0, 1))
-    circle = calibrate_circle(source, ball_search.find(source.images, source.count, mask), mask, Options())
+    circle = found_in(source, mask).start.circle
     circle = dataclasses.replace(circle, frame=start + circle.frame)
     where = "here"
     doubts = (circle.choice(where), circle.warning(where) if circle.doubt else "")

@@ -93,6 +93,6 @@ def _titles(path: ForcePathTable, impact: dict[str, Any]) -> list[str]:
     law = impact.get("contact_law")
     if law:
         k = law["stiffness"]
-        stiffness = with_sd(k["value"], k["sd"], "MN/m$^{1.5}$", STIFFNESS_FACTOR)
+        stiffness = with_sd(k["value"], k["sd"], f"MN/m$^{{{HERTZ_POWER:g}}}$", STIFFNESS_FACTOR)
         lines.append(f"Hertz, loading branch: K = {stiffness}, misfit {100 * law['misfit']:.2g} % of the largest force")
     return lines

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from torchsphere.estimation.force_forms import HERTZ_POWER
 from torchsphere.report.explanations import NO_IMPACT
 from torchsphere.results.reader import ResultFolder
 
@@ -88,7 +89,7 @@ def _contact_law(impact: dict[str, Any]) -> list[Row]:
         reason = impact.get("contact_law_missing")
         return [("Contact stiffness", f"{NOT_MEASURED}: {reason[:1].lower()}{reason[1:]}")] if reason else []
     stiffness = law["stiffness"]
-    text = with_sd(stiffness["value"], stiffness["sd"], "MN/m^1.5", STIFFNESS_FACTOR)
+    text = with_sd(stiffness["value"], stiffness["sd"], f"MN/m^{HERTZ_POWER:g}", STIFFNESS_FACTOR)
     return [("Contact stiffness (law of Hertz)", text), ("Law of Hertz", law["sentence"])]
 
 

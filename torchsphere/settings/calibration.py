@@ -14,11 +14,15 @@ from torchsphere.settings.limits import (
     DENSITIES_KG_M3,
     DIAMETERS_MM,
     FRAME_RATES,
+    SettingError,
     as_float,
     as_positive,
     as_share,
     shown_value,
 )
+
+#: Exposure over the time between frames up to which it is that time, but for rounding.
+_WHOLE_INTERVAL = 1 + 1e-6
 
 #: Names of the command line: the name in Python, and the factor to its unit.
 OPTION_NAMES: dict[str, tuple[str, float]] = {
@@ -176,3 +180,19 @@ def implausible_units(diameter_m: float | None, mass_kg: float | None) -> tuple[
         f"The ball's diameter is {diameter_m:.3g} m and its mass {mass_kg:.3g} kg, which makes {density:.2g} kg/m3 and "
         f"is implausible; {advice}.",
     )
+
+
+def exposure_share(shutter_us: float, frame_rate: float | None) -> float:
+    """The exposure time over the time between frames, at most 1; raises SettingError for a longer one.
+
+    So it does where no ``frame_rate`` is known, 1/s.
+    """
+    if frame_rate is None:
+        raise SettingError("`shutter_us` was given, but no frame rate is known to compare it with; give `fps`, too")
+    share = 1e-6 * shutter_us * frame_rate
+    if share > _WHOLE_INTERVAL:
+        raise SettingError(
+            f"`shutter_us` = {shutter_us:g}: longer than the {1e6 / frame_rate:.4g} us from frame to frame; "
+            "give the exposure time, or correct `fps`"
+        )
+    return min(share, 1.0)

@@ -97,7 +97,7 @@ def as_toml(values: Mapping[str, Any], settings: Mapping[str, Setting]) -> str:
     ValueError
         If the text would not give these values back.
     """
-    text = "".join(f"{name} = {_value_text(name, values[name])}\n" for name in settings if name in values)
+    text = "".join(f"{name} = {toml_value(name, values[name])}\n" for name in settings if name in values)
     if _comparable(from_table("the file to write", tomllib.loads(text), settings)) != _comparable(values):
         raise ValueError("the settings cannot be written as TOML; give them as options of torchsphere track")
     return text
@@ -108,13 +108,14 @@ def number_text(value: float) -> str:
     return repr(value).removesuffix(".0")
 
 
-def _value_text(name: str, value: Any) -> str:
+def toml_value(name: str, value: Any) -> str:
+    """A value of the setting ``name`` in TOML."""
     if name == "frames":
         return json.dumps(":".join("" if end is None else str(end) for end in value))
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, (list, tuple)):
-        return f"[{', '.join(_value_text('', each) for each in value)}]"
+        return f"[{', '.join(toml_value('', each) for each in value)}]"
     if isinstance(value, (int, float)):
         return number_text(value)
     # A TOML string is one of JSON, but for a character that no text of a form has.

@@ -6,7 +6,6 @@ step's matrix is the covariance of all poses, with the uncertainty of the map.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -14,21 +13,13 @@ import torch
 from torch import Tensor
 
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import cube_map, exposure_share, light, map_fit, nearness, pixel_weights, radius_error
+from torchsphere.sphere_map import cube_map, exposure_share, lens_decision, light, map_fit, pixel_weights, radius_error
 from torchsphere.sphere_map.ball import LIGHT_TERMS, Poses, TexturedBall, uniform_light
 from torchsphere.sphere_map.decision import MAX_MISFIT
 from torchsphere.sphere_map.elimination import PER_IMAGE
 from torchsphere.sphere_map.footprint import fit_footprint, with_footprint_of_outline
-from torchsphere.sphere_map.lens import View, is_seen
-from torchsphere.sphere_map.level import (
-    LAST_SETTLED_PX,
-    NEW_MAP_STEPS,
-    Adjustment,
-    Level,
-    adjust_level,
-    equations_of,
-    gradients,
-)
+from torchsphere.sphere_map.lens import View
+from torchsphere.sphere_map.level import LAST_SETTLED_PX, NEW_MAP_STEPS, Adjustment, Level, adjust_level
 from torchsphere.sphere_map.light import fit_light
 from torchsphere.sphere_map.pixel_weights import ROUNDING_VARIANCE
 from torchsphere.sphere_map.radius_error import OPTICS_BLUR_PX
@@ -40,9 +31,6 @@ from torchsphere.sphere_map.window import Windows, texture_variance
 #: Width of the first map's cells, px, and move of a pose below which it counts as settled there: coarse cells align
 #: poses that are off by a px (docs/constants.toml).
 COARSE_PX, COARSE_SETTLED_PX = 2.0, 0.1
-
-#: Most images in which a lens is looked for (docs/constants.toml).
-LENS_IMAGES = 6
 
 #: Most steps on the last map (docs/constants.toml).
 MAX_STEPS = 40
@@ -85,13 +73,13 @@ def adjust(
     if view is not None:
         # What smears the outline along the motion looks like pixels that are not square, and a lamp like a lens.
         view = replace(view, beside=(*light.unknowns(1.0), *(() if longer is None else (longer,))))
-    if view is not None and _shows_lens(adjustment, view, level, shared):
+    if view is not None and lens_decision.shows_lens(adjustment, view, level, shared):
         watched = adjust_level(view.of(state), level._replace(unknowns=view.all), shared)
-        if watched.settled and _lens_of(watched, view.unknowns):
-            return _with_lens_alone(watched, view.unknowns)
+        if watched.settled and lens_decision.lens_of(watched, view.unknowns):
+            return lens_decision.with_lens_alone(watched, view.unknowns)
     if lens:
         # Cut through the lens, the windows show better what belongs to it.
-        adjustment = _with_lens_alone(adjustment, lens)
+        adjustment = lens_decision.with_lens_alone(adjustment, lens)
         lens = adjustment.lens
     _report(progress, 0.4)
     if not adjustment.settled:
@@ -131,62 +119,6 @@ def _with_light(state: State, last: Level, exposure_of: Windows | None, shared: 
         even = replace(adjustment.state, ball=replace(adjustment.state.ball, light=uniform_light(state.ball.radius)))
         adjustment = _adjust_last(even, last, (), exposure_of, shared, 0.0)
     return adjustment
-
-
-def _shows_lens(adjustment: Adjustment, view: View, level: Level, shared: RowRunner) -> bool:
-    """Whether the images of an ``adjustment`` show a lens, by one step of all unknowns on its ``level``.
-
-    Poses that have not settled may lack one.
-    """
-    if not adjustment.settled:
-        return True
-    if not _may_show_lens(adjustment, view, shared):
-        return False
-    once = level._replace(unknowns=view.all, max_steps=1)
-    return bool(_lens_of(adjust_level(view.of(adjustment.state), once, shared), view.unknowns))
-
-
-def _may_show_lens(adjustment: Adjustment, view: View, shared: RowRunner) -> bool:
-    """Whether some images of an ``adjustment`` may show a lens, by an approximate step, which hardly costs anything.
-
-    What may explain it otherwise is left out: where the map takes no part, a light from a side explains too much.
-    """
-    count = len(adjustment.state.poses)
-    rows = torch.linspace(0, count - 1, min(count, LENS_IMAGES)).round().long().unique()
-    state = view.of(adjustment.state.take(rows))
-    at = equations_of(state, view.unknowns, shared)
-    step = at.joint.approximate(*gradients(at, view.unknowns)).step
-    return bool(_seen(view.unknowns, step[PER_IMAGE * len(rows) :], at.joint.covariance, state))
-
-
-def _seen(unknowns: SharedUnknowns, values: Tensor, covariance: Tensor, state: State) -> SharedUnknowns:
-    """Those of the ``unknowns`` that the images of a ``state`` show, if a lens is among them.
-
-    The camera's nearness alone is told on fine cells. The ``values`` (k,) have their variances in the ``covariance``
-    after those of the poses.
-    """
-    first = PER_IMAGE * len(state.poses)
-    # A texture that passes for outline changes the ball's shape as a lens does.
-    radius = float(state.ball.radius)
-    of_shape = radius_error.of_model(state.poses.orientation, radius) / radius
-    sds = [math.hypot(of_shape, sd) for sd in covariance.diagonal()[first:].sqrt().tolist()]
-    seen = tuple(one for one, value, sd in zip(unknowns, values, sds, strict=False) if is_seen(float(value), sd))
-    return () if seen == (nearness.UNKNOWN,) else seen
-
-
-def _lens_of(adjustment: Adjustment, unknowns: SharedUnknowns) -> SharedUnknowns:
-    """Those of its first ``unknowns`` that the images show, if a lens is among them."""
-    values = torch.stack([unknown.value(adjustment.state) for unknown in unknowns])
-    return _seen(unknowns, values, adjustment.covariance, adjustment.state)
-
-
-def _with_lens_alone(adjustment: Adjustment, unknowns: SharedUnknowns) -> Adjustment:
-    """The ``adjustment`` on coarse cells with those ``unknowns`` of a lens that the images show, or all of them."""
-    state, seen = adjustment.state, _lens_of(adjustment, unknowns) or unknowns
-    for unknown in adjustment.unknowns:
-        if unknown not in seen:
-            state = unknown.changed(state, -unknown.value(state))
-    return replace(adjustment, state=state, unknowns=(), lens=seen)
 
 
 def _with_footprint(state: State, level: Level, shared: RowRunner) -> State:

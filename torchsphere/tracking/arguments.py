@@ -11,7 +11,13 @@ from torchsphere.geometry.camera import Camera
 from torchsphere.recording import Recording, display
 from torchsphere.recording.frame_range import resolve_range, restrict
 from torchsphere.settings.arrays import as_stack
-from torchsphere.settings.calibration import OPTION_NAMES, Calibration, implausible_units, with_option_names
+from torchsphere.settings.calibration import (
+    OPTION_NAMES,
+    Calibration,
+    exposure_share,
+    implausible_units,
+    with_option_names,
+)
 from torchsphere.settings.choices import MAPS
 from torchsphere.settings.limits import SettingError, as_positive, require_one_of, require_within
 
@@ -57,11 +63,7 @@ def given_exposure(exposure: float | None, shutter_us: float | None, frame_rate:
     if shutter_us is not None:
         if exposure is not None:
             raise ValueError("exposure and shutter_us were both given; leave one out")
-        if frame_rate is None:
-            raise ValueError(
-                "shutter_us was given, but no frame rate is known to compare it with; give frame_rate, too"
-            )
-        exposure = 1e-6 * as_positive("shutter_us", shutter_us) * frame_rate
+        return exposure_share(as_positive("shutter_us", shutter_us), frame_rate)
     if exposure is not None:
         require_within("exposure", exposure, (0.0, 1.0))
     return exposure

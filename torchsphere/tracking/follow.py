@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.correlation.explained import is_same_part
-from torchsphere.correlation.frame_status import OK, WEAK_TEXTURE, of_frame
+from torchsphere.correlation.frame_status import OK, WEAK_TEXTURE, of_frame, without_rotation
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.result import Correlation
 from torchsphere.detection import outline_fit
@@ -260,7 +260,7 @@ class Follower:
             record.increment[at - 1] = increment
             record.covariance[at - 1, :2, :2] = covariance.numpy()
         if state.frame == self._first:
-            record.status[self._first] = WEAK_TEXTURE
+            record.status[[self._first]] = without_rotation(record.status[[self._first]])
         centre = state.centre if self._setup.in_place else state.centre + step
         record.place(at, centre.numpy(), state.radius)
         self._set_state(at, pair[1:], increment / self._source.elapsed(state.frame, at))

@@ -2,7 +2,8 @@
 
 A hypothesis is a start or a record that differs from the best one so far: the ball turns in its place, the path follows
 the limbs, frames beside the ball are none, the radius is that of the map. Each is measured by the same steps - follow,
-place on a map - and that one is kept which explains more of the images.
+place on a map - and that one is kept which explains more of the images. Whether the ball comes nearer is found before,
+as it decides by which model pairs are measured at all (`first_pass`).
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ class Place:
     limb: CommonLimb | None  # of many frames; None where too few show one
     first_radius_px: float  # before the limb gave its own
     is_recognised: bool  # from the images: nobody said that it stays
+    is_limbs_radius_used: bool
 
 
 @dataclass(frozen=True)
@@ -203,8 +205,8 @@ PROPOSALS: tuple[Proposal, ...] = (
 
 def _held(task: Task, start: Start, limb: CommonLimb | None, *, is_recognised: bool) -> tuple[Start, Place]:
     """The start of a ball that is held in its place, by the limb of many frames."""
-    place = Place(limb, start.circle.radius, is_recognised)
-    return dataclasses.replace(start, circle=in_place.circle_in_place(start.circle, limb)), place
+    circle, first = in_place.circle_in_place(start.circle, limb), start.circle.radius
+    return dataclasses.replace(start, circle=circle), Place(limb, first, is_recognised, circle.radius != first)
 
 
 def _common_limb(task: Task, start: Start) -> CommonLimb | None:

@@ -12,16 +12,13 @@ from numpy.typing import NDArray
 from torchsphere.correlation.options import Options
 from torchsphere.detection.ball_or_not import require_ball
 from torchsphere.errors.evidence import Evidence
-from torchsphere.imaging import interlacing
-from torchsphere.imaging.colour_mosaic import without_mosaic
 from torchsphere.motion import findings
 from torchsphere.motion.findings import Findings
 from torchsphere.motion.track import Track
 from torchsphere.sphere_map.decision import MadeMap
 from torchsphere.tracking import growth, in_place
 from torchsphere.tracking.hypotheses import Outcome, Place, best_outcome
-from torchsphere.tracking.initial_circle import is_interlaced
-from torchsphere.tracking.start import first_start
+from torchsphere.tracking.start import prepared
 from torchsphere.tracking.task import Task
 
 
@@ -34,16 +31,10 @@ class Assembled(NamedTuple):
 
 def run(task: Task, settings: Options, given: dict[str, Any]) -> Assembled:
     """All phases. Options that were ``given`` are not adapted to the ball."""
-    source, mosaic = without_mosaic(task.source)
-    task = dataclasses.replace(task, source=source)
-    start = first_start(task, settings, given)
-    interlaced = is_interlaced(task.source, start.circle)
-    if interlaced:
-        task = dataclasses.replace(task, source=task.source.changed(interlacing.of_even_rows))
-        start = first_start(task, settings, given)
-    require_ball(start.circle)
-    found, evidence = _assembled(best_outcome(task, start))
-    known = dataclasses.replace(found.findings, interlaced=interlaced, mosaic=mosaic)
+    ready = prepared(task, settings, given)
+    require_ball(ready.start.circle)
+    found, evidence = _assembled(best_outcome(ready.task, ready.start))
+    known = dataclasses.replace(found.findings, interlaced=ready.interlaced, mosaic=ready.mosaic)
     return Assembled(dataclasses.replace(found, findings=known), evidence)
 
 
@@ -111,6 +102,7 @@ def _finding(place: Place, drift: NDArray[np.float64]) -> findings.Place:
         limbs_stay=limb is not None and limb.stays,
         limbs_radius_px=math.nan if limb is None else float(limb.circle[2]),
         limbs_sd_px=() if limb is None else tuple(limb.sd.tolist()),
+        limbs_radius_used=place.is_limbs_radius_used,
     )
 
 

@@ -2,7 +2,8 @@
 
 The ball is searched for in the whole image, and the correlation starts from the best of several first guesses. If all
 guesses fail, a search over rotations follows (`rotation_search`). Where nothing correlates, the outline may still show
-a ball without a pattern, or a ball that shows another side by now.
+a ball without a pattern, or a ball that shows another side by now. These are the measurements; `follow` says in which
+order they are tried, and when.
 """
 
 from __future__ import annotations
@@ -125,8 +126,7 @@ def is_worth_a_search(found: Correlation, is_plain: bool, setup: PairSetup) -> b
     """Whether a search over rotations may succeed where the first guesses failed."""
     # A plain ball has no texture to search by.
     plain = is_plain and found.status[0] == WEAK_TEXTURE
-    turns = motion_models.MODELS[setup.options.model] in (motion_models.rigid, *motion_models.EXACT)
-    return found.status[0] != OK and turns and not plain
+    return found.status[0] != OK and not plain
 
 
 def is_search_due(frame: int, failed: list[int]) -> bool:
@@ -135,7 +135,9 @@ def is_search_due(frame: int, failed: list[int]) -> bool:
 
 
 def correlate_by_search(pair: Tensor, state: BallState, setup: PairSetup) -> Correlation | None:
-    """Correlate the pair from the most similar rotations of a search; None where all of them fail."""
+    """Correlate the pair from the most similar rotations of a search; None where all fail, or none is measured."""
+    if motion_models.MODELS[setup.options.model] not in (motion_models.rigid, *motion_models.EXACT):
+        return None
     guesses = rotation_search.find_guesses(pair[0], pair[1], state.centre, state.radius, setup.ignore)
     if setup.in_place:
         guesses[:, :2] = 0

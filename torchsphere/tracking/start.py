@@ -1,4 +1,7 @@
-"""The start of a measurement: the circle of one frame, with options that suit its ball."""
+"""The start of a measurement: images as the ball is measured in, and the circle of one frame with options that suit it.
+
+`track`, ``info`` and ``pick`` begin here alike.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,10 @@ from torchsphere.correlation.options import Options
 from torchsphere.errors.edge_leakage import adapt_options, background_contrast
 from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.circle import Circle
-from torchsphere.tracking.initial_circle import find_initial_circle
+from torchsphere.imaging import interlacing
+from torchsphere.imaging.colour_mosaic import without_mosaic
+from torchsphere.recording.frame_source import Source
+from torchsphere.tracking.initial_circle import find_initial_circle, is_interlaced
 from torchsphere.tracking.task import Task
 
 
@@ -40,6 +46,33 @@ class Start:
     def at(self, circle: Circle) -> Start:
         """The start with another circle of the same frame."""
         return dataclasses.replace(self, circle=dataclasses.replace(circle, frame=self.circle.frame))
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A task with images without a mosaic of colours and without interlaced rows, and its start."""
+
+    task: Task
+    start: Start
+    mosaic: tuple[str, ...]  # patterns that the mosaic may have; none for grey images
+    interlaced: bool
+
+
+def prepared(task: Task, settings: Options, given: dict[str, Any]) -> Prepared:
+    """Find out what the images are, and the `first_start` in them."""
+    source, mosaic = without_mosaic(task.source)
+    task = dataclasses.replace(task, source=source)
+    start = first_start(task, settings, given)
+    interlaced = source.count > 1 and is_interlaced(source, start.circle)
+    if interlaced:
+        task = dataclasses.replace(task, source=source.changed(interlacing.of_even_rows))
+        start = first_start(task, settings, given)
+    return Prepared(task, start, mosaic, interlaced)
+
+
+def found_in(source: Source, ignore: Tensor | None = None) -> Prepared:
+    """`prepared` for images of which nothing else is known, as a measurement with all defaults begins."""
+    return prepared(Task(source, None, ignore, False, False, False, None, None, None), Options(), {})
 
 
 def first_start(task: Task, settings: Options, given: dict[str, Any]) -> Start:

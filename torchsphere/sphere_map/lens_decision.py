@@ -1,0 +1,76 @@
+"""Whether the images show a lens that nobody stated, and which of its unknowns: decided on coarse cells."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from torchsphere.runtime.threads import RowRunner
+from torchsphere.sphere_map import nearness, radius_error
+from torchsphere.sphere_map.elimination import PER_IMAGE
+from torchsphere.sphere_map.lens import View, is_seen
+from torchsphere.sphere_map.level import Adjustment, Level, adjust_level, equations_of, gradients
+from torchsphere.sphere_map.shared_unknown import SharedUnknowns
+from torchsphere.sphere_map.state import State
+
+#: Most images in which a lens is looked for (docs/constants.toml).
+LENS_IMAGES = 6
+
+
+def shows_lens(adjustment: Adjustment, view: View, level: Level, shared: RowRunner) -> bool:
+    """Whether the images of an ``adjustment`` show a lens, by one step of all unknowns on its ``level``.
+
+    Poses that have not settled may lack one.
+    """
+    if not adjustment.settled:
+        return True
+    if not _may_show_lens(adjustment, view, shared):
+        return False
+    once = level._replace(unknowns=view.all, max_steps=1)
+    return bool(lens_of(adjust_level(view.of(adjustment.state), once, shared), view.unknowns))
+
+
+def _may_show_lens(adjustment: Adjustment, view: View, shared: RowRunner) -> bool:
+    """Whether some images of an ``adjustment`` may show a lens, by an approximate step, which hardly costs anything.
+
+    What may explain it otherwise is left out: where the map takes no part, a light from a side explains too much.
+    """
+    count = len(adjustment.state.poses)
+    rows = torch.linspace(0, count - 1, min(count, LENS_IMAGES)).round().long().unique()
+    state = view.of(adjustment.state.take(rows))
+    at = equations_of(state, view.unknowns, shared)
+    step = at.joint.approximate(*gradients(at, view.unknowns)).step
+    return bool(_seen(view.unknowns, step[PER_IMAGE * len(rows) :], at.joint.covariance, state))
+
+
+def _seen(unknowns: SharedUnknowns, values: Tensor, covariance: Tensor, state: State) -> SharedUnknowns:
+    """Those of the ``unknowns`` that the images of a ``state`` show, if a lens is among them.
+
+    The camera's nearness alone is told on fine cells. The ``values`` (k,) have their variances in the ``covariance``
+    after those of the poses.
+    """
+    first = PER_IMAGE * len(state.poses)
+    # A texture that passes for outline changes the ball's shape as a lens does.
+    radius = float(state.ball.radius)
+    of_shape = radius_error.of_model(state.poses.orientation, radius) / radius
+    sds = [math.hypot(of_shape, sd) for sd in covariance.diagonal()[first:].sqrt().tolist()]
+    seen = tuple(one for one, value, sd in zip(unknowns, values, sds, strict=False) if is_seen(float(value), sd))
+    return () if seen == (nearness.UNKNOWN,) else seen
+
+
+def lens_of(adjustment: Adjustment, unknowns: SharedUnknowns) -> SharedUnknowns:
+    """Those of its first ``unknowns`` that the images show, if a lens is among them."""
+    values = torch.stack([unknown.value(adjustment.state) for unknown in unknowns])
+    return _seen(unknowns, values, adjustment.covariance, adjustment.state)
+
+
+def with_lens_alone(adjustment: Adjustment, unknowns: SharedUnknowns) -> Adjustment:
+    """The ``adjustment`` on coarse cells with those ``unknowns`` of a lens that the images show, or all of them."""
+    state, seen = adjustment.state, lens_of(adjustment, unknowns) or unknowns
+    for unknown in adjustment.unknowns:
+        if unknown not in seen:
+            state = unknown.changed(state, -unknown.value(state))
+    return replace(adjustment, state=state, unknowns=(), lens=seen)
