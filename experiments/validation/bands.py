@@ -4,7 +4,7 @@ Claim: on rendered shots (free flight, frontal and oblique impact) the true velo
 stated 95 % bands as often as stated. Over all quantities and shots the share is 98 % of the frames in flight and in
 contact with the found outline, 99.7 and 99.8 % with the true outline. By quantity it is 82 to 100 %. The steps allow
 for light from the target on one side of the ball; a map does not, and frames that contradict it are left to the steps
-(`torchsphere.tracking.drift.shaded_frames`).
+(`torchsphere.sphere_map.decision.shaded_frames`).
 
 No constant was chosen on these patterns: the common error of all steps was measured on others (`steady_error`).
 

@@ -57,7 +57,7 @@ OF_TRACK = {
     "finding the ball": ([], "tracking.initial_circle.ball_search.find", "looking for the ball in 8 frames"),
     "its radius": ([], "tracking.initial_circle.calibrate_circle", "to measure its radius"),
     "limbs": (CIRCLE, "tracking.slipped_path.fit_along_path", "comparing the path of the ball with its outlines"),
-    "a map": (CIRCLE, "tracking.drift.estimate_blur", "making a map of the ball"),
+    "a map": (CIRCLE, "tracking.absolute_motion.estimate_blur", "making a map of the ball"),
     "checks": (PAIRS, "tracking.track.ledger.applied", "checking the result against the images"),
     "velocities": ([*PAIRS, *SI], "measure.kinematics", "computing velocities and forces"),
     "tables": (PAIRS, "measure.writer.write_measurement", "writing the result to "),

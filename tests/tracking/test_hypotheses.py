@@ -6,7 +6,7 @@ import numpy as np
 
 from torchsphere.geometry.circle import Circle
 from torchsphere.sphere_map.decision import MadeMap
-from torchsphere.tracking.drift import AbsoluteMotion
+from torchsphere.tracking.absolute_motion import AbsoluteMotion
 from torchsphere.tracking.hypotheses import Hypothesis, Outcome
 from torchsphere.tracking.record import Record
 

@@ -21,7 +21,7 @@ from torchsphere.detection.limbs import Limbs
 from torchsphere.errors.steady_error import texture_fineness
 from torchsphere.sphere_map.decision import MadeMap
 from torchsphere.tracking import growth, in_place, slipped_path
-from torchsphere.tracking.drift import AbsoluteMotion, absolute_motion
+from torchsphere.tracking.absolute_motion import AbsoluteMotion, absolute_motion
 from torchsphere.tracking.first_pass import Followed, follow, follow_as_it_grows, limbs_along
 from torchsphere.tracking.in_place import MIN_KEPT_SHARE, CommonLimb
 from torchsphere.tracking.record import Record

@@ -23,7 +23,7 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source, spread
 from torchsphere.runtime import steps
 from torchsphere.sphere_map.decision import MadeMap
-from torchsphere.tracking.drift import AbsoluteMotion
+from torchsphere.tracking.absolute_motion import AbsoluteMotion
 
 #: Fewest frames whose limbs show a place (docs/constants.toml).
 MIN_FRAMES = 6

@@ -1,4 +1,4 @@
-"""Absolute poses without drift: those on a map of the ball, and between them the steps from frame to frame."""
+"""Which frames take their poses from a map of the ball, and the poses of all: between them lie the steps of pairs."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.sphere_map import decision
 from torchsphere.sphere_map.decision import MadeMap
 from torchsphere.sphere_map.poses import MapPoses
-from torchsphere.tracking import drift
+from torchsphere.tracking import absolute_motion
 from torchsphere.tracking.record import Record
 
 N, GAP = 9, slice(3, 6)
@@ -55,7 +55,7 @@ def test_what_the_steps_of_a_gap_have_too_much_is_shared_out_among_its_frames() 
     found = by_map()
     position, orientation = moving()
     found.position[GAP], found.orientation[GAP] = np.nan, np.nan
-    motion = drift._merged(measured, chained, found)
+    motion = absolute_motion._merged(measured, chained, found)
     np.testing.assert_allclose(motion.position, position, atol=1e-12)
     np.testing.assert_allclose(motion.orientation, orientation, atol=1e-6)
     assert isinstance(motion.map, MadeMap)
@@ -71,7 +71,7 @@ def test_frames_beyond_the_map_follow_from_its_nearest_frame(gap: slice) -> None
     found.position[gap], found.orientation[gap] = np.nan, np.nan
     nearest = 2 if gap.start == 0 else 5
     expected = position + (np.arange(N) - nearest)[:, None] * STEP_PX
-    motion = drift._merged(measured, chained, found)
+    motion = absolute_motion._merged(measured, chained, found)
     np.testing.assert_allclose(motion.position[gap], expected[gap], atol=1e-12)
 
 
@@ -82,7 +82,7 @@ def shaded(offset_px: float, misfit: float, *, uneven: bool = True) -> list[int]
     found = by_map()
     found.position[GAP] += offset_px
     found.frame_misfit[GAP] = misfit
-    return list(np.flatnonzero(drift._shaded(measured, found)))
+    return list(np.flatnonzero(absolute_motion._shaded(measured, found)))
 
 
 def test_frames_in_which_uneven_light_contradicts_the_map_are_shaded() -> None:
