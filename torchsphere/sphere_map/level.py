@@ -177,7 +177,7 @@ def _widening(state: State) -> float:
 def _share_along(move: Tensor, before: Tensor | None) -> float:
     """The share of the move ``before`` (u,) by which the last ``move`` (u,) goes on; half without one.
 
-    Moves that rounding or a seam of the map's faces leaves go on nowhere.
+    Moves that rounding leaves go on nowhere.
     """
     return 0.5 if before is None else float(move @ before / (before @ before).clamp_min(1e-30))
 
