@@ -1,6 +1,5 @@
 """Where the steps on one resolution of the map end."""
 
-import math
 from dataclasses import replace
 
 import pytest
@@ -10,7 +9,7 @@ from shots import rotation_matrix
 
 from torchsphere.sphere_map import forward_model, level
 from torchsphere.sphere_map.ball import Poses
-from torchsphere.sphere_map.level import COMMON, REWEIGHTED, Level, adjust_level
+from torchsphere.sphere_map.level import REWEIGHTED, Level, adjust_level
 from torchsphere.sphere_map.pixel_weights import uniform_profile
 from torchsphere.sphere_map.state import State, fit_map
 
@@ -44,20 +43,3 @@ def test_a_map_that_will_be_refused_is_left_when_the_weights_stay(
     monkeypatch.setattr(level, "MAX_UNSETTLED_PX", 0.0)
     assert steps_of(asked, flight, monkeypatch) == REWEIGHTED + 4
     assert steps_of(asked._replace(most_residual=1.0), flight, monkeypatch) == REWEIGHTED + 1
-
-
-def test_moves_settle_in_the_standard_deviations_that_alike_residuals_leave(flight: State) -> None:
-    found = adjust_level(flight, Level(flight.ball.cells, 1e-6, 4, is_last=True), one_share)
-    asked = Level(flight.ball.cells, 1e-6, 4, is_last=True)
-    once, thrice = (asked.settled(flight, found.covariance, factor) for factor in (1.0, 3.0))
-    assert float(thrice[0] / once[0]) == pytest.approx(3.0)
-    assert 1 < float(thrice[-COMMON] / once[-COMMON]) < 3  # the ball's model adds an error of its own
-    assert math.isinf(float(once[-1]))
-
-
-def test_noise_that_differs_from_pixel_to_pixel_widens_nothing_and_blotches_do(flight: State) -> None:
-    assert level._widening(flight) == pytest.approx(1.0, abs=0.2)
-    noise = 4 * random(len(flight.poses), 1, 12, 12, seed=5).float()
-    blotches = torch.nn.functional.interpolate(noise, flight.windows.levels.shape[1:], mode="bilinear")[:, 0]
-    blotched = replace(flight, windows=replace(flight.windows, levels=flight.windows.levels + blotches))
-    assert level._widening(blotched) > 1.3

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import elimination, forward_model, radius_error, residual_scatter, shared_unknown
+from torchsphere.sphere_map import elimination, forward_model, radius_error, shared_unknown
 from torchsphere.sphere_map.decision import NO_SOLUTION
 from torchsphere.sphere_map.elimination import COMMON, GEOMETRY, PER_IMAGE, JointEquations
 from torchsphere.sphere_map.footprint import with_footprint_of_outline
@@ -72,12 +72,9 @@ class Level(NamedTuple):
     unknowns: SharedUnknowns = ()  # that all images share, beside radius and blur
     most_residual: float = math.inf  # variance of the residual above which the map will be refused
 
-    def settled(self, state: State, covariance: Tensor, widening: float = 1.0) -> Tensor:
-        """Moves of all unknowns that count as settled: see `limits`.
-
-        In standard deviations that are larger than those of the ``covariance`` by the factor ``widening``.
-        """
-        sd, n = widening * covariance.diagonal().sqrt(), len(state.poses)
+    def settled(self, state: State, covariance: Tensor) -> Tensor:
+        """Moves of all unknowns that count as settled: see `limits`."""
+        sd, n = covariance.diagonal().sqrt(), len(state.poses)
         px = max(self.settled_px, SETTLED_SD * float(sd[0]))
         by_model = radius_error.of_model(state.poses.orientation, float(state.ball.radius))
         radius_px = max(px, SETTLED_SD * math.hypot(float(sd[-COMMON]), by_model))
@@ -128,7 +125,7 @@ def adjust_level(state: State, level: Level, shared: RowRunner, moved: float = 0
         raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
     if state.ball.cells != level.cells:
         state, _ = fit_map(with_cells(state, level.cells), shared, NEW_MAP_STEPS)
-    before, taken, share, widening = None, None, 1.0, 1.0
+    before, taken, share = None, None, 1.0
     for number in range(level.max_steps):
         model = linearised(state, shared)
         weights = state.profile.weights(state.windows, state.poses)
@@ -142,9 +139,7 @@ def adjust_level(state: State, level: Level, shared: RowRunner, moved: float = 0
         model = shared_unknown.with_columns(level.unknowns, state, model, shared)
         joint = joint_equations(state, model, equations, level.unknowns)
         last = LastStep(state, model, joint)
-        if number == REWEIGHTED:
-            widening = _widening(state)
-        settled = level.settled(state, joint.covariance, widening)
+        settled = level.settled(state, joint.covariance)
         of_map, step = _step(last, level.unknowns, SOLVED_SHARE * settled)
         share, before = _share_of_step(share, before, step / settled), step / settled
         state, of_step = _moved(state, level.unknowns, joint, share * of_map, share * step)
@@ -164,14 +159,6 @@ def adjust_level(state: State, level: Level, shared: RowRunner, moved: float = 0
         if is_refused or (left * longest < 1 and has_settled and not is_bound):
             break
     return Adjustment(state, joint.covariance, has_settled, last=last, unknowns=level.unknowns, move=move)
-
-
-def _widening(state: State) -> float:
-    """Least factor on the standard deviations of a motion by what neighbouring pixels share."""
-    some = residual_scatter.spread_out(len(state.poses)).tolist()
-    rows = torch.tensor(some, device=state.windows.levels.device)
-    windows, poses = state.windows.take(rows), state.poses.take(rows)
-    return float(residual_scatter.widening(windows, poses, state.ball, state.profile)[: GEOMETRY - 1].min())
 
 
 def _share_along(move: Tensor, before: Tensor | None) -> float:
