@@ -45,7 +45,7 @@ class MapEquations:
     design: Design  # the model in all images
     weights: Tensor  # weights (n, s, s) of the pixels
     shared: RowRunner  # shares the images out among threads
-    density: Tensor  # (m,): sum of the weights of the rays around each node, with the prior, of all faces that share it
+    density: Tensor  # (m,): sum of the weights of the rays around each node, with the prior; nearly the diagonal
     heaviest: Tensor  # largest weight () of a pixel
     smoothness: float = SMOOTHNESS  # weight of the prior against that pixel
 
@@ -56,8 +56,7 @@ class MapEquations:
         # Splines sum to one: these are the sums of the matrix's rows.
         rows = cls(design, weights, shared, ones, weights.max(), smoothness).times(ones)
         alone = cls(design, weights, shared, rows, weights.max(), smoothness)
-        density = cube_map.joined_at_seams(rows.clamp_min(0) + alone.prior_density, design.cells)
-        return replace(alone, density=density)
+        return replace(alone, density=rows.clamp_min(0) + alone.prior_density)
 
     @property
     def prior_density(self) -> Tensor:
@@ -100,12 +99,9 @@ class MapEquations:
         return sums - self.prior(coefficients)
 
     def approximate_inverse(self, values: Tensor) -> Tensor:
-        """The matrix's inverse times ``values`` (m, ...), as if the matrix were diagonal at the nodes.
-
-        Nodes that faces share have one value, and so has all that conjugate gradients find with this inverse.
-        """
+        """The matrix's inverse times ``values`` (m, ...), as if the matrix were diagonal at the nodes."""
         cells = self.design.cells
-        at_nodes = cube_map.joined_at_seams(to_nodes(values, cells), cells)
+        at_nodes = to_nodes(values, cells)
         scale = self.density.reshape(-1, *(1 for _ in values.shape[1:]))
         return to_nodes(at_nodes / scale, cells)
 
@@ -182,10 +178,7 @@ def _values_at_nodes(cells: int) -> Tensor:
 
 
 def refined(coefficients: Tensor, cells: int, fine: int) -> Tensor:
-    """Coefficients of a map with ``fine`` cells along a face, equal to a map with ``cells`` at the nodes of the new.
-
-    Near the corners of the cube two faces differ between their nodes: nodes that they share take the mean.
-    """
+    """Coefficients of a map with ``fine`` cells along a face, equal to a map with ``cells`` at the nodes of the new."""
     width = cells + cube_map.BORDER
     nodes = (torch.arange(fine + cube_map.BORDER, dtype=torch.float64) - 1) * (cells / fine)
     cell = nodes.floor().clamp(0, cells - 1)
@@ -195,9 +188,7 @@ def refined(coefficients: Tensor, cells: int, fine: int) -> Tensor:
     at_nodes.scatter_(1, cell.long().unsqueeze(1) + torch.arange(4), weights)
     prefilter = _prefilter(fine, torch.float64, torch.device("cpu"))
     matrix = (prefilter @ at_nodes).to(coefficients)
-    found = (matrix @ coefficients.reshape(6, width, width) @ matrix.T).flatten()
-    shared = cube_map.joined_at_seams(from_nodes(found, fine), fine) / cube_map.faces_of_nodes(found, fine)
-    return to_nodes(shared, fine)
+    return (matrix @ coefficients.reshape(6, width, width) @ matrix.T).flatten()
 
 
 def prior_gradient(coefficients: Tensor, cells: int) -> Tensor:
