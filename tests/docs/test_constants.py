@@ -81,6 +81,18 @@ def test_a_new_constant_with_neither_a_command_nor_a_derivation_is_refused() -> 
     assert "judged_by" in wrong(chosen | {"debt": True, "judged_by": ["demo"]})
 
 
+def test_what_half_and_twice_a_value_do_stands_in_the_table_of_each_constant_that_says_so() -> None:
+    table = (DOCS / "tables" / "sensitivity.md").read_text(encoding="utf-8")
+    told = dict(re.findall(r"^\| `(\S+)` \| (.+?) \| \d+ \| (?!open)", table, re.MULTILINE))
+    named = {
+        f"{package}.{name}": row["value"]
+        for package, name, row in ROWS
+        if row.get("command") == "python -m experiments.validation.sensitivity"
+    }
+    assert len(named) > 50
+    assert told == named
+
+
 def test_the_number_of_debts_does_not_grow() -> None:
     assert sum("debt" in row for _, _, row in ROWS) == DEBTS, "a debt more is refused; one less lowers DEBTS"
 
