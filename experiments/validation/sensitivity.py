@@ -106,11 +106,11 @@ class Sensitivity:
 
     @property
     def verdict(self) -> str:
-        """A few words: "not a digit", "no effect", "best of three", or "open"."""
+        """A few words: "not a digit", "no effect", "none better", or "open"."""
         effects = self.half, self.twice
         if all(effect.is_none for effect in effects):
             return "no effect" if any(effect.largest_sd for effect in effects) else "not a digit"
-        return "best of three" if all(effect.is_none or effect.is_worse for effect in effects) else "open"
+        return "none better" if all(effect.is_none or effect.is_worse for effect in effects) else "open"
 
 
 def other(value: Any, unit: str, factor: float) -> Any:
