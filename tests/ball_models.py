@@ -10,7 +10,7 @@ from shots import rotation_matrix
 from torch import Tensor
 
 from torchsphere.imaging.interpolation import spline_weights
-from torchsphere.sphere_map import cube_map
+from torchsphere.sphere_map import cube_map, map_fit
 from torchsphere.sphere_map.ball import Poses, TexturedBall
 from torchsphere.sphere_map.cube_map import Places
 from torchsphere.sphere_map.design import Design
@@ -55,6 +55,13 @@ def dense_rows(design: Design) -> Tensor:
     row = (first + design.pixel).reshape(-1, 1)
     rows = torch.zeros(design.fixed.numel() * count, dtype=weight.dtype)
     return rows.index_add(0, (row * count + index).flatten(), amounts.flatten()).reshape(-1, count)
+
+
+def maps_without_seams(cells: int) -> Tensor:
+    """Coefficients (m, k) of k maps that have one value at each node, though two or three faces share it."""
+    _, free = cube_map.joined_at_seams(random(cube_map.coefficient_count(cells)), cells).unique(return_inverse=True)
+    values = torch.nn.functional.one_hot(free).double()
+    return map_fit.to_nodes(values, cells)
 
 
 def sums_of_factors(design: Design) -> Tensor:

@@ -6,7 +6,7 @@ import pytest
 import torch
 from ball_models import indices_and_weights, random, random_directions
 
-from torchsphere.sphere_map import cube_map
+from torchsphere.sphere_map import cube_map, map_fit
 from torchsphere.sphere_map.cube_map import CELLS_PER_RADIUS
 
 
@@ -114,3 +114,27 @@ def test_several_columns_give_what_each_gives_alone() -> None:
     for k in range(3):
         torch.testing.assert_close(values[..., k], places.value(maps[:, k]), atol=1e-12, rtol=0)
         torch.testing.assert_close(sums[:, k], places.adjoint(amounts[..., k], count), atol=1e-12, rtol=0)
+
+
+def test_nodes_on_an_edge_lie_at_one_place_of_all_faces_that_share_them() -> None:
+    cells = 6
+    shared = cube_map.faces_of_nodes(torch.ones(1, dtype=torch.float64), cells)
+    # Nodes within the edges of the faces: 12 edges with five, and eight corners. Beyond the edges lie none.
+    assert [int((shared == count).sum()) for count in (2, 3)] == [2 * 12 * 5, 3 * 8]
+
+
+def test_a_map_whose_nodes_are_joined_does_not_jump_at_a_seam() -> None:
+    cells = 24
+    values = random(cube_map.coefficient_count(cells))
+    joined = cube_map.joined_at_seams(values, cells) / cube_map.faces_of_nodes(values, cells)
+    # A direction close to the edge between the first and the second axis, on both sides; away from the corners, where
+    # the nodes beyond the edge are still those of one face.
+    along = torch.linspace(-0.5, 0.5, 60, dtype=torch.float64)
+    ones = torch.ones_like(along)
+    sides = [cube_map.places(torch.stack((ones, ones + off, along)), cells) for off in (-1e-9, 1e-9)]
+    jumps = [
+        float((sides[1].value(of) - sides[0].value(of)).abs().max())
+        for of in (map_fit.to_nodes(values, cells), map_fit.to_nodes(joined, cells))
+    ]
+    assert jumps[0] > 1
+    assert jumps[1] < 0.002

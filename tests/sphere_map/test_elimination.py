@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 import torch
-from ball_models import dense_rows, one_share, poses, random, rough_ball, windows
+from ball_models import dense_rows, maps_without_seams, one_share, poses, random, rough_ball, windows
 from torch import Tensor
 
 from torchsphere.sphere_map import cube_map, elimination, forward_model
@@ -35,8 +35,20 @@ class Dense:
         return torch.cat((upper, torch.cat((self.coupling.T, self.joint.normal), 1)))
 
     @property
+    def basis(self) -> Tensor:
+        """Changes (m + u, k) of map and unknowns that leave one value at the nodes that faces share."""
+        return torch.block_diag(maps_without_seams(CELLS), torch.eye(UNKNOWNS, dtype=torch.float64))
+
+    def solved(self, right: Tensor, without: int = 0) -> Tensor:
+        """Solution (m + u,) for the ``right`` side (m + u,), the last ``without`` unknowns held."""
+        basis = self.basis[:, : self.basis.shape[1] - without]
+        return basis @ torch.linalg.solve(basis.T @ self.whole @ basis, basis.T @ right)
+
+    @property
     def covariance(self) -> Tensor:
-        taken_up = self.coupling.T @ torch.linalg.solve(self.of_map, self.coupling)
+        basis = maps_without_seams(CELLS)
+        coupling = basis.T @ self.coupling
+        taken_up = coupling.T @ torch.linalg.solve(basis.T @ self.of_map @ basis, coupling)
         return torch.linalg.inv(self.joint.normal - taken_up)
 
 
@@ -86,7 +98,7 @@ def test_the_gradient_is_that_of_the_pixels(dense: Dense) -> None:
 def test_conjugate_gradients_reach_the_dense_solution(dense: Dense) -> None:
     noise = 2 * random(len(dense.weights), seed=12)
     by_map, by_unknowns = dense.rows.T @ (dense.weights * noise), dense.jacobian.T @ (dense.weights * noise)
-    exact = torch.linalg.solve(dense.whole, torch.cat((by_map, by_unknowns)))[COUNT:]
+    exact = dense.solved(torch.cat((by_map, by_unknowns)))[COUNT:]
     sd = dense.covariance.diagonal().sqrt()
     errors = []
     for steps in (1, 10, 60):
@@ -103,10 +115,12 @@ def test_the_approximate_solution_is_that_of_a_map_that_is_diagonal_at_its_nodes
     by_map, by_unknowns = random(COUNT), random(UNKNOWNS, seed=8)
     found = dense.joint.approximate(by_map, by_unknowns)
     of_map, step = found.of_map, found.step
-    of_nodes = torch.linalg.inv(dense.joint.map.approximate_inverse(torch.eye(COUNT, dtype=torch.float64)))
-    upper = torch.cat((of_nodes, dense.coupling), 1)
-    whole = torch.cat((upper, torch.cat((dense.coupling.T, dense.joint.normal), 1)))
-    exact = torch.linalg.solve(whole, torch.cat((by_map, by_unknowns)))
+    basis = maps_without_seams(CELLS)
+    back = torch.linalg.pinv(basis)
+    inverse = dense.joint.map.approximate_inverse(torch.eye(COUNT, dtype=torch.float64))
+    of_nodes, coupling = torch.linalg.inv(back @ inverse @ back.T), basis.T @ dense.coupling
+    whole = torch.cat((torch.cat((of_nodes, coupling), 1), torch.cat((coupling.T, dense.joint.normal), 1)))
+    exact = dense.basis @ torch.linalg.solve(whole, torch.cat((basis.T @ by_map, by_unknowns)))
     torch.testing.assert_close(step, exact[COUNT:], rtol=1e-6, atol=1e-6 * float(exact[COUNT:].abs().max()))
     torch.testing.assert_close(of_map, exact[:COUNT], rtol=1e-6, atol=1e-6 * float(exact[:COUNT].abs().max()))
 
@@ -122,7 +136,7 @@ def test_a_direction_knows_its_products_with_the_coupling(dense: Dense) -> None:
 def test_a_step_that_has_settled_needs_no_more_conjugate_gradients(dense: Dense, monkeypatch: Any) -> None:
     noise = 2 * random(len(dense.weights), seed=12)
     by_map, by_unknowns = dense.rows.T @ (dense.weights * noise), dense.jacobian.T @ (dense.weights * noise)
-    exact = torch.linalg.solve(dense.whole, torch.cat((by_map, by_unknowns)))[COUNT:]
+    exact = dense.solved(torch.cat((by_map, by_unknowns)))[COUNT:]
     sd, products, times = dense.covariance.diagonal().sqrt(), [], MapEquations.times
     monkeypatch.setattr(MapEquations, "times", lambda self, of_map: (products.append(1), times(self, of_map))[1])
     _, step = dense.joint.solve(by_map, by_unknowns, 200, 0.1 * sd)
@@ -134,8 +148,7 @@ def test_a_step_that_has_settled_needs_no_more_conjugate_gradients(dense: Dense,
 def test_a_blur_that_is_held_stays_and_leaves_the_others_their_own_step(dense: Dense) -> None:
     noise = 2 * random(len(dense.weights), seed=12)
     by_map, by_unknowns = dense.rows.T @ (dense.weights * noise), dense.jacobian.T @ (dense.weights * noise)
-    rest = dense.whole[:-1, :-1]
-    exact = torch.linalg.solve(rest, torch.cat((by_map, by_unknowns))[:-1])[COUNT:]
+    exact = dense.solved(torch.cat((by_map, by_unknowns)), without=1)[COUNT:-1]
     sd = dense.covariance.diagonal().sqrt()
     _, step = dense.joint.with_blur_held().solve(by_map, by_unknowns, 60)
     assert float(step[-1].abs()) < 1e-3 * float(sd[-1])

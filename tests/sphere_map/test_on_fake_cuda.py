@@ -22,7 +22,7 @@ from torchsphere.correlation.options import Options
 from torchsphere.geometry import motion_models
 from torchsphere.geometry.motion_models import Geometry
 from torchsphere.imaging import interpolation
-from torchsphere.sphere_map import elimination, forward_model, map_fit, pixel_weights, registration
+from torchsphere.sphere_map import cube_map, elimination, forward_model, map_fit, pixel_weights, registration
 from torchsphere.sphere_map.ball import Poses, TexturedBall
 from torchsphere.sphere_map.map_fit import MapEquations
 from torchsphere.sphere_map.window import Windows
@@ -129,7 +129,7 @@ class OnFakeCuda:
 
 def forget_kept_matrices() -> None:
     """Matrices that were made on the CPU are no fake tensors, and fake ones must not be kept for other tests."""
-    for module in (map_fit, interpolation):
+    for module in (cube_map, map_fit, interpolation):
         for function in vars(module).values():
             if hasattr(function, "cache_clear"):
                 function.cache_clear()

@@ -1,15 +1,18 @@
-"""Texture map of the ball: cubic B-splines on the six faces of a cube around the ball, without pole or seam.
+"""Texture map of the ball: cubic B-splines on the six faces of a cube around the ball, without a pole.
 
 A direction belongs to the face through which the direction leaves the cube. On a face, ``t (5 - t^2) / 4`` of the two
 tangents ``t`` are the coordinates: cells are about equally large, as with angles (C. Ronchi et al., J. Comput. Phys.
 124 (1996) 93, doi:10.1006/jcph.1996.0047), and no arctangent is needed. Each face has its own coefficients up to its
-border: at a seam, both faces are fitted to the images.
+border. The nodes along an edge lie on the grids of both faces, and have one value: a map that jumps at its seams would
+draw images that jump as the ball turns.
 """
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -113,3 +116,28 @@ def cells_per_face(radius: float, cell_px: float) -> int:
 def coefficient_count(cells: int) -> int:
     """Number of coefficients of a map with ``cells`` along a side of a face."""
     return 6 * (cells + BORDER) ** 2
+
+
+@functools.lru_cache(maxsize=8)
+def _seam_nodes(cells: int, device: torch.device) -> tuple[Tensor, Tensor, int]:
+    """Numbers (k,) of the nodes that lie on an edge of the cube, the numbers (k,) of their places, and of how many."""
+    face, row, column = (part.ravel() for part in np.indices((6, cells + BORDER, cells + BORDER)))
+    # On the cube, whose edges are 2 ``cells`` long; a face has its right and its up along the next two axes.
+    right, up = 2 * (column - 1) - cells, 2 * (row - 1) - cells
+    on_cube = np.stack((np.where(face < 3, cells, -cells), right, up), 1)
+    on_axes = np.take_along_axis(on_cube, (np.arange(3) - face[:, None] % 3) % 3, 1)
+    nodes = np.flatnonzero(np.maximum(np.abs(right), np.abs(up)) == cells)
+    places, of_place = np.unique(on_axes[nodes], axis=0, return_inverse=True)
+    return torch.from_numpy(nodes).to(device), torch.from_numpy(of_place.reshape(-1)).to(device), len(places)
+
+
+def joined_at_seams(values: Tensor, cells: int) -> Tensor:
+    """The ``values`` (m, ...) at the nodes; at a node on an edge, the sum over all faces that share it."""
+    nodes, of_place, count = _seam_nodes(cells, values.device)
+    sums = values.new_zeros(count, *values.shape[1:]).index_add_(0, of_place, values[nodes])
+    return values.index_copy(0, nodes, sums[of_place])
+
+
+def faces_of_nodes(like: Tensor, cells: int) -> Tensor:
+    """Number (m,) of the faces that share each node, in the type of ``like``."""
+    return joined_at_seams(like.new_ones(coefficient_count(cells)), cells)

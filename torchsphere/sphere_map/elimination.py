@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from torchsphere.kernels.layout import BY_GAIN, BY_OFFSET, BY_RADIUS, COLUMNS, WZ
-from torchsphere.sphere_map import map_fit
+from torchsphere.sphere_map import cube_map, map_fit
 from torchsphere.sphere_map.ball import Poses
 from torchsphere.sphere_map.forward_model import SHARED, Linearisation
 from torchsphere.sphere_map.map_fit import MapEquations
@@ -171,7 +171,9 @@ def joint_equations(
     coupling = _joined(columns, len(shared))
     normal = spread_normal(torch.cat(blocks))
     # Multiplied in place: these are the largest arrays of an adjustment.
-    at_nodes = map_fit.to_nodes(coupling, design.cells).mul_(equations.density.rsqrt().unsqueeze(1))
+    faces = cube_map.faces_of_nodes(equations.density, design.cells)
+    at_nodes = cube_map.joined_at_seams(map_fit.to_nodes(coupling, design.cells), design.cells)
+    at_nodes.mul_((faces * equations.density).rsqrt().unsqueeze(1))
     products = equations.shared(lambda a, b: at_nodes[a:b].T @ at_nodes[a:b], len(at_nodes))
     taken_up = torch.stack(products).sum(0)
     seen = _seen(equations)
@@ -195,7 +197,8 @@ def _joined(columns: tuple[Tensor, ...], common: int) -> Tensor:
 def _seen(equations: MapEquations) -> Tensor:
     """Numbers (r,) of the coefficients that an image shows; all on a GPU, which would have to wait."""
     if equations.density.is_cpu:
-        return torch.nonzero(equations.density > equations.prior_density)[:, 0]
+        faces = cube_map.faces_of_nodes(equations.density, equations.design.cells)
+        return torch.nonzero(equations.density > faces * equations.prior_density)[:, 0]
     return torch.arange(len(equations.density), device=equations.density.device)
 
 

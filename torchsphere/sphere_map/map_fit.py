@@ -45,7 +45,7 @@ class MapEquations:
     design: Design  # the model in all images
     weights: Tensor  # weights (n, s, s) of the pixels
     shared: RowRunner  # shares the images out among threads
-    density: Tensor  # (m,): sum of the weights of the rays around each node, with the prior; nearly the diagonal
+    density: Tensor  # (m,): sum of the weights of the rays around each node, with the prior, of all faces that share it
     heaviest: Tensor  # largest weight () of a pixel
     smoothness: float = SMOOTHNESS  # weight of the prior against that pixel
 
@@ -56,7 +56,8 @@ class MapEquations:
         # Splines sum to one: these are the sums of the matrix's rows.
         rows = cls(design, weights, shared, ones, weights.max(), smoothness).times(ones)
         alone = cls(design, weights, shared, rows, weights.max(), smoothness)
-        return replace(alone, density=rows.clamp_min(0) + alone.prior_density)
+        density = cube_map.joined_at_seams(rows.clamp_min(0) + alone.prior_density, design.cells)
+        return replace(alone, density=density)
 
     @property
     def prior_density(self) -> Tensor:
@@ -99,9 +100,12 @@ class MapEquations:
         return sums - self.prior(coefficients)
 
     def approximate_inverse(self, values: Tensor) -> Tensor:
-        """The matrix's inverse times ``values`` (m, ...), as if the matrix were diagonal at the nodes."""
+        """The matrix's inverse times ``values`` (m, ...), as if the matrix were diagonal at the nodes.
+
+        Nodes that faces share have one value, and so has all that conjugate gradients find with this inverse.
+        """
         cells = self.design.cells
-        at_nodes = to_nodes(values, cells)
+        at_nodes = cube_map.joined_at_seams(to_nodes(values, cells), cells)
         scale = self.density.reshape(-1, *(1 for _ in values.shape[1:]))
         return to_nodes(at_nodes / scale, cells)
 
@@ -178,7 +182,10 @@ def _values_at_nodes(cells: int) -> Tensor:
 
 
 def refined(coefficients: Tensor, cells: int, fine: int) -> Tensor:
-    """Coefficients of a map with ``fine`` cells along a face, equal to a map with ``cells`` at the nodes of the new."""
+    """Coefficients of a map with ``fine`` cells along a face, equal to a map with ``cells`` at the nodes of the new.
+
+    Near the corners of the cube two faces differ between their nodes: nodes that they share take the mean.
+    """
     width = cells + cube_map.BORDER
     nodes = (torch.arange(fine + cube_map.BORDER, dtype=torch.float64) - 1) * (cells / fine)
     cell = nodes.floor().clamp(0, cells - 1)
@@ -188,7 +195,9 @@ def refined(coefficients: Tensor, cells: int, fine: int) -> Tensor:
     at_nodes.scatter_(1, cell.long().unsqueeze(1) + torch.arange(4), weights)
     prefilter = _prefilter(fine, torch.float64, torch.device("cpu"))
     matrix = (prefilter @ at_nodes).to(coefficients)
-    return (matrix @ coefficients.reshape(6, width, width) @ matrix.T).flatten()
+    found = (matrix @ coefficients.reshape(6, width, width) @ matrix.T).flatten()
+    shared = cube_map.joined_at_seams(from_nodes(found, fine), fine) / cube_map.faces_of_nodes(found, fine)
+    return to_nodes(shared, fine)
 
 
 def prior_gradient(coefficients: Tensor, cells: int) -> Tensor:
