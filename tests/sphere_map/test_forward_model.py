@@ -63,7 +63,7 @@ either_size = pytest.mark.parametrize("at", [poses(), grown(poses())], ids=["one
 def at_limb(seen: Windows, at: Poses) -> Tensor:
     """Pixels (n, s, s) for which the model draws more than two rays."""
     radius = at.radii(RADIUS).reshape(-1, 1, 1)
-    return distances(seen, at) >= (rays.LIMB_FROM * radius).minimum(radius - rays.LEAST_LIMB_PX)
+    return distances(seen, at) > (rays.LIMB_FROM * radius).minimum(radius - rays.LEAST_LIMB_PX) - rays.LIMB_RAMP_PX
 
 
 def rms(values: Tensor) -> Tensor:

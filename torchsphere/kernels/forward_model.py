@@ -16,20 +16,9 @@ from torchsphere.kernels import layout
 from torchsphere.kernels.cube_map import place, slopes, sum_with_slopes, weights
 from torchsphere.kernels.jit import ONE, ZERO, Floats, Integers, arrays, compiled
 from torchsphere.kernels.layout import Images, Numbers, Rays, RowMemory, contiguous
-from torchsphere.kernels.rays import (
-    Rule,
-    coverage,
-    drawn_together,
-    end_of_disc,
-    footprint,
-    limb_part,
-    number_of_rule,
-    rays_at_limb,
-    row_of_rays,
-    two_rays,
-)
+from torchsphere.kernels.rays import Rule, begin_of_limb, end_of_disc, footprint, row_of_rays, shares_of_rules
 
-_HALF, _TINY = np.float32(0.5), np.float32(1e-6)
+_TINY = np.float32(1e-6)
 _FIVE, _THREE, _EIGHT = (np.float32(v) for v in (5, 3, 8))
 
 
@@ -69,7 +58,7 @@ def design(cells: int, rule: Rule, images: Images) -> tuple[Rays, Tensor]:
 @compiled
 def _linearise(model: Model, images: Images, levels: Floats, jacobian: Floats) -> None:
     n, side, _ = levels.shape
-    memory = memory_for_row(side, model.rule.points.shape[1])
+    memory = memory_for_row(side, model.rule)
     line = np.empty((layout.COLUMNS, side), np.float32)
     for i in range(n):
         for row in range(side):
@@ -81,8 +70,9 @@ def _linearise(model: Model, images: Images, levels: Floats, jacobian: Floats) -
 
 
 @compiled
-def memory_for_row(side: int, points: int) -> RowMemory:
-    """Memory for the rays of a row of ``side`` pixels with up to ``points`` rays each."""
+def memory_for_row(side: int, rule: Rule) -> RowMemory:
+    """Memory for the rays of a row of ``side`` pixels, which may have two rays and those of both Gauss rules."""
+    points = 2 + rule.counts[0] + rule.counts[1]
     outline, begins = np.empty((side, layout.OUTLINE_COLUMNS), np.float32), np.empty(side + 1, np.int64)
     rays, corner = np.empty((layout.RAY_ROWS, side * points), np.float32), np.empty(side * points, np.int32)
     across, down = np.empty(side, np.float32), np.empty(side, np.float32)
@@ -124,7 +114,7 @@ def linearise_row(
     _look_up(model.coefficients, np.uint64(cells + 3), memory.corner, rays, count)
     _move(rays, memory.axis, count, turn, ball, cells)
     for column in range(len(visibility)):
-        lit, dx, dy, wx, wy, wz, wider = ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO
+        lit, dx, dy, wx, wy, wz, wider, gained = ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO
         start, stop = begins[column], begins[column + 1]
         for k in range(start, stop):
             lit += rays[layout.LIT, k]
@@ -134,14 +124,14 @@ def linearise_row(
             wy += rays[layout.LIT_BY_WY, k]
             wz += rays[layout.LIT_BY_WZ, k]
             wider += rays[layout.LIT_BY_SIZE, k]
+            gained += rays[layout.GAINED, k] * rays[layout.BARE, k]
         behind, part, steep, outwards, blurred, share = background[column], ZERO, ZERO, ZERO, ZERO, ZERO
         x, y = xs[column], ys[column]
         contrast = lit - behind
         if stop > start:
-            share, edge, spread, gained = outline[column]
-            part, steep, blurred = gain * share, gain * edge * contrast, gain * spread * contrast
-            # The outline gives or takes what lies there: the first ray is the one nearest to it.
-            steep += part * gained * (rays[layout.BARE, start] - lit)
+            share, edge, spread = outline[column]
+            part, blurred = gain * share, gain * spread * contrast
+            steep = gain * edge * contrast + part * gained
             distance = np.sqrt(x * x + y * y)
             outwards = steep / (distance if distance > _TINY else _TINY)
             part *= per_px
@@ -245,10 +235,10 @@ def _count(rule: Rule, images: Images, begins: Integers) -> None:
     """Number of rays before each pixel, and in all: none where the ball cannot be seen."""
     visibility, ball = images.visibility, images.ball
     n, side, _ = visibility.shape
-    memory = memory_for_row(side, 1)
+    memory = memory_for_row(side, rule)
     for i in range(n):
         radius, blur, wide = ball[i, layout.RADIUS], ball[i, layout.BLUR], ball[i, layout.FOOTPRINT_BLUR]
-        inner, _, _ = two_rays(radius, wide, rule)
+        limb, end = begin_of_limb(radius, wide, rule), end_of_disc(radius, wide)
         beyond, count = radius + ONE + _EIGHT * blur, 0
         for row in range(side):
             _find_places(images.first[i], images.places, i, row, memory)
@@ -258,61 +248,42 @@ def _count(rule: Rule, images: Images, begins: Integers) -> None:
                 distance = np.sqrt(x * x + y * y)
                 if visibility[i, row, column] == ZERO or distance >= beyond:
                     continue
-                if distance < inner:
-                    count += 2
-                else:
-                    half, _ = footprint(x, y, distance, wide)
-                    shallow, deep = limb_part(distance, end_of_disc(radius, wide), half)
-                    count += rule.counts[number_of_rule(shallow, deep, radius, rule)]
+                distance = distance if distance > _TINY else _TINY
+                half, _ = footprint(x, y, distance, wide)
+                two, first, second = shares_of_rules(distance, radius, end, half, limb, rule)
+                count += 2 if two > ZERO else 0
+                count += rule.counts[0] if first > ZERO else 0
+                count += rule.counts[1] if second > ZERO else 0
         begins[i, side * side] = count
 
 
 @compiled
-def _design(cells: int, rule: Rule, images: Images, begins: Integers, rays: Rays, fixed: Floats) -> None:
+def _design(cells: int, rule: Rule, images: Images, begins: Integers, found: Rays, fixed: Floats) -> None:
     visibility, background, brightness = images.visibility, images.background, images.brightness
-    corners, offsets, factor, pixel = rays
+    corners, offsets, factor, pixel = found
     n, side, _ = visibility.shape
-    memory = memory_for_row(side, 1)
-    roots, weights = np.empty((2, rule.points.shape[1]), np.float32)
+    memory = memory_for_row(side, rule)
+    rays, outline = memory.rays, memory.outline
     for i in range(n):
-        radius, blur, near, same, lx, ly, lz, wide = images.ball[i]
-        inner, apart, out = two_rays(radius, wide, rule)
-        outermost, per_px, end = rule.outermost * radius, ONE / radius, end_of_disc(radius, wide)
-        turn, gain, dark = images.orientation[i], brightness[i, 0], brightness[i, 1]
+        ball, turn, gain, dark = images.ball[i], images.orientation[i], brightness[i, 0], brightness[i, 1]
+        same, lx, ly, lz = ball[layout.EVEN_LIGHT], ball[layout.LIGHT_X], ball[layout.LIGHT_Y], ball[layout.LIGHT_Z]
         for row in range(side):
             _find_places(images.first[i], images.places, i, row, memory)
+            count = row_of_rays(ball, rule, visibility[i, row], memory)
+            _touch(rays, count, ONE / ball[layout.RADIUS], ball[layout.NEARNESS])
+            _meet(rays, memory.corner, memory.axis, count, turn, cells)
             for column in range(side):
                 if visibility[i, row, column] == ZERO:
                     continue
-                number = row * side + column
-                start, stop = begins[i, number], begins[i, number + 1]
-                x, y = memory.across[column], memory.down[column]
-                distance = np.sqrt(x * x + y * y)
-                distance = distance if distance > _TINY else _TINY
-                share, _, _ = coverage(x, y, distance, radius, blur)
+                number, share = row * side + column, outline[column, layout.SHARE]
                 fixed[i, row, column] = gain * (ONE - share) * background[i, row, column] + dark
-                is_inner = distance < inner
-                whole, c0, c1, c2 = ONE, ZERO, ONE, ZERO
-                if not is_inner:
-                    half, top = footprint(x, y, distance, wide)
-                    points, whole, _, _ = rays_at_limb(distance, radius, wide, half, top, rule, roots, weights)
-                    c0, c1, c2, _ = drawn_together(radius, wide, roots, weights, points, whole)
-                for k in range(start, stop):
-                    if is_inner:
-                        weight, scale = _HALF, out * (ONE - apart if k == start else ONE + apart)
-                    else:
-                        weight, root = weights[k - start] / whole, roots[k - start]
-                        moved = c0 + root * (c1 + root * c2)
-                        scale = min(radius / end * (end - moved * moved), outermost) / distance
-                    px, py = scale * per_px * x, scale * per_px * y
-                    square = px * px + py * py
-                    height, upright = np.sqrt(ONE - square), np.sqrt(ONE - near * near * square)
-                    shrink = upright - near * height
-                    px, py, pz = shrink * px, shrink * py, -(height * upright + near * square)
-                    ax = turn[0, 0] * px + turn[1, 0] * py + turn[2, 0] * pz
-                    ay = turn[0, 1] * px + turn[1, 1] * py + turn[2, 1] * pz
-                    az = turn[0, 2] * px + turn[1, 2] * py + turn[2, 2] * pz
-                    corner, _, _, u, v, _, _ = place(ax, ay, az, cells)
-                    corners[i, k], pixel[i, k] = corner, np.int32(number)
-                    offsets[i, k, 0], offsets[i, k, 1] = u, v
-                    factor[i, k] = gain * share * weight * (same + lx * px + ly * py + lz * pz)
+                start, first = begins[i, number], memory.begins[column]
+                # A ray whose share rounds to nothing may be counted in one of both.
+                most = min(begins[i, number + 1] - start, memory.begins[column + 1] - first)
+                for k in range(most):
+                    at, ray = start + k, first + k
+                    px, py, pz = rays[layout.POINT_X, ray], rays[layout.POINT_Y, ray], rays[layout.POINT_Z, ray]
+                    corners[i, at], pixel[i, at] = memory.corner[ray], np.int32(number)
+                    offsets[i, at, 0], offsets[i, at, 1] = rays[layout.CELL_U, ray], rays[layout.CELL_V, ray]
+                    light = same + lx * px + ly * py + lz * pz
+                    factor[i, at] = gain * share * rays[layout.WEIGHT, ray] * light

@@ -24,9 +24,9 @@ COLUMNS = 9
 RADIUS, BLUR, NEARNESS, EVEN_LIGHT, LIGHT_X, LIGHT_Y, LIGHT_Z, FOOTPRINT_BLUR = range(8)
 BALL_COLUMNS = 8
 
-#: Columns of `RowMemory.outline`: share, edge and spread of `rays.coverage`, and what the outline gives or takes.
-SHARE, EDGE, SPREAD, GAINED = range(4)
-OUTLINE_COLUMNS = 4
+#: Columns of `RowMemory.outline`: share, edge and spread of `rays.coverage`.
+SHARE, EDGE, SPREAD = range(3)
+OUTLINE_COLUMNS = 3
 
 #: Rows of `RowMemory.rays`: offset of the pixel, px; scale to the ray, its changes by distance and size; and weight.
 PIXEL_X, PIXEL_Y, SCALE, STRETCH, BY_SIZE, WEIGHT = range(6)
@@ -39,7 +39,9 @@ CELL_U, CELL_V, TANGENT_T, TANGENT_R, NEARER = range(9, 14)
 VALUE, BY_U, BY_V = range(14, 17)
 #: Shrink and steepness of `sphere_map.forward_model`, and by how much points move with the radius.
 SHRINK, STEEPNESS, INWARDS = range(17, 20)
-RAY_ROWS = 20
+#: Change of the weight as the outline gives or takes a part of the pixel.
+GAINED = 20
+RAY_ROWS = 21
 #: At last, in place of the first rows: weighted level, its changes by motion and size, and the level without weight.
 LIT, LIT_BY_X, LIT_BY_Y, LIT_BY_WX, LIT_BY_WY, LIT_BY_WZ, LIT_BY_SIZE, BARE = range(8)
 
@@ -68,9 +70,9 @@ class Rays(NamedTuple):
 class RowMemory(NamedTuple):
     """Memory for the rays of a row of s pixels with up to k rays each."""
 
-    outline: Floats  # (s, 4)
+    outline: Floats  # (s, 3)
     begins: Integers  # numbers (s + 1,) of the first rays of the pixels
-    rays: Floats  # (20, s * k)
+    rays: Floats  # (21, s * k)
     corner: Numbers  # first of sixteen coefficients (s * k,)
     axis: Numbers  # axis across the face (s * k,)
     across: Floats  # offsets (s,) of the pixels from the ball's centre, px

@@ -31,13 +31,16 @@ _LEAST_SQUARE, _MOST_SKEW = np.float32(LEAST_SQUARE), np.float32(MOST_SKEW)
 class Rule(NamedTuple):
     """Where the limb of a sharp image begins, and the Gauss rules over its pixels.
 
-    The first rule serves pixels at the limb; the second one those that show a longer arc of the surface.
+    The first rule serves pixels at the limb; the second one those that show a longer arc of the surface. Between them,
+    and before the limb, pixels have the rays of both, so that no level jumps as the ball moves.
     """
 
     limb_from: np.float32  # begin of the limb, radii
     limb_px: np.float32  # and px from the outline
+    ramp_px: np.float32  # so far before it begin the rays of the limb
     outermost: np.float32  # distance of the outermost ray, radii
-    long_arc_px: np.float32  # longest arc that the first rule serves
+    short_arc_px: np.float32  # longest arc that the first rule alone serves
+    long_arc_px: np.float32  # shortest arc that the second rule alone serves
     points: Floats  # points (2, k) of both rules, from -1 to 1
     shares: Floats  # their weights (2, k), 0 where a rule has fewer points
     counts: Integers  # (2,): numbers of points
@@ -53,15 +56,35 @@ def footprint(x: Any, y: Any, distance: Any, blur: Any) -> tuple[Any, Any]:
 
 
 @compiled
-def two_rays(radius: Any, blur: Any, rule: Rule) -> tuple[Any, Any, Any]:
-    """Distance from the centre, px, up to which two rays are enough, and how they are scaled apart and outwards."""
+def two_rays(radius: Any, blur: Any) -> tuple[Any, Any]:
+    """How the two rays of a pixel before the limb are scaled apart and outwards."""
     variance = blur * blur + _TWELFTH
-    wider = np.sqrt(_TWELVE * variance)
+    return np.sqrt(variance) / radius, ONE + variance / (radius * radius)
+
+
+@compiled
+def begin_of_limb(radius: Any, blur: Any, rule: Rule) -> tuple[Any, Any]:
+    """Distance from the centre, px, up to which two rays are enough, and the width of the ramp before it."""
+    wider = np.sqrt(_TWELVE * (blur * blur + _TWELFTH))
     begin = rule.limb_from
     slope = begin / (np.sqrt(ONE - begin * begin) * wider)
     inner = slope / np.sqrt(ONE + slope * slope) * radius
-    out = ONE + variance / (radius * radius)
-    return min(inner, radius - rule.limb_px * wider), np.sqrt(variance) / radius, out
+    return min(inner, radius - rule.limb_px * wider), rule.ramp_px * wider
+
+
+@compiled
+def shares_of_rules(
+    distance: Any, radius: Any, end: Any, half: Any, limb: tuple[Any, Any], rule: Rule
+) -> tuple[Any, Any, Any]:
+    """Shares of a pixel that its two rays and the rays of both rules have; ``limb`` is that of `begin_of_limb`."""
+    at_limb = min(max(ONE - (limb[0] - distance) / limb[1], ZERO), ONE)
+    if at_limb == ZERO:
+        return ONE, ZERO, ZERO
+    shallow, deep = limb_part(distance, end, half)
+    # The arc of the surface is about the difference of the roots.
+    arc = np.sqrt(TWO * radius) * (deep - shallow)
+    longer = min(max((arc - rule.short_arc_px) / (rule.long_arc_px - rule.short_arc_px), ZERO), ONE)
+    return ONE - at_limb, at_limb * (ONE - longer), at_limb * longer
 
 
 @compiled
@@ -84,23 +107,21 @@ def height_at(away: Any, half: Any, top: Any) -> Any:
 
 @compiled
 def rays_at_limb(
-    distance: Any, radius: Any, blur: Any, half: Any, top: Any, rule: Rule, roots: Floats, weights: Floats
-) -> tuple[int, Any, Any, Any]:
-    """Roots and weights of the rays of a pixel at the limb, before they are drawn together.
+    distance: Any, end: Any, half: Any, top: Any, rule: Rule, number: int, roots: Floats, weights: Floats
+) -> tuple[Any, Any, Any]:
+    """Roots and weights of the rays of a pixel by the rule ``number``, before they are drawn together.
 
-    Their number, the sum of the weights, the range of the roots, and the sum of the weights over the roots.
+    The sum of the weights, the range of the roots, and the sum of the weights over the roots.
     """
-    end = end_of_disc(radius, blur)
     shallow, deep = limb_part(distance, end, half)
-    number, whole, inverse = number_of_rule(shallow, deep, radius, rule), ZERO, ZERO
-    points = rule.counts[number]
-    for k in range(points):
+    whole, inverse = ZERO, ZERO
+    for k in range(rule.counts[number]):
         root = shallow + (deep - shallow) * _HALF * (ONE + rule.points[number, k])
         height = rule.shares[number, k] * height_at(abs(end - root * root - distance), half, top)
         roots[k], weights[k] = root, root * height
         whole += root * height
         inverse += height
-    return points, whole, deep - shallow, inverse
+    return whole, deep - shallow, inverse
 
 
 @compiled
@@ -143,13 +164,6 @@ def limb_part(distance: Any, radius: Any, half: Any) -> tuple[Any, Any]:
 
 
 @compiled
-def number_of_rule(shallow: Any, deep: Any, radius: Any, rule: Rule) -> int:
-    """Number of the rule for a pixel between these roots: the arc of the surface is about their difference."""
-    span = deep - shallow
-    return 1 if TWO * radius * span * span > rule.long_arc_px * rule.long_arc_px else 0
-
-
-@compiled
 def coverage(x: Any, y: Any, distance: Any, radius: Any, blur: Any) -> tuple[Any, Any, Any]:
     """`sphere_map.rays.coverage` of one pixel."""
     bent = (blur * blur + _TWELFTH) / (TWO * radius)
@@ -183,9 +197,7 @@ def row_of_rays(ball: Floats, rule: Rule, visibility: Floats, memory: RowMemory)
     """Put the rays of the pixels in a row, and the outline in each pixel, into the ``memory``; the number of rays."""
     outline, begins, rays = memory.outline, memory.begins, memory.rays
     radius, blur, wide = ball[layout.RADIUS], ball[layout.BLUR], ball[layout.FOOTPRINT_BLUR]
-    inner, apart, out = two_rays(radius, wide, rule)
-    outermost, end = rule.outermost * radius, end_of_disc(radius, wide)
-    beyond, count = radius / end, 0
+    limb, end, count = begin_of_limb(radius, wide, rule), end_of_disc(radius, wide), 0
     for column in range(len(visibility)):
         begins[column] = count
         if visibility[column] == ZERO:
@@ -195,41 +207,70 @@ def row_of_rays(ball: Floats, rule: Rule, visibility: Floats, memory: RowMemory)
         distance = distance if distance > _TINY else _TINY
         share, edge, spread = coverage(x, y, distance, radius, blur)
         outline[column, layout.SHARE], outline[column, layout.EDGE] = share, edge
-        outline[column, layout.SPREAD], outline[column, layout.GAINED] = spread, ZERO
+        outline[column, layout.SPREAD] = spread
         if share == ZERO and edge == ZERO:
             continue
-        if distance < inner:
-            for k in range(2):
-                nearer = ONE - apart if k == 0 else ONE + apart
-                rays[layout.PIXEL_X, count], rays[layout.PIXEL_Y, count], rays[layout.SCALE, count] = x, y, out * nearer
-                rays[layout.STRETCH, count], rays[layout.WEIGHT, count] = ZERO, _HALF
-                rays[layout.BY_SIZE, count] = (TWO * (ONE - out) * nearer - out * (nearer - ONE)) / radius
-                count += 1
-            continue
         half, top = footprint(x, y, distance, wide)
-        roots, weights = rays[layout.ROOT, count:], rays[layout.WEIGHT, count:]
-        points, whole, span, of_mean = rays_at_limb(distance, radius, wide, half, top, rule, roots, weights)
-        c0, c1, c2, mean = drawn_together(radius, wide, roots, weights, points, whole)
-        outside = ZERO
-        if distance + half > end:
-            outside = height_at(abs(end - distance), half, top) / (whole * span)
-        of_mean = of_mean / whole + TWO * outside * (roots[0] - mean)
-        outline[column, layout.GAINED] = outside
-        for _ in range(points):
-            root = rays[layout.ROOT, count]
-            moved, slope = c0 + root * (c1 + root * c2), c1 + TWO * c2 * root
-            of_distance = moved * (slope / root + (ONE - slope) * of_mean)
-            at, of_size = beyond * (end - moved * moved), (ONE - of_distance) / distance
-            of_distance *= beyond
-            if at > outermost:
-                at, of_distance, of_size = outermost, ZERO, rule.outermost / distance
-            scale = at / distance
-            rays[layout.PIXEL_X, count], rays[layout.PIXEL_Y, count], rays[layout.SCALE, count] = x, y, scale
-            rays[layout.STRETCH, count], rays[layout.BY_SIZE, count] = (
-                (of_distance - scale) / (distance * distance),
-                of_size,
-            )
-            rays[layout.WEIGHT, count] /= whole
-            count += 1
+        two, first, second = shares_of_rules(distance, radius, end, half, limb, rule)
+        if two > ZERO:
+            _put_two(rays, count, radius, wide, two)
+            count += 2
+        for number in range(2):
+            part = first if number == 0 else second
+            if part > ZERO:
+                _put_limb(rays, count, distance, radius, wide, half, top, rule, number, part)
+                count += rule.counts[number]
+        for k in range(begins[column], count):
+            rays[layout.PIXEL_X, k], rays[layout.PIXEL_Y, k] = x, y
     begins[len(visibility)] = count
     return count
+
+
+@compiled
+def _put_two(rays: Floats, count: int, radius: Any, blur: Any, share: Any) -> None:
+    """The two rays of a pixel before the limb, of which they have a ``share``."""
+    apart, out = two_rays(radius, blur)
+    for k in range(2):
+        nearer = ONE - apart if k == 0 else ONE + apart
+        at = count + k
+        rays[layout.SCALE, at], rays[layout.STRETCH, at] = out * nearer, ZERO
+        rays[layout.WEIGHT, at], rays[layout.GAINED, at] = _HALF * share, ZERO
+        rays[layout.BY_SIZE, at] = (TWO * (ONE - out) * nearer - out * (nearer - ONE)) / radius
+
+
+@compiled
+def _put_limb(
+    rays: Floats,
+    count: int,
+    distance: Any,
+    radius: Any,
+    blur: Any,
+    half: Any,
+    top: Any,
+    rule: Rule,
+    number: int,
+    share: Any,
+) -> None:
+    """The rays of a pixel at the limb by the rule ``number``, of which they have a ``share``."""
+    points, end = rule.counts[number], end_of_disc(radius, blur)
+    roots, weights = rays[layout.ROOT, count:], rays[layout.WEIGHT, count:]
+    whole, span, of_mean = rays_at_limb(distance, end, half, top, rule, number, roots, weights)
+    c0, c1, c2, mean = drawn_together(radius, blur, roots, weights, points, whole)
+    outermost, beyond, outside = rule.outermost * radius, radius / end, ZERO
+    if distance + half > end:
+        outside = height_at(abs(end - distance), half, top) / (whole * span)
+    of_mean = of_mean / whole + TWO * outside * (roots[0] - mean)
+    for k in range(points):
+        at, root = count + k, roots[k]
+        moved, slope = c0 + root * (c1 + root * c2), c1 + TWO * c2 * root
+        of_distance = moved * (slope / root + (ONE - slope) * of_mean)
+        place, of_size = beyond * (end - moved * moved), (ONE - of_distance) / distance
+        of_distance *= beyond
+        if place > outermost:
+            place, of_distance, of_size = outermost, ZERO, rule.outermost / distance
+        scale, weight = place / distance, weights[k] / whole
+        rays[layout.SCALE, at], rays[layout.BY_SIZE, at] = scale, of_size
+        rays[layout.STRETCH, at] = (of_distance - scale) / (distance * distance)
+        rays[layout.WEIGHT, at] = share * weight
+        # The outline gives or takes what lies there: the first ray is the one nearest to it.
+        rays[layout.GAINED, at] = share * outside * ((ONE if k == 0 else ZERO) - weight)

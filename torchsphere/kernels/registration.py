@@ -72,7 +72,7 @@ def _equations(
     window, visibility = hidden.window, images.visibility
     normal, gradient, squares, seen = found
     n, side, _ = levels.shape
-    memory = memory_for_row(side, model.rule.points.shape[1])
+    memory = memory_for_row(side, model.rule)
     jacobian = np.empty((side, layout.COLUMNS, side), np.float32)
     expected, residual = np.empty((side, side), np.float32), np.empty((side, side), np.float32)
     weights, part = np.empty((side, side), np.float32), np.empty(side, np.float32)

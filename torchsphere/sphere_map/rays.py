@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -27,6 +28,10 @@ LONG_ARC_PX, ARC_PER_POINT_PX = 5.0, 1.0
 #: the surface is so steep that two rays are not enough (docs/constants.toml).
 LIMB_FROM, LEAST_LIMB_PX = 0.92, 1.5
 
+#: Width of the ramps from one rule to the next: before the limb, px, and before a long arc, as a share of it. A level
+#: that jumps as the ball moves would let rounding decide where an adjustment ends (docs/constants.toml).
+LIMB_RAMP_PX, ARC_RAMP = 1.0, 0.25
+
 #: Smallest component of an outline's normal, as the limit of an edge along the rows or columns of pixels.
 LEAST_NORMAL = 0.03
 
@@ -49,8 +54,8 @@ def rule(ball: TexturedBall) -> Rule:
     rules = np.zeros((2, 2, counts[1]), np.float32)
     for number, count in enumerate(counts):
         rules[:, number, :count] = np.polynomial.legendre.leggauss(count)
-    limb, outermost = (np.float32(LIMB_FROM), np.float32(LEAST_LIMB_PX)), np.float32(MAX_RAY_DISTANCE)
-    return Rule(*limb, outermost, np.float32(long_arc), rules[0], rules[1], np.array(counts))
+    limits = LIMB_FROM, LEAST_LIMB_PX, LIMB_RAMP_PX, MAX_RAY_DISTANCE, (1 - ARC_RAMP) * long_arc, long_arc
+    return Rule(*(np.float32(limit) for limit in limits), rules[0], rules[1], np.array(counts))
 
 
 def footprint_variance(blur: float) -> float:
@@ -79,14 +84,22 @@ def rays_of(x: Tensor, y: Tensor, radius: Tensor, ball: TexturedBall) -> Rays:
     given, blur = rule(ball), ball.footprint_blur
     # As many times is the footprint wider than a sharp pixel.
     wider = math.sqrt(12 * footprint_variance(blur))
-    # Points and weights of both rules, (2, 2, k).
-    rules = torch.from_numpy(np.stack((given.points, given.shares))).to(distance)
-    inner = _inner_rays(distance, radius, blur, rules[0, 0])
-    outer = _outer_rays(x, y, distance, radius, blur, rules, float(given.long_arc_px))
     slope = LIMB_FROM / math.sqrt(1 - LIMB_FROM**2) / wider
     limb_from = slope / math.sqrt(1 + slope**2)
-    is_inner = distance < torch.minimum(limb_from * radius, radius - LEAST_LIMB_PX * wider)
-    at, by_distance, by_radius, *weights = (torch.where(is_inner, i, o) for i, o in zip(inner, outer, strict=True))
+    limb = torch.minimum(limb_from * radius, radius - LEAST_LIMB_PX * wider)
+    at_limb = (1 - (limb - distance) / (LIMB_RAMP_PX * wider)).clamp(0, 1)
+    part = _limb_part(x, y, distance, radius, blur)
+    arc = (2 * radius).sqrt() * (part.deep - part.shallow)
+    longer = ((arc - float(given.short_arc_px)) / float(given.long_arc_px - given.short_arc_px)).clamp(0, 1)
+    inner = _inner_rays(distance, radius, blur)
+    rules = (
+        [torch.from_numpy(of_rule[number, :count]).to(distance) for of_rule in (given.points, given.shares)]
+        for number, count in enumerate(given.counts)
+    )
+    short, long = (_outer_rays(distance, radius, part, points, shares) for points, shares in rules)
+    shares = 1 - at_limb, at_limb * (1 - longer), at_limb * longer
+    of_pixel = [_shared(*both) for both in zip((inner, short, long), shares, strict=True)]
+    at, by_distance, by_radius, *weights = (torch.cat(kind, -1) for kind in zip(*of_pixel, strict=True))
     limit = MAX_RAY_DISTANCE * radius
     drawn = at > limit
     at = torch.where(drawn, limit, at)
@@ -96,44 +109,65 @@ def rays_of(x: Tensor, y: Tensor, radius: Tensor, ball: TexturedBall) -> Rays:
     return Rays(scale, (by_distance - scale) / distance, by_radius / distance, *weights)
 
 
-def _inner_rays(distance: Tensor, radius: Tensor, blur: float, like: Tensor) -> tuple[Tensor, ...]:
-    """Distances (n, s, s, k) of two rays from the centre, their derivatives, and their weights with derivatives.
+def _shared(rays: tuple[Tensor, ...], share: Tensor) -> tuple[Tensor, ...]:
+    """The ``rays`` of a rule with that ``share`` (n, s, s, 1) of their pixels, as if it stayed while the ball moves.
+
+    What both rules draw there differs by less than what the map lacks.
+    """
+    at, by_distance, by_radius, *weights = torch.broadcast_tensors(*rays)
+    return at, by_distance, by_radius, *(share * weight for weight in weights)
+
+
+def _inner_rays(distance: Tensor, radius: Tensor, blur: float) -> tuple[Tensor, ...]:
+    """Distances (n, s, s, 2) of two rays from the centre, their derivatives, and their weights with derivatives.
 
     Both hold the variance by which the footprint exceeds that in front, which the map has: ``(r / R)^2`` of the whole.
     On the curved surface the map's footprint has its mean further inwards than the pixel, by the share variance over
     ``R^2``: the rays are further out by as much.
     """
     variance = footprint_variance(blur)
-    sign, out = torch.zeros_like(like), 1 + variance / radius.square()
-    sign[0], sign[1] = -math.sqrt(variance), math.sqrt(variance)
+    sign, out = distance.new_tensor([-1.0, 1.0]) * math.sqrt(variance), 1 + variance / radius.square()
     nearer, none = 1 + sign / radius, torch.zeros_like(distance * sign)
     by_radius = (2 * (1 - out) * nearer - out * sign / radius) / radius
     at = distance * out * nearer
-    return at, out * nearer, distance * by_radius, (sign != 0).to(at) / 2, none, none
+    return at, out * nearer, distance * by_radius, none + 0.5, none, none
 
 
-def _outer_rays(
-    x: Tensor, y: Tensor, distance: Tensor, radius: Tensor, blur: float, rules: Tensor, long_arc: float
-) -> tuple[Tensor, ...]:
-    """As `_inner_rays`, for pixels at the limb: a Gauss rule over the part of the pixel that the disc covers.
+class _LimbPart(NamedTuple):
+    """The part of each pixel (n, s, s, 1) that the disc covers, along the radius."""
 
-    The rule's variable is the root of the distance from the outline, in which the surface is even. The derivatives are
-    those of the mean itself: rays stay in their pixel while the ball moves, and the outline gives or takes what lies
-    there.
-    """
+    variance: float  # of the footprint, px^2
+    half: Tensor  # half the widths at the pixel's foot and at its top, px
+    plateau: Tensor
+    end: Tensor  # of the disc, px from the centre
+    deep: Tensor  # roots of the distances of both ends from the outline
+    shallow: Tensor
+
+
+def _limb_part(x: Tensor, y: Tensor, distance: Tensor, radius: Tensor, blur: float) -> _LimbPart:
     variance = footprint_variance(blur)
     # Beside the radius through the pixel the outline is nearer to the centre: on the mean by this.
     end = radius - variance / (2 * radius)
     half, plateau = _footprint(x, y, distance, blur)
-    near, far = (distance - half).minimum(end - 1e-3), distance + half
-    deep, shallow = (end - near).sqrt(), (end - far).clamp_min(1e-12).sqrt()
-    is_long = 2 * radius * (deep - shallow).square() > long_arc**2
-    points, shares = (torch.where(is_long, long, short) for short, long in rules)
+    near = (distance - half).minimum(end - 1e-3)
+    return _LimbPart(variance, half, plateau, end, (end - near).sqrt(), (end - distance - half).clamp_min(1e-12).sqrt())
+
+
+def _outer_rays(
+    distance: Tensor, radius: Tensor, part: _LimbPart, points: Tensor, shares: Tensor
+) -> tuple[Tensor, ...]:
+    """As `_inner_rays`, for pixels at the limb: a Gauss rule over the ``part`` of the pixel that the disc covers.
+
+    The rule's variable is the root of the distance from the outline, in which the surface is even; it has ``points``
+    (k,) with ``shares`` (k,). The derivatives are those of the mean itself: rays stay in their pixel while the ball
+    moves, and the outline gives or takes what lies there.
+    """
+    variance, half, plateau, end, deep, shallow = part
     root = shallow + (deep - shallow) * (1 + points) / 2
     height = _height((end - root.square() - distance).abs(), half, plateau)
     weight = shares * root * height
     # Part of the pixel per px at the outline: what a move of the outline adds to the part that the disc covers.
-    edge = torch.where(far > end, _height((end - distance).abs(), half, plateau), 0.0)
+    edge = torch.where(distance + half > end, _height((end - distance).abs(), half, plateau), 0.0)
     edge = edge / (weight * (deep - shallow)).sum(-1, keepdim=True).clamp_min(1e-6)
     weight = weight / weight.sum(-1, keepdim=True)
     # The first ray is the one nearest to the outline.
