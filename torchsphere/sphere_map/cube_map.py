@@ -120,13 +120,14 @@ def coefficient_count(cells: int) -> int:
 
 @functools.lru_cache(maxsize=8)
 def _seam_nodes(cells: int, device: torch.device) -> tuple[Tensor, Tensor, int]:
-    """Numbers (k,) of the nodes that lie on an edge of the cube, the numbers (k,) of their places, and of how many."""
+    """Numbers (k,) of the nodes that lie on the line of an edge of the cube, those of their places, and how many."""
     face, row, column = (part.ravel() for part in np.indices((6, cells + BORDER, cells + BORDER)))
     # On the cube, whose edges are 2 ``cells`` long; a face has its right and its up along the next two axes.
     right, up = 2 * (column - 1) - cells, 2 * (row - 1) - cells
     on_cube = np.stack((np.where(face < 3, cells, -cells), right, up), 1)
     on_axes = np.take_along_axis(on_cube, (np.arange(3) - face[:, None] % 3) % 3, 1)
-    nodes = np.flatnonzero(np.maximum(np.abs(right), np.abs(up)) == cells)
+    # Those beyond a corner as well: they lie on the line of the edge, and what it shows hangs on them.
+    nodes = np.flatnonzero((np.abs(right) == cells) | (np.abs(up) == cells))
     places, of_place = np.unique(on_axes[nodes], axis=0, return_inverse=True)
     return torch.from_numpy(nodes).to(device), torch.from_numpy(of_place.reshape(-1)).to(device), len(places)
 

@@ -35,7 +35,7 @@ PRIOR_AT_NODES = (2 * 16 + 3**4 * RIDGE) / 2
 
 #: Mean square of a spline that is 1 at its node and 0 at all others, and largest leverage of a pixel: the variance of
 #: the noise is not divided by less than what is left (docs/constants.toml).
-NODE_SHARE, MAX_LEVERAGE = 0.7, 0.8
+NODE_SHARE, MAX_LEVERAGE = 0.764, 0.8
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ def _values_at_nodes(cells: int) -> Tensor:
 def refined(coefficients: Tensor, cells: int, fine: int) -> Tensor:
     """Coefficients of a map with ``fine`` cells along a face, equal to a map with ``cells`` at the nodes of the new.
 
-    Near the corners of the cube two faces differ between their nodes: nodes that they share take the mean.
+    A map that does not jump at the seams stays one.
     """
     width = cells + cube_map.BORDER
     nodes = (torch.arange(fine + cube_map.BORDER, dtype=torch.float64) - 1) * (cells / fine)
@@ -195,9 +195,7 @@ def refined(coefficients: Tensor, cells: int, fine: int) -> Tensor:
     at_nodes.scatter_(1, cell.long().unsqueeze(1) + torch.arange(4), weights)
     prefilter = _prefilter(fine, torch.float64, torch.device("cpu"))
     matrix = (prefilter @ at_nodes).to(coefficients)
-    found = (matrix @ coefficients.reshape(6, width, width) @ matrix.T).flatten()
-    shared = cube_map.joined_at_seams(from_nodes(found, fine), fine) / cube_map.faces_of_nodes(found, fine)
-    return to_nodes(shared, fine)
+    return (matrix @ coefficients.reshape(6, width, width) @ matrix.T).flatten()
 
 
 def prior_gradient(coefficients: Tensor, cells: int) -> Tensor:
