@@ -79,8 +79,8 @@ def test_further_steps_reach_the_minimum_of_the_squares_and_then_stop(adjusted: 
         equations = MapEquations.of(drawn(state, one_share), weights, one_share)
         last = LastStep(state, model, elimination.joint_equations(model, equations, state.poses))
         step = level._step(last, (), limits(len(state.poses), 1e-4, [], 1e-4))
-        state, moved = level._moved(state, (), last.joint, *step)
-        moves.append(float(moved[:-COMMON].reshape(-1, PER_IMAGE)[:, :5].abs().max()))
+        state = level._moved(state, (), last.joint, *step)
+        moves.append(float(step[1][:-COMMON].reshape(-1, PER_IMAGE)[:, :5].abs().max()))
     # At the minimum a step is rounding. The adjustment ends within a standard deviation.
     assert moves[-1] < 1e-3, moves
     assert float((state.poses.centre - adjusted.poses.centre).abs().max()) < 0.005

@@ -83,6 +83,8 @@ class TexturedBall:
     rim_points: int = 12
     # Whether the radius in each image is an unknown of its pose: the ball comes nearer or goes away.
     grows: bool = False
+    # Whether it turns in its place: all images have one centre.
+    stays: bool = False
 
 
 def uniform_light(like: Tensor) -> Tensor:

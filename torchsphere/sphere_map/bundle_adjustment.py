@@ -49,6 +49,7 @@ def adjust(
     least_variance: float = ROUNDING_VARIANCE,
     is_exposure_known: bool = True,
     grows: bool = False,
+    stays: bool = False,
     view: View | None = None,
     lens: SharedUnknowns = (),
 ) -> Adjustment:
@@ -58,11 +59,11 @@ def adjust(
     ``least_variance`` that which the steps of the levels leave; ``shared`` shares images out among threads.
     ``progress`` is called with the share that is done. The adjustment starts from the blur ``optics_px`` of the
     images, 0 where they are sharp, and from the exposure of the windows, which is adjusted if it is not known. The
-    radius in each image is adjusted if the ball ``grows``, and with it the unknowns of a ``lens`` that the windows are
+    radius in each image is adjusted if the ball ``grows``, one place of all if it ``stays``, and the unknowns of a ``lens`` that the windows are
     cut for. A lens is looked for in the ``view`` on coarse cells: if the images show one, the adjustment ends there.
     Singular equations raise LinAlgError.
     """
-    ball = _first_ball(windows, poses, radius, optics_px, grows=grows)
+    ball = replace(_first_ball(windows, poses, radius, optics_px), grows=grows, stays=stays)
     profile = pixel_weights.uniform_profile(ball.radius, noise_variance, least_variance)
     state = State(windows, _with_initial_gains(windows, poses), ball, profile)
     coarse = cube_map.cells_per_face(radius, max(COARSE_PX, cell_px))
@@ -162,13 +163,13 @@ def _report(progress: Callable[[float], None] | None, share: float) -> None:
         progress(share)
 
 
-def _first_ball(windows: Windows, poses: Poses, radius: float, optics_px: float, *, grows: bool) -> TexturedBall:
+def _first_ball(windows: Windows, poses: Poses, radius: float, optics_px: float) -> TexturedBall:
     """A ball without a map, evenly lit, whose edge has the blur of the optics."""
     like = windows.levels
     size = torch.tensor(radius, dtype=torch.float64, device=like.device)
     blur, none = torch.full_like(size, max(optics_px, OPTICS_BLUR_PX)), like.new_zeros(0)
     points = rim_points(float(poses.radii(radius).max()))
-    return TexturedBall(size, blur, 0, none, uniform_light(size), rim_points=points, grows=grows)
+    return TexturedBall(size, blur, 0, none, uniform_light(size), rim_points=points)
 
 
 def _with_initial_gains(windows: Windows, poses: Poses) -> Poses:

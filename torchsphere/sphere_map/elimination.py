@@ -33,6 +33,9 @@ MEAN_GAIN_SD, MEAN_OFFSET_SD = 1e-6, 1e-4
 #: is an unknown.
 HELD_RADIUS_SD_PX = 1e-6
 
+#: Standard deviation of a centre, px, from the mean of all of a ball that turns in its place.
+HELD_PLACE_SD_PX = 1e-6
+
 #: Standard deviation of a change of the edge's blur, px: where the outline has no contrast, nothing else holds it
 #: (docs/constants.toml).
 BLUR_SD_PX = 0.1
@@ -153,10 +156,11 @@ def joint_equations(
     precisions: tuple[float, ...] = (),
     *,
     grows: bool = False,
+    stays: bool = False,
 ) -> JointEquations:
     """Set up the equations and eliminate the map; the outlines' radii are unknowns of the images if the ball ``grows``.
 
-    Columns of the ``model`` beyond those of poses and outline are unknowns that all images share, with these
+    Their centres are one if it ``stays``. Columns of the ``model`` beyond those of poses and outline are unknowns that all images share, with these
     ``precisions`` of their priors.
     """
     design, n = equations.design, len(poses)
@@ -177,7 +181,7 @@ def joint_equations(
     products = equations.shared(lambda a, b: at_nodes[a:b].T @ at_nodes[a:b], len(at_nodes))
     taken_up = torch.stack(products).sum(0)
     seen = _seen(equations)
-    normal = normal + _gauge(poses, normal, grows=grows)
+    normal = normal + _gauge(poses, normal, grows=grows, stays=stays)
     normal[-1, -1] += 1 / BLUR_SD_PX**2
     first = PER_IMAGE * n
     for number, precision in enumerate(precisions):
@@ -234,10 +238,11 @@ def spread_gradient(parts: Tensor) -> Tensor:
     return torch.cat((parts[:, OWN].flatten(), parts[:, _shared_columns(parts.shape[-1])].sum(0)))
 
 
-def _gauge(poses: Poses, normal: Tensor, *, grows: bool) -> Tensor:
+def _gauge(poses: Poses, normal: Tensor, *, grows: bool, stays: bool) -> Tensor:
     """Constraints on what the images leave open: a common rotation of poses and map, and mean gain, offset and radius.
 
-    The radius added in each image is held unless the ball ``grows``.
+    The radius added in each image is held unless the ball ``grows``, and its centre at that of all if the ball
+    ``stays``.
     """
     n, device = len(poses), normal.device
     open_ = torch.zeros(6, len(normal), dtype=torch.float64, device=device)
@@ -250,4 +255,8 @@ def _gauge(poses: Poses, normal: Tensor, *, grows: bool) -> Tensor:
     gauge = open_.T @ open_
     if not grows:
         gauge.diagonal()[: PER_IMAGE * n].view(n, PER_IMAGE)[:, GEOMETRY - 1] += HELD_RADIUS_SD_PX**-2
+    if stays:
+        off_mean = torch.eye(n, dtype=gauge.dtype, device=device) - 1 / n
+        for axis in range(2):
+            gauge[axis : PER_IMAGE * n : PER_IMAGE, axis : PER_IMAGE * n : PER_IMAGE] += HELD_PLACE_SD_PX**-2 * off_mean
     return gauge

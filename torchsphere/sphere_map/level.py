@@ -75,7 +75,8 @@ class Level(NamedTuple):
     def settled(self, state: State, covariance: Tensor) -> Tensor:
         """Moves of all unknowns that count as settled: see `limits`."""
         sd, n = covariance.diagonal().sqrt(), len(state.poses)
-        px = max(self.settled_px, SETTLED_SD * float(sd[0]))
+        # The place of a ball that stays is that of all images: a rotation is not.
+        px = max(self.settled_px, SETTLED_SD * float(sd[2 if state.ball.stays else 0]))
         by_model = radius_error.of_model(state.poses.orientation, float(state.ball.radius))
         radius_px = max(px, SETTLED_SD * math.hypot(float(sd[-COMMON]), by_model))
         of_unknowns = [
@@ -125,7 +126,7 @@ def adjust_level(state: State, level: Level, shared: RowRunner, moved: float = 0
         raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
     if state.ball.cells != level.cells:
         state, _ = fit_map(with_cells(state, level.cells), shared, NEW_MAP_STEPS)
-    before, taken, share = None, None, 1.0
+    before, share = None, None
     for number in range(level.max_steps):
         model = linearised(state, shared)
         weights = state.profile.weights(state.windows, state.poses)
@@ -141,16 +142,17 @@ def adjust_level(state: State, level: Level, shared: RowRunner, moved: float = 0
         last = LastStep(state, model, joint)
         settled = level.settled(state, joint.covariance)
         of_map, step = _step(last, level.unknowns, SOLVED_SHARE * settled)
-        share, before = _share_of_step(share, before, step / settled), step / settled
-        state, of_step = _moved(state, level.unknowns, joint, share * of_map, share * step)
+        share = _share_of_step(share, before, step)
+        state = _moved(state, level.unknowns, joint, of_map, share * step)
         if level.is_blurred:
             state = with_footprint_of_outline(state)
-        move, move_px = float((of_step / settled).abs().max()), _in_px(of_step, len(state.poses))
+        # A part of a long step that is taken has not settled: what counts is the whole step.
+        move, move_px = float((step / settled).abs().max()), _in_px(step, len(state.poses))
         if not math.isfinite(move):
             raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
         is_bound = level.is_last and float(state.profile.variance.max()) >= limit * float(state.profile.variance[0])
-        along, taken = _share_along(of_step / settled, taken), of_step / settled
-        left, ratio = _left(along), move / moved if moved else 0.5
+        along = 0.5 if before is None else _share_along(step / settled, before / settled)
+        left, ratio, before = _left(along), move / moved if moved else 0.5, step
         # A short move may follow a long one by chance, and a long one it.
         longest, moved = max(move, moved) if level.is_last else move, move
         # Moves that stay as long as they were have not settled, wherever they go.
@@ -161,12 +163,9 @@ def adjust_level(state: State, level: Level, shared: RowRunner, moved: float = 0
     return Adjustment(state, joint.covariance, has_settled, last=last, unknowns=level.unknowns, move=move)
 
 
-def _share_along(move: Tensor, before: Tensor | None) -> float:
-    """The share of the move ``before`` (u,) by which the last ``move`` (u,) goes on; half without one.
-
-    Moves that rounding leaves go on nowhere.
-    """
-    return 0.5 if before is None else float(move @ before / (before @ before).clamp_min(1e-30))
+def _share_along(step: Tensor, before: Tensor) -> float:
+    """The share of the step ``before`` (u,) by which the last ``step`` (u,) goes on; rounding goes on nowhere."""
+    return float(step @ before / (before @ before).clamp_min(1e-30))
 
 
 def _left(share: float) -> float:
@@ -194,7 +193,8 @@ def joint_equations(
 ) -> JointEquations:
     """The equations of a step, with the priors of the ``unknowns``, which have columns in the ``model``."""
     precisions = tuple(unknown.precision for unknown in unknowns)
-    return elimination.joint_equations(model, equations, state.poses, precisions, grows=state.ball.grows)
+    ball = state.ball
+    return elimination.joint_equations(model, equations, state.poses, precisions, grows=ball.grows, stays=ball.stays)
 
 
 def gradients(at: LastStep, unknowns: SharedUnknowns) -> tuple[Tensor, Tensor]:
@@ -220,27 +220,27 @@ def _step(at: LastStep, unknowns: SharedUnknowns, settled: Tensor) -> tuple[Tens
     return joint.solve(by_map, by_unknowns, *((STEPS_OF_UNKNOWNS, None) if unknowns else (STEPS, settled)))
 
 
-def _share_of_step(share: float, before: Tensor | None, step: Tensor) -> float:
-    """The share of a ``step`` (u,) to take, after that ``share`` of the step ``before``, in moves that are settled.
+def _share_of_step(share: Tensor | None, before: Tensor | None, step: Tensor) -> Tensor:
+    """The share (u,) of a ``step`` (u,) to take of each unknown, after those shares of the step ``before``.
 
-    Steps that go back a part of the step before would go on to and fro: the weights change with what is drawn, and
-    radius and map, which share the rim, each step as if the other's step were small. By both steps the end lies where
-    they would vanish (the secant rule).
+    Unknowns whose steps go back a part of the step before would go on to and fro: radius and map, which share the rim,
+    each step as if the other's step were small, and where the model lacks much, its curvature counts. By both steps
+    their ends lie where these would vanish (the secant rule, for each unknown alone).
     """
-    if before is None:
-        return 1.0
-    back = float(step @ before / (before @ before).clamp_min(1e-30))
-    return min(1.0, max(share / (1 - back), LEAST_SHARE)) if back < 1 else 1.0
+    if share is None or before is None:
+        return torch.ones_like(step)
+    back = step * before / before.square().clamp_min(1e-30)
+    return torch.where(back < 1, (share / (1 - back)).clamp(LEAST_SHARE, 1.0), 1.0)
 
 
 def _moved(
     state: State, unknowns: SharedUnknowns, joint: JointEquations, of_map: Tensor, step: Tensor
-) -> tuple[State, Tensor]:
-    """The state after a step, held within the limits of its length, and what was taken of the step (u,)."""
+) -> State:
+    """The state after a step, held within the limits of its length."""
     ball, poses = state.ball, len(state.poses)
     # The blur is held within its bounds; the other unknowns follow by their correlation with it.
     wanted = step[-1].clamp(-MAX_BLUR_STEP_PX, MAX_BLUR_STEP_PX).maximum(forward_model.MIN_BLUR_PX - ball.edge_blur)
     step = step + joint.covariance[:, -1] / joint.covariance[-1, -1] * (wanted - step[-1])
     most = limits(poses, MAX_MOVE_PX, [unknown.max_change for unknown in unknowns], MAX_MOVE_PX).to(step)
     share = 1 / (step / most).abs().max().clamp_min(1)
-    return shared_unknown.moved(state, unknowns, share.to(of_map) * of_map, share * step), share * step
+    return shared_unknown.moved(state, unknowns, share.to(of_map) * of_map, share * step)

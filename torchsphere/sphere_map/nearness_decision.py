@@ -8,11 +8,12 @@ from dataclasses import replace
 import torch
 
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import nearness, shared_unknown
+from torchsphere.sphere_map import nearness, residual_scatter, shared_unknown
 from torchsphere.sphere_map.bundle_adjustment import MAX_STEPS, with_error_of_texture
 from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.level import LAST_SETTLED_PX, Adjustment, Level, adjust_level, joint_equations
 from torchsphere.sphere_map.perspective import Optics
+from torchsphere.sphere_map.state import State
 
 #: Nearness of the camera in its standard deviations from which the view is taken as perspective, and largest nearness
 #: (docs/constants.toml).
@@ -21,6 +22,10 @@ SEEN_NEARNESS_SD, MAX_NEARNESS = 2.0, 0.3
 #: Nearness by the first step, in its standard deviations, from which it is an unknown of the adjustment
 #: (docs/constants.toml).
 SUSPECTED_NEARNESS_SD = 1.3
+
+#: Factor in the steps' errors from which the images tell nothing of the camera's distance: what the model lacks may be
+#: a near camera, or look like one (docs/constants.toml).
+MAX_FACTOR = 2.0
 
 
 def find_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) -> Adjustment:
@@ -61,12 +66,23 @@ def _with_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) ->
     sd, of_radius = _told(near, shared)
     if near.settled and value <= SEEN_NEARNESS_SD * nearness.apparent_sd(sd):
         return _not_seen(adjustment, math.hypot(value, nearness.total_sd(sd)), of_radius)
-    if not near.settled or value >= MAX_NEARNESS:
+    if not near.settled or value >= MAX_NEARNESS or not tells_nearness(_widening(near.state)):
         # What was seen and could not be settled is not known to less than what the search had found.
         unseen = _not_seen(adjustment, nearness.UNKNOWN_SD, found.of_radius)
         return replace(unseen, sd_nearness=max(nearness.UNKNOWN_SD, abs(value)))
     sd = nearness.total_sd(sd)
     return replace(with_error_of_texture(near).with_radius_error(of_radius * sd), sd_nearness=sd)
+
+
+def tells_nearness(factor: float) -> bool:
+    """Whether images whose steps err by that ``factor`` more than by the noise tell the camera's distance."""
+    return factor <= MAX_FACTOR
+
+
+def _widening(state: State) -> float:
+    """Largest factor of `residual_scatter.widening` in the images of a ``state``."""
+    some = state.take(torch.from_numpy(residual_scatter.spread_out(len(state.poses))))
+    return float(residual_scatter.widening(some.windows, some.poses, some.ball, some.profile).max())
 
 
 def _not_seen(adjustment: Adjustment, sd: float, of_radius: float) -> Adjustment:

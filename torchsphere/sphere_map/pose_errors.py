@@ -43,6 +43,9 @@ def step_covariances(
     own = np.full((n, GEOMETRY, GEOMETRY), np.nan)
     own[numbers] = (found.misfit[:, None, None] * found.covariance).cpu().numpy()
     covariance = own[:-1] + own[1:]
+    if adjustment.state.ball.stays:
+        # Keyframes share their place: how far each may be beside it, its own image tells.
+        return covariance * units[:, :, None] * units[:, None, :]
     whole = adjustment.covariance.cpu().numpy()
     for k in range(len(keys) - 1):
         if keys[k + 1] == keys[k] + 1:

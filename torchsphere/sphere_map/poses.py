@@ -32,6 +32,7 @@ from torchsphere.sphere_map.known_frames import KnownFrames, register_frames
 from torchsphere.sphere_map.lens import Lens
 from torchsphere.sphere_map.level import NEW_MAP_STEPS, Adjustment
 from torchsphere.sphere_map.nearness import UNKNOWN_SD, nearness_of
+from torchsphere.sphere_map.nearness_decision import tells_nearness
 from torchsphere.sphere_map.perspective import Optics
 from torchsphere.sphere_map.pose_errors import step_covariances, without_leverage
 from torchsphere.sphere_map.registration import Registration
@@ -60,10 +61,6 @@ RADIUS_ERROR_SHARE, RADIUS_ERROR_SHARE_MORE, MAX_EXCESS = 0.00015, 0.001, 1.0
 
 #: Standard deviation of the nearness of the camera per unit of that excess (docs/constants.toml).
 SD_NEARNESS_MORE = 0.003
-
-#: Factor in the steps' errors from which the images tell nothing of the camera's distance: what the model lacks may be
-#: a near camera, or look like one (docs/constants.toml).
-MAX_FACTOR_OF_NEARNESS = 2.0
 
 #: Images without blur, and a lens that bends nothing.
 SHARP, NO_LENS = exposure.Blur(), Lens()
@@ -109,6 +106,7 @@ class MapRequest:
     camera: Camera | None = None  # with a known focal length; without one its distance is found
     telecentric: bool = False
     grows: bool = False  # whether the ball comes nearer or goes away: its radius in each frame is an unknown
+    stays: bool = False  # whether it turns without leaving its place
     progress: Callable[[int, int], None] | None = None
     blur: exposure.Blur = SHARP
 
@@ -161,6 +159,7 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
             is_distance_known=asked.camera is not None or asked.telecentric,
             is_lens_known=asked.camera is not None,
             grows=asked.grows,
+            stays=asked.stays,
         )
         adjustment = settled.adjustment
         ball, turned = adjustment.state.ball, adjustment.state.poses.orientation
@@ -178,10 +177,6 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
         if refused:
             return refused
         numbers, found, widened = _on_map(settled.frames, keys, settled.initial, adjustment, shared, asked.report)
-    # Where the poses settled with a near camera alone, the images must tell how near it is.
-    refused = refused_as_unsettled(settled.settled_afar or not widened.max() > MAX_FACTOR_OF_NEARNESS)
-    if refused:
-        return refused
     assembled = _assemble(len(asked.position), numbers, found, keys, adjustment, circle, misfit)
     assembled = _widened(replace(assembled, off_outline=off_outline, open_share=settled.open_share), widened)
     optics = settled.frames.optics
@@ -241,7 +236,7 @@ def _widened(found: MapPoses, factors: Array) -> MapPoses:
     covariance, sd_nearness = found.step_covariance * np.outer(factors[:5], factors[:5]), found.sd_nearness
     if sd_nearness:
         sd_nearness = math.hypot(sd_nearness, SD_NEARNESS_MORE * excess)
-        if factors.max() > MAX_FACTOR_OF_NEARNESS:
+        if not tells_nearness(float(factors.max())):
             sd_nearness = max(sd_nearness, UNKNOWN_SD)
     widened = {"step_covariance": covariance, "sd_growth": factors[5] * found.sd_growth, "widening": factors[:5]}
     return replace(found, circle=outline, sd_nearness=sd_nearness, **widened)

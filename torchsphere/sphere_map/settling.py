@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from torch import Tensor
 
 from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import bundle_adjustment, exposure, exposure_share, lens, nearness
@@ -26,7 +27,6 @@ class Settled:
     frames: KnownFrames  # with the exposure and the camera that were found
     initial: Poses  # of the keyframes, as that camera shows the same sides of the ball
     open_share: float  # exposure over the time between frames
-    settled_afar: bool  # whether the poses settled with the camera they began with, before a nearer one was tried
     lens: Lens
 
 
@@ -43,6 +43,7 @@ def settle(
     is_distance_known: bool,
     is_lens_known: bool,
     grows: bool,
+    stays: bool,
 ) -> Settled:
     """Adjust the frames ``keys`` from their initial poses; other arguments as `bundle_adjustment.adjust`.
 
@@ -66,13 +67,14 @@ def settle(
             least_variance=seen.source.rounding_variance,
             is_exposure_known=blur.is_share_known or windows.moments is None,
             grows=grows,
+            stays=stays,
             view=view,
             lens=lens_seen,
         )
 
-    of_lens = () if is_lens_known else lens.unknowns(far)
+    of_lens = () if is_lens_known or not _crosses(frames.position[keys], radius) else lens.unknowns(far)
     unknowns = of_lens if is_distance_known else (*of_lens, nearness.UNKNOWN)
-    view = None if is_lens_known else View(far, unknowns)
+    view = View(far, unknowns) if of_lens else None
     adjustment = adjusted(frames, frames.poses(np.array(keys)), radius, view, ())
     if adjustment.lens:
         state = adjustment.state
@@ -85,9 +87,16 @@ def settle(
     if frames.moments is not None:
         longer = exposure_share.factor_between(frames.moments[keys], adjustment.state.windows.moments)
         frames, open_share = replace(frames, moments=longer * frames.moments), longer * open_share
-    settled_afar = adjustment.settled
     if not is_distance_known:
         adjustment = find_nearness(adjustment, far, shared)
     frames = frames.seen_by(adjustment.state.windows.optics)
     found = lens.found(of_lens, adjustment.state, adjustment.unknowns, adjustment.covariance)
-    return Settled(adjustment, frames, frames.poses(np.array(keys)), open_share, settled_afar, found)
+    return Settled(adjustment, frames, frames.poses(np.array(keys)), open_share, found)
+
+
+def _crosses(positions: Tensor, radius: float) -> bool:
+    """Whether a ball at these ``positions`` (n, 2), px, is seen at places that are further apart than its ``radius``.
+
+    A lens is told by what changes from place to place; at one place it looks like a near camera, or like a light.
+    """
+    return bool((positions.amax(0) - positions.amin(0)).max() > radius)

@@ -127,6 +127,7 @@ def _on_map(
         camera,
         task.telecentric,
         options.model in GROWING_MODELS,
+        task.in_place,
         task.progress,
         blur,
     )
