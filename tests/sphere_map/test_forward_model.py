@@ -23,7 +23,7 @@ from ball_models import (
 )
 from torch import Tensor
 
-from torchsphere.sphere_map import cube_map, forward_model, rays
+from torchsphere.sphere_map import cube_map, forward_model, map_fit, rays
 from torchsphere.sphere_map.ball import Poses, TexturedBall, uniform_light
 from torchsphere.sphere_map.design import Design
 from torchsphere.sphere_map.forward_model import Linearisation
@@ -211,6 +211,21 @@ def test_the_derivatives_of_the_grey_levels_are_difference_quotients(ball: Textu
     # Rounding of the grey levels over the step, and the derivative at the limb as above.
     assert float((error[visible & ~limb].abs() / scale).max()) < 1e-4
     assert float((rms(error[visible & limb]) / rms(found[visible & limb])).max()) < limb_error
+
+
+def test_no_level_jumps_as_the_ball_moves() -> None:
+    """A ball with white noise as its texture, which does not jump at the seams of the map, moves in small steps."""
+    cells, steps, step = 31, 400, 0.0025
+    along = step * torch.arange(steps, dtype=torch.float64)
+    one = poses(1)
+    at = Poses.at(one.centre + torch.stack((along, 0.3 * along), 1), one.orientation.expand(steps, 3, 3))
+    seen = windows(one).take(torch.zeros(steps, dtype=torch.int64))
+    values = 110 + 29 * random(cube_map.coefficient_count(cells))
+    joined = cube_map.joined_at_seams(values, cells) / cube_map.faces_of_nodes(values, cells)
+    ball = replace(rough_ball(), cells=cells, coefficients=map_fit.to_nodes(joined, cells))
+    changes = torch.diff(forward_model.design(seen, at, ball).levels(ball.coefficients), dim=0).abs()
+    # The texture has up to 220 levels per px. Without ramps between the rules of the rays levels jump by 12 and by 30.
+    assert float(changes.max()) < 1.0
 
 
 def test_columns_have_the_signs_of_the_motion() -> None:

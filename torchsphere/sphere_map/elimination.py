@@ -106,6 +106,10 @@ class JointEquations:
         of_map = alone - self.map.approximate_inverse(coupled)
         return Direction(of_map, step, coupled, back - self.taken_up @ single)
 
+    def with_map(self, of_map: Tensor, change: Tensor) -> Tensor:
+        """The change ``of_map`` (m,) as the map follows a further ``change`` (u,) of the other unknowns."""
+        return of_map - self.map.approximate_inverse(self._by_map(change.to(self.coupling)))
+
     def with_blur_held(self) -> JointEquations:
         """The equations of a blur that stays as it is."""
         normal = self.normal.clone()

@@ -143,7 +143,8 @@ def adjust_level(state: State, level: Level, shared: RowRunner, moved: float = 0
         settled = level.settled(state, joint.covariance)
         of_map, step = _step(last, level.unknowns, SOLVED_SHARE * settled)
         share = _share_of_step(share, before, step)
-        state = _moved(state, level.unknowns, joint, of_map, share * step)
+        taken = share * step
+        state = _moved(state, level.unknowns, joint, joint.with_map(of_map, taken - step), taken)
         if level.is_blurred:
             state = with_footprint_of_outline(state)
         # A part of a long step that is taken has not settled: what counts is the whole step.
