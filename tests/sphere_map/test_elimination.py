@@ -9,7 +9,7 @@ from ball_models import dense_rows, maps_without_seams, one_share, poses, random
 from torch import Tensor
 
 from torchsphere.sphere_map import cube_map, elimination, forward_model
-from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, JointEquations
+from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE, PLACE, JointEquations
 from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.map_fit import MapEquations
 
@@ -131,6 +131,29 @@ def test_a_direction_knows_its_products_with_the_coupling(dense: Dense) -> None:
     seen = dense.joint.seen
     torch.testing.assert_close(found.coupled[seen], coupling @ found.step)
     torch.testing.assert_close(found.coupled_back, coupling.T @ found.of_map[seen])
+
+
+def test_a_ball_that_stays_has_one_centre_in_all_images(dense: Dense) -> None:
+    equations = dense.joint.map
+    held = elimination.joint_equations(dense.model, equations, poses(N), stays=True)
+    noise = 2 * random(len(dense.weights), seed=12)
+    by_map, by_unknowns = dense.rows.T @ (dense.weights * noise), dense.jacobian.T @ (dense.weights * noise)
+    free, together = (
+        joint.solve(by_map, by_unknowns, 60)[1][: PER_IMAGE * N].reshape(N, PER_IMAGE) for joint in (dense.joint, held)
+    )
+    assert float(torch.diff(free[:, :PLACE], dim=0).abs().max()) > 0.01
+    assert float(torch.diff(together[:, :PLACE], dim=0).abs().max()) < 1e-9
+    assert float(together[:, :PLACE].abs().max()) > 0.001
+    # What a centre may do alone, a rotation does not have to make up for.
+    of_turn = [float(joint.covariance[3, 3]) for joint in (dense.joint, held)]
+    assert of_turn[1] < 0.7 * of_turn[0]
+
+
+def test_the_map_follows_a_further_change_of_the_unknowns(dense: Dense) -> None:
+    by_map, by_unknowns = random(COUNT), random(UNKNOWNS, seed=8)
+    both, map_alone = (dense.joint.approximate(by_map, values) for values in (by_unknowns, 0 * by_unknowns))
+    found = dense.joint.with_map(both.of_map, map_alone.step - both.step)
+    torch.testing.assert_close(found, map_alone.of_map, rtol=1e-6, atol=1e-8 * float(found.abs().max()))
 
 
 def test_a_step_that_has_settled_needs_no_more_conjugate_gradients(dense: Dense, monkeypatch: Any) -> None:

@@ -7,7 +7,7 @@ import pytest
 import torch
 from ball_models import RADIUS, poses, rough_ball, windows
 
-from torchsphere.sphere_map import lens
+from torchsphere.sphere_map import lens, settling
 from torchsphere.sphere_map.perspective import Optics, orthographic
 from torchsphere.sphere_map.pixel_weights import uniform_profile
 from torchsphere.sphere_map.state import State
@@ -85,3 +85,9 @@ def test_a_value_is_seen_beyond_its_standard_deviation_and_beyond_what_coarse_ce
     assert lens.is_seen(-0.01, 0.001)
     assert not lens.is_seen(0.01, 0.01)
     assert not lens.is_seen(0.9 * lens.LEAST_SEEN, 1e-6)
+
+
+def test_a_lens_is_looked_for_along_a_path_that_is_longer_than_the_radius() -> None:
+    path = torch.tensor([[10.0, 20.0], [11.0, 41.0]], dtype=torch.float64)
+    assert settling._crosses(path, 20.0)
+    assert not settling._crosses(path, 22.0)

@@ -9,6 +9,7 @@ from shots import rotation_matrix
 
 from torchsphere.sphere_map import forward_model, level
 from torchsphere.sphere_map.ball import Poses
+from torchsphere.sphere_map.elimination import PER_IMAGE, PLACE
 from torchsphere.sphere_map.level import REWEIGHTED, Level, adjust_level
 from torchsphere.sphere_map.pixel_weights import uniform_profile
 from torchsphere.sphere_map.state import State, fit_map
@@ -43,3 +44,21 @@ def test_a_map_that_will_be_refused_is_left_when_the_weights_stay(
     monkeypatch.setattr(level, "MAX_UNSETTLED_PX", 0.0)
     assert steps_of(asked, flight, monkeypatch) == REWEIGHTED + 4
     assert steps_of(asked._replace(most_residual=1.0), flight, monkeypatch) == REWEIGHTED + 1
+
+
+def test_each_unknown_takes_the_share_of_its_step_by_which_it_would_not_go_back() -> None:
+    before, step = torch.tensor([1.0, 1.0, 1.0, 0.0]), torch.tensor([-1.0, 0.5, -0.6, 0.0])
+    first = level._share_of_step(None, None, before)
+    assert first.tolist() == [1.0, 1.0, 1.0, 1.0]
+    # To and fro: half a step ends in the middle. One that goes on is taken whole.
+    assert level._share_of_step(first, before, step).tolist() == [0.5, 1.0, 0.625, 1.0]
+
+
+def test_the_place_of_a_ball_that_stays_is_no_reason_to_go_on(flight: State) -> None:
+    asked = Level(flight.ball.cells, 0.0005, 3, is_last=True)
+    stays = replace(flight, ball=replace(flight.ball, stays=True))
+    found = adjust_level(stays, asked, one_share)
+    moved = asked.settled(stays, found.covariance)[: PER_IMAGE * len(flight.poses)].reshape(-1, PER_IMAGE)
+    assert set(moved[:, :PLACE].flatten().tolist()) == {level.MAX_UNSETTLED_PX}
+    assert float(moved[:, PLACE:5].max()) < 0.5 * level.MAX_UNSETTLED_PX
+    assert float(torch.diff(found.state.poses.centre, dim=0).abs().max()) < 1e-6

@@ -59,9 +59,9 @@ def adjust(
     ``least_variance`` that which the steps of the levels leave; ``shared`` shares images out among threads.
     ``progress`` is called with the share that is done. The adjustment starts from the blur ``optics_px`` of the
     images, 0 where they are sharp, and from the exposure of the windows, which is adjusted if it is not known. The
-    radius in each image is adjusted if the ball ``grows``, one place of all if it ``stays``, and the unknowns of a ``lens`` that the windows are
-    cut for. A lens is looked for in the ``view`` on coarse cells: if the images show one, the adjustment ends there.
-    Singular equations raise LinAlgError.
+    radius in each image is adjusted if the ball ``grows``, one place of all if it ``stays``, and the unknowns of a
+    ``lens`` that the windows are cut for. A lens is looked for in the ``view`` on coarse cells: if the images show one,
+    the adjustment ends there. Singular equations raise LinAlgError.
     """
     ball = replace(_first_ball(windows, poses, radius, optics_px), grows=grows, stays=stays)
     profile = pixel_weights.uniform_profile(ball.radius, noise_variance, least_variance)

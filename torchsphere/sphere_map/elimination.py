@@ -18,9 +18,10 @@ from torchsphere.sphere_map.ball import Poses
 from torchsphere.sphere_map.forward_model import SHARED, Linearisation
 from torchsphere.sphere_map.map_fit import MapEquations
 
-#: Unknowns of each image: motion, added radius, gain, offset; how many of these are no brightness; and unknowns of all
-#: images, at the end: radius and edge blur. Between them are those of `shared_unknown`, if there are any.
-PER_IMAGE, GEOMETRY, COMMON = 8, 6, 2
+#: Unknowns of each image: motion, added radius, gain, offset; how many of these are its place, and no brightness; and
+#: unknowns of all images, at the end: radius and edge blur. Between them are those of `shared_unknown`, if there are
+#: any.
+PER_IMAGE, PLACE, GEOMETRY, COMMON = 8, 2, 6, 2
 
 #: Columns of a jacobian for the unknowns of an image.
 OWN = [*range(WZ + 1), BY_RADIUS, BY_GAIN, BY_OFFSET]
@@ -164,8 +165,8 @@ def joint_equations(
 ) -> JointEquations:
     """Set up the equations and eliminate the map; the outlines' radii are unknowns of the images if the ball ``grows``.
 
-    Their centres are one if it ``stays``. Columns of the ``model`` beyond those of poses and outline are unknowns that all images share, with these
-    ``precisions`` of their priors.
+    Their centres move together if it ``stays``. Columns of the ``model`` beyond those of poses and outline are unknowns
+    that all images share, with these ``precisions`` of their priors.
     """
     design, n = equations.design, len(poses)
     shared = _shared_columns(model.jacobian.shape[-1])
@@ -261,6 +262,6 @@ def _gauge(poses: Poses, normal: Tensor, *, grows: bool, stays: bool) -> Tensor:
         gauge.diagonal()[: PER_IMAGE * n].view(n, PER_IMAGE)[:, GEOMETRY - 1] += HELD_RADIUS_SD_PX**-2
     if stays:
         off_mean = torch.eye(n, dtype=gauge.dtype, device=device) - 1 / n
-        for axis in range(2):
+        for axis in range(PLACE):
             gauge[axis : PER_IMAGE * n : PER_IMAGE, axis : PER_IMAGE * n : PER_IMAGE] += HELD_PLACE_SD_PX**-2 * off_mean
     return gauge

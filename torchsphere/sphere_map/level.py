@@ -15,7 +15,7 @@ from torch import Tensor
 from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import elimination, forward_model, radius_error, shared_unknown
 from torchsphere.sphere_map.decision import NO_SOLUTION
-from torchsphere.sphere_map.elimination import COMMON, GEOMETRY, PER_IMAGE, JointEquations
+from torchsphere.sphere_map.elimination import COMMON, GEOMETRY, PER_IMAGE, PLACE, JointEquations
 from torchsphere.sphere_map.footprint import with_footprint_of_outline
 from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.map_fit import MapEquations
@@ -75,15 +75,18 @@ class Level(NamedTuple):
     def settled(self, state: State, covariance: Tensor) -> Tensor:
         """Moves of all unknowns that count as settled: see `limits`."""
         sd, n = covariance.diagonal().sqrt(), len(state.poses)
-        # The place of a ball that stays is that of all images: a rotation is not.
-        px = max(self.settled_px, SETTLED_SD * float(sd[2 if state.ball.stays else 0]))
+        px = max(self.settled_px, SETTLED_SD * float(sd[PLACE if state.ball.stays else 0]))
         by_model = radius_error.of_model(state.poses.orientation, float(state.ball.radius))
         radius_px = max(px, SETTLED_SD * math.hypot(float(sd[-COMMON]), by_model))
         of_unknowns = [
             max(unknown.last_change, SETTLED_SD * float(sd[PER_IMAGE * n + k]))
             for k, unknown in enumerate(self.unknowns)
         ]
-        return limits(n, px, of_unknowns, radius_px).to(covariance)
+        found = limits(n, px, of_unknowns, radius_px).to(covariance)
+        if state.ball.stays:
+            # A place that all images share turns none of them.
+            found[: PER_IMAGE * n].view(n, PER_IMAGE)[:, :PLACE] = max(px, MAX_UNSETTLED_PX)
+        return found
 
 
 class LastStep(NamedTuple):
@@ -148,7 +151,7 @@ def adjust_level(state: State, level: Level, shared: RowRunner, moved: float = 0
         if level.is_blurred:
             state = with_footprint_of_outline(state)
         # A part of a long step that is taken has not settled: what counts is the whole step.
-        move, move_px = float((step / settled).abs().max()), _in_px(step, len(state.poses))
+        move, move_px = float((step / settled).abs().max()), _in_px(step, state)
         if not math.isfinite(move):
             raise torch.linalg.LinAlgError(NO_SOLUTION.sentence)  # type: ignore[attr-defined]
         is_bound = level.is_last and float(state.profile.variance.max()) >= limit * float(state.profile.variance[0])
@@ -175,9 +178,10 @@ def _left(share: float) -> float:
     return share / (1 - share)
 
 
-def _in_px(step: Tensor, n: int) -> float:
-    """Largest move of one of n poses, or of the radius, by a ``step`` (u,), px."""
-    of_poses = step[: PER_IMAGE * n].unflatten(0, (n, PER_IMAGE))[:, :GEOMETRY]
+def _in_px(step: Tensor, state: State) -> float:
+    """Largest move of a pose, or of the radius, by a ``step`` (u,), px; without that of a place that all share."""
+    n = len(state.poses)
+    of_poses = step[: PER_IMAGE * n].unflatten(0, (n, PER_IMAGE))[:, PLACE if state.ball.stays else 0 : GEOMETRY]
     return float(of_poses.abs().max().maximum(step[-COMMON].abs()))
 
 
@@ -234,9 +238,7 @@ def _share_of_step(share: Tensor | None, before: Tensor | None, step: Tensor) ->
     return torch.where(back < 1, (share / (1 - back)).clamp(LEAST_SHARE, 1.0), 1.0)
 
 
-def _moved(
-    state: State, unknowns: SharedUnknowns, joint: JointEquations, of_map: Tensor, step: Tensor
-) -> State:
+def _moved(state: State, unknowns: SharedUnknowns, joint: JointEquations, of_map: Tensor, step: Tensor) -> State:
     """The state after a step, held within the limits of its length."""
     ball, poses = state.ball, len(state.poses)
     # The blur is held within its bounds; the other unknowns follow by their correlation with it.

@@ -54,8 +54,9 @@ def rule(ball: TexturedBall) -> Rule:
     rules = np.zeros((2, 2, counts[1]), np.float32)
     for number, count in enumerate(counts):
         rules[:, number, :count] = np.polynomial.legendre.leggauss(count)
-    limits = LIMB_FROM, LEAST_LIMB_PX, LIMB_RAMP_PX, MAX_RAY_DISTANCE, (1 - ARC_RAMP) * long_arc, long_arc
-    return Rule(*(np.float32(limit) for limit in limits), rules[0], rules[1], np.array(counts))
+    limb = np.float32(LIMB_FROM), np.float32(LEAST_LIMB_PX), np.float32(LIMB_RAMP_PX)
+    arcs = np.float32((1 - ARC_RAMP) * long_arc), np.float32(long_arc)
+    return Rule(*limb, np.float32(MAX_RAY_DISTANCE), *arcs, rules[0], rules[1], np.array(counts))
 
 
 def footprint_variance(blur: float) -> float:
