@@ -11,14 +11,13 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from torchsphere.settings.limits import (
-    DENSITIES_KG_M3,
-    DIAMETERS_MM,
     FRAME_RATES,
     SettingError,
     as_float,
     as_positive,
     as_share,
     shown_value,
+    unit_doubts,
 )
 
 #: Exposure over the time between frames up to which it is that time, but for rounding.
@@ -167,19 +166,12 @@ def with_option_names(
 
 
 def implausible_units(diameter_m: float | None, mass_kg: float | None) -> tuple[str, ...]:
-    """A sentence if the diameter or the mass is likely in another unit, as `limits.unit_warnings` of the options."""
-    advice = "check the units: diameter_m is in m, mass_kg in kg, and diameter_mm and mass_g in mm and g"
+    """`limits.unit_doubts` about arguments of Python."""
     if diameter_m is None:
         return ()
-    if not DIAMETERS_MM[0] <= 1e3 * diameter_m <= DIAMETERS_MM[1]:
-        return (f"The ball's diameter is {diameter_m:.3g} m, which is implausible; {advice}.",)
-    density = None if mass_kg is None else mass_kg / (math.pi / 6 * diameter_m**3)
-    if density is None or DENSITIES_KG_M3[0] <= density <= DENSITIES_KG_M3[1]:
-        return ()
-    return (
-        f"The ball's diameter is {diameter_m:.3g} m and its mass {mass_kg:.3g} kg, which makes {density:.2g} kg/m3 and "
-        f"is implausible; {advice}.",
-    )
+    shown = f"{diameter_m:.3g} m", "" if mass_kg is None else f"{mass_kg:.3g} kg"
+    advice = "; check the units: diameter_m is in m, mass_kg in kg, and diameter_mm and mass_g in mm and g."
+    return unit_doubts(diameter_m, mass_kg, shown, advice)
 
 
 def exposure_share(shutter_us: float, frame_rate: float | None) -> float:

@@ -160,15 +160,20 @@ DIAMETERS_MM = (0.5, 2000.0)
 DENSITIES_KG_M3 = (8.0, 23_000.0)
 
 
-def unit_warnings(diameter_mm: float, mass_g: float | None, scale: str) -> tuple[str, ...]:
-    """A warning if the diameter or the mass is likely in another unit; ``scale`` is the setting that gives it."""
-    given = f"{diameter_mm:.3g} mm by {scale}"
-    if not DIAMETERS_MM[0] <= diameter_mm <= DIAMETERS_MM[1]:
-        return (f"The ball's diameter is {given}, which is implausible: check that the unit is mm.",)
-    density = None if mass_g is None else 1e-3 * mass_g / (math.pi / 6 * (1e-3 * diameter_mm) ** 3)
+def unit_doubts(diameter_m: float, mass_kg: float | None, shown: tuple[str, str], advice: str) -> tuple[str, ...]:
+    """A sentence if the diameter or the mass is likely in another unit, with both as ``shown`` and an ``advice``."""
+    diameter, mass = shown
+    if not DIAMETERS_MM[0] <= 1e3 * diameter_m <= DIAMETERS_MM[1]:
+        return (f"The ball's diameter is {diameter}, which is implausible{advice}",)
+    density = None if mass_kg is None else mass_kg / (math.pi / 6 * diameter_m**3)
     if density is None or DENSITIES_KG_M3[0] <= density <= DENSITIES_KG_M3[1]:
         return ()
-    return (
-        f"The ball's diameter is {given} and its mass {mass_g:g} g by `mass_g` = {mass_g:g}, which makes {density:.2g} "
-        "kg/m3 and is implausible: check that the units are mm and g.",
-    )
+    makes = f"which makes {density:.2g} kg/m3 and is implausible"
+    return (f"The ball's diameter is {diameter} and its mass {mass}, {makes}{advice}",)
+
+
+def unit_warnings(diameter_mm: float, mass_g: float | None, scale: str) -> tuple[str, ...]:
+    """`unit_doubts` about the options of the command line; ``scale`` is the setting that gives the diameter."""
+    shown = f"{diameter_mm:.3g} mm by {scale}", "" if mass_g is None else f"{mass_g:g} g by `mass_g` = {mass_g:g}"
+    advice = ": check that the unit is mm." if mass_g is None else ": check that the units are mm and g."
+    return unit_doubts(1e-3 * diameter_mm, None if mass_g is None else 1e-3 * mass_g, shown, advice)
