@@ -127,6 +127,13 @@ def other(value: Any, unit: str, factor: float) -> Any:
     return round(value * factor) if isinstance(value, int) else value * factor
 
 
+def shown(value: Any) -> str:
+    """A value to four digits."""
+    if isinstance(value, tuple):
+        return f"({', '.join(map(shown, value))})"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
 def kinds_of(constant: str) -> tuple[str, ...]:
     """Kinds of recordings on which a constant is tried."""
     return KINDS.get(constant.split(".")[0], ("images", "impacts"))
