@@ -226,7 +226,7 @@ def effect(value: Any, pairs: Sequence[tuple[Outcome | str, Outcome | str]]) -> 
         for a, b in both
     ]
     return Effect(
-        value=f"{value:.4g}" if isinstance(value, float) else str(value),
+        value=shown(value),
         statuses=sum(statuses for statuses, _ in differences),
         ok=sum(ok for _, ok in differences),
         silent=sum(b.silent - a.silent for a, b in both),
