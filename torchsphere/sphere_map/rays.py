@@ -127,7 +127,8 @@ def _inner_rays(distance: Tensor, radius: Tensor, blur: float) -> tuple[Tensor, 
     ``R^2``: the rays are further out by as much.
     """
     variance = footprint_variance(blur)
-    sign, out = distance.new_tensor([-1.0, 1.0]) * math.sqrt(variance), 1 + variance / radius.square()
+    side = 2 * torch.arange(2, device=distance.device).to(distance) - 1
+    sign, out = math.sqrt(variance) * side, 1 + variance / radius.square()
     nearer, none = 1 + sign / radius, torch.zeros_like(distance * sign)
     by_radius = (2 * (1 - out) * nearer - out * sign / radius) / radius
     at = distance * out * nearer
