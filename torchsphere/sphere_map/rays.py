@@ -83,23 +83,14 @@ def rays_of(x: Tensor, y: Tensor, radius: Tensor, ball: TexturedBall) -> Rays:
     """
     distance, radius = (x.square() + y.square()).sqrt().clamp_min(1e-6).unsqueeze(-1), radius.unsqueeze(-1)
     given, blur = rule(ball), ball.footprint_blur
-    # As many times is the footprint wider than a sharp pixel.
-    wider = math.sqrt(12 * footprint_variance(blur))
-    slope = LIMB_FROM / math.sqrt(1 - LIMB_FROM**2) / wider
-    limb_from = slope / math.sqrt(1 + slope**2)
-    limb = torch.minimum(limb_from * radius, radius - LEAST_LIMB_PX * wider)
-    at_limb = (1 - (limb - distance) / (LIMB_RAMP_PX * wider)).clamp(0, 1)
     part = _limb_part(x, y, distance, radius, blur)
-    arc = (2 * radius).sqrt() * (part.deep - part.shallow)
-    longer = ((arc - float(given.short_arc_px)) / float(given.long_arc_px - given.short_arc_px)).clamp(0, 1)
-    inner = _inner_rays(distance, radius, blur)
-    rules = (
+    gauss = (
         [torch.from_numpy(of_rule[number, :count]).to(distance) for of_rule in (given.points, given.shares)]
         for number, count in enumerate(given.counts)
     )
-    short, long = (_outer_rays(distance, radius, part, points, shares) for points, shares in rules)
-    shares = 1 - at_limb, at_limb * (1 - longer), at_limb * longer
-    of_pixel = [_shared(*both) for both in zip((inner, short, long), shares, strict=True)]
+    rules = _inner_rays(distance, radius, blur), *(_outer_rays(distance, radius, part, *points) for points in gauss)
+    shares = _shares_of_rules(distance, radius, blur, part, given)
+    of_pixel = [_shared(*both) for both in zip(rules, shares, strict=True)]
     at, by_distance, by_radius, *weights = (torch.cat(kind, -1) for kind in zip(*of_pixel, strict=True))
     limit = MAX_RAY_DISTANCE * radius
     drawn = at > limit
@@ -108,6 +99,20 @@ def rays_of(x: Tensor, y: Tensor, radius: Tensor, ball: TexturedBall) -> Rays:
     by_radius = torch.where(drawn, MAX_RAY_DISTANCE, by_radius)
     scale = at / distance
     return Rays(scale, (by_distance - scale) / distance, by_radius / distance, *weights)
+
+
+def _shares_of_rules(
+    distance: Tensor, radius: Tensor, blur: float, part: _LimbPart, given: Rule
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Shares (n, s, s, 1) of each pixel that its two rays and the rays of both Gauss rules have."""
+    # As many times is the footprint wider than a sharp pixel.
+    wider = math.sqrt(12 * footprint_variance(blur))
+    slope = LIMB_FROM / math.sqrt(1 - LIMB_FROM**2) / wider
+    limb = torch.minimum(slope / math.sqrt(1 + slope**2) * radius, radius - LEAST_LIMB_PX * wider)
+    at_limb = (1 - (limb - distance) / (LIMB_RAMP_PX * wider)).clamp(0, 1)
+    arc = (2 * radius).sqrt() * (part.deep - part.shallow)
+    longer = ((arc - float(given.short_arc_px)) / float(given.long_arc_px - given.short_arc_px)).clamp(0, 1)
+    return 1 - at_limb, at_limb * (1 - longer), at_limb * longer
 
 
 def _shared(rays: tuple[Tensor, ...], share: Tensor) -> tuple[Tensor, ...]:
