@@ -1,7 +1,7 @@
 """The law of continuity: what cannot be seen in the images changes no result, as rounding must decide nothing.
 
 Neither levels changed in their last digits nor gain and offset of the images do. The experiment
-`experiments.validation.continuity` has more recordings, threads and processors.
+`experiments.validation.continuity` has more changes, more recordings, threads and processors.
 """
 
 import functools
@@ -28,7 +28,8 @@ def track_of(variation: str) -> ts.Track:
     return ts.track(BY_NAME[variation].images(recording()), log=False)
 
 
-@pytest.mark.parametrize("variation", [name for name in BY_NAME if name != AS_IT_IS.name])
+#: The least change, and gain and offset in one.
+@pytest.mark.parametrize("variation", ["levels + 1e-4", "levels / 255 + 3"])
 def test_what_cannot_be_seen_changes_no_result(variation: str) -> None:
     statuses, most = changes(track_of(AS_IT_IS.name), track_of(variation))
     assert statuses == 0
