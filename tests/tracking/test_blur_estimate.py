@@ -105,8 +105,9 @@ def test_the_map_of_smeared_images_is_better_than_pairs_and_states_its_errors() 
 def test_an_exposure_that_is_given_counts_and_one_out_of_range_is_refused() -> None:
     images, centres = footage(SHARE)
     circle = (*centres[0].tolist(), RADIUS)
-    given = ts.track(images[:8], circle, telecentric=True, exposure=0.5)
-    assert made_map(given).open_share == 0.5
+    given = ts.track(images[:6], circle, telecentric=True, exposure=0.58)
+    # The images alone give another value.
+    assert made_map(given).open_share == 0.58
     with pytest.raises(ValueError, match=r"exposure = 1.5: expected a number from 0 to 1"):
         ts.track(images, circle, exposure=1.5)
 
