@@ -12,18 +12,22 @@ import torchsphere as ts
 #: Gain and offset of the levels: 16 bit and 8 bit as numbers from 0 to 1, large ones, and levels below 0.
 LEVELS = [(1 / 65535, 0.0), (1 / 255, 3.0), (1e4, 1e6), (1.0, -500.0)]
 
-#: Seed, radius (px) and background of recordings.
-RECORDINGS = [(3, 14.0, 90.0), (5, 24.0, textured(5, 3.0, 20.0)), (8, 40.0, 60.0)]
+#: Seed, radius (px) and background of recordings, and the levels of each: every gain stands with two of them or one.
+RECORDINGS = [(3, 14.0, 90.0, LEVELS[:2]), (5, 24.0, textured(5, 3.0, 20.0), LEVELS[2:]), (8, 40.0, 60.0, LEVELS[2:3])]
 
 
-@pytest.mark.parametrize(("seed", "radius", "background"), RECORDINGS, ids=["small", "before blotches", "large"])
-def test_a_found_ball_and_its_steps_are_those_of_any_levels(seed: int, radius: float, background: object) -> None:
+@pytest.mark.parametrize(
+    ("seed", "radius", "background", "levels"), RECORDINGS, ids=["small", "before blotches", "large"]
+)
+def test_a_found_ball_and_its_steps_are_those_of_any_levels(
+    seed: int, radius: float, background: object, levels: list[tuple[float, float]]
+) -> None:
     made = shot(seed, n=5, radius=radius, background=background, start=(1.6 * radius + 20, 120.0), step=(2.3, 0.4))
     images = made.images.double().numpy()
     expected = ts.track(images, sphere_map=False, log=False)
     assert set(expected.status) == {"ok"}
     sd = np.sqrt(np.diagonal(expected.covariance, axis1=1, axis2=2))
-    for gain, offset in LEVELS:
+    for gain, offset in levels:
         found = ts.track(gain * images + offset, sphere_map=False, log=False)
         assert found.status.tolist() == expected.status.tolist()
         assert np.abs((found.increment - expected.increment) / sd).max() < 0.01
