@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from pulses import LENGTH, M_PER_PX, MASS_KG, NOISES_M, PEAK_N, RATE, Pulse, pulse
 
-import torchsphere as ts
-from torchsphere.dynamics.kinematics import Kinematics
+from torchsphere.dynamics.kinematics import Kinematics, kinematics_of_many
 from torchsphere.instruments.bar import Bar, bar
 from torchsphere.instruments.strain_gauge import BarForce, compare_bar
 
@@ -24,10 +23,21 @@ CLOCK_S, INTERVAL_S = 0.0123, 1e-6
 LEFT = (-1.0, 0.0)
 
 
+#: Seeds of the shots of repetitions, which the smoother takes at once, and of the shot of the other tests.
+REPEATED, SINGLE = range(12), 21
+
+
 @cache
+def shots() -> dict[int, tuple[Pulse, Kinematics]]:
+    """All shots and their motions."""
+    truths = [pulse(seed, NOISES_M[0]) for seed in (*REPEATED, SINGLE)]
+    given = {"frame_rate": RATE, "m_per_px": M_PER_PX, "mass_kg": MASS_KG, "log": False}
+    motions = kinematics_of_many([truth.track for truth in truths], **given)
+    return dict(zip((*REPEATED, SINGLE), zip(truths, motions, strict=True), strict=True))
+
+
 def shot(seed: int) -> tuple[Pulse, Kinematics]:
-    truth = pulse(seed, NOISES_M[0])
-    return truth, ts.kinematics(truth.track, frame_rate=RATE, m_per_px=M_PER_PX, mass_kg=MASS_KG)
+    return shots()[seed]
 
 
 def force_at_end(time_s: np.ndarray, truth: Pulse) -> np.ndarray:
@@ -70,8 +80,8 @@ def test_the_wave_speed_of_steel_and_the_strain_of_a_known_force() -> None:
 
 
 def test_a_ball_that_flies_to_the_right_into_a_bar_is_pushed_to_the_left_while_the_bar_is_compressed() -> None:
-    found = compared(21)
-    truth, motion = shot(21)
+    found = compared(SINGLE)
+    truth, motion = shot(SINGLE)
     assert motion.velocity_m_s[2, 0] > 0
     # Positive is away from the bar, here to the left: against x.
     # The mean of half a sine over a 14th of its length is 0.2 % below its peak.
@@ -83,7 +93,7 @@ def test_a_ball_that_flies_to_the_right_into_a_bar_is_pushed_to_the_left_while_t
 
 
 def test_without_noise_delay_peak_and_impulse_are_those_of_the_half_sine() -> None:
-    found = compared(21)
+    found = compared(SINGLE)
     assert found.delay_s == pytest.approx(CLOCK_S, abs=0.02 / RATE)
     assert found.travel_s == STEEL.travel_s
     assert found.gain == pytest.approx(1.0, abs=5e-3)
@@ -96,7 +106,7 @@ def test_without_noise_delay_peak_and_impulse_are_those_of_the_half_sine() -> No
 def test_the_standard_deviations_are_those_of_repetitions() -> None:
     # Noise of a twentieth of the peak on each sample.
     ratios, true = [], 2 / np.pi * PEAK_N * LENGTH / RATE
-    for seed in range(12):
+    for seed in REPEATED:
         found = compared(seed, noise=5.5e-6, seed=seed)
         ratios.append(
             (
@@ -115,14 +125,14 @@ def test_the_standard_deviations_are_those_of_repetitions() -> None:
 
 
 def test_the_uncertainty_of_the_bar_is_part_of_peak_impulse_and_ratio() -> None:
-    found = compared(21, replace(STEEL, relative_sd=0.02), factor=1.02)
+    found = compared(SINGLE, replace(STEEL, relative_sd=0.02), factor=1.02)
     assert found.gain - 1 == pytest.approx(found.sd_gain, rel=0.1)
     assert found.sd_peak_bar_N == pytest.approx(0.02 * found.peak_bar_N, rel=0.02)
     assert found.sd_impulse_bar_N_s == pytest.approx(0.02 * found.impulse_bar_N_s, rel=1e-3)
 
 
 def test_several_gauges_are_averaged_so_that_bending_cancels() -> None:
-    truth, motion = shot(21)
+    truth, motion = shot(SINGLE)
     time_s, strain = record(truth, STEEL)
     bending = 4e-5 * np.sin(2e4 * time_s)
     given = {"mass_kg": MASS_KG, "contact_s": motion.contact_s, "direction": LEFT}
@@ -133,7 +143,7 @@ def test_several_gauges_are_averaged_so_that_bending_cancels() -> None:
 
 
 def test_a_clipped_gauge_is_named() -> None:
-    truth, motion = shot(21)
+    truth, motion = shot(SINGLE)
     time_s, strain = record(truth, STEEL, noise=1e-7)
     given = {"mass_kg": MASS_KG, "contact_s": motion.contact_s, "direction": LEFT}
     assert compare_bar(motion, time_s, [strain, strain], STEEL, **given).warnings == ()
@@ -142,7 +152,7 @@ def test_a_clipped_gauge_is_named() -> None:
 
 
 def test_a_record_with_positive_compression_needs_its_option() -> None:
-    truth, motion = shot(21)
+    truth, motion = shot(SINGLE)
     time_s, strain = record(truth, STEEL)
     given = {"mass_kg": MASS_KG, "contact_s": motion.contact_s, "direction": LEFT}
     turned = compare_bar(motion, time_s, -strain, STEEL, compression_positive=True, **given)
@@ -156,8 +166,8 @@ def test_a_record_with_positive_compression_needs_its_option() -> None:
 def test_from_the_reflection_on_there_is_no_force() -> None:
     # 0.9 m behind the gauge and back: 348 us, more than the contact of 280 us.
     long = replace(STEEL, length_m=1.4)
-    found = compared(21, long)
-    truth, _ = shot(21)
+    found = compared(SINGLE, long)
+    truth, _ = shot(SINGLE)
     # The mean over a frame of 20 us ends half a frame earlier; the track knows the contact's start to 2 us.
     assert found.valid_until_s == pytest.approx(truth.edges_s[0] + 1.8 / STEEL.wave_speed_m_s - 1e-5, abs=2e-6)
     late = found.time_s > found.valid_until_s
@@ -170,8 +180,8 @@ def test_from_the_reflection_on_there_is_no_force() -> None:
 
 def test_a_reflection_during_the_contact_cuts_peak_and_impulses_of_both_alike() -> None:
     # 0.5 m behind the gauge and back: 193 us of the 280 us.
-    found = compared(21, replace(STEEL, length_m=1.0))
-    truth, _ = shot(21)
+    found = compared(SINGLE, replace(STEEL, length_m=1.0))
+    truth, _ = shot(SINGLE)
     assert found.delay_s == pytest.approx(CLOCK_S, abs=0.05 / RATE)
     assert found.impulse_bar_N_s == pytest.approx(found.impulse_track_N_s, rel=0.01)
     assert found.impulse_track_N_s < 0.8 * 2 / np.pi * PEAK_N * LENGTH / RATE
@@ -192,14 +202,14 @@ def test_of_the_echoes_in_a_bar_the_first_passage_is_taken() -> None:
 
 def test_a_known_delay_is_taken_as_given_with_its_uncertainty() -> None:
     late = 2e-6
-    found = compared(21, given={"delay_s": CLOCK_S + late, "sd_delay_s": late})
+    found = compared(SINGLE, given={"delay_s": CLOCK_S + late, "sd_delay_s": late})
     assert found.delay_s == CLOCK_S + late
     assert found.sd_delay_s == late
     slope = np.abs(np.gradient(found.track_N, found.time_s))
     steep = slope.argmax()
     assert found.sd_bar_N[steep] == pytest.approx(slope[steep] * late, rel=0.15)
     assert found.rms_difference_N < 2 * found.expected_rms_difference_N
-    times = [compared(21, given={"delay_s": CLOCK_S + shift}).rms_difference_N for shift in (0.0, 1e-5, 2e-5)]
+    times = [compared(SINGLE, given={"delay_s": CLOCK_S + shift}).rms_difference_N for shift in (0.0, 1e-5, 2e-5)]
     assert all(a < b for a, b in pairwise(times))
 
 
@@ -225,7 +235,7 @@ def test_a_bar_with_missing_or_wrong_values_is_refused(change: dict, word: str) 
 
 @pytest.mark.parametrize("case", ["microstrain", "modulus", "later", "cut", "no zero", "noise", "constant", "slow"])
 def test_a_record_that_cannot_be_compared_is_refused_in_one_sentence(case: str) -> None:
-    truth, motion = shot(21)
+    truth, motion = shot(SINGLE)
     time_s, strain = record(truth, STEEL)
     used, given = STEEL, {"mass_kg": MASS_KG, "contact_s": motion.contact_s, "direction": LEFT}
     middle = CLOCK_S + truth.edges_s.mean() + STEEL.travel_s
@@ -274,4 +284,4 @@ def test_a_record_that_cannot_be_compared_is_refused_in_one_sentence(case: str) 
 )
 def test_invalid_numbers_are_refused(change: dict, word: str) -> None:
     with pytest.raises(ValueError, match=word):
-        compared(21, given=change)
+        compared(SINGLE, given=change)
