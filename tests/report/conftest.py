@@ -10,6 +10,8 @@ import tifffile
 from report_pages import FIRST, LAST, Opened
 
 from torchsphere.cli.main import main
+from torchsphere.report import draw
+from torchsphere.runtime import threads
 from torchsphere.synthetic.demo_shot import RADIUS_PX, Shot
 
 
@@ -24,13 +26,17 @@ def results(tmp_path_factory: pytest.TempPathFactory, demo_shot: Shot) -> Path:
     x, y = demo_shot.position[FIRST]
     options = ["--circle", f"{x},{y},{RADIUS_PX}", "--map", "off", "--quiet"]
     si = ["--fps", "36000", "--diameter-mm", "30", "--mass-g", "110"]
-    for name, source, more in (
-        ("si", "shot.tif", si),
-        ("lab", "shot.tif", [*si, "--lab-frame"]),
-        ("px", "shot.tif", []),
-        ("gone", "gone.tif", si),
-    ):
-        assert main(["track", str(folder / source), "--out", str(folder / name), *options, *more]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        # The pages show no figure, and these take most of the time.
+        patch.setattr(draw, "draw_figures", lambda *_: None)
+        patch.setattr(threads, "has_idle_cores", lambda: False)
+        for name, source, more in (
+            ("si", "shot.tif", si),
+            ("lab", "shot.tif", [*si, "--lab-frame"]),
+            ("px", "shot.tif", []),
+            ("gone", "gone.tif", si),
+        ):
+            assert main(["track", str(folder / source), "--out", str(folder / name), *options, *more]) == 0
     return folder
 
 
