@@ -1,5 +1,7 @@
 """A ball that turns in its place: recognised, held in one position, and told from balls that roll, bounce or fly."""
 
+import functools
+
 import numpy as np
 import pytest
 import shots
@@ -31,9 +33,15 @@ def angle_deg(track: ts.Track, orientations: torch.Tensor) -> float:
     return float(np.degrees(np.arccos(np.clip(np.nanmin(cosine), -1, 1))))
 
 
-def test_a_ball_turning_in_place_with_a_wrong_radius_is_recognised_and_held() -> None:
+@functools.cache
+def with_a_wrong_radius() -> tuple[ts.Track, torch.Tensor]:
+    """The track by pairs of a ball in its place, and its orientations."""
     images, orientations = film((1.0, 2.0, 0.5))
-    track = ts.track(images, TOO_LARGE, sphere_map=False)
+    return ts.track(images, TOO_LARGE, sphere_map=False), orientations
+
+
+def test_a_ball_turning_in_place_with_a_wrong_radius_is_recognised_and_held() -> None:
+    track, orientations = with_a_wrong_radius()
     assert track.settings["in_place"]
     assert any("turns without leaving its place" in said for said in track.warnings)
     assert any("show a radius of" in said for said in track.warnings)
@@ -62,7 +70,7 @@ def test_a_map_corrects_the_wrong_radius_of_a_ball_in_its_place() -> None:
 def test_a_ball_said_to_be_in_place_is_measured_alike() -> None:
     images, _ = film((1.0, 2.0, 0.5))
     said = ts.track(images, TOO_LARGE, sphere_map=False, in_place=True)
-    alone = ts.track(images, TOO_LARGE, sphere_map=False)
+    alone, _ = with_a_wrong_radius()
     assert np.array_equal(said.position, alone.position, equal_nan=True)
     assert not any("turns without leaving its place" in sentence for sentence in said.warnings)
 
