@@ -17,8 +17,25 @@ from torchsphere.planning import plan, rehearsal
 from torchsphere.results.reader import ResultFolder, read
 from torchsphere.synthetic import demo_shot as demo
 
+#: The test files that take longest, longest first: begun last, one of them would keep one process busy alone.
+LONGEST = (
+    *("tracking/test_lens.py", "archive/test_processes.py", "laws/test_real_video.py"),
+    *("docs/test_pages.py", "estimation/test_rts.py", "tracking/test_track_inputs.py"),
+    *("render/test_geometry.py", "laws/test_disturbances.py", "cli/test_track.py"),
+    *("dynamics/test_odd_recordings.py", "detection/test_ball_search.py", "laws/test_objects_in_front.py"),
+    *("laws/test_pinhole.py", "cli/test_benchmark.py", "estimation/test_contact_search.py"),
+    *("dynamics/test_force_path.py", "report/test_draw.py", "planning/test_rehearsal.py"),
+)
+
 # Torch threads of two processes on two cores wait for each other and take forty times as long.
 torch.set_num_threads(1)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the files of `LONGEST` first."""
+    here = Path(__file__).parent
+    place = {here / name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path, len(place)))
 
 
 @pytest.fixture
