@@ -184,7 +184,7 @@ def test_a_broken_chain_has_no_share_in_the_other_values() -> None:
 
 
 def test_stated_correlations_make_forces_more_accurate() -> None:
-    made = [pulse(seed, NOISES_M[1]) for seed in range(8)]
+    made = [pulse(seed, NOISES_M[1]) for seed in range(4)]
     alone = []
     for one in made:
         diagonal = np.diagonal(one.track.covariance, axis1=1, axis2=2)
