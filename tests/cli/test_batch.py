@@ -56,7 +56,9 @@ def test_a_folder_is_measured_with_the_settings_of_track(tmp_path: Path, capsys:
     assert int(row["warnings"]) == len(summary["warnings"])
 
 
-def test_quantities_outside_the_model_are_empty_in_the_table(tmp_path: Path) -> None:
+def test_quantities_outside_the_model_are_empty_in_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # By this process: the test above has a worker.
+    monkeypatch.setattr(processes, "run", lambda jobs, workers, measure: (run_job(job, measure) for job in jobs))
     write_recording(tmp_path / "in" / "shot.tif", 0)
     out = tmp_path / "out"
     options = ["--out", str(out), "--workers", "1", *TRACKED, "--model", "translation"]
