@@ -66,9 +66,13 @@ def adjust(
     ball = replace(_first_ball(windows, poses, radius, optics_px), grows=grows, stays=stays)
     profile = pixel_weights.uniform_profile(ball.radius, noise_variance, least_variance)
     state = State(windows, _with_initial_gains(windows, poses), ball, profile)
+    # Defocus blurs a pixel as it blurs the outline. Beside an exposure, only fine cells tell one from the other.
+    is_defocused = optics_px > 0 and windows.moments is None
+    if is_defocused:
+        state = with_footprint_of_outline(state)
     coarse = cube_map.cells_per_face(radius, max(COARSE_PX, cell_px))
     state = _with_first_map(state, max(COARSE_PX, cell_px), shared)
-    level = Level(coarse, COARSE_SETTLED_PX, 20, is_last=False, unknowns=lens)
+    level = Level(coarse, COARSE_SETTLED_PX, 20, is_last=False, is_blurred=is_defocused, unknowns=lens)
     adjustment = adjust_level(state, level, shared)
     longer = None if is_exposure_known else exposure_share.unknown_from(windows)
     if view is not None:
@@ -92,7 +96,7 @@ def adjust(
     # The noise as the steps between images saw it may hold more than noise, and so may a residual on coarse cells.
     noise = min(noise_variance, float(adjustment.state.profile.variance[0]))
     state = replace(adjustment.state, smoothness=map_fit.smoothness_for(noise, texture_variance(windows)))
-    if last.is_blurred:
+    if last.is_blurred and not level.is_blurred:
         # Coarse cells, and a sharp footprint, blur the outline more than the optics do.
         state = with_footprint_of_outline(replace(state, ball=replace(state.ball, edge_blur=ball.edge_blur)))
     adjustment = _with_light(state, last, None if is_exposure_known else windows, shared)
