@@ -10,14 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.recording.levels import unpack_12
-from torchsphere.recording.photron_header import (
-    HEADER_SUFFIXES,
-    Header,
-    exposure_of,
-    read_header,
-    step_notes,
-    trigger_offset_of,
-)
+from torchsphere.recording.photron_header import HEADER_SUFFIXES, Header, facts_of, read_header
 from torchsphere.recording.recording import Reader, Recording
 
 #: Bytes that are unpacked at once (docs/constants.toml).
@@ -39,24 +32,15 @@ def open_photron(path: Path) -> Recording:
         )
     shift = bits - depth if header.values.get("side", "").lower() == "higher" else 0
     _require_size(raw_path, header_path, shape, bits)
-    exposure, exposure_origin = exposure_of(header)
-    offset, trigger_notes = trigger_offset_of(header)
-    facts = {
-        "bit_depth": (depth, header.names["depth"]),
-        "frame_rate": (header.number("rate"), header.names["rate"]),
-        "exposure_s": (exposure, exposure_origin),
-        "trigger_offset_frames": (offset, header.names["start"]),
-    }
+    facts, origins, notes = facts_of(header)
     return Recording(
         path=path,
         kind=f"Photron MRAW, {bits} bit{' packed' if bits == 12 else ''}",
         shape=shape,
         bit_depth=depth,
-        frame_rate=header.number("rate"),
-        exposure_s=exposure,
-        trigger_offset_frames=offset,
-        origins={key: origin for key, (value, origin) in facts.items() if value is not None},
-        notes=depth_notes + trigger_notes + step_notes(header),
+        **facts,
+        origins={"bit_depth": header.names["depth"]} | origins,
+        notes=depth_notes + notes,
         files=(header_path, raw_path),
         _reader=_reader(raw_path, shape, bits, shift),
     )

@@ -7,14 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from torchsphere.recording.photron_header import (
-    HEADER_SUFFIXES,
-    Header,
-    exposure_of,
-    read_header,
-    step_notes,
-    trigger_offset_of,
-)
+from torchsphere.recording.photron_header import HEADER_SUFFIXES, Header, facts_of, read_header
 from torchsphere.recording.recording import Recording
 
 #: What readers note where no frame rate is stated.
@@ -72,18 +65,10 @@ def _with_facts(recording: Recording, header: Header) -> Recording:
             f"The Photron header {header.path.name} states {count:g} images, and {len(recording)} are here: if single "
             "images are missing, motion across a gap comes out too fast."
         )
-    exposure, exposure_origin = exposure_of(header)
-    offset, trigger_notes = trigger_offset_of(header)
-    facts = {
-        "frame_rate": (header.number("rate"), header.names["rate"]),
-        "exposure_s": (exposure, exposure_origin),
-        "trigger_offset_frames": (offset, header.names["start"]),
-    }
-    known = {name: value for name, (value, _) in facts.items() if value is not None}
-    origins = {name: f"{facts[name][1]}, {header.path.name}" for name in known}
+    facts, origins, header_notes = facts_of(header)
     return recording.changed(
-        **known,
-        origins=dict(recording.origins) | origins,
-        notes=(*notes, *trigger_notes, *step_notes(header)),
+        **facts,
+        origins=dict(recording.origins) | {name: f"{field}, {header.path.name}" for name, field in origins.items()},
+        notes=(*notes, *header_notes),
         files=(*recording.files, header.path),
     )

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 from torchsphere.recording.refusal import library_failures, look_of
@@ -104,7 +105,20 @@ def _read_xml(path: Path, data: bytes) -> Header:
     return Header(path, {key: text for key, text in texts.items() if text}, names)
 
 
-def exposure_of(header: Header) -> tuple[float | None, str]:
+def facts_of(header: Header) -> tuple[dict[str, Any], dict[str, str], tuple[str, ...]]:
+    """Frame rate, exposure and trigger as far as the header states them, the names of their fields, and notes."""
+    exposure, exposure_origin = _exposure(header)
+    offset, notes = _trigger_offset(header)
+    facts = {
+        "frame_rate": (header.number("rate"), header.names["rate"]),
+        "exposure_s": (exposure, exposure_origin),
+        "trigger_offset_frames": (offset, header.names["start"]),
+    }
+    known = {name: value for name, (value, _) in facts.items() if value is not None}
+    return known, {name: facts[name][1] for name in known}, notes + _step_notes(header)
+
+
+def _exposure(header: Header) -> tuple[float | None, str]:
     """Exposure, s, and the name of its field."""
     nanoseconds = header.number("shutter_ns")
     if nanoseconds is not None:
@@ -118,7 +132,7 @@ def exposure_of(header: Header) -> tuple[float | None, str]:
     return (1.0 / reciprocal if reciprocal else None), header.names["shutter"]
 
 
-def trigger_offset_of(header: Header) -> tuple[int | None, tuple[str, ...]]:
+def _trigger_offset(header: Header) -> tuple[int | None, tuple[str, ...]]:
     """Number of the first image from the trigger, and a note where the header does not tell it."""
     text = header.values.get("start", "")
     if not re.fullmatch(r"[+-]?\d{1,9}", text):
@@ -134,7 +148,7 @@ def trigger_offset_of(header: Header) -> tuple[int | None, tuple[str, ...]]:
     return None, (note,)
 
 
-def step_notes(header: Header) -> tuple[str, ...]:
+def _step_notes(header: Header) -> tuple[str, ...]:
     """A note where only every so many-th image was saved."""
     step, rate = header.number("step"), header.number("rate")
     if step is None or step <= 1 or rate is None:
