@@ -10,8 +10,9 @@ import pytest
 import tifffile
 
 from torchsphere.measure import Measurement, Request, measure
+from torchsphere.results.columns import force_path_columns
 from torchsphere.results.reader import FORCE_PATH_COLUMNS, read
-from torchsphere.results.writer import summary, write_force_paths
+from torchsphere.results.writer import summary
 from torchsphere.synthetic import demo_shot
 
 
@@ -35,7 +36,7 @@ def test_the_force_path_has_a_row_per_frame_of_the_contact(measured: tuple[Path,
     assert largest == pytest.approx(float(done.impact.peak_force.value), rel=0.02)
 
 
-def test_the_rows_of_the_strongest_impact_are_read_back(measured: tuple[Path, Measurement], tmp_path: Path) -> None:
+def test_the_rows_of_the_strongest_impact_are_read_back(measured: tuple[Path, Measurement]) -> None:
     folder, done = measured
     (force,) = done.contact_forces
     assert force.path is not None
@@ -45,15 +46,13 @@ def test_the_rows_of_the_strongest_impact_are_read_back(measured: tuple[Path, Me
     np.testing.assert_allclose(found.sd_force_N, force.path.force.sd, rtol=1e-9)
     np.testing.assert_array_equal(found.is_loading, force.path.is_loading)
     weaker = dataclasses.replace(force, path=None)
-    write_force_paths(tmp_path, [weaker, force], 0)
-    assert {row["impact"] for row in table(tmp_path / "force_path.csv")} == {"2"}
+    assert set(force_path_columns([weaker, force], 0)["impact"]) == {2}
 
 
-def test_without_a_force_there_is_no_file(measured: tuple[Path, Measurement], tmp_path: Path) -> None:
+def test_without_a_force_there_is_no_table(measured: tuple[Path, Measurement]) -> None:
     _, done = measured
-    write_force_paths(tmp_path, [dataclasses.replace(done.contact_forces[0], path=None)], 0)
-    write_force_paths(tmp_path, [], 0)
-    assert not list(tmp_path.iterdir())
+    assert not force_path_columns([dataclasses.replace(done.contact_forces[0], path=None)], 0)
+    assert not force_path_columns([], 0)
 
 
 def test_the_summary_has_balance_law_and_path_of_each_impact(measured: tuple[Path, Measurement]) -> None:

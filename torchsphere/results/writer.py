@@ -91,43 +91,25 @@ def _field(name: str, kind: pa.DataType) -> pa.Field:
     return pa.field(name, kind, metadata={"unit": unit} if unit else None)
 
 
-def write_kinematics(folder: Path, motion: Kinematics, first_frame: int) -> None:
-    """Write ``kinematics.csv``: the columns of `motion_columns`."""
-    _write_csv(folder / "kinematics.csv", motion_columns(motion, first_frame))
-
-
-def write_filtered(folder: Path, motion: FilteredMotion, first_frame: int) -> None:
-    """Write ``kinematics_cfc.csv``: filtered acceleration and force with the columns of ``kinematics.csv``."""
-    _write_csv(folder / "kinematics_cfc.csv", filtered_columns(motion, first_frame))
-
-
-def write_force_paths(folder: Path, forces: Sequence[ContactForce], first_frame: int) -> None:
-    """Write ``force_path.csv``, a row per frame in a contact, unless no impact has a force."""
-    columns = force_path_columns(forces, first_frame)
-    if columns:
-        _write_csv(folder / "force_path.csv", columns)
-
-
 def write_measurement(
     folder: Path, request: Request, done: Measurement, frame_rate: float | None, export: Sequence[str] = ()
 ) -> None:
     """Write the tables, ``summary.json``, and for each of ``export`` a file "result" with all of them."""
     write_track(folder, done.track, frame_rate, done.first_frame)
-    tables = {"track": track_columns(done.track, frame_rate, done.first_frame)}
-    tables["track"]["covariance"] = covariances(done.track)
-    if done.motion is not None:
-        write_kinematics(folder, done.motion, done.first_frame)
-        tables["kinematics"] = motion_columns(done.motion, done.first_frame)
-    if done.filtered is not None:
-        write_filtered(folder, done.filtered, done.first_frame)
-        tables["kinematics_cfc"] = filtered_columns(done.filtered, done.first_frame)
-    write_force_paths(folder, done.contact_forces, done.first_frame)
-    tables["force_path"] = force_path_columns(done.contact_forces, done.first_frame)
+    tables = {
+        "kinematics": {} if done.motion is None else motion_columns(done.motion, done.first_frame),
+        "kinematics_cfc": {} if done.filtered is None else filtered_columns(done.filtered, done.first_frame),
+        "force_path": force_path_columns(done.contact_forces, done.first_frame),
+    }
+    known = {name: columns for name, columns in tables.items() if columns}
+    for name, columns in known.items():
+        _write_csv(folder / f"{name}.csv", columns)
     contents = plain(summary(request, done, frame_rate))
     write_summary(folder, contents)
-    known = {name: columns for name, columns in tables.items() if columns}
+    of_track = track_columns(done.track, frame_rate, done.first_frame) | {"covariance": covariances(done.track)}
     for kind in dict.fromkeys(export):
-        write_export(folder / f"result{EXPORTS[kind]}", kind, known, contents["impacts"], contents)
+        path = folder / f"result{EXPORTS[kind]}"
+        write_export(path, kind, {"track": of_track} | known, contents["impacts"], contents)
 
 
 def write_summary(folder: Path, summary: dict[str, Any]) -> None:
