@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from torchsphere.recording import frame_source, open_recording
-from torchsphere.recording.frame_source import Source, spread
+from torchsphere.recording.frame_range import spread
+from torchsphere.recording.frame_source import Source
 
 
 def counting_source() -> tuple[Source, list[int]]:

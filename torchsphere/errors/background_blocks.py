@@ -9,6 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from torchsphere.recording.frame_range import spread
 from torchsphere.recording.frame_source import Source
 
 #: Images apart whose noise has nothing in common, and groups of images that are looked at (docs/constants.toml).
@@ -32,7 +33,7 @@ def background_blocks(source: Source, position: Array, radius: float, ignore: Te
     if not len(first):
         return []
     looks = []
-    for i in first[np.unique(np.linspace(0, len(first) - 1, LOOKS).round().astype(int))].tolist():
+    for i in spread(first, LOOKS).tolist():
         images = torch.cat([source.images(k, k + 1) for k in (i, i + 1, i + FAR_APART)])
         looks.append(_beside(images, position[[i, i + FAR_APART]], radius, ignore))
     return looks

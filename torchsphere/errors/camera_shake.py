@@ -17,6 +17,7 @@ from torchsphere.errors.evidence import Evidence
 from torchsphere.imaging import interpolation
 from torchsphere.motion.findings import CameraShake, Findings
 from torchsphere.motion.track import Track
+from torchsphere.recording.frame_range import spread
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime.warning_levels import severe
 
@@ -49,7 +50,7 @@ def camera_shake(source: Source, track: Track) -> CameraShake | None:
     known = np.flatnonzero(np.isfinite(track.position[:, 0]))
     if len(known) < 2:
         return None
-    first, compared = int(known[0]), _thinned(known[1:], IMAGES)
+    first, compared = int(known[0]), spread(known[1:], IMAGES)
 
     def image(frame: int) -> Array:
         return source.images(frame, frame + 1)[0].double().cpu().numpy()
@@ -69,11 +70,6 @@ def camera_shake(source: Source, track: Track) -> CameraShake | None:
     return largest if largest.px >= MIN_SHAKE_PX else None
 
 
-def _thinned(items: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """At most ``count`` of the items (n, ...), evenly spread."""
-    return items[np.unique(np.linspace(0, len(items) - 1, min(count, len(items))).round().astype(int))]
-
-
 def _corners(shape: tuple[int, ...], track: Track, frames: NDArray[np.int64]) -> NDArray[np.int64]:
     """First row and column (s, 2) of subsets that are clear of the ball in all ``frames``, evenly spread."""
     rows, columns = (np.arange(0, size - SUBSET_PX + 1, SUBSET_PX) for size in shape)
@@ -83,7 +79,7 @@ def _corners(shape: tuple[int, ...], track: Track, frames: NDArray[np.int64]) ->
     low = corners[None, :, ::-1]
     distance = np.clip(centres, low, low + SUBSET_PX - 1) - centres
     is_clear = (np.hypot(distance[..., 0], distance[..., 1]) > track.circle.radius + CLEARANCE_PX).all(0)
-    return _thinned(corners[is_clear], MAX_SUBSETS)
+    return spread(corners[is_clear], MAX_SUBSETS)
 
 
 def _blurred_subsets(image: Array, corners: NDArray[np.int64]) -> Array:
@@ -114,10 +110,10 @@ def _common_displacement(displacements: Array) -> float:
     if len(displacements) < MIN_SUBSETS:
         return 0.0
     median = np.median(displacements, axis=0)
-    spread = 1.4826 * float(np.median(np.hypot(*(displacements - median).T)))
+    scatter = 1.4826 * float(np.median(np.hypot(*(displacements - median).T)))
     size = float(np.hypot(*median))
-    is_significant = size > MIN_OVER_MEDIAN_SD * spread / np.sqrt(len(displacements))
-    return size if is_significant and size > MIN_OVER_SPREAD * spread else 0.0
+    is_significant = size > MIN_OVER_MEDIAN_SD * scatter / np.sqrt(len(displacements))
+    return size if is_significant and size > MIN_OVER_SPREAD * scatter else 0.0
 
 
 def detect(track: Track, evidence: Evidence) -> Findings:

@@ -22,7 +22,8 @@ from torchsphere.errors.evidence import Evidence
 from torchsphere.geometry.camera import Camera
 from torchsphere.motion.findings import Findings
 from torchsphere.motion.track import Track
-from torchsphere.recording.frame_source import Source, spread
+from torchsphere.recording.frame_range import spread
+from torchsphere.recording.frame_source import Source
 from torchsphere.runtime.warning_levels import severe
 from torchsphere.sphere_map.decision import MadeMap, NoMap
 

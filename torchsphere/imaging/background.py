@@ -9,7 +9,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.recording.frame_source import Source, spread
+from torchsphere.recording.frame_range import spread
+from torchsphere.recording.frame_source import Source
 
 #: Number of images that the background is computed from.
 FRAMES = 48

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.correlation.frame_status import STATUSES
+from torchsphere.recording.frame_range import spread
 from torchsphere.report.figure_style import STATUS_COLOURS
 
 Array = NDArray[np.float64]
@@ -54,7 +55,7 @@ def chart(
     title: str, x: Array, curves: Sequence[Curve], x_label: str, shaded: tuple[float, float] | None = None
 ) -> str:
     """Curves with bands of two standard deviations over ``x``, and a span of it ``shaded``."""
-    rows = np.unique(np.linspace(0, len(x) - 1, min(len(x), MOST_POINTS)).round().astype(int))
+    rows = spread(np.arange(len(x)), MOST_POINTS)
     known = [curve for curve in curves if np.isfinite(curve.values).any()]
     if not known or len(x) < 2:
         return ""
@@ -107,8 +108,8 @@ def _curve(x: Array, values: Array, sd: Array, up: object, limits: tuple[float, 
     known = np.flatnonzero(np.isfinite(values))
     parts = []
     for run in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1) if len(known) else ():
-        spread = 2 * np.nan_to_num(sd[run])
-        edges = [up(np.clip(values[run] + sign * spread, *limits)) for sign in (1, -1)]
+        reach = 2 * np.nan_to_num(sd[run])
+        edges = [up(np.clip(values[run] + sign * reach, *limits)) for sign in (1, -1)]
         outline = [*zip(x[run], edges[0], strict=True), *zip(x[run][::-1], edges[1][::-1], strict=True)]
         parts.append(f'<polygon points="{_points(outline)}" fill="{colour}" fill-opacity="0.25"/>')
         line = zip(x[run], up(values[run]), strict=True)
@@ -128,9 +129,9 @@ def path(position: Array, radius: float, title: str) -> str:
     low, high = known.min(0) - 1.15 * radius, known.max(0) + 1.15 * radius
     scale = min(WIDTH / (high[0] - low[0]), 170 / (high[1] - low[1]))
     width, height = (high - low) * scale
-    rows = np.unique(np.linspace(0, len(known) - 1, min(len(known), MOST_POINTS)).round().astype(int))
     places = (known - low) * scale
-    line = f'<polyline points="{_points(places[rows])}" fill="none" stroke="{COLOURS[0]}" stroke-width="1.6"/>'
+    points = _points(spread(places, MOST_POINTS))
+    line = f'<polyline points="{points}" fill="none" stroke="{COLOURS[0]}" stroke-width="1.6"/>'
     rings = [
         f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius * scale:.1f}" fill="{colour}" fill-opacity="0.15" '
         f'stroke="{colour}"/>'

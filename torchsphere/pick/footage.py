@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 
 from torchsphere.recording import Recording
 from torchsphere.recording.frame_source import Source
-
-#: Frames that give the range of grey levels, and the share of their pixels below and above it, %.
-LEVEL_FRAMES, LEVEL_TAIL = 5, 0.2
+from torchsphere.report.frame_sampling import black_and_white
 
 #: Frames that stay in memory, as a page asks for one of them again and again while a circle is dragged.
 KEPT_FRAMES = 4
@@ -80,12 +78,8 @@ class Footage:
 
     @functools.cached_property
     def levels(self) -> tuple[float, float]:
-        """Grey levels that become black and white: all but the darkest and brightest pixels lie between."""
-        chosen = np.unique(np.linspace(0, self.count - 1, LEVEL_FRAMES).round().astype(int))
-        tails = (LEVEL_TAIL, 100 - LEVEL_TAIL)
-        found = np.array([np.percentile(self.image(int(frame))[::2, ::2], tails) for frame in chosen])
-        low, high = float(found[:, 0].min()), float(found[:, 1].max())
-        return low, max(high, low + 1.0)
+        """Grey levels that become black and white."""
+        return black_and_white(self.image, np.arange(self.count))
 
     def grey(self, values: NDArray[Any], black: float | None = None, white: float | None = None) -> NDArray[np.uint8]:
         """Values in grey levels of the recording as 8 bit; the limits are `levels` where none are given."""

@@ -1,6 +1,11 @@
-"""The range of frames that is measured."""
+"""Some of the frames of a recording: the range that is measured, and a few that stand for many."""
 
 from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from torchsphere.recording import Recording
 from torchsphere.settings.limits import SettingError
@@ -36,6 +41,11 @@ def resolve_range(asked: tuple[int | None, int | None], count: int) -> tuple[int
             f"give a longer range, as in {first}:{min(first + 2, count)}"
         )
     return start, stop
+
+
+def spread(frames: NDArray[Any], most: int) -> NDArray[Any]:
+    """Up to ``most`` of the ``frames`` (m, ...), evenly between the first and the last."""
+    return frames[np.unique(np.linspace(0, len(frames) - 1, min(most, len(frames))).round().astype(int))]
 
 
 def restrict(recording: Recording, start: int, stop: int) -> Recording:

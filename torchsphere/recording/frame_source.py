@@ -135,11 +135,6 @@ class Source:
         return replace(self, read=read, is_file=False)
 
 
-def spread(frames: NDArray[np.int64], most: int) -> NDArray[np.int64]:
-    """Up to ``most`` of the ``frames`` (m,), evenly between the first and the last."""
-    return frames[np.unique(np.linspace(0, len(frames) - 1, min(most, len(frames))).round().astype(int))]
-
-
 def require_device(chosen: torch.device) -> None:
     """Raise SettingError unless the device is supported and present."""
     if chosen.type not in DEVICES:

@@ -36,9 +36,6 @@ WORDS = {
     8: "turned by 90 deg counterclockwise",
 }
 
-#: Mirror images: a ball in them turns the other way round.
-MIRRORED = (2, 4, 5, 7)
-
 
 def turned(images: NDArray[Any], code: int) -> NDArray[Any]:
     """Stored ``images`` (n, h, w) as they are shown: (n, h, w), or (n, w, h) where columns become rows."""

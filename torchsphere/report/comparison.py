@@ -12,6 +12,7 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.recording.frame_range import spread
 from torchsphere.report import pages
 from torchsphere.report.summary_tables import IMPACT, NOT_MEASURED, with_sd
 from torchsphere.results.atomic_output import atomic_file
@@ -250,7 +251,7 @@ def _contact_ms(shot: Shot) -> tuple[float, float] | None:
 def _rows(shot: Shot, most: int) -> NDArray[np.int64]:
     """Rows of a shot in the plots: at even distances, and all around its contact, as far as there is room."""
     n = len(shot.result.frame)
-    even = np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
+    even = spread(np.arange(n), most)
     contact = _contact_ms(shot)
     if n <= most or contact is None:
         return even

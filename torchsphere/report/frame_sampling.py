@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +28,7 @@ from torchsphere.geometry.camera import Camera
 from torchsphere.imaging import crop, interlacing, interpolation
 from torchsphere.imaging.colour_mosaic import without_mosaic
 from torchsphere.motion.track import Track
+from torchsphere.recording.frame_range import spread
 from torchsphere.recording.frame_source import Source
 from torchsphere.results.sampled_frames import NO_RESIDUAL, Sampled, encode_webp, rows_to_keep
 from torchsphere.runtime import threads
@@ -72,7 +73,7 @@ def sample(recording: object, track: Track, ignore: Tensor | None = None) -> Sam
         source, _ = without_mosaic(source)
     rows = rows_to_keep(track.status, track.zncc)
     box = _path_box(track, source.images(0, 1).shape[-2:])
-    levels = _grey_levels(source, rows)
+    levels = black_and_white(lambda row: source.images(row, row + 1)[0].numpy(), rows)
     encoding = _encoding(box, levels, len(rows))
     few = rows[np.linspace(0, len(rows) - 1, 4).round().astype(int)]
     encoding = encoding.within_budget([source.images(int(row), int(row) + 1)[0].numpy() for row in few])
@@ -103,11 +104,13 @@ def _path_box(track: Track, shape: tuple[int, ...]) -> tuple[int, int, int, int]
     return int(low[0]), int(low[1]), int(high[0]), int(high[1])
 
 
-def _grey_levels(source: Source, rows: NDArray[np.int64]) -> tuple[float, float]:
-    """Grey levels that become black and white."""
-    picks = rows[np.unique(np.linspace(0, len(rows) - 1, LEVEL_IMAGES).round().astype(int))]
+def black_and_white(image: Callable[[int], NDArray[np.float32]], rows: NDArray[np.int64]) -> tuple[float, float]:
+    """Grey levels that become black and white, by the ``image`` (h, w) of a few ``rows`` (m,).
+
+    All but the darkest and brightest pixels lie between.
+    """
     tails = (LEVEL_TAIL, 100 - LEVEL_TAIL)
-    found = np.array([np.percentile(source.images(int(r), int(r) + 1)[0, ::2, ::2].numpy(), tails) for r in picks])
+    found = np.array([np.percentile(image(row)[::2, ::2], tails) for row in spread(rows, LEVEL_IMAGES).tolist()])
     low, high = float(found[:, 0].min()), float(found[:, 1].max())
     return low, high if high > low else low + 1.0
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.recording.frame_range import spread
 from torchsphere.report.figure_style import COLOURS, CONTACT, DPI, LEGEND, new_figure
 from torchsphere.results.reader import ResultFolder
 from torchsphere.results.sampled_frames import Sampled, encode_webp
@@ -201,7 +202,7 @@ def residual_limit(sampled: Sampled) -> float:
     with_map = np.flatnonzero(sampled.has_residual)
     if len(with_map) == 0:
         return 127 * sampled.residual_step
-    few = with_map[np.unique(np.linspace(0, len(with_map) - 1, 20).round().astype(int))]
+    few = spread(with_map, 20)
     sizes = np.abs(np.concatenate([sampled.residual_levels(i).ravel() for i in few]))
     # The standard deviation of Gaussian noise is 1.4826 times its median absolute value.
     robust = 1.4826 * float(np.nanmedian(sizes))

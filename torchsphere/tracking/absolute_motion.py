@@ -59,11 +59,6 @@ class AbsoluteMotion:
         """Whether the map does not show a notable part of the frames whose position is known."""
         return isinstance(self.map, MadeMap) and lacks_frames(np.isfinite(self.position[:, 0]), self.on_map)
 
-    @property
-    def frames_on_map(self) -> int:
-        """Number of frames on the map."""
-        return int(self.on_map.sum())
-
     def only(self, kept: NDArray[np.bool_]) -> AbsoluteMotion:
         """The motion of the ``kept`` frames (n,) and the steps between these."""
         between = (kept[:-1] & kept[1:])[:, None]

@@ -20,7 +20,8 @@ from torchsphere.detection import limbs
 from torchsphere.detection.limbs import SIGNIFICANT_SD, STAY_SD
 from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.circle import Circle
-from torchsphere.recording.frame_source import Source, spread
+from torchsphere.recording.frame_range import spread
+from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import steps
 from torchsphere.sphere_map.decision import MadeMap
 from torchsphere.tracking.absolute_motion import AbsoluteMotion

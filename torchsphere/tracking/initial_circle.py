@@ -25,7 +25,8 @@ from torchsphere.detection.detect import at_limb, unblurred
 from torchsphere.geometry.camera import Camera, require_distance, sphere_of_outline
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import background, crop, interlacing
-from torchsphere.recording.frame_source import Source, spread
+from torchsphere.recording.frame_range import spread
+from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import steps
 from torchsphere.settings.arrays import check_circle
 from torchsphere.settings.limits import SettingError, is_whole

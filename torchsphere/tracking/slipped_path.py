@@ -19,7 +19,8 @@ from torchsphere.correlation.options import Options
 from torchsphere.correlation.result import Correlation
 from torchsphere.detection.limbs import MAX_FRAMES, Limbs, fit_along_path
 from torchsphere.geometry.camera import Camera
-from torchsphere.recording.frame_source import Source, spread
+from torchsphere.recording.frame_range import spread
+from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import steps
 from torchsphere.tracking.record import Record
 
