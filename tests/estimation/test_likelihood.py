@@ -1,14 +1,14 @@
 """The bank of small Kalman filters against the dense joint covariance of all frames, and series that are thinned."""
 
+import itertools
 import math
 
 import numpy as np
 import torch
 
-from torchsphere.estimation.filter_bank import PRIOR_VARIANCE
 from torchsphere.estimation.force_forms import FORMS
 from torchsphere.estimation.likelihood import STATED_COUNTS, Series, log_likelihood
-from torchsphere.estimation.process_model import FLIGHT_STATES, STATES, transitions
+from torchsphere.estimation.process_model import FLIGHT_STATES, PRIOR_VARIANCE, STATES, transitions
 
 #: Frame 4 is missing from the recording, and frame 6 was not measured in the second degree of freedom.
 TIMES = torch.tensor([[0.0, 1.0, 2.0, 3.0, 5.0, 6.0, 7.0, 8.5]], dtype=torch.float64)
@@ -61,17 +61,16 @@ def dense(
 
 def test_the_filters_give_the_likelihood_of_the_joint_covariance() -> None:
     own = series()
-    flight = torch.tensor([-6.0, -2.0, -6.0, -2.0], dtype=torch.float64).expand(1, 2, 3, 4)
-    contact = torch.tensor([-1.0, 2.0, -2.0, 1.0], dtype=torch.float64).expand(1, 2, 3, 4)
-    formed = torch.tensor([False, False, True, True])
-    # A form with soft ends, one without, and a triangle between frames.
+    flight, contact = (torch.tensor(v).double().expand(1, 2, 3, 2) for v in ([-6.0, -2.0], [-1.0, 1.0]))
+    # A form with soft ends, one without, and a triangle between frames; then the rough process.
     forms = torch.tensor([[FORMS[3], FORMS[6], FORMS[10]]], dtype=torch.float64)
-    fit, noise = log_likelihood(own, WINDOWS, flight, contact, formed, forms)
+    each = [log_likelihood(own, WINDOWS, flight, contact, v) for v in (forms, None)]
     for freedom in range(2):
         for place in range(3):
-            for m in range(4):
+            for m, is_formed in itertools.product(range(2), (True, False)):
+                fit, noise = each[0 if is_formed else 1]
                 powers = float(flight[0, 0, 0, m]), float(contact[0, 0, 0, m])
-                form = forms[0, place].numpy() if formed[m] else None
+                form = forms[0, place].numpy() if is_formed else None
                 expected = dense(own, WINDOWS[0, place], freedom, *powers, form)
                 found = fit[0, freedom, place, m], noise[0, freedom, place, m]
                 # The prior variance of 1e8 leaves about seven digits of double precision.
@@ -83,11 +82,11 @@ def test_the_rough_process_has_the_same_likelihood_with_and_without_forms_beside
     flight = torch.tensor([-6.0, -2.0], dtype=torch.float64).expand(1, 2, 3, 2)
     contact = torch.tensor([-1.0, 2.0], dtype=torch.float64).expand(1, 2, 3, 2)
     alone = log_likelihood(own, WINDOWS, flight, contact)
-    pairs, formed = (v.repeat(1, 1, 1, 2) for v in (flight, contact)), torch.tensor([False, False, True, True])
     forms = torch.tensor(FORMS[:1], dtype=torch.float64).expand(1, 3, -1)
-    beside = log_likelihood(own, WINDOWS, *pairs, formed, forms)
+    windows, forms = WINDOWS.repeat(1, 2, 1), torch.cat((torch.zeros_like(forms), forms), 1)
+    beside = log_likelihood(own, windows, *(v.repeat(1, 1, 2, 1) for v in (flight, contact)), forms)
     for one, other in zip(alone, beside, strict=True):
-        torch.testing.assert_close(one, other[..., :2])
+        torch.testing.assert_close(one, other[:, :, :3])
 
 
 def test_drifts_of_frames_that_are_left_out_are_added_up() -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.estimation.filter_bank import PRIOR_VARIANCE
-from torchsphere.estimation.process_model import FLIGHT_STATES, STATES, transitions
+from torchsphere.estimation.process_model import FLIGHT_STATES, PRIOR_VARIANCE, STATES, transitions
 from torchsphere.estimation.process_noise import added_covariance
 
 Array = NDArray[np.float64]

@@ -3,7 +3,8 @@
 A form is a vector of six numbers: the powers with which the force begins and ends, the shares of the contact at which
 it has risen and from which it falls where it has kinks, the roughness of the height, and whether it is the elastic
 contact of Hertz. With the powers 1 and 2 at both ends it is a half-sine (a ball on a linear spring) and a squared sine.
-With kinks and the powers 0 it consists of straight lines.
+With kinks and the powers 0 it consists of straight lines. Numbers that are all 0 stand for no form, but for the rough
+process of `process_model`.
 
 In the contact of Hertz the force grows as the penetration ``d`` to the power 1.5. By conservation of energy its share
 of the largest penetration at the share ``u`` of the way to the turning point has ``I(d^2.5; 2/5, 1/2) = u``, with the

@@ -21,8 +21,8 @@ from kornia.geometry.liegroup import So3
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.estimation.filter_bank import PRIOR_VARIANCE
 from torchsphere.estimation.likelihood import Series
+from torchsphere.estimation.process_model import PRIOR_VARIANCE
 from torchsphere.motion.track import Track
 
 Array = NDArray[np.float64]

@@ -187,8 +187,10 @@ def draw_intensities(series: Series, chosen: Candidates, best: ProcessFits) -> t
     end = log_end_sd(contact, chosen.windows[:, None, :, None], process[:, None] == 0).repeat_interleave(len(pairs), -1)
     flight = (flight[..., None] + pairs[:, 0]).clamp(*FLIGHT_RANGE).flatten(3)
     contact = (contact[..., None] + pairs[:, 1]).flatten(3)
-    formed = torch.tensor([False, True], device=flight.device).repeat_interleave(len(pairs))
-    fit, noise = posterior(series, chosen.windows, flight, contact, formed, chosen.forms)
+    # The pairs of the rough process come before those of the process with the form.
+    powers = zip(*(v.split(len(pairs), -1) for v in (flight, contact)), (None, chosen.forms), strict=True)
+    both = [posterior(series, chosen.windows, own, touching, forms) for own, touching, forms in powers]
+    fit, noise = (torch.cat(values, -1) for values in zip(*both, strict=True))
     # Each intensity stands for the range halfway to its neighbours.
     of_flight, of_contact = (torch.gradient(fit.new_tensor(offsets))[0] for offsets in (FLIGHT_OFFSETS, DRAWN_OFFSETS))
     widths = (of_flight[:, None] * torch.cat((fit.new_tensor([NO_FORCE_WIDTH]), of_contact))).log()
@@ -203,7 +205,7 @@ def draw_intensities(series: Series, chosen: Candidates, best: ProcessFits) -> t
     taken = torch.searchsorted(sums, quantiles).clamp_max(sums.shape[-1] - 1)
     flight, contact, noise = (v.expand(fit.shape).gather(-1, taken)[..., 0].mT for v in (flight, contact, noise))
     contact = torch.where(contact > -math.inf, contact, CONTACT_RANGE[0])
-    return 10.0**flight, 10.0**contact, formed[taken[..., 0].mT], noise
+    return 10.0**flight, 10.0**contact, (taken[..., 0] >= len(pairs)).mT, noise
 
 
 def _proportional_indices(weights: Tensor) -> Tensor:

@@ -14,11 +14,11 @@ from torch import Tensor
 
 from torchsphere.estimation import force_forms
 from torchsphere.estimation.contact_search import Contact
-from torchsphere.estimation.filter_bank import Array
 from torchsphere.estimation.measurements import FREEDOMS, Poses
 from torchsphere.estimation.process_model import (
     FLIGHT_STATES,
     STATES,
+    Array,
     flight_matrix,
     overlaps,
     transitions,

@@ -51,15 +51,10 @@ EDGES, PLACES = 2, 4
 
 
 def posterior(
-    series: Series,
-    windows: Tensor,
-    flight: Tensor,
-    contact: Tensor,
-    formed: Tensor | None = None,
-    forms: Tensor | None = None,
+    series: Series, windows: Tensor, flight: Tensor, contact: Tensor, forms: Tensor | None = None
 ) -> tuple[Tensor, Tensor]:
     """The `log_likelihood` plus the logarithm of the prior, and the noise factor."""
-    fit, noise = log_likelihood(series, windows, flight, contact, formed, forms)
+    fit, noise = log_likelihood(series, windows, flight, contact, forms)
     return fit + log_prior(flight), noise
 
 
@@ -159,7 +154,7 @@ class ProcessFits(NamedTuple):
         kinks = own[..., EDGES:] + step[:, number, None] * grid_steps(series)
         places = torch.cat((own[..., :EDGES], kinks), -1)
         flight, contact = (v[:, :, number, None] for v in (self.flight, self.contact))
-        fit = fit_of_forms(series, places, flight, contact, number - 1)[..., 0].sum(1)
+        fit = fit_of(series, places, flight, contact, number - 1)[..., 0].sum(1)
         top = fit.argmax(-1)[..., None, None].expand(-1, -1, -1, PLACES)
         best = self.places.clone()
         best[:, number] = _ordered(places.gather(2, top)[:, :, 0], number - 1)
@@ -222,21 +217,17 @@ def _clamped_places(series: Series, places: Tensor) -> Tensor:
     return torch.cat((clamped(series, places[..., :EDGES]), places[..., EDGES:]), -1)
 
 
-def fit_of(series: Series, places: Tensor, flight: Tensor, contact: Tensor) -> Tensor:
-    """The `posterior` (n, k, p, c, m) of all p processes at places (n, p, c, 4), with intensities (n, k, p, m)."""
-    rough, _ = posterior(series, places[:, 0, :, :EDGES], flight[:, :, :1], contact[:, :, :1])
-    which = torch.arange(len(FORMS))
-    forms = fit_of_forms(series, places[:, 1:], flight[:, :, 1:], contact[:, :, 1:], which)
-    return torch.cat((rough[:, :, None], forms), 2)
+def fit_of(series: Series, places: Tensor, flight: Tensor, contact: Tensor, which: Tensor | None = None) -> Tensor:
+    """The `posterior` (n, k, p, c, m) at places (n, p, c, 4), with intensities (n, k, p, m).
 
-
-def fit_of_forms(series: Series, places: Tensor, flight: Tensor, contact: Tensor, which: Tensor) -> Tensor:
-    """The `posterior` (n, k, p, c, m) of the forms of index ``which`` (p,), arguments as `fit_of`."""
+    The processes are the rough one and all forms, or the forms of index ``which`` (p,).
+    """
     c = places.shape[2]
-    formed = torch.ones(flight.shape[-1], dtype=torch.bool, device=flight.device)
     flight, contact = (v.repeat_interleave(c, 2) for v in (flight, contact))
-    forms = forms_at(places, which).flatten(1, 2)
-    fit, _ = posterior(series, places[..., :EDGES].flatten(1, 2), flight, contact, formed, forms)
+    forms = forms_at(places[:, 1:], torch.arange(len(FORMS))) if which is None else forms_at(places, which)
+    if which is None:
+        forms = torch.cat((torch.zeros_like(forms[:, :1]), forms), 1)
+    fit, _ = posterior(series, places[..., :EDGES].flatten(1, 2), flight, contact, forms.flatten(1, 2))
     return fit.unflatten(2, (-1, c))
 
 

@@ -30,6 +30,9 @@ Array = NDArray[np.float64]
 #: States of flight (pose, rate, acceleration), of the rough process (jerk) and of a form (height and its rate).
 FLIGHT_STATES, ROUGH_STATES, STATES = 3, 4, 5
 
+#: Variance of a state before the first measurement, in units of the noise's (docs/constants.toml).
+PRIOR_VARIANCE = 1e8
+
 #: Variance of the height's change over the contact that needs no noise, per roughness (docs/constants.toml).
 SLOPE_VARIANCE = 4.0
 
@@ -62,9 +65,8 @@ def transitions(times: Array, windows: Array, forms: Array | None) -> Transition
     """
     shape = (*windows.shape[:2], times.shape[1] - 1, STATES, STATES)
     matrix, contact = np.zeros(shape), np.zeros(shape)
-    is_formed = forms is not None
     given = np.zeros((*shape[:2], len(force_forms.NAMES))) if forms is None else forms
-    loops.steps(*map(np.ascontiguousarray, (times, windows, given)), is_formed, _tables(), matrix, contact)
+    loops.steps(*map(np.ascontiguousarray, (times, windows, given)), step_tables(), matrix, contact)
     idle = (windows[..., 1:] <= times[:, None, 1:]) | ~overlaps(times, windows)
     envelope = np.zeros((*windows.shape[:2], times.shape[1]))
     if forms is not None:
@@ -75,7 +77,8 @@ def transitions(times: Array, windows: Array, forms: Array | None) -> Transition
 
 
 @functools.cache
-def _tables() -> loops.Tables:
+def step_tables() -> loops.Tables:
+    """What the loops over steps look up."""
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     part = slice(ROUGH_STATES), slice(ROUGH_STATES)
     return loops.Tables(

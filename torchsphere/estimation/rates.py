@@ -13,10 +13,9 @@ from torch import Tensor
 
 from torchsphere.estimation import bandwidth, contact_search, force_forms, rts, savitzky_golay
 from torchsphere.estimation.contact_search import Contact
-from torchsphere.estimation.filter_bank import PRIOR_VARIANCE
 from torchsphere.estimation.likelihood import Series
 from torchsphere.estimation.measurements import FREEDOMS, Poses, measured_increments, poses
-from torchsphere.estimation.process_model import STATES
+from torchsphere.estimation.process_model import PRIOR_VARIANCE, STATES
 from torchsphere.estimation.rts import Smoothed
 from torchsphere.estimation.spread import sd_of_errors
 from torchsphere.motion.track import Track

@@ -32,18 +32,20 @@ class Tables(NamedTuple):
 def envelopes(shares: Doubles, forms: Doubles, hertz: Doubles, found: Doubles) -> None:
     """Force (b, m) over its height at shares (b, m) of the contact, of forms (b, 6); 0 before and after."""
     for i in range(shares.shape[0]):
+        peak = _peak(forms[i])
         for j in range(shares.shape[1]):
-            found[i, j] = _envelope(shares[i, j], forms[i], hertz)
+            found[i, j] = _envelope(shares[i, j], forms[i], peak, hertz)
 
 
 @compiled
-def _envelope(share: Any, form: Doubles, hertz: Doubles) -> Any:
+def _envelope(share: Any, form: Doubles, peak: Any, hertz: Doubles) -> Any:
     if not 0.0 <= share <= 1.0:
         return 0.0 * share  # what is no number stays none, and makes no index
     onset, decay, risen, falling = form[_ONSET], form[_DECAY], form[_RISEN], form[_FALLING]
-    level = _power(math.sin(0.5 * math.pi * share), onset) * _power(math.cos(0.5 * math.pi * share), decay)
-    total = max(onset + decay, 1e-9)
-    level /= _power(math.sqrt(onset / total), onset) * _power(math.sqrt(decay / total), decay)
+    if onset == decay:
+        level = _power(0.5 * math.sin(math.pi * share), onset) / peak
+    else:
+        level = _power(math.sin(0.5 * math.pi * share), onset) * _power(math.cos(0.5 * math.pi * share), decay) / peak
     if form[_HERTZ] > 0.0:
         place = (0.5 - abs(share - 0.5)) * 2.0 * (len(hertz) - 1)
         node = min(int(place), len(hertz) - 2)
@@ -57,6 +59,14 @@ def _envelope(share: Any, form: Doubles, hertz: Doubles) -> Any:
 
 
 @compiled
+def _peak(form: Doubles) -> Any:
+    """Highest value of the product of powers of sine and cosine in an envelope."""
+    onset, decay = form[_ONSET], form[_DECAY]
+    total = max(onset + decay, 1e-9)
+    return _power(math.sqrt(onset / total), onset) * _power(math.sqrt(decay / total), decay)
+
+
+@compiled
 def _power(value: Any, power: Any) -> Any:
     """A value of 0 to 1 to a power: of the rounding below 0, 0; to the power 0, 1."""
     return 1.0 if power <= 0.0 else max(value, 0.0) ** power
@@ -64,48 +74,58 @@ def _power(value: Any, power: Any) -> Any:
 
 @compiled
 def steps(
-    times: Doubles,
-    windows: Doubles,
-    forms: Doubles,
-    is_formed: bool,
-    tables: Tables,
-    matrix: Doubles,
-    covariance: Doubles,
+    times: Doubles, windows: Doubles, forms: Doubles, tables: Tables, matrix: Doubles, covariance: Doubles
 ) -> None:
-    """Fill the matrices and covariances (n, c, t - 1, 5, 5), which are 0, of the steps between ``times`` (n, t).
+    """Fill the matrices and covariances (n, c, t - 1, 5, 5) of the steps between ``times`` (n, t).
 
-    The contacts last over ``windows`` (n, c, 2) and have the ``forms`` (n, c, 6), or the rough process.
+    The contacts last over ``windows`` (n, c, 2) and have the ``forms`` (n, c, 6), all 0 for the rough process.
     """
     room = np.zeros((5, _STATES, _STATES))
-    initial, begin, finish, inside, work = room[0], room[1], room[2], room[3], room[4]
     for n in range(matrix.shape[0]):
         for c in range(matrix.shape[1]):
-            start, end, form = windows[n, c, 0], windows[n, c, 1], forms[n, c]
             for i in range(matrix.shape[2]):
-                before, after = times[n, i], times[n, i + 1]
                 into, added = matrix[n, c, i], covariance[n, c, i]
-                if min(end, after) <= max(start, before):
-                    _flight(after - before, into)
-                    continue
-                first, last = max(start, before) - start, min(end, after) - start
-                if is_formed:
-                    _formed(first, last, end - start, form, tables, into, added)
-                else:
-                    _rough(last - first, tables, into, added)
-                if start >= before:
-                    _start(end - start, form, is_formed, tables.slope_variance, initial)
-                    _product(into, initial, work)
-                    _add_product_transposed(work, into, added)
-                    _copy(into, inside)
-                    _flight(start - before, begin)
-                    _product(inside, begin, into)
-                if end <= after:
-                    _flight(after - end, finish)
-                    _copy(into, inside)
-                    _product(finish, inside, into)
-                    _product(finish, added, work)
-                    added[:] = 0.0
-                    _add_product_transposed(work, finish, added)
+                step(times[n, i], times[n, i + 1], windows[n, c], forms[n, c], tables, room, into, added)
+
+
+@compiled
+def step(
+    before: Any,
+    after: Any,
+    window: Doubles,
+    form: Doubles,
+    tables: Tables,
+    room: Doubles,
+    into: Doubles,
+    added: Doubles,
+) -> None:
+    """Fill the matrix ``into`` (5, 5), and the covariance ``added``, of one step; there is ``room`` (5, 5, 5)."""
+    initial, begin, finish, inside, work = room[0], room[1], room[2], room[3], room[4]
+    start, end, is_formed = window[0], window[1], form[_ROUGHNESS] > 0.0
+    into[:], added[:] = 0.0, 0.0
+    if min(end, after) <= max(start, before):
+        _flight(after - before, into)
+        return
+    first, last = max(start, before) - start, min(end, after) - start
+    if is_formed:
+        _formed(first, last, end - start, form, tables, into, added)
+    else:
+        _rough(last - first, tables, into, added)
+    if start >= before:
+        initial[:] = 0.0
+        _start(end - start, form, is_formed, tables.slope_variance, initial)
+        _product(into, initial, work)
+        _add_product_transposed(work, into, added)
+        _copy(into, inside)
+        _flight(start - before, begin)
+        _product(inside, begin, into)
+    if end <= after:
+        _flight(after - end, finish)
+        _copy(into, inside)
+        _product(finish, inside, into)
+        _product(finish, added, work)
+        added[:] = 0.0
+        _add_product_transposed(work, finish, added)
 
 
 @compiled
@@ -134,15 +154,15 @@ def _formed(
     first: Any, last: Any, length: Any, form: Doubles, tables: Tables, matrix: Doubles, covariance: Doubles
 ) -> None:
     """Step from ``first`` to ``last``, since the start of a contact whose force has a form."""
-    duration, roughness = last - first, form[_ROUGHNESS]
-    at_end = _envelope(last / length, form, tables.hertz)
+    duration, roughness, peak = last - first, form[_ROUGHNESS], _peak(form)
+    at_end = _envelope(last / length, form, peak, tables.hertz)
     _flight(duration, matrix)
     matrix[_HEIGHT, _HEIGHT] = matrix[_RATE, _RATE] = 1.0
     matrix[_HEIGHT, _RATE] = duration
     for k in range(tables.nodes.shape[1]):
         passed = duration * tables.nodes[0, k]
         left, weight = duration - passed, duration * tables.nodes[1, k]
-        own = _envelope((first + passed) / length, form, tables.hertz)
+        own = _envelope((first + passed) / length, form, peak, tables.hertz)
         _add_force(own * weight, passed, left, matrix)
         # What a unit of the height's rate from here on becomes, the envelope taken as linear from here to the end.
         slope = (at_end - own) / left
