@@ -117,9 +117,8 @@ def test_every_process_has_its_own_places_and_intensities_among_the_others() -> 
         for place in range(2):
             own = places[:, process : process + 1, place : place + 1]
             form = None if process == 0 else forms_at(own, torch.tensor([process - 1]))[:, 0]
-            formed = None if process == 0 else torch.ones(3, dtype=torch.bool)
             alone, _ = posterior(
-                some, own[:, 0, :, :EDGES], flight[:, :, process, None], contact[:, :, process, None], formed, form
+                some, own[:, 0, :, :EDGES], flight[:, :, process, None], contact[:, :, process, None], form
             )
             np.testing.assert_allclose(together[:, :, process, place], alone[:, :, 0], rtol=1e-9)
 
