@@ -67,23 +67,22 @@ def smoother_weights(
     impulses, noise = np.eye(len(times[part])), variance[part]
     mean = np.zeros((STATES, len(noise)))
     covariance = np.diag([PRIOR_VARIANCE] * FLIGHT_STATES + [1.0] * (STATES - FLIGHT_STATES))
-    filtered = []
+    # The state at ``at`` goes on beside the later states, to which it has the covariance ``across``.
+    frame = at - part.start
+    state, across = mean, covariance
     for i in range(len(noise)):
         if i:
             mean, covariance = matrices[i - 1] @ mean, matrices[i - 1] @ covariance @ matrices[i - 1].T + added[i - 1]
+            across = across @ matrices[i - 1].T
         if np.isfinite(noise[i]):
-            gain = covariance[:, :1] / (covariance[0, 0] + noise[i])
+            size = covariance[0, 0] + noise[i]
+            gain = covariance[:, :1] / size
+            state = state + across[:, :1] / size * (impulses[i] - mean[0])
             mean = mean + gain * (impulses[i] - mean[0])
             keep = np.eye(STATES) - gain * np.eye(STATES)[0]
             covariance = keep @ covariance @ keep.T + noise[i] * gain @ gain.T
-        filtered.append((mean, covariance))
-    for i in range(len(noise) - 2, at - part.start - 1, -1):
-        before, covariance = filtered[i]
-        ahead = matrices[i] @ covariance @ matrices[i].T + added[i]
-        size = np.sqrt(np.diag(ahead))
-        # After a long gap the states have correlations of 1 to the last digit, so that no inverse exists.
-        scaled, *_ = np.linalg.lstsq(ahead / np.outer(size, size), (matrices[i] @ covariance) / size[:, None])
-        gain = (scaled / size[:, None]).T
-        mean = before + gain @ (mean - matrices[i] @ before)
-    rate, acceleration = mean[1], mean[2] + steps.envelope[0, 0, at - part.start] * mean[FLIGHT_STATES]
+            across = across @ keep.T
+        if i <= frame:
+            state, across = mean, covariance
+    rate, acceleration = state[1], state[2] + steps.envelope[0, 0, frame] * state[FLIGHT_STATES]
     return np.stack((rate, acceleration)), part
