@@ -97,9 +97,9 @@ def drawn_motions(contact: MotionContact, motion: Motion, frames: Array, shared:
         motion.rate[part], motion.acceleration[part], frames[part], contact.interval, shared, units
     )
     drawn = _disturbed(undisturbed, samples.rate, samples.acceleration, samples.interval, part)
-    faster = drawn.inputs.faster[:, None, None, None]
-    between = units.translation(samples.between, 2) * faster**2
-    return replace(drawn, between_m_s2=between, fractions=samples.fractions)
+    # One product: there are a million accelerations between frames.
+    factor = units.translation(np.ones(2), 2) * drawn.inputs.faster[:, None, None, None] ** 2
+    return replace(drawn, between_m_s2=samples.between * factor, fractions=samples.fractions)
 
 
 def _disturbed(about: Undisturbed, rate: Array, acceleration: Array, interval: Array, span: slice) -> Draws:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
@@ -209,6 +210,7 @@ class _Normals:
     mass: Array  # (s,)
 
 
+@functools.cache
 def _normals(count: int) -> _Normals:
     """The same errors for every call with the same ``count``."""
     generator = np.random.default_rng(0)

@@ -93,7 +93,7 @@ def smooth(poses: Poses, contact: Contact, samples: int, span: slice, seed: int 
         covariance=covariance * scale[..., :, None] * scale[..., None, :],
         samples=(sampler.states() * scale).unflatten(-1, (FLIGHT_STATES, FREEDOMS)),
         sample_windows=contact.windows[torch.arange(n), sampler.interval],
-        between=sampler.between() * poses.unit[:, None, None, :IN_PLANE],
+        between=sampler.between(poses.unit[:, :IN_PLANE]),
         fractions=model.fractions,
         span=slice(first, stop),
         windows=contact.windows,
@@ -230,17 +230,18 @@ class _Sampler:
             return None
         return model.bulge(frame, self._later, later)
 
-    def between(self) -> Tensor:
-        """The bulges (count, n, m, j, 2) after all frames added, the earliest first; 0 in flight."""
+    def between(self, unit: Tensor) -> Tensor:
+        """Bulges (count, n, m, j, 2) after all frames, the earliest first, times the ``unit`` (n, 2); 0 in flight."""
         count, n = self.interval.shape
-        known = [bulge for bulge in self._bulges if bulge is not None]
-        if not known:
-            return torch.zeros(count, n, len(self._found), 0, IN_PLANE, dtype=torch.float64)
-        zero = np.zeros_like(known[0])
-        found = np.stack([zero if bulge is None else bulge for bulge in self._bulges[::-1]])
-        # (m, n, c, j, 2, each) to (each, c, n, m, j, 2).
-        ordered = found.transpose(5, 2, 1, 0, 3, 4)
-        return torch.from_numpy(ordered.reshape(-1, n, *ordered.shape[3:])[:count])
+        steps = next((bulge.shape[2] for bulge in self._bulges if bulge is not None), 0)
+        # Most frames are in flight: memory of zeros costs nothing until it is written.
+        found = np.zeros((math.prod(self._shape), n, len(self._found), steps, IN_PLANE))
+        for i, bulge in enumerate(self._bulges[::-1]):
+            if bulge is not None:
+                # (n, c, j, 2, each) to (each, c, n, j, 2).
+                ordered = bulge.transpose(4, 1, 0, 2, 3) * unit.numpy()[:, None]
+                found[:, :, i] = ordered.reshape(-1, *ordered.shape[2:])
+        return torch.from_numpy(found[:count])
 
     def states(self) -> Tensor:
         """Pose, rate and acceleration (count, n, m, 15) of all frames added, the earliest first."""
