@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.motion.track import Track
+from torchsphere.notebook.drawings import as_png
 from torchsphere.notebook.measured import measurement, result_folder, track_of, with_force
 from torchsphere.report.draw import IMAGE_FIGURES, NUMBER_FIGURES
 from torchsphere.results.reader import ResultFolder
@@ -42,11 +42,5 @@ def drawn(result: ResultFolder, kind: str) -> Figure:
         raise ValueError(f"{result.path}: no impact of this result has a force, so there is no figure of it")
     figure = known[kind](result)
     # A figure that pyplot did not make is shown by a notebook only with this method.
-    figure.__dict__["_repr_png_"] = partial(_png, figure)
+    figure.__dict__["_repr_png_"] = partial(as_png, figure)
     return figure
-
-
-def _png(figure: Figure) -> bytes:
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png")
-    return stream.getvalue()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import contextlib
 import functools
 import io
@@ -17,7 +16,7 @@ from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.dynamics.si_units import largest
 from torchsphere.geometry.circle import Circle
 from torchsphere.motion.track import Track, status_counts
-from torchsphere.notebook import svg
+from torchsphere.notebook import drawings
 from torchsphere.notebook.loaded import Result
 from torchsphere.recording import Recording
 from torchsphere.report.summary_tables import IMPACT, with_sd
@@ -52,14 +51,14 @@ def _shown(title: str, figures: Sequence[str], rows: Sequence[Row], notes: Seque
         for name, value in rows
     )
     table = f'<table style="border-collapse:collapse;margin:0;border:0;color:inherit;font-size:inherit">{body}</table>'
-    drawings = "".join(f"<div>{figure}</div>" for figure in figures if figure)
+    pictures = "".join(f"<div>{figure}</div>" for figure in figures if figure)
     more = len(notes) - MOST_WARNINGS
     shown = [*notes[:MOST_WARNINGS], *([f"and {more} more: see .warnings"] if more > 0 else [])]
     below = "".join(f'<div style="margin-top:2px">&#9888; {escape(sentence)}</div>' for sentence in shown)
     return (
         f'<div style="font-size:13px;line-height:1.4"><strong>{escape(title)}</strong>'
         '<div style="display:flex;flex-wrap:wrap;gap:8px 20px;align-items:flex-start;margin-top:4px">'
-        f"<div>{drawings}</div>{table}</div>{below}</div>"
+        f"<div>{pictures}</div>{table}</div>{below}</div>"
     )
 
 
@@ -91,20 +90,13 @@ def _image(recording: Recording) -> str:
         grey = ((image - low) * (255 / max(high - low, 1e-6))).clip(0, 255).astype(np.uint8)
         stream = io.BytesIO()
         Image.fromarray(grey).save(stream, "PNG")
-        data = base64.b64encode(stream.getvalue()).decode("ascii")
-        return f'<img alt="image {middle}" src="data:image/png;base64,{data}"><div>image {middle}</div>'
+        return f"{drawings.picture(stream.getvalue(), f'image {middle}')}<div>image {middle}</div>"
     return ""
 
 
 @html.register
 def _(circle: Circle) -> str:
-    reach = 1.25 * circle.radius
-    scale = 55 / reach
-    ring = f'<circle cx="55" cy="55" r="{circle.radius * scale:.1f}" fill="none" stroke="{svg.COLOURS[1]}"/>'
-    cross = f'<path d="M50 55h10M55 50v10" stroke="{svg.COLOURS[1]}"/>'
-    width = f'<path d="M55 55h{circle.radius * scale:.1f}" stroke="currentColor" stroke-opacity="0.4"/>'
-    label = svg.text(58, 51, f"{circle.radius:.1f} px")
-    figure = svg.drawing(110, 110, "circle", [ring, width, cross, label])
+    figure = drawings.path(np.array([[circle.x, circle.y]]), circle.radius, "circle")
     rows = [
         ("x", with_sd(circle.x, circle.sd_x, "px")),
         ("y", with_sd(circle.y, circle.sd_y, "px")),
@@ -119,7 +111,7 @@ def _(circle: Circle) -> str:
 @html.register
 def _(track: Track) -> str:
     radius = float(np.nanmedian(track.radius)) if np.isfinite(track.radius).any() else track.circle.radius
-    figures = [svg.path(track.position, radius, "path of the ball"), svg.strip(track.status)]
+    figures = [drawings.path(track.position, radius, "path of the ball"), drawings.strip(track.status)]
     known, settings = track.calibration, track.settings
     counts = ", ".join(f"{count} {name}" for name, count in status_counts(track).items())
     rows = [("frames", f"{len(track.status)}: {counts}"), ("circle", f"{track.circle.text()} px"), *_mean(track)]
@@ -157,10 +149,10 @@ def _(motion: Kinematics) -> str:
         pairs.append(("acceleration (m/s²)", motion.acceleration_m_s2, motion.sd_acceleration_m_s2))
     pairs.append(("spin (rad/s)", motion.spin_rad_s, motion.sd_spin_rad_s))
     charts = [
-        svg.chart(
+        drawings.chart(
             title,
             ms,
-            [svg.Curve("xyz"[k], v, sd) for k, (v, sd) in enumerate(zip(values.T, sds.T, strict=True))],
+            [drawings.Curve("xyz"[k], v, sd) for k, (v, sd) in enumerate(zip(values.T, sds.T, strict=True))],
             "time (ms)",
             contact,
         )
@@ -205,8 +197,8 @@ def _contact_chart(impact: Impact) -> str:
     title, values, sds = "velocity (m/s)", motion.velocity_m_s, motion.sd_velocity_m_s
     if motion.force_N is not None and motion.sd_force_N is not None:
         title, values, sds = "force (kN)", 1e-3 * motion.force_N, 1e-3 * motion.sd_force_N
-    curves = [svg.Curve("xy"[k], values[rows, k], sds[rows, k]) for k in range(2)]
-    return svg.chart(title, 1e3 * motion.time_s[rows], curves, "time (ms)", (1e3 * start, 1e3 * end))
+    curves = [drawings.Curve("xy"[k], values[rows, k], sds[rows, k]) for k in range(2)]
+    return drawings.chart(title, 1e3 * motion.time_s[rows], curves, "time (ms)", (1e3 * start, 1e3 * end))
 
 
 @html.register
