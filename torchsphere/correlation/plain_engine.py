@@ -16,7 +16,7 @@ from torchsphere.correlation.options import Options, margin
 from torchsphere.correlation.plain import Fit, centred, products, solve
 from torchsphere.correlation.plain_reference import Region, region_of, spline_coefficients
 from torchsphere.correlation.residual_noise import BLOCK, MAX_CHANCE_SCATTER, MIN_BLOCK_PX
-from torchsphere.correlation.result import CELLS, Correlation
+from torchsphere.correlation.result import Correlation
 from torchsphere.correlation.uncertainty import MAX_CONDITION, MIN_TEXTURE_SIGNAL
 from torchsphere.geometry import motion_models
 from torchsphere.geometry.motion_models import Displacement
@@ -53,7 +53,8 @@ def correlate_plain(
         is_in_view=~((found.weights > 0).sum(-1) < options.min_visible * expected),
         is_known=finite,
     )
-    return _as_correlation(found, in_px * wider[:, :, None] * wider[:, None], coefficient, status)
+    covariance = in_px * wider[:, :, None] * wider[:, None]
+    return Correlation.of(found.q, covariance, coefficient, found.iterations, status)
 
 
 def zncc(values: Tensor, warped: Tensor, weights: Tensor) -> Tensor:
@@ -95,22 +96,3 @@ def texture_carries_modes(region: Region, found: Fit, model: Displacement, pre_b
     ratios = torch.linalg.eigvals(solve(of_slope * noise[:, None, None] * of_modes, found.operator).nan_to_num()).real
     worst, best = ratios.amin(-1), ratios.amax(-1)
     return (worst > MIN_TEXTURE_SIGNAL) & (best < MAX_CONDITION * worst)
-
-
-def _as_correlation(found: Fit, covariance: Tensor, coefficient: Tensor, status: Tensor) -> Correlation:
-    """The result for n pairs; rows that are not "ok" are NaN, and so are components that the model does not measure."""
-    good, q, k = status == 0, found.q, found.q.shape[-1]
-    unknowns = torch.where(good[:, None], torch.cat((q, q.new_zeros(len(q), 6 - k)), -1), torch.nan)
-    stated = torch.full((len(q), 6, 6), torch.nan).to(covariance)
-    stated[:, :k, :k] = torch.where(good[:, None, None], covariance, torch.nan)
-    return Correlation(
-        q=unknowns[:, :5],
-        covariance=stated[:, :5, :5],
-        zncc=coefficient,
-        iterations=found.iterations,
-        growth=unknowns[:, 5],
-        sd_growth=torch.where(good, stated[:, 5, 5].sqrt() if k == 6 else 0.0, torch.nan),
-        uneven_light=torch.zeros_like(good),
-        explained=torch.ones(len(good), 2, CELLS, CELLS).to(unknowns),
-        status=frame_status.words(status),
-    )

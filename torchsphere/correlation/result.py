@@ -10,6 +10,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from torchsphere.correlation import frame_status
+
 #: Fields of `Correlation` with a row per pair that are tensors.
 _TENSORS = ("q", "covariance", "zncc", "iterations", "growth", "sd_growth", "uneven_light", "explained")
 
@@ -58,6 +60,37 @@ class Correlation:
     def turn(self) -> Tensor:
         """Angle (n,) of the rotation, rad; NaN where it was not measured."""
         return self.q[:, 2:].norm(dim=-1)
+
+    @classmethod
+    def of(
+        cls,
+        q: Tensor,
+        covariance: Tensor,
+        zncc: Tensor,
+        iterations: Tensor,
+        status: Tensor,
+        *,
+        uneven_light: bool = False,
+    ) -> Correlation:
+        """The result of n pairs by the unknowns ``q`` (n, k) of a model, and their covariance (n, k, k).
+
+        Rows whose ``status`` (n,) is not that of "ok" are NaN. So is the uncertainty of what a model does not measure.
+        """
+        good, k = status == 0, q.shape[-1]
+        unknowns = torch.where(good[:, None], torch.cat((q, q.new_zeros(len(q), 6 - k)), -1), torch.nan)
+        stated = covariance.new_full((len(q), 6, 6), torch.nan)
+        stated[:, :k, :k] = torch.where(good[:, None, None], covariance, torch.nan)
+        return cls(
+            q=unknowns[:, :5],
+            covariance=stated[:, :5, :5],
+            zncc=zncc,
+            iterations=iterations,
+            growth=unknowns[:, 5],
+            sd_growth=torch.where(good, stated[:, 5, 5].sqrt() if k == 6 else 0.0, torch.nan),
+            uneven_light=torch.full_like(good, uneven_light),
+            explained=torch.ones(len(q), 2, CELLS, CELLS).to(q),
+            status=frame_status.words(status),
+        )
 
     @classmethod
     def joined(cls, parts: Sequence[Correlation]) -> Correlation:

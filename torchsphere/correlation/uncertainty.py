@@ -10,7 +10,7 @@ from torchsphere.correlation.gauss_newton import Solution
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.reference import COVARIANCE_STEP, Reference, scale
 from torchsphere.correlation.residual_noise import ResidualPower
-from torchsphere.correlation.result import CELLS, Correlation
+from torchsphere.correlation.result import Correlation
 from torchsphere.correlation.warp import projected_slopes
 from torchsphere.geometry import motion_models, rotation
 from torchsphere.geometry.motion_models import Displacement
@@ -114,35 +114,11 @@ def evaluate(
     # Rounding errors move the points of an image without contrast: their places mean nothing.
     is_flat = _is_flat(reference) & (reference.weights.sum(-1) >= options.min_visible * points)
     status = frame_status.of_flat_images(status, is_flat)
-    return _as_correlation(solution, spread, coefficient, status, reference.uneven_light)
+    uneven = reference.uneven_light
+    return Correlation.of(q, spread, coefficient, solution.iterations, status, uneven_light=uneven)
 
 
 def _is_flat(reference: Reference) -> Tensor:
     """True (n,) where the contrast of the reference image is within the rounding errors of its grey levels."""
     contrast = znssd.centred(reference.values, reference.weights) * reference.weights
     return contrast.abs().amax(-1) < FLAT_CONTRAST * reference.values.abs().amax(-1)
-
-
-def _as_correlation(
-    solution: Solution, spread: Tensor, coefficient: Tensor, status: Tensor, uneven_light: bool
-) -> Correlation:
-    """The result for n pairs; ``spread`` (n, k, k): covariance of the model's unknowns."""
-    q, good = solution.q, status == 0
-    k = min(q.shape[-1], 5)
-    full_q = torch.zeros(len(q), 6).to(q)
-    full_q[:, : q.shape[-1]] = q
-    full_q = torch.where(good[:, None], full_q, torch.nan)
-    # Components that a model does not measure have no uncertainty.
-    full = torch.full((len(q), 5, 5), torch.nan).to(spread)
-    full[:, :k, :k] = spread[:, :k, :k]
-    return Correlation(
-        q=full_q[:, :5],
-        covariance=torch.where(good[:, None, None], full, torch.nan),
-        zncc=coefficient,
-        iterations=solution.iterations,
-        growth=full_q[:, 5],
-        uneven_light=torch.full_like(good, uneven_light),
-        explained=torch.ones(len(q), 2, CELLS, CELLS).to(q),
-        sd_growth=torch.where(good, spread[:, 5, 5].sqrt() if q.shape[-1] == 6 else 0.0, torch.nan),
-        status=frame_status.words(status),
-    )
