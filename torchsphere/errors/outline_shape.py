@@ -114,11 +114,7 @@ def _whole_balls(position: Array, radius: float, size: NDArray[np.int64]) -> NDA
 
 def _step_along(source: Source, position: Array, frames: NDArray[np.int64]) -> Array:
     """Steps (m,) around the ``frames`` along the image's axes: positive along x, negative along y, px per interval."""
-    steps = np.diff(position, axis=0) / source.durations(0, source.count)[:, None]
-    steps = np.pad(steps, ((1, 1), (0, 0)), constant_values=np.nan)
-    around = np.stack((steps[frames], steps[frames + 1]))
-    known = np.isfinite(around)
-    x, y = (np.where(known, around, 0.0).sum(0) / known.sum(0).clip(1)).T
+    x, y = source.steps_around(position, frames).T
     along: Array = (x**2 - y**2) / np.maximum(np.hypot(x, y), 1e-9)
     return along
 

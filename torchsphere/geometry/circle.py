@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 from torchsphere.runtime.presentation import Presented
 
@@ -48,6 +49,16 @@ class Circle(Presented):
         sd = "" if math.isnan(self.sd_radius) else f", {self.sd_text}"
         others = f"; {len(self.others)} others of this size" if self.others else ""
         return f"<Circle {self.text()} px in frame {self.frame}{sd}{others}>"
+
+    @classmethod
+    def of(cls, given: Any) -> Circle:
+        """The circle of three numbers, or a circle, with plain numbers; ValueError for anything else."""
+        values = (given.x, given.y, given.radius) if isinstance(given, Circle) else given
+        try:
+            x, y, radius = (float(value) for value in values)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"circle: expected three numbers (x, y, radius) in px, got {values!r}") from error
+        return replace(given, x=x, y=y, radius=radius) if isinstance(given, Circle) else cls(x, y, radius)
 
     def with_errors(self, factor: float) -> Circle:
         """The circle with that multiple of its standard deviations."""

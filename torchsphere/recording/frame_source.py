@@ -72,6 +72,15 @@ class Source:
         """Times (stop - start - 1,) between successive images from ``start`` to ``stop - 1``, in frame intervals."""
         return np.ones(stop - start - 1) if self.times is None else np.diff(self.times[start:stop])
 
+    def steps_around(self, position: NDArray[np.float64], frames: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Mean steps (m, 2) to and from the ``frames`` of a path (n, 2), per interval; 0 where none is known."""
+        steps = np.diff(position, axis=0) / self.durations(0, self.count)[:, None]
+        steps = np.pad(steps, ((1, 1), (0, 0)), constant_values=np.nan)
+        around = np.stack((steps[frames], steps[frames + 1]))
+        known = np.isfinite(around)
+        found: NDArray[np.float64] = np.where(known, around, 0.0).sum(0) / known.sum(0).clip(1)
+        return found
+
     def images(self, start: int, stop: int) -> Tensor:
         """Grey levels (stop - start, h, w)."""
         return torch.as_tensor(self.read(start, stop)).to(self.device, self.dtype)

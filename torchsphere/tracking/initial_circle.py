@@ -70,12 +70,7 @@ def find_initial_circle(
 
 def _check_given_circle(source: Source, given: Any, refine: bool, options: Options) -> tuple[Circle, Options]:
     """The circle that was given, checked and, if asked for, fitted to its image."""
-    values = (given.x, given.y, given.radius) if isinstance(given, Circle) else given
-    try:
-        x, y, radius = (float(v) for v in values)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"circle: expected three numbers (x, y, radius) in px, got {values!r}") from error
-    circle = dataclasses.replace(given, x=x, y=y, radius=radius) if isinstance(given, Circle) else Circle(x, y, radius)
+    circle = Circle.of(given)
     if not is_whole(circle.frame) or not 0 <= circle.frame < source.count:
         raise ValueError(f"circle: its frame {circle.frame!r} is not one of the recording's 0 to {source.count - 1}")
     image = source.images(circle.frame, circle.frame + 1)[0]
@@ -151,11 +146,7 @@ class _Flight:
 
     def motion(self, frames: NDArray[np.int64]) -> Tensor:
         """Motion (m, 2) around the given frames, px per interval; 0 where no neighbour was followed."""
-        steps = np.diff(self.followed.position, axis=0) / self.source.durations(0, self.source.count)[:, None]
-        steps = np.pad(steps, ((1, 1), (0, 0)), constant_values=np.nan)
-        around = np.stack((steps[frames], steps[frames + 1]))
-        known = np.isfinite(around)
-        return torch.from_numpy(np.where(known, around, 0.0).sum(0) / known.sum(0).clip(1))
+        return torch.from_numpy(self.source.steps_around(self.followed.position, frames))
 
 
 def calibrate_circle(source: Source, found: Circle, ignore: Tensor | None, options: Options) -> Circle:

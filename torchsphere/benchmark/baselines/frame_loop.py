@@ -72,13 +72,7 @@ def failure(status: str) -> tuple[Array, Array, str]:
 
 def opened(images: Any, circle: Any) -> tuple[Source, Circle]:
     """Images, float32 on the CPU, and the outline in the first image; ValueError if they do not fit."""
-    source = Source.open(images, "cpu")
-    if not isinstance(circle, Circle):
-        try:
-            x, y, radius = (float(v) for v in circle)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"circle: expected three numbers (x, y, radius) in px, got {circle!r}") from error
-        circle = Circle(x, y, radius)
+    source, circle = Source.open(images, "cpu"), Circle.of(circle)
     if circle.frame != 0:
         raise ValueError(f"circle: it was found in frame {circle.frame}; give the outline in the first frame, 0")
     shape = source.images(0, 1)[0].shape
