@@ -20,6 +20,8 @@ from torchsphere.detection.ball_or_not import (
     require_proof,
     shows_outline,
 )
+from torchsphere.motion.findings import Findings
+from torchsphere.sphere_map.decision import MadeMap
 from torchsphere.synthetic import demo_shot as demo
 from torchsphere.synthetic import ray_caster
 
@@ -75,27 +77,27 @@ def test_a_circle_far_from_the_ball_is_not_confirmed(image: torch.Tensor) -> Non
 #: A flake of snow: exact in its own image, and gone.
 FLAKE = Circle(14.4, 196.9, 3.2, 0.1, 0.1, 0.1)
 BALL = Circle(64.3, 92.6, 40.0, 0.1, 0.1, 0.1)
-NOTHING = {"on_map": False, "stays": False}
 
 
 def test_outlines_that_contradict_each_other_are_not_those_of_a_ball() -> None:
-    lack = lacking_proof(BALL, **NOTHING, outline_scatter=0.08)
+    lack = lacking_proof(BALL, is_proven=False, outline_scatter=0.08)
     with pytest.raises(ValueError, match=r"radii that differ by 8 %, and no map .* give its outline with circle"):
         require_proof(BALL, lack)
 
 
 def test_a_small_disc_that_the_next_frames_do_not_show_is_no_ball() -> None:
-    assert lacking_proof(FLAKE, **NOTHING) == ""
-    lack = lacking_proof(FLAKE, **NOTHING, untried_frames=18)
+    assert lacking_proof(FLAKE, is_proven=False) == ""
+    lack = lacking_proof(FLAKE, is_proven=False, untried_frames=18)
     with pytest.raises(ValueError, match=r"so small that .*, the frames right after it hardly show the same"):
         require_proof(FLAKE, lack)
 
 
 def test_outlines_alike_a_map_or_a_place_are_enough() -> None:
-    assert lacking_proof(BALL, **NOTHING, outline_scatter=0.01) == ""
-    assert lacking_proof(BALL, on_map=True, stays=False, outline_scatter=0.08) == ""
-    assert lacking_proof(BALL, on_map=False, stays=True, outline_scatter=0.08) == ""
-    assert lacking_proof(BALL, **NOTHING, outline_scatter=0.08) != ""
+    assert lacking_proof(BALL, is_proven=False, outline_scatter=0.01) == ""
+    assert lacking_proof(BALL, is_proven=True, outline_scatter=0.08) == ""
+    assert not Findings().proves_ball
+    assert Findings(map=MadeMap()).proves_ball
+    assert lacking_proof(BALL, is_proven=False, outline_scatter=0.08) != ""
     require_proof(BALL, "")
 
 
@@ -105,7 +107,7 @@ def test_a_circle_in_doubt_needs_a_proof_unless_its_radius_is_measured() -> None
     for radius, guessed in ((3.2, False), (40.0, True)):
         vague = Circle(64.3, 92.6, radius, 2.0, 2.0, 2.0, sd_guessed=guessed)
         assert needs_proof(vague)
-        assert lacking_proof(vague, **NOTHING) == vague.doubt
+        assert lacking_proof(vague, is_proven=False) == vague.doubt
 
 
 def test_a_circle_that_nothing_shows_to_be_a_ball_is_refused_with_the_reason() -> None:

@@ -48,16 +48,13 @@ def needs_proof(circle: Circle) -> bool:
     return bool(circle.doubt) and not is_measured
 
 
-def lacking_proof(
-    circle: Circle, *, on_map: bool, stays: bool, outline_scatter: float = 0.0, untried_frames: int = 0
-) -> str:
+def lacking_proof(circle: Circle, *, is_proven: bool, outline_scatter: float = 0.0, untried_frames: int = 0) -> str:
     """Why nothing shows that a circle that was found is the outline of a ball, in words; empty where something does.
 
-    A map of the ball proves it, or the outlines of a ball that ``stays`` in its place. The circle is in doubt by its
-    own image, by outlines in other frames whose radii have that relative scatter, or as the frames right after it
-    hardly show the same, so that the rest of the frames was not tried.
+    The circle is in doubt by its own image, by outlines in other frames whose radii have that relative scatter, or as
+    the frames right after it hardly show the same, so that the rest of the frames was not tried.
     """
-    if on_map or stays:
+    if is_proven:
         return ""
     if outline_scatter > MAX_OUTLINE_SCATTER:
         return f"outlines in other frames have radii that differ by {100 * outline_scatter:.0f} %"

@@ -36,10 +36,8 @@ def sentences(track: Track, evidence: Evidence) -> list[str]:
         found += [severe(doubt)] if doubt else []
     choice = dataclasses.replace(circle, frame=track.first_frame + circle.frame).choice(_IN_PREVIEW)
     found += [choice] if choice else []
-    place = track.findings.place
-    is_proven = track.findings.is_on_map or (place is not None and place.limbs_stay)
     given = bool(track.settings["circle_given"])
-    if track.settings["circle_refined"] and circle.doubt and (given or not is_proven):
+    if track.settings["circle_refined"] and circle.doubt and (given or not track.findings.proves_ball):
         found.append(severe(refined_circle_warning(circle) if given else circle.warning(_IN_PREVIEW)))
     return found
 

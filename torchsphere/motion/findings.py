@@ -121,6 +121,11 @@ class Findings:
         return isinstance(self.map, MadeMap)
 
     @property
+    def proves_ball(self) -> bool:
+        """Whether a map of the ball, or outlines that stay in their place, prove that the circle is that of a ball."""
+        return self.is_on_map or (self.place is not None and self.place.limbs_stay)
+
+    @property
     def radius_over_distance(self) -> float:
         """Of the camera as the map found it; 0 for one infinitely far away, or not found."""
         return self.map.radius_over_distance if isinstance(self.map, MadeMap) else 0.0

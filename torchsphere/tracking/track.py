@@ -162,24 +162,18 @@ def track(
         found = dataclasses.replace(found, times=getattr(part, "times", None), **known)
         found = ledger.applied(found, evidence)
         if circle is None:
-            require_proof(found.circle, _lack_of_proof(found))
+            lack = lacking_proof(
+                found.circle,
+                is_proven=found.findings.proves_ball,
+                outline_scatter=found.findings.outline_scatter,
+                untried_frames=found.findings.untried_frames,
+            )
+            require_proof(found.circle, lack)
     found = dataclasses.replace(found, warnings=(*ledger.sentences(found, evidence), *notes))
     if log:
         for sentence in found.warnings:
             _LOG.warning("%s", sentence)
     return found
-
-
-def _lack_of_proof(found: Track) -> str:
-    """Why nothing shows that the circle is the outline of a ball: `lacking_proof`."""
-    known = found.findings
-    return lacking_proof(
-        found.circle,
-        on_map=known.is_on_map,
-        stays=known.place is not None and known.place.limbs_stay,
-        outline_scatter=known.outline_scatter,
-        untried_frames=known.untried_frames,
-    )
 
 
 def _stated_exposure(recording: Any) -> float | None:
