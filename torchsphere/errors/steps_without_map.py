@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from torchsphere.errors.evidence import Evidence
 from torchsphere.motion.track import Track
@@ -10,6 +11,11 @@ from torchsphere.sphere_map.decision import NoMap
 
 #: Least median turn of a ball that turns in place, deg per frame (docs/constants.toml).
 MIN_TURN_DEG = 1.0
+
+#: Least way of the ball's surface over the extent of its path, for a ball that turns in place (docs/constants.toml).
+MIN_SURFACE_WAY = 3.0
+
+Array = NDArray[np.float64]
 
 
 def sentences(track: Track, evidence: Evidence) -> list[str]:
@@ -25,10 +31,19 @@ def sentences(track: Track, evidence: Evidence) -> list[str]:
 
 
 def _turns_in_place(track: Track) -> bool:
-    """Whether the ball turns fast and moves by less than two radii and a third of the way that its surface turns."""
+    """Whether the ball turns fast, moves by less than two radii, and its surface by far more."""
     turn = np.linalg.norm(track.increment[:, 2:], axis=1)
-    known = track.position[np.isfinite(track.position[:, 0])]
-    reach = float(np.ptp(known, axis=0).max()) if len(known) else np.inf
-    surface = np.nansum(turn) * track.circle.radius
     is_fast = bool(np.isfinite(turn).any()) and float(np.nanmedian(turn)) > np.radians(MIN_TURN_DEG)
-    return is_fast and reach < 2 * track.circle.radius and surface > 3 * reach
+    extent, is_surface = extent_beside_surface(track.position, track.increment, track.circle.radius)
+    return is_fast and extent < 2 * track.circle.radius and is_surface
+
+
+def extent_beside_surface(position: Array, increment: Array, radius: float) -> tuple[float, bool]:
+    """Extent of the path ``position`` (n, 2), px, and whether the ball's surface moves so much further than the ball.
+
+    Then the path may be an error. ``increment`` (n - 1, 5), px and rad.
+    """
+    known = position[np.isfinite(position[:, 0])]
+    extent = float(np.ptp(known, axis=0).max()) if len(known) else np.inf
+    way = radius * float(np.nansum(np.linalg.norm(increment[:, 2:], axis=1)))
+    return extent, way > MIN_SURFACE_WAY * extent

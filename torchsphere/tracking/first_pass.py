@@ -12,9 +12,10 @@ from torchsphere.correlation.frame_status import ALL_KNOWN, TRANSLATION_KNOWN
 from torchsphere.detection.ball_or_not import needs_proof, shows_outline
 from torchsphere.detection.limbs import Limbs
 from torchsphere.runtime import steps
-from torchsphere.tracking import growth, slipped_path
+from torchsphere.tracking import growth
 from torchsphere.tracking.follow import Follower
 from torchsphere.tracking.record import Record
+from torchsphere.tracking.slipped_path import along_limbs, limbs_along
 from torchsphere.tracking.start import Start
 from torchsphere.tracking.task import Task
 
@@ -51,12 +52,7 @@ def follow_as_it_grows(task: Task, start: Start) -> Followed:
     grown = limbs_along(task, start, again)
     if not growth.limbs_follow(grown, again):
         return Followed(start, record, limbs)
-    return Followed(growing, slipped_path.along_limbs(task.source, again, grown, task.ignore, options, resized=True))
-
-
-def limbs_along(task: Task, start: Start, record: Record) -> Limbs:
-    """The limbs of the ball in some frames of the ``record``."""
-    return slipped_path.limbs_of(task.source, record, task.ignore, start.options.camera)
+    return Followed(growing, along_limbs(task, growing, again, grown, resized=True))
 
 
 def follow(task: Task, start: Start) -> Record:

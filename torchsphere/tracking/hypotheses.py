@@ -22,7 +22,7 @@ from torchsphere.errors.steady_error import texture_fineness
 from torchsphere.sphere_map.decision import MadeMap
 from torchsphere.tracking import growth, in_place, slipped_path
 from torchsphere.tracking.absolute_motion import AbsoluteMotion, absolute_motion
-from torchsphere.tracking.first_pass import Followed, follow, follow_as_it_grows, limbs_along
+from torchsphere.tracking.first_pass import Followed, follow, follow_as_it_grows
 from torchsphere.tracking.in_place import MIN_KEPT_SHARE, CommonLimb
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.start import Start
@@ -79,7 +79,7 @@ class Outcome:
     @functools.cached_property
     def limbs(self) -> Limbs:
         """The limbs along the path."""
-        return self.known_limbs or limbs_along(self.task, self.start, self.record)
+        return self.known_limbs or slipped_path.limbs_along(self.task, self.start, self.record)
 
     @property
     def outline_scatter(self) -> float:
@@ -105,7 +105,7 @@ class Outcome:
         if self.place is not None or not unproven.any():
             return nowhere
         if isinstance(self.motion.map, MadeMap):
-            limbs = limbs_along(self.task, self.start, self.record.without(~unproven))
+            limbs = slipped_path.limbs_along(self.task, self.start, self.record.without(~unproven))
             return slipped_path.runs_beside(limbs, position, unproven)
         if self.has_slipped:
             nowhere[slipped_path.slipped_from(self.limbs) :] = True
@@ -133,7 +133,7 @@ def best_outcome(task: Task, start: Start) -> Outcome:
     """What explains most of the images, among the first hypothesis and those that its result suggests."""
     place = None
     if task.in_place:
-        start, place = _held(task, start, _common_limb(task, start), is_recognised=False)
+        start, place = _held(task, start, in_place.common_limb(task, start), is_recognised=False)
     best = _placed(Hypothesis(task, start, place), follow_as_it_grows(task, start))
     untried, maps = list(PROPOSALS), 1
     while maps < MAX_MAPS and (hypothesis := _next_hypothesis(untried, best)):
@@ -159,7 +159,7 @@ def _turning_in_place(best: Outcome) -> Hypothesis | None:
     """A ball that turns without leaving its place: a wrong radius or a near camera makes a path of the rotation."""
     if best.place is not None:
         return None
-    limb = in_place.limb_of_turning(best.motion, lambda: _common_limb(best.task, best.start))
+    limb = in_place.limb_of_turning(best.motion, lambda: in_place.common_limb(best.task, best.start))
     if limb is None:
         return None
     task = dataclasses.replace(best.task, in_place=True)
@@ -172,9 +172,7 @@ def _along_limbs(best: Outcome) -> Hypothesis | None:
     """The path on the limbs: only there a path that has slipped may be the ball's."""
     if not best.has_slipped:
         return None
-    moved = slipped_path.along_limbs(
-        best.task.source, best.record, best.limbs, best.task.ignore, best.start.options, resized=False
-    )
+    moved = slipped_path.along_limbs(best.task, best.start, best.record, best.limbs, resized=False)
     return Hypothesis(best.task, best.start, record=moved, is_along_limbs=True)
 
 
@@ -207,10 +205,6 @@ def _held(task: Task, start: Start, limb: CommonLimb | None, *, is_recognised: b
     """The start of a ball that is held in its place, by the limb of many frames."""
     circle, first = in_place.circle_in_place(start.circle, limb), start.circle.radius
     return dataclasses.replace(start, circle=circle), Place(limb, first, is_recognised, circle.radius != first)
-
-
-def _common_limb(task: Task, start: Start) -> CommonLimb | None:
-    return in_place.common_limb(task.source, start.circle, task.ignore, start.options.camera)
 
 
 def _followed(hypothesis: Hypothesis) -> Followed:

@@ -14,17 +14,17 @@ import numpy as np
 import torch
 from kornia.geometry.liegroup import So3
 from numpy.typing import NDArray
-from torch import Tensor
 
 from torchsphere.detection import limbs
 from torchsphere.detection.limbs import SIGNIFICANT_SD, STAY_SD
-from torchsphere.geometry.camera import Camera
+from torchsphere.errors.steps_without_map import extent_beside_surface
 from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_range import spread
-from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import steps
 from torchsphere.sphere_map.decision import MadeMap
 from torchsphere.tracking.absolute_motion import AbsoluteMotion
+from torchsphere.tracking.start import Start
+from torchsphere.tracking.task import Task
 
 #: Fewest frames whose limbs show a place (docs/constants.toml).
 MIN_FRAMES = 6
@@ -34,9 +34,6 @@ MIN_SHARE = 0.8
 
 #: Largest standard deviation of a limb's centre that shows a place, px (docs/constants.toml).
 MAX_SD_PX = 1.0
-
-#: Least way of the ball's surface over the extent of its path, for a ball that turns in place (docs/constants.toml).
-MIN_SURFACE_WAY = 3.0
 
 #: Share of the measured frames that a ball held in its place must keep (docs/constants.toml).
 MIN_KEPT_SHARE = 0.8
@@ -54,12 +51,13 @@ class CommonLimb:
     stays: bool  # whether the centres lie within their standard deviation of one place
 
 
-def common_limb(source: Source, circle: Circle, ignore: Tensor | None, camera: Camera | None) -> CommonLimb | None:
-    """The limb of a ball that stays at about ``circle``; None where too few frames show one there."""
+def common_limb(task: Task, start: Start) -> CommonLimb | None:
+    """The limb of a ball that stays at about the circle of the start; None where too few frames show one there."""
+    source, circle, camera = task.source, start.circle, start.options.camera
     chosen = spread(np.arange(source.count), limbs.MAX_FRAMES)
     steps.tell("looking at the outlines of the ball in %d frames", len(chosen))
     guess = np.array([circle.x, circle.y, circle.radius])
-    found = limbs.fit_around(source.images_of(chosen), chosen, guess, ignore, camera)
+    found = limbs.fit_around(source.images_of(chosen), chosen, guess, task.ignore, camera)
     found = found.rows(np.asarray((found.sd[:, :2] < MAX_SD_PX).all(1)))
     if len(found.frames) < max(MIN_FRAMES, MIN_SHARE * len(chosen)):
         return None
@@ -79,8 +77,8 @@ def limb_of_turning(motion: AbsoluteMotion, look: Callable[[], CommonLimb | None
     at, by ``look``.
     """
     known = np.flatnonzero(np.isfinite(motion.position[:, 0]))
-    surface = motion.circle.radius * float(np.nansum(np.linalg.norm(motion.increment[:, 2:], axis=1)))
-    if len(known) < MIN_FRAMES or not surface > MIN_SURFACE_WAY * float(np.ptp(motion.position[known], axis=0).max()):
+    _, is_surface = extent_beside_surface(motion.position, motion.increment, motion.circle.radius)
+    if len(known) < MIN_FRAMES or not is_surface:
         return None
     limb = look()
     if limb is None or not limb.stays:

@@ -11,18 +11,16 @@ import copy
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from torchsphere.correlation import frame_status
 from torchsphere.correlation.correlate import correlate_pairs
-from torchsphere.correlation.options import Options
 from torchsphere.correlation.result import Correlation
 from torchsphere.detection.limbs import MAX_FRAMES, Limbs, fit_along_path
-from torchsphere.geometry.camera import Camera
 from torchsphere.recording.frame_range import spread
-from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import steps
 from torchsphere.tracking.record import Record
+from torchsphere.tracking.start import Start
+from torchsphere.tracking.task import Task
 
 #: Fewest limbs that show a path, and the last ones of it (docs/constants.toml).
 MIN_LOOKS, LAST_LOOKS = 5, 3
@@ -43,14 +41,14 @@ MOSTLY = 0.5
 Array = NDArray[np.float64]
 
 
-def limbs_of(source: Source, measured: Record, ignore: Tensor | None, camera: Camera | None) -> Limbs:
+def limbs_along(task: Task, start: Start, measured: Record) -> Limbs:
     """Limbs of the ball in some frames of a record, looked for where its path is: the guesses."""
     frames = spread(np.flatnonzero(measured.is_ok), MAX_FRAMES)
     path = np.column_stack((measured.position[frames], measured.size[frames]))
     if not len(frames):
         return Limbs(frames, path, path, path)
     steps.tell("comparing the path of the ball with its outlines in %d frames", len(frames))
-    return fit_along_path(source.images_of(frames), frames, path, ignore, camera)
+    return fit_along_path(task.source.images_of(frames), frames, path, task.ignore, start.options.camera)
 
 
 def have_slipped(limbs: Limbs) -> bool:
@@ -85,9 +83,7 @@ def _lie_beside(limbs: Limbs, places: Array, least_px: float) -> NDArray[np.bool
     return np.asarray((off > np.maximum(SLIPPED_SD * limbs.sd[:, :2], least_px)).any(1))
 
 
-def along_limbs(
-    source: Source, measured: Record, limbs: Limbs, ignore: Tensor | None, options: Options, *, resized: bool
-) -> Record:
+def along_limbs(task: Task, start: Start, measured: Record, limbs: Limbs, *, resized: bool) -> Record:
     """The record on circles that follow the ``limbs``, their sizes too where ``resized``, its pairs measured anew.
 
     A pair that fails there was measured beside the ball: its frame keeps the position alone.
@@ -95,15 +91,15 @@ def along_limbs(
     circles, path = limbs.circles, limbs.guesses
     apart = np.column_stack((circles[:, :2] - path[:, :2], np.log(circles[:, 2] / path[:, 2])))
     fit = np.polynomial.Polynomial.fit
-    every = np.arange(source.count)
-    off = np.column_stack([fit(limbs.frames, v, PATH_DEGREE, domain=[0, source.count])(every) for v in apart.T])
+    every, count = np.arange(task.source.count), task.source.count
+    off = np.column_stack([fit(limbs.frames, v, PATH_DEGREE, domain=[0, count])(every) for v in apart.T])
     held = copy.deepcopy(measured)
     held.position[:] = measured.position + off[:, :2]
     if resized:
         held.size[:] = measured.size * np.exp(off[:, 2])
     second = np.flatnonzero(measured.is_ok[1:] & np.isfinite(measured.increment).all(1)) + 1
     for rows in np.array_split(second, max(1, round(len(second) / BATCH))):
-        found = _correlate(source, held, rows, ignore, options)
+        found = _correlate(task, start, held, rows)
         # Pairs that fail are NaN.
         held.increment[rows - 1] = found.q.double().cpu().numpy()
         held.covariance[rows - 1] = found.covariance.double().cpu().numpy()
@@ -113,11 +109,10 @@ def along_limbs(
     return held
 
 
-def _correlate(
-    source: Source, measured: Record, second: NDArray[np.int64], ignore: Tensor | None, options: Options
-) -> Correlation:
+def _correlate(task: Task, start: Start, measured: Record, second: NDArray[np.int64]) -> Correlation:
     """Pairs of each of the frames ``second`` with the frame before, from the circles of the record."""
     first = second - 1
-    f, g = source.images_of(first), source.images_of(second)
+    f, g = task.source.images_of(first), task.source.images_of(second)
     circles = torch.from_numpy(np.column_stack((measured.position[first], measured.size[first])))
-    return correlate_pairs(f, g, circles, torch.from_numpy(measured.increment[first]).to(f), ignore, options)
+    guess = torch.from_numpy(measured.increment[first]).to(f)
+    return correlate_pairs(f, g, circles, guess, task.ignore, start.options)
