@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.dynamics.depth import Depth
-from torchsphere.dynamics.units import Units
+from torchsphere.dynamics.units import Units, force, interpolated
 from torchsphere.estimation.measurements import FREEDOMS
 from torchsphere.estimation.rates import Motion
 from torchsphere.motion.track import Track
@@ -49,7 +49,7 @@ def depth(
     rates = differentiate(found)
     sign, rate = float(units.axes[2]), units.frame_rate
     first, second = (unit_m * values[:, DEPTH] for values in (rates.rate, rates.acceleration))
-    size = unit_m * (_interpolated(found.position[:, DEPTH]) + rates.offset[:, DEPTH])
+    size = unit_m * (interpolated(found.position[:, DEPTH]) + rates.offset[:, DEPTH])
     # The error of the radius that all frames share moves the depth as a whole, and its rates twice as much.
     given, by_radius = units.scale.relative_sd_given, plane.circle.sd_radius / plane.circle.radius
     alike = float(np.hypot(given, np.nan_to_num(by_radius)))
@@ -59,13 +59,13 @@ def depth(
     sd_acceleration = _total(
         unit_m * rates.sd_acceleration[:, DEPTH] * rate**2, acceleration, twice, 2 * units.relative_sd_frame_rate
     )
-    force = None if mass_kg is None else mass_kg * acceleration
-    sd_force = None if mass_kg is None else mass_kg * np.hypot(sd_acceleration, relative_sd_mass * acceleration)
+    acceleration = sign * acceleration
+    pushed, sd_force = force(acceleration, sd_acceleration, mass_kg, relative_sd_mass)
     along = Depth(
         z_m=sign * size,
         velocity_m_s=sign * velocity,
-        acceleration_m_s2=sign * acceleration,
-        force_N=None if force is None else sign * force,
+        acceleration_m_s2=acceleration,
+        force_N=pushed,
         sd_z_m=_total(unit_m * rates.sd_offset[:, DEPTH], size, alike),
         sd_velocity_m_s=sd_velocity,
         sd_acceleration_m_s2=sd_acceleration,
@@ -99,12 +99,6 @@ def _beside(plane: Track, motion: Motion, m_per_px: float) -> tuple[Track, float
 def _total(own: Array, values: Array, *relative: float) -> Array:
     """Standard deviations of the frames' ``own`` errors and of ``relative`` ones that all frames share."""
     return np.hypot(own, float(np.linalg.norm(relative)) * values)
-
-
-def _interpolated(values: Array) -> Array:
-    """Values (n,), on straight lines across gaps."""
-    frames, known = np.arange(len(values)), np.isfinite(values)
-    return np.interp(frames, frames[known], values[known]) if known.any() else values
 
 
 def _angles(along: Depth, motion: Motion, frames: Array, units: Units) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -11,6 +11,7 @@ from torchsphere.dynamics.channel_filter import channel_filter, channel_filter_s
 from torchsphere.dynamics.depth_plane import in_depth_plane
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.dynamics.shared_errors import SharedErrors
+from torchsphere.dynamics.units import force
 from torchsphere.estimation.measurements import poses
 from torchsphere.motion.track import Track
 
@@ -87,10 +88,9 @@ def filtered_motion(track: Track, motion: Kinematics, cfc: int) -> FilteredMotio
     sd = shared.total_sd(per_frame, own5, spin[:, 2])[:, :2]
     to_si = motion.scale.m_per_px * rate**2
     signs = np.array([1.0, -1.0 if motion.lab_frame else 1.0])
-    acceleration, sd, mass = acceleration * to_si * signs, sd * to_si, motion.mass_kg
-    by_mass = motion.relative_sd_mass * acceleration
-    force, sd_force = (None, None) if mass is None else (mass * acceleration, mass * np.hypot(sd, by_mass))
-    return FilteredMotion(motion.time_s, acceleration, sd, force, sd_force, cfc)
+    acceleration, sd = acceleration * to_si * signs, sd * to_si
+    pushed = force(acceleration, sd, motion.mass_kg, motion.relative_sd_mass)
+    return FilteredMotion(motion.time_s, acceleration, sd, *pushed, cfc)
 
 
 def _own_sd(track: Track, rate: float, cfc: int) -> Array:

@@ -18,7 +18,7 @@ from torchsphere.dynamics.depth import Depth
 from torchsphere.dynamics.draws import Draws, drawn_motions
 from torchsphere.dynamics.scale import Scale
 from torchsphere.dynamics.shared_errors import SharedErrors
-from torchsphere.dynamics.units import Units
+from torchsphere.dynamics.units import Units, force, interpolated
 from torchsphere.estimation.rates import Motion, MotionContact
 from torchsphere.motion.track import Track
 from torchsphere.runtime.presentation import Tabulated, present
@@ -178,7 +178,9 @@ def in_si_units(
     change = np.max([shared.steady_change(frames, interval, motion.rate) for interval in intervals or [None]], axis=0)
     total_sd = shared.total_sd(motion.acceleration, np.hypot(motion.sd_acceleration, change), motion.rate[:, 4])
     sd_acceleration, sd_angular = units.sd_rates(motion.acceleration, total_sd, 2)
-    position = (_interpolated(track.position) + motion.offset) * m_per_px * units.axes[:2]
+    force_N, sd_force_N = force(acceleration, sd_acceleration, mass_kg, relative_sd_mass)  # noqa: N806  (N is newton)
+    path = np.stack([interpolated(column) for column in track.position.T], 1)
+    position = (path + motion.offset) * m_per_px * units.axes[:2]
     sd_circle = np.nan_to_num([track.circle.sd_x, track.circle.sd_y])
     contacts = tuple(_found(contact, motion, frames, shared, units) for contact in motion.contacts)
     strongest = next((own for own, c in zip(contacts, motion.contacts, strict=True) if c is motion.strongest), None)
@@ -189,13 +191,13 @@ def in_si_units(
         position_m=position,
         velocity_m_s=velocity,
         acceleration_m_s2=acceleration,
-        force_N=None if mass_kg is None else mass_kg * acceleration,
+        force_N=force_N,
         spin_rad_s=spin,
         angular_acceleration_rad_s2=angular,
         sd_position_m=sd_position,
         sd_velocity_m_s=sd_velocity,
         sd_acceleration_m_s2=sd_acceleration,
-        sd_force_N=None if mass_kg is None else mass_kg * np.hypot(sd_acceleration, relative_sd_mass * acceleration),
+        sd_force_N=sd_force_N,
         sd_spin_rad_s=sd_spin,
         sd_angular_acceleration_rad_s2=sd_angular,
         scale=units.scale,
@@ -218,14 +220,6 @@ def _found(contact: MotionContact, motion: Motion, frames: Array, shared: Shared
     """A contact in SI units; ``frames`` (n,) are the times of the frames."""
     edges, sd = contact.interval / units.frame_rate, contact.sd_interval / units.frame_rate
     return FoundContact(edges, sd, drawn_motions(contact, motion, frames, shared, units))
-
-
-def _interpolated(position: Array) -> Array:
-    """Positions (n, 2), on straight lines across gaps."""
-    frames, known = np.arange(len(position)), np.isfinite(position[:, 0])
-    if not known.any():
-        return position
-    return np.stack([np.interp(frames, frames[known], position[known, k]) for k in (0, 1)], 1)
 
 
 def _per_second(about: dict[str, Any], frame_rate: float) -> dict[str, Any]:

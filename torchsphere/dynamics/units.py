@@ -45,3 +45,18 @@ class Units:
         by_rate = order * self.relative_sd_frame_rate * np.nan_to_num(values)
         translation, rotation = self.rates(np.hypot(sd, by_rate), order)
         return np.abs(translation), np.abs(rotation)
+
+
+def force(
+    acceleration: Array, sd: Array, mass_kg: float | None, relative_sd_mass: float
+) -> tuple[Array | None, Array | None]:
+    """Mass times ``acceleration`` (...), N, and its standard deviation; None without a mass."""
+    if mass_kg is None:
+        return None, None
+    return mass_kg * acceleration, mass_kg * np.hypot(sd, relative_sd_mass * acceleration)
+
+
+def interpolated(values: Array) -> Array:
+    """Values (n,), on straight lines across gaps."""
+    frames, known = np.arange(len(values)), np.isfinite(values)
+    return np.interp(frames, frames[known], values[known]) if known.any() else values
