@@ -16,14 +16,13 @@ import torch
 from numpy.typing import NDArray
 
 from torchsphere.diagnostics.contradictions import contradictions
-from torchsphere.diagnostics.impact_warnings import filter_warnings, impact_warnings
+from torchsphere.diagnostics.impact_warnings import filter_warnings, found_impacts
 from torchsphere.diagnostics.track_warnings import bandwidth_warnings, track_warnings, window_warnings
 from torchsphere.diagnostics.unused_settings import unused_settings
 from torchsphere.dynamics.ball import ball
 from torchsphere.dynamics.channel_filter import require_class
 from torchsphere.dynamics.contact_law import ContactForce, contact_force
 from torchsphere.dynamics.filtered_motion import FilteredMotion, filtered_motion
-from torchsphere.dynamics.impact import impact, impacts
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics, kinematics
 from torchsphere.motion.track import status_counts
@@ -33,11 +32,10 @@ from torchsphere.recording.frame_range import resolve_range, restrict
 from torchsphere.recording.frame_source import require_device
 from torchsphere.recording.ignore_mask import hides_ball, read_ignore, without_effect
 from torchsphere.report import draw, frame_sampling, overlay, paraview
-from torchsphere.report.explanations import NO_IMPACT
 from torchsphere.request import Request, require_shell_within
 from torchsphere.results import atomic_output, sampled_frames, writer
 from torchsphere.results.exports import check_exports
-from torchsphere.results.reader import read
+from torchsphere.results.reader import NO_IMPACT, read
 from torchsphere.results.writer import Measurement, versions
 from torchsphere.runtime import steps, threads
 from torchsphere.runtime.file_hash import hash_files
@@ -230,11 +228,7 @@ def _impacts(
             relative_sd_diameter=known.relative_sd_scale,
             log=False,
         )
-    found, reason = impact(motion, solid, normal_deg=request.normal_deg, log=False)
-    if found is None:
-        return None, (), (note(f"{NO_IMPACT}{reason[0].lower()}{reason[1:]}"),)
-    every = impacts(motion, solid, normal_deg=request.normal_deg, log=False)
-    return found, tuple(every), (*impact_warnings(motion, found), *map(note, found.missing))
+    return found_impacts(motion, solid, request.normal_deg)
 
 
 def _write(

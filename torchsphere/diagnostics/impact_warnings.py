@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.dynamics.ball import Ball
 from torchsphere.dynamics.filtered_motion import FilteredMotion
 from torchsphere.dynamics.flights import MIN_SURE_FRAMES, is_confirmed
-from torchsphere.dynamics.impact import MIN_RESOLVED_FRAMES, contact_frames
+from torchsphere.dynamics.impact import MIN_RESOLVED_FRAMES, contact_frames, impact, impacts
 from torchsphere.dynamics.impact_estimate import Estimate, Impact
 from torchsphere.dynamics.kinematics import Kinematics
-from torchsphere.runtime.warning_levels import severe
+from torchsphere.results.reader import NO_IMPACT
+from torchsphere.runtime.warning_levels import note, severe
 
 #: Standard deviations beyond which a restitution is out of its range, and a force is measured (docs/constants.toml).
 SIGNIFICANT_SD = 3.0
@@ -32,6 +34,17 @@ MAX_FILTERED_SHARE = 0.05
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+
+def found_impacts(
+    motion: Kinematics, ball: Ball | None, normal_deg: float | None
+) -> tuple[Impact | None, tuple[Impact, ...], tuple[str, ...]]:
+    """The strongest impact or None, all impacts, and sentences on the strongest, or why there is none."""
+    found, reason = impact(motion, ball, normal_deg=normal_deg, log=False)
+    if found is None:
+        return None, (), (note(f"{NO_IMPACT}{reason[0].lower()}{reason[1:]}"),)
+    every = impacts(motion, ball, normal_deg=normal_deg, log=False)
+    return found, tuple(every), (*impact_warnings(motion, found), *map(note, found.missing))
 
 
 def impact_warnings(motion: Kinematics, impact: Impact) -> tuple[str, ...]:

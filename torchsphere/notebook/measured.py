@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
+import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from torchsphere.diagnostics.impact_warnings import impact_warnings
+from torchsphere.diagnostics.impact_warnings import found_impacts
 from torchsphere.dynamics.contact_law import ContactForce, contact_force
-from torchsphere.dynamics.impact import impact, impacts
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics
-from torchsphere.geometry.orientation import quaternions
 from torchsphere.motion.track import Track
 from torchsphere.recording.facts import Facts
-from torchsphere.report.explanations import NO_IMPACT
 from torchsphere.request import Request
-from torchsphere.results.columns import force_path_columns, track_columns
-from torchsphere.results.reader import ForcePathTable, ResultFolder, SIMotion
-from torchsphere.results.writer import Measurement, plain, summary
+from torchsphere.results.reader import ResultFolder, read
+from torchsphere.results.writer import Measurement, write_measurement
 from torchsphere.runtime.file_hash import hash_files
 from torchsphere.settings.choices import METHODS
 
@@ -38,14 +34,7 @@ def measurement(
 
     ``hashed``: read the files of the recording, where they still are, for the hash that identifies them.
     """
-    found: Impact | None = None
-    notes: list[str] = []
-    every: list[Impact] = []
-    if motion is not None:
-        found, reason = impact(motion, normal_deg=normal_deg, log=False)
-        every = impacts(motion, normal_deg=normal_deg, log=False)
-        notes = [f"{NO_IMPACT}{reason[0].lower()}{reason[1:]}"] if found is None else [*found.missing]
-        notes += [] if found is None else impact_warnings(motion, found)
+    found, every, notes = (None, (), ()) if motion is None else found_impacts(motion, None, normal_deg)
     forces = () if motion is None else tuple(contact_force(motion, one, normal_deg=normal_deg) for one in every)
     warnings = dict.fromkeys((*track.warnings, *(() if motion is None else motion.warnings), *notes))
     facts = track.facts or Facts(path=Path(), kind="array", shape=(track.first_frame + len(track.status), 0, 0))
@@ -59,7 +48,7 @@ def measurement(
         seconds=0.0,
         sha256=hash_files(facts.files) if hashed and all(path.is_file() for path in facts.files) else "",
         name=None if facts.files else facts.kind,
-        impacts=tuple(every),
+        impacts=every,
         contact_forces=forces,
     )
 
@@ -91,47 +80,11 @@ def request_for(track: Track, motion: Kinematics | None, folder: Path, normal_de
 
 
 def result_folder(done: Measurement, normal_deg: float | None = None) -> ResultFolder:
-    """The measurement as a result folder that is nowhere written: for figures, without images."""
-    track, motion = done.track, done.motion
-    request = request_for(track, motion, Path(), normal_deg)
-    rate = track.calibration.frame_rate
-    columns = track_columns(track, rate, track.first_frame)
-    first = np.full((1, 5), np.nan)
-    sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))
-    contents = plain(summary(request, done, rate))
-    return ResultFolder(
-        path=Path(),
-        summary=contents,
-        frame=columns["frame"],
-        time_s=columns["time_s"],
-        status=track.status,
-        position=track.position,
-        radius=columns["radius_px"],
-        increment=np.concatenate((first, track.increment)),
-        sd_increment=np.concatenate((first, sd)),
-        zncc=track.zncc,
-        quaternion=quaternions(track.orientation),
-        motion=None if motion is None else _si_motion(motion),
-        sampled=None,
-        force_path=_force_path(done),
-    )
-
-
-def _si_motion(motion: Kinematics) -> SIMotion:
-    return SIMotion(**{name: getattr(motion, name) for name in SIMotion.__dataclass_fields__})
-
-
-def _force_path(done: Measurement) -> ForcePathTable | None:
-    """Force against penetration of the strongest impact."""
-    starts = [float(one.contact_start.value) for one in done.impacts]
-    if done.impact is None or float(done.impact.contact_start.value) not in starts:
-        return None
-    force = done.contact_forces[starts.index(float(done.impact.contact_start.value))]
-    columns = force_path_columns([force], done.first_frame)
-    if not columns:
-        return None
-    names = ("penetration_m", "force_N", "sd_penetration_m", "sd_force_N")
-    return ForcePathTable(is_loading=columns["branch"] == "loading", **{name: columns[name] for name in names})
+    """The measurement as a result folder that is kept nowhere: for figures, without images."""
+    rate, path = done.track.calibration.frame_rate, Path()
+    with tempfile.TemporaryDirectory() as place:
+        write_measurement(Path(place), request_for(done.track, done.motion, path, normal_deg), done, rate)
+        return replace(read(Path(place)), path=path)
 
 
 def with_force(found: Impact) -> Measurement:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from torchsphere.correlation.frame_status import ALL_KNOWN
 from torchsphere.motion.track import why_unusable
-from torchsphere.results.reader import ResultFolder
+from torchsphere.results.reader import NO_IMPACT, ResultFolder
 from torchsphere.runtime.warning_levels import levels_of
 
 #: Meaning and remedy of each status.
@@ -59,9 +59,6 @@ REASONS = {
     "out_of_frame": "most of the ball is outside the image:\nchoose other frames with --frames",
     "lost": "the ball was not found:\n{circle}, choose frames that show it whole with --frames",
 }
-
-#: Start of the warning that says why no impact is reported.
-NO_IMPACT = "No impact is reported: "
 
 
 @dataclass(frozen=True)

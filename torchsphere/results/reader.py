@@ -55,6 +55,9 @@ _REQUIRED = {
     "settings": (),
 }
 
+#: Start of the warning that says why no impact is reported.
+NO_IMPACT = "No impact is reported: "
+
 
 @dataclass(frozen=True)
 class SIMotion:
