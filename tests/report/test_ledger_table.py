@@ -21,8 +21,8 @@ def test_rotations_are_in_degrees_and_the_scale_in_per_cent(result: ResultFolder
     assert table is not None
     assert table.columns == COLUMNS
     assert table.rows == (
-        ("noise", ("0.01", "0.02", "-", "1", "-", "-", "-", "0.05", "0.1")),
-        ("view: all steps alike", ("-", "-", "-", "-", "0.1", "-", "-", "-", "-")),
+        ("noise", "0.01", "0.02", "-", "1", "-", "-", "-", "0.05", "0.1"),
+        ("view: all steps alike", "-", "-", "-", "-", "0.1", "-", "-", "-", "-"),
     )
 
 

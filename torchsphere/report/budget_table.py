@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from torchsphere.report.summary_tables import IMPACT
+from torchsphere.report.summary_tables import IMPACT, Table
 from torchsphere.results.reader import ResultFolder
 
 #: Names of the sources of `dynamics.budget` in the report.
@@ -27,15 +25,7 @@ _NAMES = {name: text for name, text, _, _ in IMPACT} | {
 }
 
 
-@dataclass(frozen=True)
-class BudgetTable:
-    """Names of the sources, and rows of a result's name and the share of each source as a text."""
-
-    sources: tuple[str, ...]
-    rows: tuple[tuple[str, tuple[str, ...]], ...]
-
-
-def budget_table(result: ResultFolder) -> BudgetTable | None:
+def budget_table(result: ResultFolder) -> Table | None:
     """The table of the strongest impact; None without an impact, or for a result of an earlier version."""
     budget = (result.summary.get("impact") or {}).get("budget")
     if not budget:
@@ -43,10 +33,10 @@ def budget_table(result: ResultFolder) -> BudgetTable | None:
     # A source without an effect on any result, as the mass where it was given as exact, has no column.
     sources = [name for name in SOURCES if any(shares.get(name) for shares in budget.values())]
     rows = tuple(
-        (_NAMES.get(name, name), tuple(_per_cent(shares.get(source, 0.0)) for source in sources))
+        (_NAMES.get(name, name), *(_per_cent(shares.get(source, 0.0)) for source in sources))
         for name, shares in budget.items()
     )
-    return BudgetTable(tuple(SOURCES[name] for name in sources), rows)
+    return Table("Result", tuple(SOURCES[name] for name in sources), rows)
 
 
 def _per_cent(share: float) -> str:

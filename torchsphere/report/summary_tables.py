@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from torchsphere.estimation.force_forms import HERTZ_POWER
-from torchsphere.report.explanations import NO_IMPACT
-from torchsphere.results.reader import ResultFolder
+from torchsphere.results.reader import NO_IMPACT, ResultFolder
 
 NOT_MEASURED = "not measured"
 
@@ -58,9 +57,9 @@ OUT_OF_PLANE = "Flights against the image's plane (positive along z)"
 
 @dataclass(frozen=True)
 class Table:
-    """A table of several columns; each row begins with its name."""
+    """A table of several columns; each row begins with its name, above which stands ``of``."""
 
-    heading: str
+    of: str
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
 
@@ -118,7 +117,7 @@ def energy_table(result: ResultFolder) -> Table | None:
         return *energies, with_sd(row["share"]["value"], row["share"]["sd"], "%", 100)
 
     rows = tuple((name, *cells(balance[key])) for key, name in ENERGIES)
-    return Table("Energy", (*(name for _, name in ENERGY_COLUMNS), "share of all energy before"), rows)
+    return Table("", (*(name for _, name in ENERGY_COLUMNS), "share of all energy before"), rows)
 
 
 def no_impact(result: ResultFolder) -> str:
