@@ -205,23 +205,9 @@ def index_checksum(description: Mapping[str, Any]) -> str:
 
 
 def _suite(folder: Path, entry: Mapping[str, Any]) -> Suite:
-    name = str(entry["name"])
-    return Suite(
-        name=name,
-        kind=str(entry["kind"]),
-        title=str(entry["title"]),
-        folder=folder / name,
-        seed=int(entry["seed"]),
-        frames=int(entry["frames"]),
-        width=int(entry["width"]),
-        height=int(entry["height"]),
-        frame_rate_hz=float(entry["frame_rate_hz"]),
-        diameter_mm=float(entry["diameter_mm"]),
-        camera=None if entry["camera"] is None else _camera(entry["camera"]),
-        circle=_three(entry["circle"]),
-        ball=_three(entry.get("ball", entry["circle"])),
-        checksum=str(entry["checksum"]),
-    )
+    camera, circle = entry["camera"], _three(entry["circle"])
+    known = dict(entry) | {"camera": None if camera is None else _camera(camera), "circle": circle}
+    return Suite(folder=folder / entry["name"], **known | {"ball": _three(entry.get("ball", circle))})
 
 
 def _camera(entry: Mapping[str, Any]) -> Camera:

@@ -47,7 +47,7 @@ def template(command: str, settings: Mapping[str, Setting]) -> str:
         about = f": {group.description}" if group.description else ""
         lines.append(f"# == {group.title}{about} ==\n")
         for setting in members:
-            lines.append(f"# {_capital(setting.help)}.")
+            lines.append(f"# {setting.help[:1].upper()}{setting.help[1:]}.")
             lines.append(f"# {setting.name} = {_value(setting)}\n")
     return "\n".join(lines)
 
@@ -55,10 +55,6 @@ def template(command: str, settings: Mapping[str, Setting]) -> str:
 def _value(setting: Setting) -> str:
     """The default in TOML, or an example."""
     return EXAMPLES.get(setting.name) or toml_value(setting.name, setting.default)
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 class TemplateAction(argparse.Action):

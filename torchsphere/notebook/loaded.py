@@ -212,7 +212,10 @@ def _impact(items: Mapping[str, Any], motion: Kinematics | None, count: int) -> 
         name: _estimate(item) for name, item in items.items() if name in known and _is_estimate(item)
     }
     balance, friction, ball = (items.get(name) for name in ("energy_balance", "friction", "ball"))
-    rows = {} if balance is None else {name: _row(row) for name, row in balance.items()}
+    rows = {
+        name: EnergyRow(**{column: _estimate(item) for column, item in row.items()})
+        for name, row in (balance or {}).items()
+    }
     words: dict[str, Any] = {n: _estimate(i) if _is_estimate(i) else i for n, i in (friction or {}).items()}
     return Impact(
         **estimates,
@@ -224,10 +227,6 @@ def _impact(items: Mapping[str, Any], motion: Kinematics | None, count: int) -> 
         count=count,
         motion=motion,
     )
-
-
-def _row(row: Mapping[str, Any]) -> EnergyRow:
-    return EnergyRow(**{name: _estimate(item) for name, item in row.items()})
 
 
 def _is_estimate(item: Any) -> bool:

@@ -149,7 +149,7 @@ def plain(value: Any) -> Any:
 def summary(request: Request, done: Measurement, frame_rate: float | None) -> dict[str, Any]:
     """The contents of ``summary.json``; docs/results.md explains each key."""
     recording, tracked = done.recording, done.track
-    circle = tracked.circle
+    circle, asked = tracked.circle, {n: value for n, value in vars(request).items() if n not in ("input", "out")}
     # Values in px stay in the camera frame.
     in_lab = done.motion is not None and done.motion.lab_frame
     return {
@@ -181,7 +181,7 @@ def summary(request: Request, done: Measurement, frame_rate: float | None) -> di
         "unusable": why_unusable(tracked.status),
         "mean_motion": mean_motion(tracked, done.motion),
         "axes": "lab frame: x right, y up, z to the camera" if in_lab else "camera frame: x right, y down",
-        "settings": _asked(request) | tracked.settings | tracked.findings.items(),
+        "settings": asked | tracked.settings | tracked.findings.items(),
         "differentiation": None if done.motion is None else done.motion.about,
         "impact": _impact(done),
         "impacts": _impacts(done),
@@ -192,11 +192,6 @@ def summary(request: Request, done: Measurement, frame_rate: float | None) -> di
         "seconds": round(done.seconds, 3),
         "versions": versions(),
     }
-
-
-def _asked(request: Request) -> dict[str, Any]:
-    """The settings of the command."""
-    return {name: value for name, value in vars(request).items() if name not in ("input", "out")}
 
 
 def _impacts(done: Measurement) -> list[dict[str, Any]]:
