@@ -46,6 +46,14 @@ def test_the_rate_of_the_images_wins(tmp_path: Path, rate: int, own: float) -> N
         assert recording.times is None
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_images_without_an_even_spacing_keep_their_own_times(tmp_path: Path, seed: int) -> None:
+    # Their mean interval is known to 1 % only, and differs from the set-up's by less.
+    times = (1.004 * NUMBERS + 0.05 * np.random.default_rng(seed).standard_normal(COUNT)) / 25_000
+    with open_recording(write_cine(tmp_path / "a.cine", IMAGES, bits=8, rate=25_000, times_s=times)) as recording:
+        np.testing.assert_allclose(np.diff(recording.times) / recording.frame_rate, np.diff(times), rtol=1e-4)
+
+
 @pytest.mark.parametrize(
     ("times", "word"),
     [(NUMBERS[:-1] / 1e3, "are 29 for 30 images"), (np.append(NUMBERS[:-1] / 1e3, 2.5e7), "cannot be those of one")],

@@ -57,3 +57,11 @@ def test_times_that_agree_with_the_increment_leave_it(tmp_path: Path) -> None:
     with write_ome(tmp_path / "a.ome.tif", **stated) as recording:
         assert recording.frame_rate == 500
         assert recording.times is None
+
+
+def test_uneven_planes_keep_their_own_times_beside_an_increment(tmp_path: Path) -> None:
+    # Their mean interval is known to 1 % only, and differs from the increment by less.
+    times = 1.004 * np.arange(8) + np.array([0.0, 0.03, -0.02, 0.03, -0.01, 0.02, -0.03, 0.0])
+    stated = {"TimeIncrement": 1.0, "TimeIncrementUnit": "ms"} | planes(times, "ms")
+    with write_ome(tmp_path / "a.ome.tif", **stated) as recording:
+        np.testing.assert_allclose(np.diff(recording.times) / recording.frame_rate, 1e-3 * np.diff(times), rtol=1e-6)

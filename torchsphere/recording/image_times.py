@@ -49,6 +49,13 @@ class Clock:
         """Whether a header that states this ``frame_rate`` says the same."""
         return abs(self.frame_rate / frame_rate - 1) <= max(SAME_RATE, 3 * self.relative_sd)
 
+    def counts_beside(self, stated: float | None) -> bool:
+        """Whether this frame rate counts, not the one that a header has ``stated``.
+
+        Of uneven images it always does: their times are in intervals of it, and what is uneven is not their stamps.
+        """
+        return stated is None or self.is_uneven or not self.agrees_with(stated)
+
 
 def clock_of(times_s: Array) -> Clock | None:
     """The clock of images taken at ``times_s`` (n,); None for fewer than two, and for times that no recording has."""

@@ -34,7 +34,7 @@ class ImageTimes:
 
     def frame_rate(self, stated: float | None) -> tuple[float | None, str]:
         """The frame rate and its source, where the set-up has ``stated`` one."""
-        if self.clock is None or (stated is not None and self.clock.agrees_with(stated)):
+        if self.clock is None or not self.clock.counts_beside(stated):
             return stated, "CINE SETUP FrameRate"
         return self.clock.frame_rate, f"CINE image times ({_ORIGIN.removeprefix('CINE ')})"
 

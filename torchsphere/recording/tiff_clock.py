@@ -58,9 +58,9 @@ def _of_ome(pixels: str, ome: str, count: int) -> TiffClock:
     stamps = _plane_times(ome, count)
     clock = None if stamps is None else image_times.clock_of(stamps)
     if clock is not None:
-        agrees = stated is not None and clock.agrees_with(stated)
         notes = image_times.frame_rate_note(clock, stated, "OME DeltaT") + image_times.spacing_notes(clock)
-        rate, origin = (stated, "OME TimeIncrement") if agrees else (clock.frame_rate, "OME DeltaT")
+        counts = clock.counts_beside(stated)
+        rate, origin = (clock.frame_rate, "OME DeltaT") if counts else (stated, "OME TimeIncrement")
         return TiffClock(rate, origin, clock.times, notes)
     if stated is None:
         return TiffClock(notes=("A TIFF carries no frame rate.",))
