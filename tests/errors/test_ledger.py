@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shots
+import torch
 
 import torchsphere as ts
 from torchsphere import errors
@@ -84,6 +85,17 @@ def test_no_other_module_widens_the_uncertainty_of_a_track() -> None:
     package = Path(ts.__file__).parent
     for path in package.glob("tracking/*.py"):
         assert "sd_steady=" not in path.read_text().replace("sd_steady=np.zeros(5)", ""), path.name
+
+
+def test_missing_images_are_found_beside_images_that_hold_a_part_of_others() -> None:
+    made = shots.shot(0, n=12, radius=25.0, start=(60.0, 60.0), step=(4.0, 1.0), jitter=0.0, noise=0.0).images[:, :130]
+    noise = 4 * torch.randn(made.shape, generator=torch.Generator().manual_seed(1))
+    for i in range(1, len(noise)):
+        noise[i] = 0.4 * noise[i] + 0.6 * noise[i - 1]
+    kept = [0, 1, 2, 3, 4, 7, 8, 9, 10, 11]
+    found = ts.track((made + noise)[kept], (60.0, 60.0, 25.0), log=False).findings
+    assert found.noise_memory > 0.3
+    assert found.missing_frames == ((5, 2),)
 
 
 def test_the_sentences_of_a_track_are_in_the_order_of_their_levels(track: ts.Track) -> None:

@@ -40,9 +40,9 @@ from torchsphere.runtime.warning_levels import by_level
 Array = NDArray[np.float64]
 
 #: All sources of error, in the order in which a reader is told of them. They are applied from the last to the first:
-#: from the pixels of one image to what concerns the whole recording.
+#: from the pixels of one image to what concerns the whole recording. Missing images are told by the noise of single
+#: steps: beside what others add, a step of twice the length would be none.
 SOURCES = (
-    ErrorSource("missing images", missing_frames.detect, sentences=missing_frames.sentences),
     ErrorSource("frames not measured", sentences=frames.sentences),
     ErrorSource("object in front of the ball", hidden_ball.detect, hidden_ball.widen, sentences=hidden_ball.sentences),
     ErrorSource("first circle", sentences=first_circle.sentences),
@@ -64,6 +64,7 @@ SOURCES = (
     ErrorSource("pixels not square", stretched_pixels.detect, stretched_pixels.widen),
     ErrorSource("texture and view", steady_error.detect, steady_error.widen),
     ErrorSource("residual alike over pixels", without=residual_scatter.without, sentences=residual_scatter.sentences),
+    ErrorSource("missing images", missing_frames.detect, sentences=missing_frames.sentences),
 )
 
 #: Name of what is left without all sources.

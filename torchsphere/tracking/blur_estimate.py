@@ -14,6 +14,7 @@ from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source
 from torchsphere.sphere_map.exposure import Blur
+from torchsphere.sphere_map.exposure_share import OUTLINES_SD
 
 #: Most frames whose outlines are fitted together (docs/constants.toml).
 FRAMES = 6
@@ -59,9 +60,12 @@ def estimate_blur(
     is_blurred = seen.variance >= blurred_limb.BLURRED_PX**2
     optics_px = math.sqrt(seen.variance - PIXEL_VARIANCE) if is_blurred else 0.0
     share = seen.exposure if seen.smear_px >= blurred_limb.SMEARED_PX else 0.0
-    if stated is not None and (share > CONTRADICTED * stated or not may_be_smeared):
-        return Blur(optics_px, stated, is_share_known=True)
-    return Blur(optics_px, share)
+    if stated is None:
+        return Blur(optics_px, share)
+    # A smear that is near the least that outlines show may be missed: the map tells it, from the stated share.
+    would_show = math.exp(-OUTLINES_SD) * stated * longest >= blurred_limb.SMEARED_PX
+    is_seen = share > CONTRADICTED * stated
+    return Blur(optics_px, share if would_show and not is_seen else stated, is_share_known=is_seen)
 
 
 def _in_view(
