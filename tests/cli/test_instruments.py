@@ -61,6 +61,11 @@ def test_a_gate_stands_beside_the_speed_of_the_track_before_the_contact(
     text = capsys.readouterr().out
     assert "light gate" in text
     assert "track before contact" in text
+    assert "WARNING" not in text
+    # A tenth of the distance.
+    assert main([*command, "--spacing-mm", "4"]) == 0
+    assert "WARNING" in (text := capsys.readouterr().out)
+    assert "check --spacing-mm" in text
     # Passed the other way round.
     assert main([*command, "--columns", "far,near", "--spacing-mm", "40"]) == 1
     assert "swap the signals" in capsys.readouterr().err

@@ -96,6 +96,19 @@ FILES: dict[str, tuple[str, Sequence[str], Sequence[str]]] = {
         ("Channel A", "Channel B"),
         ("V", "mV"),
     ),
+    "units that nothing here measures": (
+        table(";", "Zeit;Beschl. x;Temp", "s;ft/s²;kg", comma=True),
+        ("Beschl. x", "Temp"),
+        ("ft/s²", "kg"),
+    ),
+    "numbers of samples, without a unit of their own": (
+        "\n".join(
+            ["Nr;Zeit;near;far", "-;ms;mV;Gs"]
+            + [f"{k};{row}" for k, row in enumerate(table(";", comma=True, per_s=1e3).splitlines())]
+        ),
+        ("near", "far"),
+        ("mV", "Gs"),
+    ),
     "Keysight": (table(",", "x-axis,1,2", "second,Volt,Volt"), ("1", "2"), ("Volt", "Volt")),
     "LeCroy": (
         table(",", "LECROYWS434,12345,Waveform", "Segments,1,SegmentSize,40", "#1,19-Mar-2012 15:17:17,0", "Time,A,B"),

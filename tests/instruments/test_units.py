@@ -2,7 +2,7 @@
 
 import pytest
 
-from torchsphere.instruments.units import ACCELERATION, STRAIN, TIME, converted, in_brackets, is_unit
+from torchsphere.instruments.units import ACCELERATION, STRAIN, TIME, are_units, converted, in_brackets, is_unit
 
 
 @pytest.mark.parametrize(
@@ -31,6 +31,21 @@ def test_a_unit_is_known_in_all_its_ways_of_writing(quantity, unit: str, texts: 
 @pytest.mark.parametrize("name", ["near", "far", "Channel A", "CH1", "time", "strain rate", "1"])
 def test_a_name_is_no_unit(name: str) -> None:
     assert not is_unit(name)
+
+
+@pytest.mark.parametrize(
+    ("texts", "are"),
+    [
+        (["s", "furlong"], True),
+        (["-", "(ms)", "°C"], True),
+        (["V", "mV"], True),
+        (["t", "s", "F"], False),
+        (["Versuch", "3"], False),
+        ([], False),
+    ],
+)
+def test_a_line_is_one_of_units_if_all_are_known_or_its_first_word_is_one_of_time(texts: list[str], are: bool) -> None:
+    assert are_units(texts) == are
 
 
 def test_a_given_unit_or_number_wins_and_a_contradiction_is_said() -> None:

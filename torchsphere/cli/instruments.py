@@ -128,7 +128,7 @@ def _gate(
     signals: Signals, values: list[Any], result: ResultFolder, request: InstrumentRequest
 ) -> tuple[dict[str, Any], Lines]:
     """Numbers and lines of the velocity by the gate beside the track's before the contact."""
-    from torchsphere.instruments.signals import light_gate, mean_speed
+    from torchsphere.instruments.signals import gate_warnings, light_gate, mean_speed
     from torchsphere.report.summary_tables import with_sd
 
     assert result.motion is not None
@@ -145,6 +145,7 @@ def _gate(
         "sd_track_speed_m_s": sd,
         "difference_m_s": difference,
         "sd_difference_m_s": sd_difference,
+        "warnings": gate_warnings(found.velocity_m_s, speed),
     }
     lines = [
         ("light gate", with_sd(found.velocity_m_s, found.sd_velocity_m_s, "m/s")),

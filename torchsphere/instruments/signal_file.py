@@ -123,7 +123,10 @@ def read_signals(
         times, said, warnings = _counted_times(path, table)
     else:
         times, said, warnings = _times(path, table.lines, column, numbers[column.name], time_unit)
-    others = [other for other in table.columns if other is not column]
+    # Numbers of the samples before their times are no signal.
+    before = () if column is None else table.columns[: table.columns.index(column)]
+    left_out = [column, *(other for other in before if _counts(other, numbers[other.name]))]
+    others = [other for other in table.columns if other not in left_out]
     return Signals(
         path,
         times,

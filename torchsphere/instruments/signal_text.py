@@ -12,7 +12,7 @@ from pathlib import Path
 
 from torchsphere.instruments.delay import MIN_SAMPLES
 from torchsphere.instruments.sample_times import is_clock_time
-from torchsphere.instruments.units import in_brackets, is_unit
+from torchsphere.instruments.units import are_units, in_brackets
 
 #: Separators and decimal signs; the first one wins where several read a file alike.
 DIALECTS = ((",", "."), (";", ","), (";", "."), ("\t", "."), ("\t", ","), (" ", "."), (" ", ","), (",", ","))
@@ -216,7 +216,7 @@ def _names(above: Sequence[Row], places: Sequence[int], exact: bool) -> tuple[li
 
     unknown = [f"column {place + 1}" for place in places]
     below = [cell for cell in cells(above[-1]) if cell] if above else []
-    if len(above) > 1 and below and all(map(is_unit, below)) and has_names(above[-2]):
+    if len(above) > 1 and are_units(below) and has_names(above[-2]):
         return cells(above[-2]), [in_brackets(cell) or cell for cell in cells(above[-1])]
     keyed = next((row for row in above if row[0].lower() in _UNITS), [])
     units = ["" if place == 0 else cell for place, cell in zip(places, cells(keyed), strict=True)]

@@ -246,6 +246,17 @@ def gain_warnings(gain: float) -> tuple[str, ...]:
     return (severe(f"The sensor measures {gain:.3g} times the acceleration of the track{why}"),)
 
 
+def gate_warnings(gate_m_s: float, track_m_s: float) -> tuple[str, ...]:
+    """A sentence on velocities of gate and track that cannot be those of one ball."""
+    if track_m_s / MAX_RATIO < gate_m_s < track_m_s * MAX_RATIO:
+        return ()
+    sentence = (
+        f"The light gate measures {gate_m_s:.4g} m/s, and the track {track_m_s:.4g}: check `spacing_mm`, `time_unit` "
+        "and `direction_deg`, and the track's frame rate and scale"
+    )
+    return (severe(sentence),)
+
+
 def along(time_s: Array, acceleration: Array, direction: ArrayLike) -> tuple[Array, Array]:
     """Times and acceleration (n,) along a direction, from the first to the last value of (m, 2) without gaps."""
     axis = np.asarray(direction, dtype=np.float64)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from torchsphere.runtime.warning_levels import severe
@@ -94,6 +94,12 @@ def is_unit(text: str) -> bool:
     """Whether a text is a unit and no name: it stands in brackets, or is known."""
     known = any(quantity.unit(text) for quantity in (TIME, ACCELERATION, STRAIN))
     return known or _plain(text) in _OTHERS or _BRACKETS.match(text) is not None
+
+
+def are_units(texts: Sequence[str]) -> bool:
+    """Whether the texts of a line are units: all are known, or the first one in letters is a unit of time."""
+    in_letters = next((text for text in texts if any(map(str.isalpha, text))), "")
+    return bool(texts) and (all(map(is_unit, texts)) or TIME.unit(in_brackets(in_letters) or in_letters) is not None)
 
 
 def converted(quantity: Quantity, column: str, stated: str, given: str | None) -> tuple[float, str, tuple[str, ...]]:
