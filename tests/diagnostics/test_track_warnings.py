@@ -1,13 +1,19 @@
 """Warnings on the local polynomials: windows that are too long, and motions that are too fast for them."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 from tracks import falling_track, made_track
+from writers import write_mraw
 
 import torchsphere as ts
-from torchsphere.diagnostics.track_warnings import bandwidth_warnings, window_warnings
+from torchsphere.diagnostics.track_warnings import bandwidth_warnings, track_warnings, window_warnings
+from torchsphere.recording import open_recording
+from torchsphere.request import Request
+from torchsphere.runtime.warning_levels import CAUTION, NOTE, SEVERE, level_of
 
 
 @pytest.fixture
@@ -71,3 +77,18 @@ def test_polynomials_through_an_impact_warn_that_they_flatten_it(method: str) ->
     assert bandwidth_warnings(ts.kinematics(made_track(steady, sd, circle), **known)) == ()
     nothing = np.full_like(steps, np.nan)
     assert bandwidth_warnings(ts.kinematics(made_track(nothing, sd, circle), **known)) == ()
+
+
+def test_what_a_file_says_is_a_note_but_what_makes_its_motion_wrong(tmp_path: Path, falling: ts.Track) -> None:
+    images = np.zeros((4, 8, 8), np.uint8)
+    header = write_mraw(tmp_path / "a", images.astype(int), bits=8, depth=8, text=True, Save_Step="2", Start_Frame="5")
+    (folder := tmp_path / "images").mkdir()
+    for number, image in zip((1, 2, 3, 6), images, strict=True):
+        tifffile.imwrite(folder / f"b{number}.tif", image)
+    for path, severe in ((header, "not 20000 but 10000"), (folder, "2 of the numbered images are missing")):
+        with open_recording(path) as recording:
+            found = track_warnings(Request(input=path, out="out"), recording, falling, recording.frame_rate)
+        levels = {sentence: level_of(sentence) for sentence in found}
+        assert [sentence for sentence in levels if levels[sentence] == SEVERE and severe in sentence]
+        assert NOTE in levels.values()
+        assert CAUTION not in levels.values()

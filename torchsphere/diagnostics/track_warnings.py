@@ -11,7 +11,7 @@ from torchsphere.motion.track import Track
 from torchsphere.recording import Recording
 from torchsphere.recording.facts import doubt_notes
 from torchsphere.request import Request
-from torchsphere.runtime.warning_levels import note, severe
+from torchsphere.runtime.warning_levels import Warned, note, severe
 from torchsphere.settings.limits import unit_warnings
 
 #: Deviation of an acceleration from its median that no flight has, in standard deviations (docs/constants.toml).
@@ -30,9 +30,10 @@ def track_warnings(request: Request, recording: Recording, track: Track, frame_r
 
 
 def _of_file(recording: Recording, request: Request) -> list[str]:
-    """What the file states of itself; a doubt is more than a remark."""
+    """What the file states of itself; a doubt, and what its reader warns of, is more than a remark."""
     texts = [text for text in recording.notes if request.fps is None or "no frame rate" not in text]
-    return [text if text in doubt_notes(recording.doubt) else note(text) for text in texts]
+    warns = (*doubt_notes(recording.doubt), *(text for text in texts if isinstance(text, Warned)))
+    return [text if text in warns else note(text) for text in texts]
 
 
 def window_warnings(track: Track, motion: Kinematics | None) -> tuple[str, ...]:

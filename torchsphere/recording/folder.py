@@ -22,6 +22,7 @@ from torchsphere.recording.refusal import PNG_SIGNATURE, library_failures, look_
 from torchsphere.recording.tiff import PLACES, Page, count_pages, describe, page_facts, page_image, page_notes
 from torchsphere.recording.tiff_display import pixel_aspect_of
 from torchsphere.runtime import steps
+from torchsphere.runtime.warning_levels import severe
 
 _PNG_SAMPLES = {0: 1, 2: 3, 4: 2, 6: 4}  # colour type: channels; 3 is a palette
 # Deflate, which PNG uses, compresses 1032 to 1 at most.
@@ -115,7 +116,7 @@ def _image_files(path: Path) -> tuple[ImageKind, tuple[Path, ...], tuple[str, ..
 
 
 def _gaps(files: list[Path]) -> tuple[str, ...]:
-    """A note on missing numbers in the names of the files."""
+    """A warning of missing numbers in the names of the files."""
     found = [re.search(r"([0-9]{1,18})\D*$", file.stem) for file in files]
     numbers = [int(match.group(1)) for match in found if match is not None]
     steps = [after - before for before, after in itertools.pairwise(numbers)]
@@ -131,10 +132,11 @@ def _gaps(files: list[Path]) -> tuple[str, ...]:
         if missing > 1
         else "1 of the numbered images is missing,"
     )
-    return (
+    sentence = (
         f"{gap} between {files[first].name} and {files[first + 1].name}; the images count as successive, so "
-        "motion across a gap comes out too fast.",
+        "motion across a gap comes out too fast."
     )
+    return (severe(sentence),)
 
 
 def _tiff_header(file: Path) -> ImageHeader:

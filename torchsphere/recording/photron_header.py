@@ -11,6 +11,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from torchsphere.recording.refusal import library_failures, look_of
+from torchsphere.runtime.warning_levels import severe
 
 HEADER_SUFFIXES = (".cihx", ".cih")
 # Headers have 10 to 20 kB, more with thumbnails.
@@ -149,12 +150,13 @@ def _trigger_offset(header: Header) -> tuple[int | None, tuple[str, ...]]:
 
 
 def _step_notes(header: Header) -> tuple[str, ...]:
-    """A note where only every so many-th image was saved."""
+    """A warning where only every so many-th image was saved."""
     step, rate = header.number("step"), header.number("rate")
     if step is None or step <= 1 or rate is None:
         return ()
-    note = (
-        f"The header says that every {step:g}th recorded image was saved ({header.names['step']}); if this is true, "
-        f"the images are {step:g} recording intervals apart and the frame rate to use is {rate / step:g}."
+    sentence = (
+        f"The header says that only one of {step:g} recorded images was saved ({header.names['step']}); if this is "
+        f"true, the images are {step:g} recording intervals apart, and the frame rate is not {rate:g} but "
+        f"{rate / step:g}: give it as `fps`."
     )
-    return (note,)
+    return (severe(sentence),)

@@ -22,6 +22,7 @@ from torchsphere.recording.matroska import Contents, contents
 from torchsphere.recording.recording import Recording
 from torchsphere.recording.refusal import ISO_VIDEO, MATROSKA, LibraryMissingError, library_failures, look_of
 from torchsphere.recording.video_display import hidden_note, images_in_file, orientation_of, pixel_aspect_of
+from torchsphere.runtime.warning_levels import Warned
 
 if TYPE_CHECKING:
     import av
@@ -194,10 +195,11 @@ class Cursor:
         notes = self._damage(count, float(times[-1]) if len(times) else None, step, gaps)
         if gaps:
             first = int(np.argmax(steps > 1.5 * step)) + 1 - len(before)
-            notes += (
+            sentence = (
                 f"The times of the images leave room for {gaps} more, the first before image {first}: images are "
-                "missing, or were taken unevenly; they count as successive, so motion across a gap comes out too fast.",
+                "missing, or were taken unevenly; they count as successive, so motion across a gap comes out too fast."
             )
+            notes += (Warned(sentence),)
         return notes
 
     def _damage(self, count: int, last_s: float | None, step: float, gaps: int) -> tuple[str, ...]:
