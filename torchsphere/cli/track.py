@@ -122,7 +122,7 @@ def _print_outcome(done: Measurement, out: Path, options: dict[str, Any]) -> int
 
     reason = why_unusable(done.track.status)
     if reason:
-        print(in_red(shown(f"torchsphere: {reason}; the report in {out} says why"), sys.stderr), file=sys.stderr)
+        print(in_red(shown(f"torchsphere: {reason}; summary.json in {out} says why"), sys.stderr), file=sys.stderr)
     if not (options["quiet"] or options["json"]):
         print("\n".join(map(shown, outcome_lines(json.loads(_summary(out)), out))))
     return UNUSABLE if reason else DONE

@@ -28,8 +28,8 @@ MAX_CIRCLE_SDS, MAX_CIRCLE_ERROR = 4.0, 0.03
 
 #: Advice for a circle in doubt.
 CHECK_ADVICE = (
-    "See figures/path.png: if the circle is not the ball's outline, lengths and speeds are wrong in proportion to its "
-    "radius."
+    "Look at the circle in the image: if it is not the ball's outline, lengths and speeds are wrong in proportion to "
+    "its radius."
 )
 
 
@@ -103,5 +103,5 @@ def refined_circle_warning(fitted: Circle) -> str:
         return ""
     return (
         f"The circle that was given was fitted by `refine`, at {fitted.text(1)} px, and may not be the ball's outline: "
-        f"{fitted.doubt}. See figures/path.png: where the circle as given is better, leave out `refine`."
+        f"{fitted.doubt}. Look at both in the image: where the circle as given is better, leave out `refine`."
     )

@@ -25,7 +25,7 @@ def sentences(track: Track, evidence: Evidence) -> list[str]:
         found.append(
             severe(
                 f"Nothing confirms the circle at {circle.text(1)} px: the frames right after it hardly "
-                f"show the same, so the last {track.findings.untried_frames} frames were not tried."
+                f"show the same, so those after them were not tried ({track.findings.untried_frames} in all)."
             )
         )
     if math.isnan(circle.sd_radius):

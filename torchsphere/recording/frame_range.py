@@ -14,7 +14,7 @@ from torchsphere.settings.limits import SettingError
 def resolve_range(asked: tuple[int | None, int | None], count: int) -> tuple[int, int]:
     """First frame and the frame after the last, of ``count`` frames; raises ValueError for fewer than two frames."""
     if count < 2:
-        raise ValueError("the recording has one frame; motion needs two or more")
+        raise ValueError("the recording has one frame, and motion needs two or more: give the whole recording")
     start, stop = (0 if asked[0] is None else asked[0]), (count if asked[1] is None else asked[1])
     given = ":".join("" if end is None else str(end) for end in asked)
     there = f"the recording has {count} frames, 0 to {count - 1}"

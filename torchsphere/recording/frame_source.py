@@ -61,7 +61,9 @@ class Source:
             source = cls(lambda start, stop: images[start:stop], len(images), device or images.device, dtype)
         require_device(source.device)
         if source.count < 2:
-            raise ValueError(f"the recording has {source.count} image(s); motion needs two or more")
+            raise ValueError(
+                f"the recording has {source.count} image(s), and motion needs two or more: give the whole recording"
+            )
         return source
 
     def elapsed(self, first: int, last: int) -> float:
