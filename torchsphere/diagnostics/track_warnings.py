@@ -32,8 +32,8 @@ def track_warnings(request: Request, recording: Recording, track: Track, frame_r
 def _of_file(recording: Recording, request: Request) -> list[str]:
     """What the file states of itself; a doubt, and what its reader warns of, is more than a remark."""
     texts = [text for text in recording.notes if request.fps is None or "no frame rate" not in text]
-    warns = (*doubt_notes(recording.doubt), *(text for text in texts if isinstance(text, Warned)))
-    return [text if text in warns else note(text) for text in texts]
+    doubts = doubt_notes(recording.doubt)
+    return [text if text in doubts or isinstance(text, Warned) else note(text) for text in texts]
 
 
 def window_warnings(track: Track, motion: Kinematics | None) -> tuple[str, ...]:

@@ -43,7 +43,8 @@ def estimate_blur(
     """Blur by the outlines; 0 where they are sharp, and no exposure where none is smeared by `blurred_limb.SMEARED_PX`.
 
     ``position`` (n, 2) of the ball in all frames, px, NaN where it is not known. The share of the exposure that a file
-    has ``stated`` counts unless the outlines contradict it: under flashes the light is shorter than the exposure.
+    has ``stated`` is known where the outlines show it, and is where the map starts if they cannot. They may contradict
+    it: under flashes the light is shorter than the exposure.
     """
     frames, motion = _in_view(position, circle.radius, source.images(0, 1).shape[1:])
     longest = float(np.linalg.norm(motion, axis=1).max(initial=0.0))
