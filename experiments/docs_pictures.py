@@ -48,7 +48,7 @@ def shoot(folder: Path) -> None:
     for code in (
         render_cli.main(render),
         cli.main(["info", images, "--preview", str(folder / "ball.png")]),
-        cli.main([*track, "--normal-deg", "180"]),
+        cli.main([*track, "--normal-deg", "180", "--telecentric"]),
     ):
         if code != 0:
             raise RuntimeError("the tutorial's shot could not be made; see the sentence above")
