@@ -1,4 +1,4 @@
-"""Missing images show in a step that is a whole multiple of the steps next to it, and in no other way."""
+"""Missing images show in steps that are a whole multiple of the steps next to them, and in no other way."""
 
 import dataclasses
 
@@ -7,7 +7,7 @@ import pytest
 from pulses import NOISES_M, pulse
 
 import torchsphere as ts
-from torchsphere.errors.missing_frames import missing_frames
+from torchsphere.errors.missing_frames import missing_frames, pace_changes
 
 
 @pytest.fixture(scope="module")
@@ -44,3 +44,38 @@ def test_a_ball_at_rest_has_no_gap(track: ts.Track) -> None:
     noise = np.random.default_rng(0).normal(0, 1, track.increment.shape)
     sd = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))
     assert missing_frames(dataclasses.replace(track, increment=noise * sd)) == ()
+
+
+def spinning(track: ts.Track, turn_px: float) -> ts.Track:
+    """The ball turns by that many px per frame all the time, about one axis, whatever happens to it."""
+    increment = track.increment.copy()
+    increment[:, 2:] = turn_px / track.circle.radius * np.array([0.6, 0.0, 0.8])
+    return dataclasses.replace(track, increment=increment)
+
+
+def thinned(track: ts.Track, first: int, every: int) -> ts.Track:
+    """The recording of which only every so many-th image is there from frame ``first`` on."""
+    kept = np.r_[:first, first : len(track.increment) : every]
+    increment = np.add.reduceat(track.increment, kept)
+    return dataclasses.replace(track, increment=increment, covariance=track.covariance[kept])
+
+
+@pytest.mark.parametrize("every", [2, 3])
+def test_a_recording_that_goes_over_to_fewer_images_is_told(track: ts.Track, every: int) -> None:
+    whole = spinning(track, 5.0)
+    slower = thinned(whole, 12, every)
+    assert pace_changes(slower) == ((12, every),)
+    assert missing_frames(slower) == ()
+    assert pace_changes(whole) == ()
+    backward = dataclasses.replace(
+        slower, increment=slower.increment[::-1].copy(), covariance=slower.covariance[::-1].copy()
+    )
+    assert pace_changes(backward) == ((len(slower.increment) - 12, 1 / every),)
+
+
+def test_a_ball_that_is_struck_on_its_way_has_no_change_of_pace(track: ts.Track) -> None:
+    """Twice as fast from frame 12 on, but spinning as before; or without a spin, when nothing tells the two apart."""
+    for turn_px in (5.0, 0.0):
+        struck = spinning(track, turn_px)
+        struck.increment[12:, :2] *= 2
+        assert pace_changes(struck) == ()

@@ -32,6 +32,7 @@ ALL = Findings(
     uneven_light=0.1,
     stretch=1.1,
     missing_frames=((4, 1), (9, 2)),
+    pace_changes=((20, 2.0), (31, 0.5)),
     shake=CameraShake(0.3, 7),
 )
 OTHERS = Findings(

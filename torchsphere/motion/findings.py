@@ -90,6 +90,8 @@ class Findings:
         Ratio of the sides of the pixels that the images were drawn from.
     missing_frames : tuple of (int, int)
         Frames before which images seem to be missing, and how many.
+    pace_changes : tuple of (int, float)
+        Frames from which every step is that many times as far as those before.
     shake : CameraShake or None
         Of the camera, by the still background.
     """
@@ -113,6 +115,7 @@ class Findings:
     uneven_light: float = 0.0
     stretch: float = 1.0
     missing_frames: tuple[tuple[int, int], ...] = ()
+    pace_changes: tuple[tuple[int, float], ...] = ()
     shake: CameraShake | None = None
 
     @property
@@ -154,7 +157,8 @@ class Findings:
         about, place, shake = items.get("sphere_map") or {}, items.get("place"), items.get("shake")
         known["place"] = None if place is None else Place.read(place)
         known["shake"] = None if shake is None else CameraShake(**shake)
-        known["missing_frames"] = tuple((frame, count) for frame, count in known.get("missing_frames") or ())
+        for name in ("missing_frames", "pace_changes"):
+            known[name] = tuple((frame, times) for frame, times in known.get(name) or ())
         for name in ("mosaic", "repeated_frames"):
             known[name] = tuple(known.get(name) or ())
         return cls(map=_read_map(about), outline_scatter=about.get("outline_scatter", 0.0), **known)
