@@ -8,6 +8,7 @@ import torch.nn.functional as F  # noqa: N812  (torch's convention)
 from shots import noisy, speckle
 from torch import Tensor
 
+import torchsphere as ts
 from torchsphere.detection import blurred_limb, limb_fit
 from torchsphere.detection.detect import refine_circle
 from torchsphere.geometry.circle import Circle
@@ -70,6 +71,15 @@ def test_a_sharp_ball_is_left_to_the_sharp_limb(background: float, optics_px: fl
     given = image(0, optics_px=optics_px, background=background)
     start, _ = limb_fit.fit(given[None], guess(0.3)[None])
     assert blurred_limb.fit_if_blurred(given[None], start, motion=MOTION[None]) is None
+
+
+def test_an_outline_that_is_longer_than_wide_is_not_smeared() -> None:
+    # A near camera whose axis passes the ball at a distance: 2.6 px longer along the motion.
+    camera, axes = ts.Camera(12 * TRUE[2], (TRUE[0] + 177.0, TRUE[1] + 59.0)), torch.eye(3)[None]
+    given = speckle(0, TRUE[2]), torch.tensor(TRUE[:2])[None], TRUE[2], axes, 20.0
+    seen = noisy(ray_caster.render(*given, shape=(130, 130), subsamples=4, camera=camera), 2.0, 0)
+    _, _, blur = blurred_limb.fit(seen, guess(0.5)[None], motion=MOTION[None])
+    assert blur.smear_px < 0.5
 
 
 def test_images_of_one_blur_share_it_and_keep_their_circles() -> None:

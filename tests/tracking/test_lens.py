@@ -96,6 +96,19 @@ def test_pixels_that_are_wide_are_found() -> None:
     assert any("times as wide as high" in sentence for sentence in track.warnings)
 
 
+def test_a_camera_at_eight_radii_is_found_and_is_no_smear() -> None:
+    camera, places = ts.Camera(8 * RADIUS), torch.from_numpy(straight_path()).float()
+    given = ray_caster.speckle(4, radius_px=RADIUS), places, RADIUS, turns(), 90.0
+    images = noisy(ray_caster.render(*given, shape=SHAPE, subsamples=4, camera=camera), 2.0, 3)
+    track = ts.track(images, (*straight_path()[0].tolist(), RADIUS), **GIVEN)
+    assert (track.status == "ok").all()
+    assert made_map(track).open_share == 0
+    assert made_map(track).radius_over_distance == pytest.approx(1 / 8, abs=0.004)
+    motion = ts.kinematics(track, log=False)
+    true = np.diff(straight_path(), axis=0).mean(0) * 1000 * 0.03 / (2 * RADIUS)
+    np.testing.assert_allclose(np.nanmean(motion.velocity_m_s, 0), true, rtol=0.001)
+
+
 def test_a_texture_at_the_outline_of_a_ball_that_hardly_turns_is_no_lens() -> None:
     # In 12 frames the ball turns by 3 deg: pixels 1.0007 wide and a camera behind the ball explained its texture.
     shot = demo_shot.make_shot()

@@ -184,6 +184,10 @@ def fit(
     angles = polar.angles(float(fitted[0, 2]))
     design = polar.design(angles)
     across = torch.zeros(len(fitted), len(angles)) if motion is None else (design[:, :2] @ motion.T).T.abs()
+    if motion is not None:
+        # An outline that is longer than wide, as a lens or a near camera shows it, is not smeared.
+        design = torch.cat((design, polar.ellipse(angles)), 1)
+    shape = fitted.new_zeros(len(fitted), design.shape[1])
     splines = polar.Splines(images, ignore)
     count = 1 if motion is None else 2
     unknowns = torch.tensor([FIRST_BLUR_PX**2, 0.05][:count], dtype=torch.float64)
@@ -191,11 +195,13 @@ def fit(
         variance, exposure = float(unknowns[0]), math.sqrt(float(unknowns[1:].sum()))
         widest = math.sqrt(variance + (exposure * float(across.max())) ** 2 / 12)
         limb = _Limb(_steps(widest), float(fitted[:, 2].mean()), across.double())
-        levels, known = polar.across_edge(splines, fitted, limb.steps, angles, camera)
+        levels, known = polar.across_edge(splines, fitted, limb.steps, angles, camera, shape @ design.T)
         score, information, texture = _scores(levels.double().cpu(), limb, widest, variance, exposure, count)
         score, normal, certain = _by_unknowns(score, information, design, known)
         step = _joint_step(score, normal, count)
-        fitted = fitted + step[:-count].reshape(-1, 3).clamp(-widest, widest)
+        of_outlines = step[:-count].reshape(len(fitted), -1).clamp(-widest, widest)
+        fitted = fitted + of_outlines[:, :3]
+        shape[:, 3:] += of_outlines[:, 3:]
         before, limit = unknowns, MOST_CHANGE * widest**2
         unknowns = _within_bounds(unknowns + step[-count:].clamp(-limit, limit))
         if float(step[:-count].abs().max()) < SETTLED_PX and float((unknowns - before).abs().max()) < SETTLED_PX:
@@ -210,7 +216,7 @@ def fit(
 def _covariance(score: Tensor, normal: Tensor, texture: Tensor, certain: Tensor, design: Tensor) -> Tensor:
     """Covariance (n, 3, 3) of the circles from the scatter of the scores, with the errors of `limb_fit` by texture."""
     by_texture = torch.zeros_like(score)
-    by_texture[..., :3] = (TEXTURE_ARC_PX * texture * certain).unsqueeze(-1) * design
+    by_texture[..., : design.shape[1]] = (TEXTURE_ARC_PX * texture * certain).unsqueeze(-1) * design
     scatter = SCORES_TO_SD**2 * summed(score, ARC) + summed(by_texture, SYSTEMATIC_ARC)
     inverse = torch.linalg.inv(normal)
     covariance = (inverse @ scatter @ inverse)[:, :3, :3]
@@ -279,22 +285,23 @@ def _by_unknowns(score: Tensor, information: Tensor, design: Tensor, known: Tens
 
     Also the information (n, a) of each ray on its edge.
     """
-    blurs = score.shape[-1] - 1
-    spread = torch.zeros(len(design), 1 + blurs, 3 + blurs, dtype=torch.float64)
-    spread[:, 0, :3] = design
-    spread[:, 1:, 3:] = torch.eye(blurs, dtype=torch.float64)
+    blurs, outline = score.shape[-1] - 1, design.shape[1]
+    spread = torch.zeros(len(design), 1 + blurs, outline + blurs, dtype=torch.float64)
+    spread[:, 0, :outline] = design
+    spread[:, 1:, outline:] = torch.eye(blurs, dtype=torch.float64)
     weighted = information * known[..., None, None]
     normal = torch.einsum("naij,aik,ajl->nkl", weighted, spread, spread)
-    normal = normal + 1e-9 * torch.eye(3 + blurs, dtype=torch.float64)
+    normal = normal + 1e-9 * torch.eye(outline + blurs, dtype=torch.float64)
     return torch.einsum("nai,aik->nak", score * known[..., None], spread), normal, weighted[..., 0, 0]
 
 
 def _joint_step(score: Tensor, normal: Tensor, count: int) -> Tensor:
-    """Step (3 n + count,) of the circles of n images and of the blur that they share."""
-    n, size = len(normal), 3 * len(normal) + count
+    """Step (k n + count,) of the outlines of n images, k unknowns each, and of the blur that they share."""
+    n, own = len(normal), normal.shape[-1] - count
+    size = own * n + count
     whole, gradient = torch.zeros(size, size, dtype=torch.float64), torch.zeros(size, dtype=torch.float64)
     for i in range(n):
-        rows = torch.cat((torch.arange(3 * i, 3 * i + 3), torch.arange(3 * n, size)))
+        rows = torch.cat((torch.arange(own * i, own * i + own), torch.arange(own * n, size)))
         whole[rows[:, None], rows] += normal[i]
         gradient[rows] += score[i].sum(0)
     return torch.linalg.solve(whole, gradient)

@@ -26,6 +26,14 @@ def design(angles: Tensor) -> Tensor:
     return torch.stack((angles.cos(), angles.sin(), torch.ones_like(angles)), -1)
 
 
+def ellipse(angles: Tensor) -> Tensor:
+    """Derivatives (a, 2) of the outline's distance along the rays by the half difference of axes along x and y.
+
+    The second column is that of axes at 45 deg.
+    """
+    return torch.stack(((2 * angles).cos(), (2 * angles).sin()), -1)
+
+
 class Splines:
     """Splines of crops of ``images`` (n, h, w) around a ball; the last ones are kept and used again.
 
@@ -46,16 +54,23 @@ class Splines:
 
 
 def across_edge(
-    splines: Splines, circles: Tensor, steps: Tensor, angles: Tensor, camera: Camera | None
+    splines: Splines,
+    circles: Tensor,
+    steps: Tensor,
+    angles: Tensor,
+    camera: Camera | None,
+    beyond: Tensor | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Grey levels (n, a, m) along the rays at ``steps`` (m,), px outwards, from the outlines of ``circles`` (n, 3).
 
     Also a mask (n, a), on the CPU, of the rays that lie fully in the image. With a camera the circles are projected
-    centres and radii at their depth: the outline is an ellipse.
+    centres and radii at their depth: the outline is an ellipse. It may lie ``beyond`` (n, a) the circle, px.
     """
     edge = circles[:, 2:].expand(-1, len(angles))
     if camera is not None:
         edge = perspective.outline_distance(circles, angles, camera)
+    if beyond is not None:
+        edge = edge + beyond
     sampled, inside = levels(splines, circles, (edge[..., None] + steps).clamp_min(0.5), angles)
     return sampled, inside.all(-1).cpu()
 

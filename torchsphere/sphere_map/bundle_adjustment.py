@@ -19,7 +19,7 @@ from torchsphere.sphere_map.decision import MAX_MISFIT
 from torchsphere.sphere_map.elimination import PER_IMAGE
 from torchsphere.sphere_map.footprint import fit_footprint, with_footprint_of_outline
 from torchsphere.sphere_map.lens import View
-from torchsphere.sphere_map.level import LAST_SETTLED_PX, NEW_MAP_STEPS, Adjustment, Level, adjust_level
+from torchsphere.sphere_map.level import LAST_SETTLED_PX, MAX_STEPS, NEW_MAP_STEPS, Adjustment, Level, adjust_level
 from torchsphere.sphere_map.light import fit_light
 from torchsphere.sphere_map.pixel_weights import ROUNDING_VARIANCE
 from torchsphere.sphere_map.radius_error import OPTICS_BLUR_PX
@@ -31,9 +31,6 @@ from torchsphere.sphere_map.window import Windows, texture_variance
 #: Width of the first map's cells, px, and move of a pose below which it counts as settled there: coarse cells align
 #: poses that are off by a px (docs/constants.toml).
 COARSE_PX, COARSE_SETTLED_PX = 2.0, 0.1
-
-#: Most steps on the last map (docs/constants.toml).
-MAX_STEPS = 40
 
 
 def adjust(
@@ -78,10 +75,9 @@ def adjust(
     if view is not None:
         # What smears the outline along the motion looks like pixels that are not square, and a lamp like a lens.
         view = replace(view, beside=(*light.unknowns(1.0), *(() if longer is None else (longer,))))
-    if view is not None and lens_decision.shows_lens(adjustment, view, level, shared):
-        watched = adjust_level(view.of(state), level._replace(unknowns=view.all), shared)
-        if watched.settled and lens_decision.lens_of(watched, view.unknowns):
-            return lens_decision.with_lens_alone(watched, view.unknowns)
+        found = lens_decision.found_in(view, state, adjustment, level, shared)
+        if found is not None:
+            return found
     if lens:
         # Cut through the lens, the windows show better what belongs to it.
         adjustment = lens_decision.with_lens_alone(adjustment, lens)

@@ -9,15 +9,46 @@ import torch
 from torch import Tensor
 
 from torchsphere.runtime.threads import RowRunner
-from torchsphere.sphere_map import nearness, radius_error
-from torchsphere.sphere_map.elimination import PER_IMAGE
+from torchsphere.sphere_map import nearness, radius_error, shared_unknown
+from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
 from torchsphere.sphere_map.lens import View, is_seen
-from torchsphere.sphere_map.level import Adjustment, Level, adjust_level, equations_of, gradients
+from torchsphere.sphere_map.level import MAX_STEPS, Adjustment, Level, adjust_level, equations_of, gradients
 from torchsphere.sphere_map.shared_unknown import SharedUnknowns
 from torchsphere.sphere_map.state import State
 
 #: Most images in which a lens is looked for (docs/constants.toml).
 LENS_IMAGES = 6
+
+
+def found_in(view: View, start: State, adjustment: Adjustment, level: Level, shared: RowRunner) -> Adjustment | None:
+    """The adjustment on coarse cells with what its images show of the ``view``; None if they show nothing.
+
+    ``adjustment`` is that of a camera infinitely far away, without a lens, from the ``start`` on. Where no lens
+    settles, a near camera may.
+    """
+    if not shows_lens(adjustment, view, level, shared):
+        return None
+    if view.unknowns != (nearness.UNKNOWN,):
+        watched = adjust_level(view.of(start), level._replace(unknowns=view.all), shared)
+        if watched.settled and lens_of(watched, view.unknowns):
+            return with_lens_alone(watched, view.unknowns)
+    if nearness.UNKNOWN not in view.unknowns:
+        return None
+    near = _near_camera(view.of(adjustment.state), level, shared)
+    return with_lens_alone(near, near.unknowns) if near.settled and is_seen(*_last_unknown(near)) else None
+
+
+def _near_camera(state: State, level: Level, shared: RowRunner) -> Adjustment:
+    """The adjustment from a ``state`` on with the camera's nearness alone, from its first step on."""
+    _, model, joint = equations_of(state, (), shared)
+    first = shared_unknown.measure(nearness.UNKNOWN, state, model, joint, shared)
+    return adjust_level(first.applied(state), level._replace(unknowns=(nearness.UNKNOWN,), max_steps=MAX_STEPS), shared)
+
+
+def _last_unknown(adjustment: Adjustment) -> tuple[float, float]:
+    """Value and standard deviation of the last unknown of the ``adjustment``."""
+    sd = adjustment.covariance.diagonal()[-COMMON - 1].sqrt()
+    return float(adjustment.unknowns[-1].value(adjustment.state)), float(sd)
 
 
 def shows_lens(adjustment: Adjustment, view: View, level: Level, shared: RowRunner) -> bool:

@@ -34,6 +34,9 @@ MAX_UNSETTLED_PX = 0.02
 #: (docs/constants.toml).
 LAST_SETTLED_PX, SETTLED_SD = 0.0005, 0.1
 
+#: Most steps on the last map, and with a near camera on the first (docs/constants.toml).
+MAX_STEPS = 40
+
 #: Conjugate gradients for a map on new cells, and most for a step of map and poses together (docs/constants.toml).
 NEW_MAP_STEPS, STEPS = 6, 60
 

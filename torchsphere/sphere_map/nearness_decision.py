@@ -9,9 +9,9 @@ import torch
 
 from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import nearness, residual_scatter, shared_unknown
-from torchsphere.sphere_map.bundle_adjustment import MAX_STEPS, with_error_of_texture
+from torchsphere.sphere_map.bundle_adjustment import with_error_of_texture
 from torchsphere.sphere_map.forward_model import Linearisation
-from torchsphere.sphere_map.level import LAST_SETTLED_PX, Adjustment, Level, adjust_level, joint_equations
+from torchsphere.sphere_map.level import LAST_SETTLED_PX, MAX_STEPS, Adjustment, Level, adjust_level, joint_equations
 from torchsphere.sphere_map.perspective import Optics
 from torchsphere.sphere_map.state import State
 
@@ -47,7 +47,8 @@ def _with_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) ->
         sd, of_radius = _told(adjustment, shared)
         is_near = float(nearness.nearness_of(adjustment.state)) > SEEN_NEARNESS_SD * nearness.apparent_sd(sd)
         # A near camera and a lens look alike, and the steps end before the two have parted.
-        sd = nearness.UNKNOWN_SD if is_near else nearness.total_sd(sd)
+        is_doubtful = is_near and _has_lens(adjustment.state)
+        sd = nearness.UNKNOWN_SD if is_doubtful else nearness.total_sd(sd)
         return replace(adjustment.with_radius_error(of_radius * sd), sd_nearness=sd)
     before, model, joint = adjustment.last
     # A lens that was found stays.
@@ -72,6 +73,11 @@ def _with_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) ->
         return replace(unseen, sd_nearness=max(nearness.UNKNOWN_SD, abs(value)))
     sd = nearness.total_sd(sd)
     return replace(with_error_of_texture(near).with_radius_error(of_radius * sd), sd_nearness=sd)
+
+
+def _has_lens(state: State) -> bool:
+    optics = state.windows.optics
+    return optics is not None and bool(optics.distortion.any() or optics.stretch)
 
 
 def tells_nearness(factor: float) -> bool:

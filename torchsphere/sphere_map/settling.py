@@ -74,7 +74,7 @@ def settle(
 
     of_lens = () if is_lens_known or not _crosses(frames.position[keys], radius) else lens.unknowns(far)
     unknowns = of_lens if is_distance_known else (*of_lens, nearness.UNKNOWN)
-    view = View(far, unknowns) if of_lens else None
+    view = View(far, unknowns) if unknowns else None
     adjustment = adjusted(frames, frames.poses(np.array(keys)), radius, view, ())
     if adjustment.lens:
         state = adjustment.state
