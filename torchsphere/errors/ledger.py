@@ -29,6 +29,7 @@ from torchsphere.errors import (
     steady_error,
     steps_without_map,
     stretched_pixels,
+    tone_curve,
     uneven_light,
 )
 from torchsphere.errors.evidence import Evidence
@@ -55,6 +56,7 @@ SOURCES = (
     ErrorSource("memory of the images", frame_memory.detect, frame_memory.widen, sentences=frame_memory.sentences),
     ErrorSource("codec", coded_video.detect, coded_video.widen, sentences=coded_video.sentences),
     ErrorSource("lens", sentences=lens.sentences),
+    ErrorSource("tone curve", sentences=tone_curve.sentences),
     ErrorSource("shape of the outline", outline_shape.detect, sentences=outline_shape.sentences),
     ErrorSource("distance of the camera", nearness.detect, nearness.widen, sentences=nearness.sentences),
     ErrorSource("background over the edge", edge_leakage.detect, edge_leakage.widen, sentences=edge_leakage.sentences),

@@ -20,9 +20,9 @@ DX, DY, WX, WY, WZ, BY_RADIUS, BY_BLUR, BY_GAIN, BY_OFFSET = range(9)
 COLUMNS = 9
 
 #: Columns of `Images.ball`: radius and blur of the edge, px; radius over distance; terms of the light, in the axes of
-#: the view; and blur of the footprint, px.
-RADIUS, BLUR, NEARNESS, EVEN_LIGHT, LIGHT_X, LIGHT_Y, LIGHT_Z, FOOTPRINT_BLUR = range(8)
-BALL_COLUMNS = 8
+#: the view; blur of the footprint, px; and bend of the edge by the camera's tone curve.
+RADIUS, BLUR, NEARNESS, EVEN_LIGHT, LIGHT_X, LIGHT_Y, LIGHT_Z, FOOTPRINT_BLUR, EDGE_BEND = range(9)
+BALL_COLUMNS = 9
 
 #: Columns of `RowMemory.outline`: share, edge and spread of `rays.coverage`.
 SHARE, EDGE, SPREAD = range(3)
@@ -55,7 +55,7 @@ class Images(NamedTuple):
     brightness: Any  # gains and offsets (n, 2)
     visibility: Any  # (n, s, s)
     background: Any  # grey levels (n, s, s)
-    ball: Any  # numbers (n, 8) of the ball: `RADIUS` to `FOOTPRINT_BLUR`
+    ball: Any  # numbers (n, 9) of the ball: `RADIUS` to `EDGE_BEND`
 
 
 class Rays(NamedTuple):

@@ -206,6 +206,9 @@ def row_of_rays(ball: Floats, rule: Rule, visibility: Floats, memory: RowMemory)
         distance = np.sqrt(x * x + y * y)
         distance = distance if distance > _TINY else _TINY
         share, edge, spread = coverage(x, y, distance, radius, blur)
+        # As `sphere_map.rays.bent`.
+        steeper = ONE + ball[layout.EDGE_BEND] * (ONE - TWO * share)
+        share, edge, spread = share + ball[layout.EDGE_BEND] * share * (ONE - share), steeper * edge, steeper * spread
         outline[column, layout.SHARE], outline[column, layout.EDGE] = share, edge
         outline[column, layout.SPREAD] = spread
         if share == ZERO and edge == ZERO:

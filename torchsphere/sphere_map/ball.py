@@ -79,6 +79,8 @@ class TexturedBall:
     light: Tensor
     # Standard deviation of the optics' blur, px, that a pixel's footprint on the surface has beside the pixel's width.
     footprint_blur: float = 0.0
+    # Bend of the edge by the camera's tone curve: see `rays.bent`.
+    edge_bend: float = 0.0
     # Number of rays of a pixel at the outline: see `rays.rim_points`.
     rim_points: int = 12
     # Whether the radius in each image is an unknown of its pose: the ball comes nearer or goes away.

@@ -79,6 +79,7 @@ class MadeMap:
     keyframes: int = 0
     frames: int = 0  # on the map
     edge_blur_px: float = 0.0  # blur of the outline by the optics
+    edge_bend: float = 0.0  # of the outline by the tone curve: see `rays.bent`
     open_share: float = 0.0  # exposure over the time between frames
     residual_over_noise: float = 1.0
     widened: float = 1.0  # largest factor in the steps' errors by what neighbouring pixels share

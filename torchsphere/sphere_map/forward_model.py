@@ -22,7 +22,7 @@ from torchsphere.sphere_map import cube_map
 from torchsphere.sphere_map.ball import Poses, TexturedBall
 from torchsphere.sphere_map.cube_map import Places
 from torchsphere.sphere_map.design import Design
-from torchsphere.sphere_map.rays import Rays, coverage, rays_of, rule
+from torchsphere.sphere_map.rays import Rays, bent, coverage, rays_of, rule
 from torchsphere.sphere_map.window import Windows
 
 #: Least blur of the edge by the optics, px (docs/constants.toml).
@@ -118,7 +118,7 @@ def _project(windows: Windows, poses: Poses, ball: TexturedBall) -> _Projection:
     light = source.T.reshape(4, -1, 1, 1, 1)
     lit = light[0] + (light[1:] * points).sum(0)
     places = cube_map.places(turned, ball.cells)
-    outline = coverage(x, y, radius, blur)
+    outline = bent(coverage(x, y, radius, blur), ball.edge_bend)
     return _Projection(x, y, rays, points, shrink, height, steepness, near, orientation, source, places, lit, *outline)
 
 
@@ -133,6 +133,7 @@ def inputs_of_loops(windows: Windows, poses: Poses, ball: TexturedBall) -> layou
     numbers = seen.light.new_empty(len(poses), layout.BALL_COLUMNS)
     numbers[:, layout.RADIUS], numbers[:, layout.BLUR] = poses.radii(ball.radius), ball.edge_blur
     numbers[:, layout.NEARNESS], numbers[:, layout.FOOTPRINT_BLUR] = seen.nearness, ball.footprint_blur
+    numbers[:, layout.EDGE_BEND] = ball.edge_bend
     numbers[:, layout.EVEN_LIGHT : layout.LIGHT_Z + 1] = seen.light
     first, places = windows.origin - poses.centre, windows.levels.new_zeros(0, 0, 0, 2)
     if windows.optics is not None:

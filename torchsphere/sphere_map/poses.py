@@ -82,6 +82,7 @@ class MapPoses:
     frame_misfit: Array  # (n,): mean square of each frame's weighted residual; NaN for a frame that is not on the map
     nearness: float = 0.0  # radius over the camera's distance, and its standard deviation
     sd_nearness: float = 0.0
+    edge_bend: float = 0.0  # of the outline by the tone curve
     open_share: float = 0.0  # exposure over the time between frames
     lens: Lens = NO_LENS
     off_outline: float = 0.0  # error of the radius by what the outline tells, px: `radius_error.by_outline`
@@ -338,4 +339,4 @@ def _assemble(
     misfits[numbers] = found.misfit.cpu().numpy()
     blur = float(ball.edge_blur)
     poses = position, orientation, radii, motion, growth
-    return MapPoses(*poses, outline, len(keys), blur, misfit, misfits, near, sd_near)
+    return MapPoses(*poses, outline, len(keys), blur, misfit, misfits, near, sd_near, ball.edge_bend)

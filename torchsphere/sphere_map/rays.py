@@ -264,3 +264,14 @@ def coverage(x: Tensor, y: Tensor, radius: Tensor, blur: Tensor) -> tuple[Tensor
     by_distance = torch.where(near, by_distance, 0.0)
     by_blur = torch.where(near, spread / area, 0.0) - by_distance * blur / radius
     return share, by_distance, by_blur
+
+
+def bent(outline: tuple[Tensor, Tensor, Tensor], bend: Tensor | float) -> tuple[Tensor, Tensor, Tensor]:
+    """The `coverage` as a camera shows it whose grey levels are not proportional to the light.
+
+    A pixel that the disc covers by half has more than the mean of both levels where the tone curve brightens dark
+    parts, as that of videos does. By the first two terms of such a curve a share s seems to be ``s + bend s (1 - s)``.
+    """
+    share, by_radius, by_blur = outline
+    steeper = 1 + bend * (1 - 2 * share)
+    return share + bend * share * (1 - share), steeper * by_radius, steeper * by_blur

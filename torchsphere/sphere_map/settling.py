@@ -17,6 +17,7 @@ from torchsphere.sphere_map.level import Adjustment
 from torchsphere.sphere_map.nearness_decision import find_nearness
 from torchsphere.sphere_map.perspective import orthographic
 from torchsphere.sphere_map.shared_unknown import SharedUnknowns
+from torchsphere.sphere_map.tone_curve import find_tone_curve
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,8 @@ def settle(
     if frames.moments is not None:
         longer = exposure_share.factor_between(frames.moments[keys], adjustment.state.windows.moments)
         frames, open_share = replace(frames, moments=longer * frames.moments), longer * open_share
+    if adjustment.settled:
+        adjustment = find_tone_curve(adjustment, shared, is_blurred=blur.optics_px > 0)
     if not is_distance_known:
         adjustment = find_nearness(adjustment, far, shared)
     frames = frames.seen_by(adjustment.state.windows.optics)

@@ -150,6 +150,7 @@ def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion
         keyframes=found.keyframes,
         frames=int(on_map.sum()),
         edge_blur_px=found.edge_blur,
+        edge_bend=found.edge_bend,
         open_share=found.open_share,
         residual_over_noise=found.misfit**0.5,
         widened=float(found.widening.max()),

@@ -1,0 +1,62 @@
+"""Grey levels that are not proportional to the light: the radius is right, and it is said.
+
+`experiments.validation.tone_curve` has more exponents, backgrounds and blurs.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from ball_models import poses, rough_ball, windows
+from shots import noisy, rotation_matrix
+from tracks import made_map
+
+import torchsphere as ts
+from torchsphere.sphere_map import forward_model, rays
+from torchsphere.synthetic import ray_caster
+
+RADIUS, FRAMES, WHITE = 24.0, 16, 255.0
+TURN = torch.tensor(np.radians([0.8, 1.6, 2.4]))
+
+
+def track_of(exponent: float, background: float) -> ts.Track:
+    """Track of a ball in images whose levels are the light to the power of the ``exponent``."""
+    start = torch.tensor([40.3, 38.2])
+    places = start + torch.arange(FRAMES)[:, None] * torch.tensor([4.2, 0.7])
+    turns = torch.stack([rotation_matrix(number * TURN) for number in range(FRAMES)]).float()
+    given = ray_caster.speckle(8, radius_px=RADIUS), places, RADIUS, turns, WHITE * background
+    light = ray_caster.render(*given, shape=(90, 145), subsamples=5) / WHITE
+    images = noisy(WHITE * light.clamp(0, 1) ** exponent, 2.0, 4)
+    return ts.track(images, (*start.tolist(), RADIUS), log=False)
+
+
+@pytest.mark.parametrize(("exponent", "background"), [(0.45, 0.08), (0.6, 0.02), (1.8, 0.3)])
+def test_a_tone_curve_is_found_and_the_radius_is_without_it(exponent: float, background: float) -> None:
+    track = track_of(exponent, background)
+    assert (track.status == "ok").all()
+    # Brighter dark parts move the edge of a bright ball outwards.
+    assert (made_map(track).edge_bend > 0) == (exponent < 1)
+    assert abs(track.circle.radius - RADIUS) < 3 * track.circle.sd_radius
+    assert track.circle.sd_radius < 0.06
+    assert any("not proportional to the light" in sentence for sentence in track.warnings)
+
+
+def test_levels_that_are_proportional_to_the_light_have_no_tone_curve() -> None:
+    track = track_of(1.0, 0.08)
+    assert made_map(track).edge_bend == 0
+    assert not any("proportional to the light" in sentence for sentence in track.warnings)
+
+
+def test_a_pixel_that_is_covered_by_half_seems_to_be_covered_by_more() -> None:
+    half = torch.full((1,), 0.5)
+    share, by_radius, _ = rays.bent((half, half, half), 0.4)
+    assert float(share) == pytest.approx(0.6)
+    assert float(by_radius) == pytest.approx(0.5)
+    at, ball = poses(1), rough_ball()
+    bright = replace(ball, coefficients=torch.full_like(ball.coefficients, 200.0))
+    seen = windows(at)
+    plain, bent = (forward_model.linearise(seen, at, replace(bright, edge_bend=bend)).levels for bend in (0.0, 0.4))
+    # The ball is brighter than its background.
+    assert float((bent - plain).min()) > -1e-9
+    assert float((bent - plain).max()) > 5

@@ -1,0 +1,71 @@
+"""The camera's tone curve, as far as it moves the outline: one unknown beside map and poses.
+
+Of a camera whose grey levels are not proportional to the light, as those of most videos, a pixel at the outline is
+nearer to the brighter of ball and background than the share that the disc covers. The outline seems to lie further out,
+or further in, by as much of a px as it is blurred: see `rays.bent`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from torchsphere.runtime.threads import RowRunner
+from torchsphere.sphere_map import shared_unknown
+from torchsphere.sphere_map.bundle_adjustment import with_error_of_texture
+from torchsphere.sphere_map.elimination import COMMON
+from torchsphere.sphere_map.level import LAST_SETTLED_PX, MAX_STEPS, Adjustment, Level, adjust_level, equations_of
+from torchsphere.sphere_map.residual_scatter import spread_out
+from torchsphere.sphere_map.shared_unknown import SharedUnknown
+from torchsphere.sphere_map.state import State
+
+#: Prior standard deviation of the bend, its largest change at once, and change below which it has settled
+#: (docs/constants.toml).
+BEND_SD, MAX_CHANGE, LAST_CHANGE = 0.5, 0.3, 0.001
+
+#: Bend that the images show: in its standard deviations, and at least (docs/constants.toml).
+SEEN_SD, LEAST_SEEN = 5.0, 0.03
+
+#: Error of the radius by further terms of the tone curve, px per square of the bend (docs/constants.toml).
+RADIUS_ERROR_PX = 0.12
+
+#: Change over which the model's derivative is taken.
+STEP = 0.1
+
+
+def _value(state: State) -> Tensor:
+    return torch.full_like(state.ball.radius, state.ball.edge_bend)
+
+
+def _changed(state: State, change: Tensor) -> State:
+    return replace(state, ball=replace(state.ball, edge_bend=state.ball.edge_bend + float(change)))
+
+
+#: The bend of the edge as an unknown beside map and poses.
+UNKNOWN = SharedUnknown(_value, _changed, STEP, BEND_SD, MAX_CHANGE, LAST_CHANGE, is_linear=True)
+
+
+def find_tone_curve(adjustment: Adjustment, shared: RowRunner, *, is_blurred: bool) -> Adjustment:
+    """The adjustment with the bend of the edge, if the images show that the tone curve bends it.
+
+    Few images tell whether it is worth the steps: a bend that counts is some thirty of its standard deviations.
+    """
+    state = adjustment.state
+    few = state.take(torch.from_numpy(spread_out(len(state.poses))))
+    _, model, joint = equations_of(few, adjustment.unknowns, shared)
+    found = shared_unknown.measure(UNKNOWN, few, model, joint, shared)
+    if not _is_seen(float(found.change), float(found.sd)):
+        return adjustment
+    unknowns = (*adjustment.unknowns, UNKNOWN)
+    level = Level(state.ball.cells, LAST_SETTLED_PX, MAX_STEPS, is_last=True, is_blurred=is_blurred, unknowns=unknowns)
+    bent = adjust_level(_changed(state, found.change), level, shared)
+    bend, sd = bent.state.ball.edge_bend, float(bent.covariance.diagonal()[-COMMON - 1].sqrt())
+    if not (bent.settled and _is_seen(bend, sd)):
+        return adjustment
+    return with_error_of_texture(bent).with_radius_error(RADIUS_ERROR_PX * bend**2)
+
+
+def _is_seen(bend: float, sd: float) -> bool:
+    return abs(bend) > max(SEEN_SD * sd, LEAST_SEEN)
