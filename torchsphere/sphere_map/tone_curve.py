@@ -28,6 +28,9 @@ BEND_SD, MAX_CHANGE, LAST_CHANGE = 0.5, 0.3, 0.001
 #: Bend that the images show: in its standard deviations, and at least (docs/constants.toml).
 SEEN_SD, LEAST_SEEN = 5.0, 0.03
 
+#: Largest bend of a curve that only rises.
+MOST_BEND = 1.0
+
 #: Error of the radius by further terms of the tone curve, px per square of the bend (docs/constants.toml).
 RADIUS_ERROR_PX = 0.12
 
@@ -54,6 +57,8 @@ def find_tone_curve(adjustment: Adjustment, shared: RowRunner, *, is_blurred: bo
     """
     state = adjustment.state
     few = state.take(torch.from_numpy(spread_out(len(state.poses))))
+    if not _is_on_one_side(few):
+        return adjustment
     _, model, joint = equations_of(few, adjustment.unknowns, shared)
     found = shared_unknown.measure(UNKNOWN, few, model, joint, shared)
     if not _is_seen(float(found.change), float(found.sd)):
@@ -67,5 +72,20 @@ def find_tone_curve(adjustment: Adjustment, shared: RowRunner, *, is_blurred: bo
     return with_error_of_texture(bent).with_radius_error(RADIUS_ERROR_PX * bend**2)
 
 
+def _is_on_one_side(state: State) -> bool:
+    """Whether most of the ball is brighter than what lies behind it, or most of it darker.
+
+    A tone curve moves the edges of bright spots outwards and of dark ones inwards, or the other way round: one bend for
+    all says what it does where the mean contrast is more than its scatter.
+    """
+    windows, poses = state.windows, state.poses
+    x, y = windows.offsets(poses.centre)
+    radius = poses.radii(state.ball.radius).to(x).reshape(-1, 1, 1)
+    of_ball = (x.square() + y.square() < radius.square()) & (windows.visibility > 0)
+    contrast = (windows.levels - windows.background)[of_ball]
+    return bool(contrast.mean().abs() > contrast.std())
+
+
 def _is_seen(bend: float, sd: float) -> bool:
-    return abs(bend) > max(SEEN_SD * sd, LEAST_SEEN)
+    # Beyond 1 a pixel would show more than the whole ball before it is covered.
+    return MOST_BEND > abs(bend) > max(SEEN_SD * sd, LEAST_SEEN)
