@@ -11,7 +11,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from torchsphere.settings.calibration import Calibration
-from torchsphere.settings.choices import AXES, BAYER, DEVICES, EXPORTS, MAPS, METHODS, MODELS, ORDER, WINDOW
+from torchsphere.settings.choices import (
+    AXES,
+    BAYER,
+    CAMERA_NUMBERS,
+    DEVICES,
+    EXPORTS,
+    MAPS,
+    METHODS,
+    MODELS,
+    ORDER,
+    WINDOW,
+)
 from torchsphere.settings.limits import (
     FRAME_RATES,
     PIXEL_ASPECTS,
@@ -257,10 +268,8 @@ class Request:
         # Torch takes 1.2 s to import, and --help and refusals do not need it.
         from torchsphere.geometry.camera import Camera
 
-        radii = None
-        if self.distance_mm is not None and self.diameter_mm is not None:
-            radii = 2 * self.distance_mm / self.diameter_mm
-        return Camera(self.focal_px, self.principal_px, self.distortion, radii)
+        given = {name: value for name in CAMERA_NUMBERS if (value := getattr(self, name)) is not None}
+        return Camera.of_numbers(given, self.diameter_mm)
 
 
 #: All settings by name, and the settings that a manifest may give for one recording.

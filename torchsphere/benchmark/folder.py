@@ -205,14 +205,9 @@ def index_checksum(description: Mapping[str, Any]) -> str:
 
 
 def _suite(folder: Path, entry: Mapping[str, Any]) -> Suite:
-    camera, circle = entry["camera"], _three(entry["circle"])
-    known = dict(entry) | {"camera": None if camera is None else _camera(camera), "circle": circle}
+    circle = _three(entry["circle"])
+    known = dict(entry) | {"camera": Camera.of_settings(entry), "circle": circle}
     return Suite(folder=folder / entry["name"], **known | {"ball": _three(entry.get("ball", circle))})
-
-
-def _camera(entry: Mapping[str, Any]) -> Camera:
-    x, y = map(float, entry["principal_px"])
-    return Camera(float(entry["focal_px"]), (x, y), _three(entry["distortion"]))
 
 
 def _three(values: Sequence[float]) -> tuple[float, float, float]:

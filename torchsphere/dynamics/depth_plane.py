@@ -31,7 +31,7 @@ def in_depth_plane(track: Track) -> Track:
 
     The uncertainty of the ball's size enters the steps' covariance, because it moves a ball beside the optical axis.
     """
-    view = PlaneView.of(track.settings.get("camera"), track.findings.map)
+    view = PlaneView.of(track.settings, track.findings.map)
     if view is None:
         return track
     magnification = track.radius / track.circle.radius
@@ -56,12 +56,13 @@ class PlaneView:
     lens: MadeMap | None
 
     @classmethod
-    def of(cls, camera: Mapping[str, Any] | None, made: MadeMap | NoMap) -> PlaneView | None:
+    def of(cls, settings: Mapping[str, Any], made: MadeMap | NoMap) -> PlaneView | None:
         """From the settings of a track and its map; None for an orthographic view."""
+        camera = Camera.of_settings(settings)
         lens = made if isinstance(made, MadeMap) and made.has_lens else None
         if camera is None and lens is None:
             return None
-        return cls(None if camera is None else Camera(**camera), lens)
+        return cls(camera, lens)
 
     def position(self, position: Array, magnification: Array) -> Array:
         """Projected centres (n, 2), px, without distortion and at the first ``magnification`` (n,)."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -66,6 +66,23 @@ class Camera:
                 raise ValueError(f"camera: {name} = {values!r}: expected {count} finite numbers")
             # A tuple, since calibration programs give arrays, which cannot be compared.
             object.__setattr__(self, name, found)
+
+    @classmethod
+    def of_numbers(cls, given: Mapping[str, Any], diameter_mm: float | None) -> Camera:
+        """The camera of those numbers of the command line that were ``given``, of a ball of that diameter, mm."""
+        known = dict(given)
+        if "distance_mm" in known:
+            distance_mm = as_positive("distance_mm", known.pop("distance_mm"))
+            if diameter_mm is None:
+                raise ValueError("distance_mm was given without diameter_m; the distance in radii needs both")
+            known["distance_radii"] = 2 * distance_mm / diameter_mm
+        return cls(**known)
+
+    @classmethod
+    def of_settings(cls, settings: Mapping[str, Any]) -> Camera | None:
+        """The camera in the settings of a track, where it is a table of its numbers; None without one."""
+        camera = settings.get("camera")
+        return cls(**camera) if isinstance(camera, Mapping) else camera
 
     def settled(self, shape: tuple[int, ...], outline_radius: float = math.nan) -> Camera:
         """The camera with focal length and principal point, for images (h, w) of a ball of that radius, px."""

@@ -210,8 +210,7 @@ def options_of(settings: dict[str, Any]) -> Options:
     """Options of the correlation, from the ``settings`` of a `Track`."""
     names = set(Options.__dataclass_fields__)
     known = {name: value for name, value in settings.items() if name in names}
-    camera = known.get("camera")
-    return Options(**known | {"camera": Camera(**camera) if isinstance(camera, dict) else camera})
+    return Options(**known | {"camera": Camera.of_settings(settings)})
 
 
 def residual_maps(pairs: Pairs, ignore: Tensor | None, options: Options) -> NDArray[np.float32]:

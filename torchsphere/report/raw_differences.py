@@ -58,6 +58,6 @@ def _position(result: ResultFolder) -> Array:
         return result.position
     from torchsphere.dynamics.depth_plane import PlaneView
 
-    view = PlaneView.of(settings.get("camera"), made)
+    view = PlaneView.of(settings, made)
     magnification = result.radius / result.summary["circle"]["radius"]
     return result.position if view is None else view.position(result.position, magnification)

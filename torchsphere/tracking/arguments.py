@@ -18,7 +18,7 @@ from torchsphere.settings.calibration import (
     implausible_units,
     with_option_names,
 )
-from torchsphere.settings.choices import MAPS
+from torchsphere.settings.choices import CAMERA_NUMBERS, MAPS
 from torchsphere.settings.limits import SettingError, as_positive, require_one_of, require_within
 
 
@@ -44,18 +44,13 @@ def calibration(recording: Any, given: dict[str, Any], options: dict[str, Any]) 
 
 def with_camera(options: dict[str, Any], diameter_m: float | None) -> dict[str, Any]:
     """The options with a camera in place of the numbers by which the command line describes one."""
-    names = ("focal_px", "distance_mm", "principal_px", "distortion")
-    given = {name: options[name] for name in names if options.get(name) is not None}
-    rest = {name: value for name, value in options.items() if name not in names}
+    given = {name: options[name] for name in CAMERA_NUMBERS if options.get(name) is not None}
+    rest = {name: value for name, value in options.items() if name not in CAMERA_NUMBERS}
     if not given:
         return rest
     if rest.get("camera") is not None:
         raise ValueError(f"camera and {', '.join(given)} were both given; leave one of them out")
-    if "distance_mm" in given:
-        if diameter_m is None:
-            raise ValueError("distance_mm was given without diameter_m; the distance in radii needs both")
-        given["distance_radii"] = 2e-3 * as_positive("distance_mm", given.pop("distance_mm")) / diameter_m
-    return rest | {"camera": Camera(**given)}
+    return rest | {"camera": Camera.of_numbers(given, None if diameter_m is None else 1e3 * diameter_m)}
 
 
 def given_exposure(exposure: float | None, shutter_us: float | None, frame_rate: float | None) -> float | None:
