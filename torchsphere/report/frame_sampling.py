@@ -73,6 +73,7 @@ def sample(recording: object, track: Track, ignore: Tensor | None = None) -> Sam
         source, _ = without_mosaic(source)
     rows = rows_to_keep(track.status, track.zncc)
     box = _path_box(track, source.images(0, 1).shape[-2:])
+    interlaced = track.findings.interlaced
     levels = black_and_white(lambda row: source.images(row, row + 1)[0].numpy(), rows)
     encoding = _encoding(box, levels, len(rows))
     few = rows[np.linspace(0, len(rows) - 1, 4).round().astype(int)]
@@ -84,7 +85,10 @@ def sample(recording: object, track: Track, ignore: Tensor | None = None) -> Sam
         batch = rows[start : start + BATCH]
         read = _read(source, batch)
         images += threads.parallel_map(encoding.webp, [read[int(row)].numpy() for row in batch], at_most=None)
-        maps.append(_maps(read, batch, track, ignore, step))
+        measured = (
+            {row: interlacing.of_even_rows(image[None])[0] for row, image in read.items()} if interlaced else read
+        )
+        maps.append(_maps(measured, batch, track, ignore, step))
     side = max(m.shape[-1] for m in maps)
     residual = np.concatenate([_padded(m, side) for m in maps])
     x0, y0, x1, y1 = box
@@ -224,8 +228,6 @@ def residual_maps(pairs: Pairs, ignore: Tensor | None, options: Options) -> NDAr
     k, half = bin_size(radius), crop.half_size(radius, margin(options))
     crops_f = crop.cut(pairs.before, pairs.circles[:, :2], half, ignore)
     crops_g = crop.cut(pairs.after, pairs.circles[:, :2] + pairs.motion[:, :2].to(pairs.circles), half, ignore)
-    if interlacing.is_interlaced(crops_f):
-        crops_f, crops_g = interlacing.one_field(crops_f), interlacing.one_field(crops_g)
     crops_f, crops_g = _binned(crops_f, k), _binned(crops_g, k)
     circles = pairs.circles.clone()
     circles[:, :2] = (circles[:, :2] - (k - 1) / 2) / k

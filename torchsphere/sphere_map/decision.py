@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
@@ -35,6 +36,9 @@ MAX_DISAGREEMENT = 12.5
 
 #: Misfit of a frame on the map, in the median of all frames, from which the map is wrong there (docs/constants.toml).
 SHADED_MISFIT = 1.5
+
+#: Largest misfit of a frame on the map, and largest move by its registration, radii (docs/constants.toml).
+MAX_FRAME_MISFIT, MAX_MOVE = 2.0, 0.1
 
 #: Share of the known frames that are on the map of a ball whose path has not slipped (docs/constants.toml).
 MIN_ON_MAP = 0.9
@@ -156,6 +160,14 @@ def refusal(radius: float, given_radius: float, edge_blur: float, optics_px: flo
     if abs(radius - given_radius) > MAX_RADIUS_CHANGE * given_radius:
         return NoMap(Why.RADIUS, f"the map needs a radius of {radius:.1f} px instead of {given_radius:.1f} px")
     return None
+
+
+def is_on_map(converged: Tensor, move_radii: Tensor, misfit: Tensor) -> Tensor:
+    """Whether the poses (k,) that a registration found are used: it converged, near its start, and explains the image.
+
+    ``misfit`` is the mean square of an image's weighted residual.
+    """
+    return converged & (move_radii < MAX_MOVE) & (misfit < MAX_FRAME_MISFIT)
 
 
 def lacks_frames(known: Rows, on_map: Rows) -> bool:

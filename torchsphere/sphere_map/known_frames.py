@@ -15,6 +15,7 @@ from torchsphere.recording.frame_source import Source
 from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import registration
 from torchsphere.sphere_map.ball import Poses
+from torchsphere.sphere_map.decision import is_on_map
 from torchsphere.sphere_map.nearness import seen_alike
 from torchsphere.sphere_map.perspective import Optics
 from torchsphere.sphere_map.registration import Registration
@@ -23,9 +24,6 @@ from torchsphere.sphere_map.window import Windows, cut_windows
 
 #: Frames that are registered at once (docs/constants.toml).
 BATCH = 32
-
-#: Largest misfit of a frame on the map, and largest move by its registration, radii (docs/constants.toml).
-MAX_FRAME_MISFIT, MAX_MOVE = 2.0, 0.1
 
 #: Numbers of frames, and their poses before and after the registration.
 Anchors = tuple[list[int], Poses, Poses]
@@ -100,7 +98,7 @@ def register_frames(
 
         registered = Registration.joined(shared(part, len(batch)))
         move = (registered.poses.centre - start.centre).norm(dim=1)
-        accepted = registered.converged & (move < MAX_MOVE * ball.radius) & (registered.misfit < MAX_FRAME_MISFIT)
+        accepted = is_on_map(registered.converged, move / ball.radius, registered.misfit)
         rows = torch.nonzero(accepted)[:, 0]
         numbers.append(batch[rows.cpu().numpy()])
         found.append(registered.take(rows))

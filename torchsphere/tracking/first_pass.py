@@ -1,21 +1,18 @@
-"""The motion from frame to frame, from a start; a ball whose image grows is followed as one that does."""
+"""The motion from frame to frame, from a start; a circle in doubt is tried on a few pairs first."""
 
 from __future__ import annotations
 
 import dataclasses
 import logging
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from torchsphere.correlation.frame_status import ALL_KNOWN, TRANSLATION_KNOWN
 from torchsphere.detection.ball_or_not import needs_proof, shows_outline
-from torchsphere.detection.limbs import Limbs
 from torchsphere.runtime import steps
-from torchsphere.tracking import growth
 from torchsphere.tracking.follow import Follower
 from torchsphere.tracking.record import Record
-from torchsphere.tracking.slipped_path import along_limbs, limbs_along
 from torchsphere.tracking.start import Start
 from torchsphere.tracking.task import Task
 
@@ -28,33 +25,6 @@ TRIAL_PAIRS, TRIAL_SHARE = 12, 0.25
 TRIAL_SEARCHES = 2
 
 
-class Followed(NamedTuple):
-    """A start, with the model that it had at last, its record, and the limbs along this if they were looked at."""
-
-    start: Start
-    record: Record
-    limbs: Limbs | None = None
-
-
-def follow_as_it_grows(task: Task, start: Start) -> Followed:
-    """The ball from frame to frame; one whose limbs grow is followed again, with a model that lets it."""
-    record = follow(task, start)
-    if task.in_place or start.grows or start.options.model not in growth.RIGID_MODELS:
-        return Followed(start, record)
-    limbs = limbs_along(task, start, record)
-    options = growth.growing(start.options, start.circle.radius, start.image)
-    growing = dataclasses.replace(start, options=options, grows=True)
-    # Where hardly any frame was measured, a few pairs must show that the growth is why.
-    is_hidden = growth.hides_growth(record) and _failed_trial(task, growing) is None
-    if not (is_hidden or growth.may_grow(limbs)):
-        return Followed(start, record, limbs)
-    again = follow(task, growing)
-    grown = limbs_along(task, start, again)
-    if not growth.limbs_follow(grown, again):
-        return Followed(start, record, limbs)
-    return Followed(growing, along_limbs(task, growing, again, grown, resized=True))
-
-
 def follow(task: Task, start: Start) -> Record:
     """The motion from frame to frame; of a few pairs alone where these show no ball."""
     first, options = start.circle, start.options
@@ -62,7 +32,7 @@ def follow(task: Task, start: Start) -> Record:
     record = None
     if first.doubt or not is_seen:
         steps.tell("testing the circle %s px, which its image leaves in doubt", first.text())
-        record = _failed_trial(task, start)
+        record = failed_trial(task, start)
     if record is None:
         _LOG.info("following the circle %s px of frame %d with the model %s", first.text(), first.frame, options.model)
         calls: dict[str, Any] = {"progress": task.progress, "watch": task.watch}
@@ -74,7 +44,7 @@ def follow(task: Task, start: Start) -> Record:
     return record.without_rotation() if options.model == "translation" else record
 
 
-def _failed_trial(task: Task, start: Start) -> Record | None:
+def failed_trial(task: Task, start: Start) -> Record | None:
     """The record of a few pairs after a start in doubt, if hardly one of these was measured; else None.
 
     Each frame that fails takes a search: a circle that no image supports is not looked for in all of them.

@@ -10,16 +10,19 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
-from torchsphere.correlation.options import Options
 from torchsphere.detection.limbs import Limbs
 from torchsphere.geometry.camera import Camera
+from torchsphere.sphere_map.decision import MadeMap, NoMap
+from torchsphere.tracking.first_pass import failed_trial, follow
 from torchsphere.tracking.record import Record
-from torchsphere.tracking.slipped_path import MIN_LOOKS
+from torchsphere.tracking.slipped_path import MIN_LOOKS, along_limbs, limbs_along
+from torchsphere.tracking.start import Start
+from torchsphere.tracking.task import Task
 
 #: Growth over its standard deviation that is significant (docs/constants.toml).
 SIGNIFICANT_SD = 6.0
@@ -60,23 +63,49 @@ class Growth:
         return bool(np.abs(self.course).max() > SIGNIFICANT_SD * self.sd)
 
 
-def may_grow(limbs: Limbs) -> bool:
+class Followed(NamedTuple):
+    """A start, with the model that it had at last, its record, and the limbs along this if they were looked at."""
+
+    start: Start
+    record: Record
+    limbs: Limbs | None = None
+
+
+def follow_as_it_grows(task: Task, start: Start) -> Followed:
+    """The ball from frame to frame; one whose limbs grow is followed again, with a model that lets it."""
+    record = follow(task, start)
+    if task.in_place or start.grows or start.options.model not in RIGID_MODELS:
+        return Followed(start, record)
+    limbs = limbs_along(task, start, record)
+    growing = _growing(start)
+    # Where hardly any frame was measured, a few pairs must show that the growth is why.
+    is_hidden = _hides_growth(record) and failed_trial(task, growing) is None
+    if not (is_hidden or _may_grow(limbs)):
+        return Followed(start, record, limbs)
+    again = follow(task, growing)
+    grown = limbs_along(task, start, again)
+    if not _limbs_follow(grown, again):
+        return Followed(start, record, limbs)
+    return Followed(growing, along_limbs(task, growing, again, grown, resized=True))
+
+
+def _may_grow(limbs: Limbs) -> bool:
     """Whether the limbs along a path grow, or scatter as if they lay beside the ball.
 
-    That it grows is known only after `limbs_follow`.
+    That it grows is known only after `_limbs_follow`.
     """
     limb = growth_of_limbs(limbs)
     return limb is not None and (limb.is_significant or limb.scatter > SUSPECT_SCATTER)
 
 
-def hides_growth(measured: Record) -> bool:
+def _hides_growth(measured: Record) -> bool:
     """Whether so few frames were measured that no limbs can show a growth, which may be why they were not."""
     return int(measured.is_ok.sum()) < MIN_LOOKS <= len(measured.status)
 
 
-def grows_on_map(radius: Array) -> bool:
-    """Whether the ``radius`` (n,) on the map, NaN where unknown, changes."""
-    return bool(np.nanmax(radius) / np.nanmin(radius) > 1 + LEAST_GROWTH)
+def is_confirmed(radius: Array, made: MadeMap | NoMap) -> bool:
+    """Whether the ball that was followed as one that grows does so by its map: ``radius`` (n,), NaN where unknown."""
+    return not isinstance(made, MadeMap) or bool(np.nanmax(radius) / np.nanmin(radius) > 1 + LEAST_GROWTH)
 
 
 def scatter_of_limbs(limbs: Limbs) -> float:
@@ -85,8 +114,8 @@ def scatter_of_limbs(limbs: Limbs) -> float:
     return 0.0 if found is None else found.scatter
 
 
-def limbs_follow(limbs: Limbs, measured: Record) -> bool:
-    """Whether the limbs grow significantly, and as the sizes in a record ``measured`` by the options of `growing`."""
+def _limbs_follow(limbs: Limbs, measured: Record) -> bool:
+    """Whether the limbs grow significantly, and as the sizes in a record ``measured`` by the options of `_growing`."""
     limb = growth_of_limbs(limbs)
     if limb is None or not limb.is_significant:
         return False
@@ -94,11 +123,12 @@ def limbs_follow(limbs: Limbs, measured: Record) -> bool:
     return bool(1 / SAME_GROWTH < (by_pairs @ limb.course) / (limb.course @ limb.course) < SAME_GROWTH)
 
 
-def growing(options: Options, radius: float, image: Tensor) -> Options:
-    """The options with the model `pinhole6`; without a camera, with one far away from images like ``image`` (h, w)."""
-    height, width = image.shape
-    far = Camera(focal_px=FAR_RADII * radius, principal_px=((width - 1) / 2, (height - 1) / 2))
-    return dataclasses.replace(options, model="pinhole6", camera=options.camera or far)
+def _growing(start: Start) -> Start:
+    """The start with the model `pinhole6`; without a camera, with one far away."""
+    height, width = start.image.shape
+    far = Camera(focal_px=FAR_RADII * start.circle.radius, principal_px=((width - 1) / 2, (height - 1) / 2))
+    options = dataclasses.replace(start.options, model="pinhole6", camera=start.options.camera or far)
+    return dataclasses.replace(start, options=options, grows=True)
 
 
 def growth_of_limbs(limbs: Limbs) -> Growth | None:

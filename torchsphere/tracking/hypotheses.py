@@ -3,7 +3,7 @@
 A hypothesis is a start or a record that differs from the best one so far: the ball turns in its place, the path follows
 the limbs, frames beside the ball are none, the radius is that of the map. Each is measured by the same steps - follow,
 place on a map - and that one is kept which explains more of the images. Whether the ball comes nearer is found before,
-as it decides by which model pairs are measured at all (`first_pass`).
+as it decides by which model pairs are measured at all (`growth`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from torchsphere.errors.steady_error import texture_fineness
 from torchsphere.sphere_map.decision import MadeMap
 from torchsphere.tracking import growth, in_place, slipped_path
 from torchsphere.tracking.absolute_motion import AbsoluteMotion, absolute_motion
-from torchsphere.tracking.first_pass import Followed, follow, follow_as_it_grows
+from torchsphere.tracking.first_pass import follow
+from torchsphere.tracking.growth import Followed, follow_as_it_grows
 from torchsphere.tracking.in_place import MIN_KEPT_SHARE, CommonLimb
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.start import Start

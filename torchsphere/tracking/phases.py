@@ -15,7 +15,6 @@ from torchsphere.errors.evidence import Evidence
 from torchsphere.motion import findings
 from torchsphere.motion.findings import Findings
 from torchsphere.motion.track import Track
-from torchsphere.sphere_map.decision import MadeMap
 from torchsphere.tracking import growth, in_place
 from torchsphere.tracking.hypotheses import Outcome, Place, best_outcome
 from torchsphere.tracking.start import prepared
@@ -65,7 +64,7 @@ def _assembled(outcome: Outcome) -> Assembled:
         },
         findings=Findings(
             map=motion.map,
-            grows=start.grows and not (isinstance(motion.map, MadeMap) and not growth.grows_on_map(motion.radius)),
+            grows=start.grows and growth.is_confirmed(motion.radius, motion.map),
             camera_assumed=start.is_camera_assumed,
             repeated_frames=tuple(record.repeated),
             untried_frames=record.untried,
