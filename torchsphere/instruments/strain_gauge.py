@@ -194,22 +194,15 @@ def compare_bar(
     if delay_s is None:
         delay, sd_delay = _found_delay(record, track, bar, start)
     else:
-        if not (math.isfinite(delay_s) and math.isfinite(sd_delay_s) and sd_delay_s >= 0):
-            raise ValueError(f"delay_s = {delay_s!r}, sd_delay_s = {sd_delay_s!r}: expected finite times in s")
-        delay, sd_delay = delay_s, sd_delay_s
+        delay, sd_delay = _given_delay(delay_s, sd_delay_s)
     # The mean over a frame reaches half a frame beyond its middle.
     until = start + bar.clear_s - frame_s / 2
     clock = track.time_s + delay
     held = (clock >= record.time_s[0]) & (clock <= record.time_s[-1])
-    inside = (track.time_s >= start) & (track.time_s <= end) & held & (track.time_s <= until)
-    if inside.sum() < MIN_FRAMES:
-        raise ValueError(
-            f"the record shows {inside.sum()} frames of the contact before any reflection, expected {MIN_FRAMES} or "
-            f"more: it holds {record.time_s[0] - delay:.6g} to {record.time_s[-1] - delay:.6g} s of the track's time, "
-            f"the contact lasts from {start:.6g} to {end:.6g} s"
-        )
+    seen = held & (track.time_s <= until)
+    _require_contact(record, track.time_s[seen], delay, (start, end))
     track = _averaged(track, record)
-    at_frames = _at_frames(record, clock, held & (track.time_s <= until), (start + delay, sd_delay), bar.relative_sd)
+    at_frames = _at_frames(record, clock, seen, (start + delay, sd_delay), bar.relative_sd)
     first, last = _bounds(track.time_s, at_frames.seen, start, end)
     return BarForce(
         delay_s=delay,
@@ -224,6 +217,25 @@ def compare_bar(
         warnings=clipping_warnings({f"Strain gauge {k}": gauge for k, gauge in enumerate(gauges, start=1)}),
         **_compared(track, at_frames, slice(first, last + 1), mass_kg, bar.relative_sd),
     )
+
+
+def _given_delay(delay_s: float, sd_delay_s: float) -> tuple[float, float]:
+    """The delay that is known, and its standard deviation."""
+    if not (math.isfinite(delay_s) and math.isfinite(sd_delay_s) and sd_delay_s >= 0):
+        raise ValueError(f"delay_s = {delay_s!r}, sd_delay_s = {sd_delay_s!r}: expected finite times in s")
+    return delay_s, sd_delay_s
+
+
+def _require_contact(record: _Record, seen_s: Array, delay: float, contact: tuple[float, float]) -> None:
+    """Raise ValueError if too few of the frames that the record shows, at the times ``seen_s``, lie in the contact."""
+    start, end = contact
+    count = int(((seen_s >= start) & (seen_s <= end)).sum())
+    if count < MIN_FRAMES:
+        raise ValueError(
+            f"the record shows {count} frames of the contact before any reflection, expected {MIN_FRAMES} or more: it "
+            f"holds {record.time_s[0] - delay:.6g} to {record.time_s[-1] - delay:.6g} s of the track's time, the "
+            f"contact lasts from {start:.6g} to {end:.6g} s"
+        )
 
 
 def _averaged(track: _Track, record: _Record) -> _Track:

@@ -162,18 +162,24 @@ def track(
         found = dataclasses.replace(found, times=getattr(part, "times", None), **known)
         found = ledger.applied(found, evidence)
         if circle is None:
-            lack = lacking_proof(
-                found.circle,
-                is_proven=found.findings.proves_ball,
-                outline_scatter=found.findings.outline_scatter,
-                untried_frames=found.findings.untried_frames,
-            )
-            require_proof(found.circle, lack)
+            _require_ball(found)
     found = dataclasses.replace(found, warnings=(*ledger.sentences(found, evidence), *notes))
     if log:
         for sentence in found.warnings:
             _LOG.warning("%s", sentence)
     return found
+
+
+def _require_ball(found: Track) -> None:
+    """Raise ValueError if nothing proves the circle that was found to be a ball."""
+    known = found.findings
+    lack = lacking_proof(
+        found.circle,
+        is_proven=known.proves_ball,
+        outline_scatter=known.outline_scatter,
+        untried_frames=known.untried_frames,
+    )
+    require_proof(found.circle, lack)
 
 
 def _stated_exposure(recording: Any) -> float | None:
