@@ -11,6 +11,7 @@ from torchsphere.dynamics.flights import MIN_SURE_FRAMES, is_confirmed
 from torchsphere.dynamics.impact import MIN_RESOLVED_FRAMES, contact_frames, impact, impacts
 from torchsphere.dynamics.impact_estimate import Estimate, Impact
 from torchsphere.dynamics.kinematics import Kinematics
+from torchsphere.estimation.process_model import FLIGHT_STATES
 from torchsphere.results.reader import NO_IMPACT
 from torchsphere.runtime.warning_levels import note, severe
 
@@ -19,9 +20,6 @@ SIGNIFICANT_SD = 3.0
 
 #: Share of the contact's largest force below which there is no force (docs/constants.toml).
 NO_FORCE = 0.1
-
-#: Frames in a row without a force that part two impacts (docs/constants.toml).
-MIN_PAUSE_FRAMES = 3
 
 #: Share of the contact's largest force that is another impact, outside the contact (docs/constants.toml).
 OTHER_IMPACT = 0.05
@@ -131,7 +129,8 @@ def _force_warnings(motion: Kinematics, impact: Impact) -> list[str]:
     other = np.where(outside & is_parted & (size - SIGNIFICANT_SD * sd > OTHER_IMPACT * largest), size, 0.0)
     numbers = motion.frame
     sentences = []
-    if len(pause) >= MIN_PAUSE_FRAMES:
+    # Fewer frames of a flight leave its velocity and acceleration open.
+    if len(pause) >= FLIGHT_STATES:
         first, middle, last = numbers[pause[[0, len(pause) // 2, -1]]]
         sentences.append(
             f"Within the contact, from frame {first} to {last}, there is next to no force: two impacts are stated as "

@@ -33,8 +33,8 @@ OWN_MARGIN = 12
 #: Frames that give the intensity of a flight (docs/constants.toml).
 FLIGHT_SAMPLE = 384
 
-#: Fewest frames of a flight that is smoothed by itself (docs/constants.toml).
-MIN_FLIGHT = 24
+#: Fewest frames of a flight that is smoothed by itself: the windows of the forces around it cover a shorter one.
+MIN_FLIGHT = 2 * OWN_MARGIN
 
 #: Least share of a motion in the frames that it covers (docs/constants.toml).
 MIN_SHARE = 1e-6
