@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from torchsphere.dynamics.ball import Ball
 from torchsphere.dynamics.filtered_motion import FilteredMotion
-from torchsphere.dynamics.flights import MIN_SURE_FRAMES, is_confirmed
+from torchsphere.dynamics.flights import MIN_SURE_FRAMES, in_contact, is_confirmed
 from torchsphere.dynamics.impact import MIN_RESOLVED_FRAMES, contact_frames, impact, impacts
 from torchsphere.dynamics.impact_estimate import Estimate, Impact
 from torchsphere.dynamics.kinematics import Kinematics
@@ -59,7 +59,7 @@ def filter_warnings(motion: Kinematics, impact: Impact | None, filtered: Filtere
     """A sentence if the channel frequency class takes much of the largest acceleration in the contact."""
     if impact is None or filtered is None:
         return ()
-    inside = (motion.time_s >= impact.contact_start.value) & (motion.time_s <= impact.contact_end.value)
+    inside = in_contact(motion.time_s, impact.contact_start.value, impact.contact_end.value)
     largest = [
         float(np.nanmax(np.linalg.norm(values[inside], axis=1), initial=0.0))
         for values in (motion.acceleration_m_s2, filtered.acceleration_m_s2)

@@ -43,6 +43,11 @@ class Side:
     next: int | None  # the row nearest to the contact that has a velocity
 
 
+def in_contact(time_s: Array, start: Array | float, end: Array | float) -> NDArray[np.bool_]:
+    """(n,), True at times within a contact, its edges included."""
+    return np.asarray((time_s >= start) & (time_s <= end))
+
+
 def sides(motion: Kinematics, contact: FoundContact) -> tuple[Side, Side]:
     """Both sides of the contact, before and after."""
     start, end = contact.contact_s + MARGIN_SD * contact.sd_contact_s * [-1, 1]

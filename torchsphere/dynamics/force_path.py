@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.dynamics.estimate import Array, Estimate, estimated
-from torchsphere.dynamics.flights import flight_frames
+from torchsphere.dynamics.flights import flight_frames, in_contact
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import FoundContact, Kinematics
 from torchsphere.dynamics.rebound import dot, rebound
@@ -99,7 +99,7 @@ def force_path(motion: Kinematics, impact: Impact, *, normal_deg: float | None =
     frames = flight_frames(motion, found)
     if isinstance(frames, str):
         return None, frames
-    inside = np.flatnonzero((motion.time_s >= found.contact_s[0]) & (motion.time_s <= found.contact_s[1]))
+    inside = np.flatnonzero(in_contact(motion.time_s, *found.contact_s))
     first = max(frames[0] - FLIGHT_FRAMES, draws.span.start)
     last = min(frames[1] + FLIGHT_FRAMES, draws.span.stop - 1, len(motion.time_s) - 1)
     if len(inside) < MIN_FRAMES or not np.isfinite(motion.acceleration_m_s2[first : last + 1]).all():

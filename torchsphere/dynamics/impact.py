@@ -21,7 +21,7 @@ from torchsphere.dynamics.ball_of_motion import ball_of_motion
 from torchsphere.dynamics.budget import OF_CONTACT, budget
 from torchsphere.dynamics.draws import Draws
 from torchsphere.dynamics.energy_balance import energy_balance
-from torchsphere.dynamics.flights import flight_frames, is_spin_known, without_spin
+from torchsphere.dynamics.flights import flight_frames, in_contact, is_spin_known, without_spin
 from torchsphere.dynamics.friction import friction
 from torchsphere.dynamics.impact_estimate import Estimate, Impact
 from torchsphere.dynamics.kinematics import FoundContact, Kinematics
@@ -312,7 +312,7 @@ def is_seen(impact: Impact, motion: Kinematics) -> bool:
     """Whether enough frames were measured in the contact for its force and its edges."""
     if motion.is_measured is None:
         return True
-    inside = (motion.time_s >= impact.contact_start.value) & (motion.time_s <= impact.contact_end.value)
+    inside = in_contact(motion.time_s, impact.contact_start.value, impact.contact_end.value)
     return int((inside & motion.is_measured).sum()) >= MIN_SEEN_FRAMES or not (inside & ~motion.is_measured).any()
 
 

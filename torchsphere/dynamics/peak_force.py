@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from torchsphere.dynamics.ball import Ball, drawn_ball
 from torchsphere.dynamics.draws import Draws
+from torchsphere.dynamics.flights import in_contact
 from torchsphere.dynamics.impact_estimate import Estimate
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.dynamics.rebound import norm
@@ -18,16 +19,10 @@ def peak_frame(motion: Kinematics, draws: Draws) -> tuple[int, Array]:
     """The frame of the largest force in the contact, counted in those drawn, and the force's direction (2,)."""
     acceleration = motion.acceleration_m_s2[draws.span]
     size = np.where(np.isfinite(acceleration).all(1), norm(acceleration), -np.inf)
-    outside = _is_outside(motion, motion.time_s[draws.span])
+    assert motion.contact_s is not None
+    outside = ~in_contact(motion.time_s[draws.span], *motion.contact_s)
     frame = int((size if outside.all() else np.where(outside, -np.inf, size)).argmax())
     return frame, acceleration[frame] / norm(acceleration[frame])
-
-
-def _is_outside(motion: Kinematics, time_s: Array) -> NDArray[np.bool_]:
-    """(m,), True at times outside the contact."""
-    assert motion.contact_s is not None
-    start, end = motion.contact_s
-    return np.asarray((time_s < start) | (time_s > end))
 
 
 def peak_force(motion: Kinematics, draws: Draws, ball: Ball, at_peak: tuple[int, Array]) -> tuple[Estimate, Estimate]:
@@ -44,7 +39,8 @@ def peak_force(motion: Kinematics, draws: Draws, ball: Ball, at_peak: tuple[int,
     own = (between / draws.inputs.faster[:, None, None] ** 2).mean(0, keepdims=True)
     force = ball.mass_kg * _finer(acceleration @ direction, own, draws.fractions)[0]
     drawn = mass[:, None] * _finer(draws.acceleration_m_s2 @ direction, between, draws.fractions)
-    outside = _is_outside(motion, times)
+    assert motion.contact_s is not None
+    outside = ~in_contact(times, *motion.contact_s)
     force = np.where(np.isfinite(force) & (~outside | outside.all()), force, -np.inf)
     at = int(force.argmax())
     latest = times[np.where(np.isfinite(force), drawn, -np.inf).argmax(1)]
