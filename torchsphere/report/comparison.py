@@ -44,18 +44,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Shot:
-    """A result with its name on the page, and its first touch, s since its first image; None without a contact."""
+    """A result with its name on the page, and its first contact, s since its first image."""
 
     name: str
     result: ResultFolder
-    touch_s: float | None
+    contact_s: tuple[float, float] | None  # of the first contact; None without one, or without times
     signs: Array  # (3,), that turn its vectors into the axes of the page
 
     @property
     def zero_s(self) -> float:
         """Moment that is 0 on the page: the first touch, or the first frame."""
-        if self.touch_s is not None:
-            return self.touch_s
+        if self.contact_s is not None:
+            return self.contact_s[0]
         return float(self.result.time_s[0]) if np.isfinite(self.result.time_s[0]) else 0.0
 
 
@@ -88,7 +88,9 @@ def _shots(folders: Sequence[Path]) -> list[Shot]:
     is_lab = all(result.lab_frame for result in results if result.motion is not None)
     signs = [np.ones(3) if is_lab else result.axis_signs for result in results]
     names = _names(whole)
-    return [Shot(name, result, _touch(result), s) for name, result, s in zip(names, results, signs, strict=True)]
+    return [
+        Shot(name, result, _first_contact(result), s) for name, result, s in zip(names, results, signs, strict=True)
+    ]
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
@@ -100,19 +102,19 @@ def _names(folders: Sequence[Path]) -> list[str]:
     return names
 
 
-def _touch(result: ResultFolder) -> float | None:
-    """Start of the first contact; None without one, or without times."""
+def _first_contact(result: ResultFolder) -> tuple[float, float] | None:
+    """Start and end of the first contact; None without one, or without times."""
     impacts = result.summary.get("impacts") or [one for one in [result.summary.get("impact")] if one]
-    starts = [(one.get("contact_start") or {}).get("value") for one in impacts]
-    found = [float(start) for start in starts if start is not None]
+    edges = [[(one.get(f"contact_{edge}") or {}).get("value") for edge in ("start", "end")] for one in impacts]
+    found = [(float(start), float(end)) for start, end in edges if start is not None and end is not None]
     if not found and result.contact_s is not None:
-        found = [result.contact_s[0]]
+        found = [result.contact_s]
     return min(found) if found and np.isfinite(result.time_s).all() else None
 
 
 def comparison_html(shots: Sequence[Shot], page: Path) -> str:
     """The page as HTML; links to reports are relative to its place."""
-    aligned = sum(shot.touch_s is not None for shot in shots)
+    aligned = sum(shot.contact_s is not None for shot in shots)
     return pages.page(
         "comparison.html",
         title=f"Comparison of {len(shots)} shots",
@@ -146,7 +148,7 @@ def _notes(shots: Sequence[Shot]) -> list[str]:
                 "--fps and --diameter-mm."
             )
             continue
-        if shot.touch_s is None:
+        if shot.contact_s is None:
             notes.append(f"{shot.name}: no contact was found, so its times count from its first image.")
         if motion.force_N is None:
             notes.append(f"{shot.name}: force is not known. Track it again with --mass-g.")
@@ -238,13 +240,9 @@ def _times(shot: Shot, rows: NDArray[np.int64]) -> list[Any]:
 
 def _contact_ms(shot: Shot) -> tuple[float, float] | None:
     """Start and end of the contact of the shot's first impact, ms on the page."""
-    if shot.touch_s is None:
+    if shot.contact_s is None:
         return None
-    impacts = shot.result.summary.get("impacts") or []
-    ends = [(one.get("contact_end") or {}).get("value") for one in impacts]
-    starts = [(one.get("contact_start") or {}).get("value") for one in impacts]
-    pairs = [(a, b) for a, b in zip(starts, ends, strict=True) if a is not None and b is not None]
-    start, end = min(pairs) if pairs else shot.result.contact_s or (shot.touch_s, shot.touch_s)
+    start, end = shot.contact_s
     return 1e3 * (start - shot.zero_s), 1e3 * (end - shot.zero_s)
 
 
