@@ -10,19 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from torchsphere.settings.calibration import Calibration
-from torchsphere.settings.choices import (
-    AXES,
-    BAYER,
-    CAMERA_NUMBERS,
-    DEVICES,
-    EXPORTS,
-    MAPS,
-    METHODS,
-    MODELS,
-    ORDER,
-    WINDOW,
-)
+from torchsphere.settings.calibration import CAMERA_NUMBERS, Calibration
+from torchsphere.settings.choices import AXES, BAYER, DEVICES, EXPORTS, MAPS, METHODS, MODELS, ORDER, WINDOW
 from torchsphere.settings.limits import (
     FRAME_RATES,
     PIXEL_ASPECTS,

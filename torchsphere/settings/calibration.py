@@ -35,6 +35,9 @@ OPTION_NAMES: dict[str, tuple[str, float]] = {
     "fps_sd_percent": ("relative_sd_frame_rate", 1e-2),
 }
 
+#: Numbers by which a camera near the ball is described; they, and the ball's diameter, make a `Camera`.
+CAMERA_NUMBERS = ("focal_px", "distance_mm", "principal_px", "distortion")
+
 #: Quantities, and the names of their relative standard deviations.
 _SDS = {
     "frame_rate": "relative_sd_frame_rate",

@@ -30,9 +30,6 @@ BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")
 #: Supported devices.
 DEVICES = ("cpu", "cuda")
 
-#: Numbers by which a camera near the ball is described; they, and the ball's diameter, make a `Camera`.
-CAMERA_NUMBERS = ("focal_px", "distance_mm", "principal_px", "distortion")
-
 #: Keys of `benchmark.suites.SIZES`.
 SIZES = ("smoke", "standard", "full")
 

@@ -12,13 +12,14 @@ from torchsphere.recording import Recording, display
 from torchsphere.recording.frame_range import resolve_range, restrict
 from torchsphere.settings.arrays import as_stack
 from torchsphere.settings.calibration import (
+    CAMERA_NUMBERS,
     OPTION_NAMES,
     Calibration,
     exposure_share,
     implausible_units,
     with_option_names,
 )
-from torchsphere.settings.choices import CAMERA_NUMBERS, MAPS
+from torchsphere.settings.choices import MAPS
 from torchsphere.settings.limits import SettingError, as_positive, require_one_of, require_within
 
 
