@@ -16,8 +16,7 @@ from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import shared_unknown
 from torchsphere.sphere_map.bundle_adjustment import with_error_of_texture
 from torchsphere.sphere_map.elimination import COMMON
-from torchsphere.sphere_map.level import LAST_SETTLED_PX, MAX_STEPS, Adjustment, Level, adjust_level, equations_of
-from torchsphere.sphere_map.residual_scatter import spread_out
+from torchsphere.sphere_map.level import LAST_SETTLED_PX, MAX_STEPS, Adjustment, Level, adjust_level
 from torchsphere.sphere_map.shared_unknown import SharedUnknown
 from torchsphere.sphere_map.state import State
 
@@ -51,21 +50,18 @@ UNKNOWN = SharedUnknown(_value, _changed, STEP, BEND_SD, MAX_CHANGE, LAST_CHANGE
 
 
 def find_tone_curve(adjustment: Adjustment, shared: RowRunner, *, is_blurred: bool) -> Adjustment:
-    """The adjustment with the bend of the edge, if the images show that the tone curve bends it.
-
-    Few images tell whether it is worth the steps: a bend that counts is some thirty of its standard deviations.
-    """
+    """The adjustment with the bend of the edge, if the images show that the tone curve bends it."""
+    assert adjustment.last is not None
     state = adjustment.state
-    few = state.take(torch.from_numpy(spread_out(len(state.poses))))
-    if not _is_on_one_side(few):
+    if not _is_on_one_side(state):
         return adjustment
-    _, model, joint = equations_of(few, adjustment.unknowns, shared)
-    found = shared_unknown.measure(UNKNOWN, few, model, joint, shared)
+    # By the equations of the last step, which hardly mattered.
+    found = shared_unknown.measure(UNKNOWN, *adjustment.last, shared)
     if not _is_seen(float(found.change), float(found.sd)):
         return adjustment
     unknowns = (*adjustment.unknowns, UNKNOWN)
     level = Level(state.ball.cells, LAST_SETTLED_PX, MAX_STEPS, is_last=True, is_blurred=is_blurred, unknowns=unknowns)
-    bent = adjust_level(_changed(state, found.change), level, shared)
+    bent = adjust_level(found.applied(state), level, shared)
     bend, sd = bent.state.ball.edge_bend, float(bent.covariance.diagonal()[-COMMON - 1].sqrt())
     if not (bent.settled and _is_seen(bend, sd)):
         return adjustment
