@@ -1,5 +1,7 @@
 """Fixtures for all tests."""
 
+import contextlib
+import ctypes
 import functools
 import shutil
 from collections.abc import Iterator
@@ -29,6 +31,13 @@ LONGEST = (
 
 # Torch threads of two processes on two cores wait for each other and take forty times as long.
 torch.set_num_threads(1)
+
+# Arrays that are freed stay with the process (mallopt's M_MMAP_THRESHOLD and M_TRIM_THRESHOLD): each array of the
+# references in double precision would be fetched anew from the system, page by page, which takes as long as computing
+# with it.
+with contextlib.suppress(OSError, TypeError, AttributeError):  # of the library of GNU alone
+    for parameter in (-3, -1):
+        ctypes.CDLL(None).mallopt(parameter, 2**30)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
