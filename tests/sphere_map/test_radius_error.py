@@ -51,3 +51,9 @@ def test_a_blurred_outline_leaves_its_start_s_error_at_most() -> None:
 def test_the_model_holds_the_blur_of_the_optics_and_not_that_of_a_codec() -> None:
     assert radius_error.by_blur(0.7, 1.6, GUESSED) == radius_error.by_blur(0.7, 0.0, GUESSED) == pytest.approx(0.32)
     assert radius_error.by_blur(2.0, 1.9, MEASURED) == radius_error.by_blur(2.0, 1.9, GUESSED) == pytest.approx(0.1)
+
+
+def test_a_light_from_one_side_leaves_the_dark_outline_in_doubt_and_one_from_the_front_does_not() -> None:
+    for x, y, z, error in ((0.0, 0.0, -0.5, 0.0), (0.6, 0.0, -0.2, 0.6), (0.3, -0.4, 0.0, 0.5)):
+        light = torch.tensor([1.0, x, y, z], dtype=torch.float64)
+        assert radius_error.by_light(light) == pytest.approx(error * radius_error.RADIUS_ERROR_PER_LIGHT)

@@ -6,6 +6,7 @@ step's matrix is the covariance of all poses, with the uncertainty of the map.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -97,7 +98,7 @@ def adjust(
         state = with_footprint_of_outline(replace(state, ball=replace(state.ball, edge_blur=ball.edge_blur)))
     adjustment = _with_light(state, last, None if is_exposure_known else windows, shared)
     _report(progress, 1.0)
-    return with_error_of_texture(adjustment)
+    return with_error_of_model(adjustment)
 
 
 def _with_light(state: State, last: Level, exposure_of: Windows | None, shared: RowRunner) -> Adjustment:
@@ -194,7 +195,8 @@ def _with_first_map(state: State, cell_px: float, shared: RowRunner) -> State:
     return fit_map(state, shared, NEW_MAP_STEPS)[0]
 
 
-def with_error_of_texture(adjustment: Adjustment) -> Adjustment:
-    """The adjustment with the systematic error of the radius, more where texture may pass for outline."""
-    state = adjustment.state
-    return adjustment.with_radius_error(radius_error.of_model(state.poses.orientation, float(state.ball.radius)))
+def with_error_of_model(adjustment: Adjustment) -> Adjustment:
+    """The adjustment with the systematic error of the radius: by texture that passes for outline, and by light."""
+    ball = adjustment.state.ball
+    of_texture = radius_error.of_model(adjustment.state.poses.orientation, float(ball.radius))
+    return adjustment.with_radius_error(math.hypot(of_texture, radius_error.by_light(ball.light)))

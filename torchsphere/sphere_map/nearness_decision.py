@@ -9,7 +9,7 @@ import torch
 
 from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import nearness, residual_scatter, shared_unknown
-from torchsphere.sphere_map.bundle_adjustment import with_error_of_texture
+from torchsphere.sphere_map.bundle_adjustment import with_error_of_model
 from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.level import LAST_SETTLED_PX, MAX_STEPS, Adjustment, Level, adjust_level, joint_equations
 from torchsphere.sphere_map.perspective import Optics
@@ -72,7 +72,7 @@ def _with_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) ->
         unseen = _not_seen(adjustment, nearness.UNKNOWN_SD, found.of_radius)
         return replace(unseen, sd_nearness=max(nearness.UNKNOWN_SD, abs(value)))
     sd = nearness.total_sd(sd)
-    return replace(with_error_of_texture(near).with_radius_error(of_radius * sd), sd_nearness=sd)
+    return replace(with_error_of_model(near).with_radius_error(of_radius * sd), sd_nearness=sd)
 
 
 def _has_lens(state: State) -> bool:

@@ -13,6 +13,10 @@ from torchsphere.geometry.circle import Circle
 #: takes a texture at the limb for a part of the outline, and turn of the limb that halves it, px (docs/constants.toml).
 RADIUS_ERROR_PX, STILL_RADIUS_ERROR_PX, HALVING_TURN_PX = 0.003, 0.055, 4.0
 
+#: Error of the radius in light from one side, px per amplitude of the light across the line of sight: where the ball is
+#: dark the outline hardly shows (docs/constants.toml).
+RADIUS_ERROR_PER_LIGHT = 0.07
+
 #: Blur that optics alone make, px, and error per px of further blur of a radius whose start has no known error
 #: (docs/constants.toml).
 OPTICS_BLUR_PX, RADIUS_ERROR_PER_BLUR = 0.3, 0.8
@@ -41,6 +45,11 @@ def of_model(orientation: Tensor, radius: float) -> float:
     sight = orientation[:, 2]
     way_px = radius * float((sight[1:] - sight[:-1]).norm(dim=1).sum())
     return math.hypot(RADIUS_ERROR_PX, STILL_RADIUS_ERROR_PX / (1 + way_px / HALVING_TURN_PX))
+
+
+def by_light(light: Tensor) -> float:
+    """Systematic error of the radius, px, by what the ``light`` (4,) lacks of attached shadows and reflections."""
+    return RADIUS_ERROR_PER_LIGHT * float(light[1:3].norm())
 
 
 def by_blur(edge_blur: float, optics_px: float, start: Circle) -> float:

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import shared_unknown
-from torchsphere.sphere_map.bundle_adjustment import with_error_of_texture
+from torchsphere.sphere_map.bundle_adjustment import with_error_of_model
 from torchsphere.sphere_map.elimination import COMMON
 from torchsphere.sphere_map.level import LAST_SETTLED_PX, MAX_STEPS, Adjustment, Level, adjust_level
 from torchsphere.sphere_map.shared_unknown import SharedUnknown
@@ -65,7 +65,7 @@ def find_tone_curve(adjustment: Adjustment, shared: RowRunner, *, is_blurred: bo
     bend, sd = bent.state.ball.edge_bend, float(bent.covariance.diagonal()[-COMMON - 1].sqrt())
     if not (bent.settled and _is_seen(bend, sd)):
         return adjustment
-    return with_error_of_texture(bent).with_radius_error(RADIUS_ERROR_PX * bend**2)
+    return with_error_of_model(bent).with_radius_error(RADIUS_ERROR_PX * bend**2)
 
 
 def _is_on_one_side(state: State) -> bool:
