@@ -50,7 +50,14 @@ def test_a_blurred_outline_leaves_its_start_s_error_at_most() -> None:
 
 def test_the_model_holds_the_blur_of_the_optics_and_not_that_of_a_codec() -> None:
     assert radius_error.by_blur(0.7, 1.6, GUESSED) == radius_error.by_blur(0.7, 0.0, GUESSED) == pytest.approx(0.32)
-    assert radius_error.by_blur(2.0, 1.9, MEASURED) == radius_error.by_blur(2.0, 1.9, GUESSED) == pytest.approx(0.1)
+    assert radius_error.by_blur(2.0, 1.9, MEASURED) == radius_error.by_blur(2.0, 1.9, GUESSED) == pytest.approx(0.085)
+
+
+def test_the_blur_of_any_lens_is_held_if_the_outlines_show_it_too() -> None:
+    """Of 0.65 px, as lenses have: the radius is 0.003 px off, and 0.3 px was stated."""
+    assert radius_error.by_blur(0.65, 0.6, GUESSED) == pytest.approx(0.05 * 0.35)
+    # Nothing jumps where a blur begins to count.
+    assert radius_error.by_blur(0.301, 0.3, GUESSED) < 1e-4
 
 
 def test_a_light_from_one_side_leaves_the_dark_outline_in_doubt_and_one_from_the_front_does_not() -> None:

@@ -143,7 +143,20 @@ def fit_if_blurred(
     ignore: Tensor | None = None,
     camera: Camera | None = None,
 ) -> tuple[Tensor, Tensor, LimbBlur] | None:
-    """`fit` from the ``circles`` (n, 3) of sharp limbs; None where the images (n, h, w) are sharp or show no limb.
+    """`fit` from the ``circles`` (n, 3) of sharp limbs; None where the images (n, h, w) are sharp or show no limb."""
+    found = fit_as_needed(images, circles, motion=motion, ignore=ignore, camera=camera)
+    return None if found is None or found[2].is_sharp else found
+
+
+def fit_as_needed(
+    images: Tensor,
+    circles: Tensor,
+    *,
+    motion: Tensor | None = None,
+    ignore: Tensor | None = None,
+    camera: Camera | None = None,
+) -> tuple[Tensor, Tensor, LimbBlur] | None:
+    """`fit` from the ``circles`` (n, 3) of sharp limbs, with a few rounds for sharp images; None without a limb.
 
     ``motion`` (n, 2), px per frame, is not used where the ball hardly moves.
     """
@@ -151,16 +164,14 @@ def fit_if_blurred(
         motion = None
     given = partial(fit, images, motion=motion, ignore=ignore, camera=camera)
     try:
-        # A few rounds tell sharp images.
-        near, _, blur = given(circles, rounds=TRIAL_ROUNDS)
-        if blur.variance < TRIAL_PX**2 and blur.smear_px < SMEARED_PX:
-            return None
-        # Circles that no image shows keep their first guess.
-        fitted, covariance, blur = given(torch.where(near.isfinite(), near, circles))
+        found = given(circles, rounds=TRIAL_ROUNDS)
+        near, _, blur = found
+        if blur.variance >= TRIAL_PX**2 or blur.smear_px >= SMEARED_PX:
+            # Circles that no image shows keep their first guess.
+            found = given(torch.where(near.isfinite(), near, circles))
     except torch.linalg.LinAlgError:  # type: ignore[attr-defined]
         return None
-    is_found = bool(fitted.isfinite().all(1).any())
-    return (fitted, covariance, blur) if is_found and not blur.is_sharp else None
+    return found if bool(found[0].isfinite().all(1).any()) else None
 
 
 def fit(

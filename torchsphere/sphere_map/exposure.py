@@ -34,6 +34,7 @@ class Blur:
     optics_px: float = 0.0  # standard deviation by the optics, px; 0 where the images are sharp
     open_share: float = 0.0  # exposure over the time between frames
     is_share_known: bool = False  # whether that exposure was given, or is that of the file
+    outline_px: float = 0.0  # standard deviation across the outlines, px, of sharp images, too; 0 where it is not known
 
 
 def moments(motion: Tensor, share: float, radius: float) -> Tensor | None:

@@ -167,7 +167,7 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
         # The first frame, with the outline that was given, is a keyframe.
         first_radius = float(adjustment.state.poses.radii(ball.radius)[0])
         off_outline = radius_error.by_outline(first_radius, turned, asked.circle)
-        by_blur = radius_error.by_blur(float(ball.edge_blur), blur.optics_px, circle)
+        by_blur = radius_error.by_blur(float(ball.edge_blur), blur.outline_px, circle)
         error_px = math.hypot(by_blur, off_outline)
         # The equations of the last step are the largest arrays, and are not needed any more.
         adjustment = replace(adjustment.with_radius_error(error_px), last=None)

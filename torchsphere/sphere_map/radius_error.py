@@ -52,16 +52,16 @@ def by_light(light: Tensor) -> float:
     return RADIUS_ERROR_PER_LIGHT * float(light[1:3].norm())
 
 
-def by_blur(edge_blur: float, optics_px: float, start: Circle) -> float:
+def by_blur(edge_blur: float, outline_px: float, start: Circle) -> float:
     """Systematic error of the radius by a blurred outline, px.
 
-    Where the outline of the map has the blur ``optics_px`` of the images, 0 if they are sharp, the model holds it.
-    Elsewhere something else blurs the outline, or a codec the images, and the radius hardly leaves that of the
-    ``start``.
+    Where the outline of the map has the blur ``outline_px`` that outlines in the images have, 0 if it is not known, the
+    model holds it. Elsewhere something else blurs the outline, or a codec the images, and the radius hardly leaves that
+    of the ``start``.
     """
-    if optics_px and edge_blur > LEAST_OF_OPTICS * optics_px:
-        return RADIUS_ERROR_PER_OPTICS * edge_blur
     beyond = max(edge_blur - OPTICS_BLUR_PX, 0.0)
+    if outline_px and edge_blur > LEAST_OF_OPTICS * outline_px:
+        return RADIUS_ERROR_PER_OPTICS * beyond
     return min(RADIUS_ERROR_PER_BLUR * beyond, start.sd_radius if is_measured(start) else math.inf)
 
 

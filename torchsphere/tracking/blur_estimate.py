@@ -56,17 +56,19 @@ def estimate_blur(
         images = source.images_of(frames)
         guess = torch.from_numpy(np.column_stack((position[frames], np.full(len(frames), circle.radius))))
         moves = torch.from_numpy(motion) if may_be_smeared else None
-        found = blurred_limb.fit_if_blurred(images, guess, motion=moves, ignore=ignore, camera=camera)
+        found = blurred_limb.fit_as_needed(images, guess, motion=moves, ignore=ignore, camera=camera)
     seen = found[2] if found else blurred_limb.LimbBlur(0.0, 0.0, 0.0)
     is_blurred = seen.variance >= blurred_limb.BLURRED_PX**2
-    optics_px = math.sqrt(seen.variance - PIXEL_VARIANCE) if is_blurred else 0.0
+    outline_px = math.sqrt(max(seen.variance - PIXEL_VARIANCE, 0.0))
+    optics_px = outline_px if is_blurred else 0.0
     share = seen.exposure if seen.smear_px >= blurred_limb.SMEARED_PX else 0.0
     if stated is None:
-        return Blur(optics_px, share)
+        return Blur(optics_px, share, outline_px=outline_px)
     # A smear that is near the least that outlines show may be missed: the map tells it, from the stated share.
     would_show = math.exp(-OUTLINES_SD) * stated * longest >= blurred_limb.SMEARED_PX
     is_seen = share > CONTRADICTED * stated
-    return Blur(optics_px, share if would_show and not is_seen else stated, is_share_known=is_seen)
+    share = share if would_show and not is_seen else stated
+    return Blur(optics_px, share, is_share_known=is_seen, outline_px=outline_px)
 
 
 def _in_view(
