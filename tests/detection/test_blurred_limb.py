@@ -78,7 +78,7 @@ def test_an_outline_that_is_longer_than_wide_is_not_smeared() -> None:
     camera, axes = ts.Camera(12 * TRUE[2], (TRUE[0] + 177.0, TRUE[1] + 59.0)), torch.eye(3)[None]
     given = speckle(0, TRUE[2]), torch.tensor(TRUE[:2])[None], TRUE[2], axes, 20.0
     seen = noisy(ray_caster.render(*given, shape=(130, 130), subsamples=4, camera=camera), 2.0, 0)
-    _, _, blur = blurred_limb.fit(seen, guess(0.5)[None], motion=MOTION[None])
+    _, _, blur = blurred_limb.fit(seen, guess(0.5)[None], motion=MOTION[None], is_elliptic=True)
     assert blur.smear_px < 0.5
 
 

@@ -155,14 +155,15 @@ def fit_as_needed(
     motion: Tensor | None = None,
     ignore: Tensor | None = None,
     camera: Camera | None = None,
+    is_elliptic: bool = False,
 ) -> tuple[Tensor, Tensor, LimbBlur] | None:
     """`fit` from the ``circles`` (n, 3) of sharp limbs, with a few rounds for sharp images; None without a limb.
 
-    ``motion`` (n, 2), px per frame, is not used where the ball hardly moves.
+    ``motion`` (n, 2), px per frame, is not used where the ball hardly moves. See `fit` for outlines that are elliptic.
     """
     if motion is not None and float(motion.norm(dim=1).max()) < LEAST_MOTION_PX:
         motion = None
-    given = partial(fit, images, motion=motion, ignore=ignore, camera=camera)
+    given = partial(fit, images, motion=motion, ignore=ignore, camera=camera, is_elliptic=is_elliptic)
     try:
         found = given(circles, rounds=TRIAL_ROUNDS)
         near, _, blur = found
@@ -181,11 +182,13 @@ def fit(
     motion: Tensor | None = None,
     ignore: Tensor | None = None,
     camera: Camera | None = None,
+    is_elliptic: bool = False,
     rounds: int = ROUNDS,
 ) -> tuple[Tensor, Tensor, LimbBlur]:
     """As `limb_fit.fit`, with one blur for all images, which is fitted, too; guesses are right to about the blur.
 
-    ``motion`` (n, 2), px per frame: the outline is smeared along it by an unknown share, the exposure. With the mean
+    ``motion`` (n, 2), px per frame: the outline is smeared along it by an unknown share, the exposure. One that
+    ``is_elliptic`` may be longer than wide, as a lens or a near camera shows it, which is no smear. With the mean
     level M of the ball over the background, and the variances n^2 outside and c^2 of the pattern, grey levels d are
     normally distributed about ``M P`` with the variance ``n^2 + c^2 Q + e^2 (c^2 + M^2)``. P falls from 1 to 0 across
     the outline, Q is the variance that blur leaves of the pattern, and e the error of the interpolation. Fisher's
@@ -195,8 +198,7 @@ def fit(
     angles = polar.angles(float(fitted[0, 2]))
     design = polar.design(angles)
     across = torch.zeros(len(fitted), len(angles)) if motion is None else (design[:, :2] @ motion.T).T.abs()
-    if motion is not None:
-        # An outline that is longer than wide, as a lens or a near camera shows it, is not smeared.
+    if is_elliptic:
         design = torch.cat((design, polar.ellipse(angles)), 1)
     shape = fitted.new_zeros(len(fitted), design.shape[1])
     splines = polar.Splines(images, ignore)

@@ -5,10 +5,13 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
+
+if TYPE_CHECKING:  # a report reads what was decided, without the library that measures
+    from torch import Tensor
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]

@@ -56,7 +56,9 @@ def estimate_blur(
         images = source.images_of(frames)
         guess = torch.from_numpy(np.column_stack((position[frames], np.full(len(frames), circle.radius))))
         moves = torch.from_numpy(motion) if may_be_smeared else None
-        found = blurred_limb.fit_as_needed(images, guess, motion=moves, ignore=ignore, camera=camera)
+        found = blurred_limb.fit_as_needed(
+            images, guess, motion=moves, ignore=ignore, camera=camera, is_elliptic=may_be_smeared
+        )
     seen = found[2] if found else blurred_limb.LimbBlur(0.0, 0.0, 0.0)
     is_blurred = seen.variance >= blurred_limb.BLURRED_PX**2
     outline_px = math.sqrt(max(seen.variance - PIXEL_VARIANCE, 0.0))
