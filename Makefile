@@ -41,7 +41,8 @@ test: $(VENV)/installed-test  ## all checks and all tests
 	$(MAKE) -j2 --output-sync=target checks loops
 	# The order of the files is that of tests/conftest.py, not of their numbers of tests.
 	# One thread each: processes whose threads compete for the cores slow each other down many times over.
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations=10
+	# Compiled files are kept, whatever the environment says: a hundred of the tests' processes import the package.
+	OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations=10
 
 dist: $(VENV)/installed-test  ## build sdist and wheel and check them: dist/
 	rm -rf dist

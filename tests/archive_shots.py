@@ -16,8 +16,6 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-import torch
-from shots import rotation_matrix, speckle
 
 from torchsphere.archive.work import Job, Outcome, run_job
 from torchsphere.cli import batch
@@ -27,7 +25,6 @@ from torchsphere.request import PER_RECORDING
 from torchsphere.results import atomic_output, writer
 from torchsphere.runtime.file_hash import hash_files
 from torchsphere.runtime.shown_text import shown
-from torchsphere.synthetic import ray_caster
 
 RADIUS, FRAMES, BACKGROUND = 12.0, 5, 90
 #: Settings of all recordings.
@@ -67,6 +64,12 @@ def step_px(seed: int) -> float:
 
 def write_recording(path: Path, seed: int) -> None:
     """Five frames of 64 x 64 px."""
+    # Here, as the processes of an archive import this file and make no recording.
+    import torch
+    from shots import rotation_matrix, speckle
+
+    from torchsphere.synthetic import ray_caster
+
     centres = torch.tensor([[22.0 + step_px(seed) * i, 32.3] for i in range(FRAMES)])
     turn = torch.deg2rad(torch.tensor([0.2, 0.6, 0.1], dtype=torch.float64))
     turned = torch.stack([rotation_matrix(turn * i) for i in range(FRAMES)]).float()

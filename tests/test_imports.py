@@ -51,34 +51,44 @@ SLOW = ("torch", "kornia", "scipy", "matplotlib", "jinja2")
 LOADED = f"print('loaded', *({set(SLOW)!r} & set(sys.modules)))"
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "--version",
-        "--help",
-        "track --help",
-        "pick --help",
-        "batch --help",
-        "plan --help",
-        "instruments --help",
-        "report --help",
-        "benchmark run --help",
-        "track shot.tif",
-        "track shot.tif --out result --method guessing",
-    ],
-)
-def test_help_and_refusals_load_no_slow_library(line: str) -> None:
+#: Commands that end before any work, and the exit code of each.
+ENDS = {
+    "--version": 0,
+    "--help": 0,
+    "track --help": 0,
+    "pick --help": 0,
+    "batch --help": 0,
+    "plan --help": 0,
+    "instruments --help": 0,
+    "report --help": 0,
+    "benchmark run --help": 0,
+    "track shot.tif": 2,
+    "track shot.tif --out result --method guessing": 2,
+}
+
+
+@pytest.fixture(scope="module")
+def ends() -> dict[str, str]:
+    """What each of these commands ends with, and which slow libraries it loads, one after the other in one process."""
     script = f"""
 import sys
 from torchsphere.cli.main import main
-try:
-    main({line.split()!r})
-except SystemExit as stop:
-    print("ended with", stop.code)
-{LOADED}
+before = set()
+for line in {tuple(ENDS)!r}:
+    try:
+        main(line.split())
+    except SystemExit as stop:
+        after = {set(SLOW)!r} & set(sys.modules)
+        print("ENDED", line, "|", stop.code, *sorted(after - before))
+        before = after
 """
-    code = 0 if line.startswith("--") or line.endswith("--help") else 2
-    assert ran(script).splitlines()[-2:] == [f"ended with {code}", "loaded"]
+    lines = (line.removeprefix("ENDED ") for line in ran(script).splitlines() if line.startswith("ENDED "))
+    return dict(line.split(" | ") for line in lines)
+
+
+@pytest.mark.parametrize("line", ENDS)
+def test_help_and_refusals_load_no_slow_library(line: str, ends: dict[str, str]) -> None:
+    assert ends[line] == str(ENDS[line])
 
 
 def test_the_command_info_loads_no_slow_library(tmp_path: Path) -> None:
