@@ -34,6 +34,13 @@ def test_missing_images_are_counted_where_they_are_missing(track: ts.Track, firs
     assert missing_frames(without(track, first, count)) == ((first, count),)
 
 
+def test_an_image_that_is_shown_once_more_with_noise_of_its_own_is_told(track: ts.Track) -> None:
+    increment, sd = track.increment, np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))
+    standing = np.insert(increment, 12, np.random.default_rng(1).normal(0, 1, 5) * sd[12], axis=0)
+    covariance = np.insert(track.covariance, 12, track.covariance[12], axis=0)
+    assert missing_frames(dataclasses.replace(track, increment=standing, covariance=covariance)) == ((13, -1),)
+
+
 def test_a_step_that_was_not_measured_is_no_gap(track: ts.Track) -> None:
     increment = without(track, 12, 1).increment.copy()
     increment[12] = np.nan

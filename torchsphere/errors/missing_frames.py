@@ -26,7 +26,10 @@ TRANSLATION, ROTATION = slice(0, 2), slice(2, 5)
 
 
 def missing_frames(track: Track) -> tuple[tuple[int, int], ...]:
-    """Frames before which images seem to be missing, and how many: ((frame, images), ...)."""
+    """Frames before which images seem to be missing, and how many: ((frame, images), ...).
+
+    -1 for a frame in which the ball stands still between steps of one length: it shows the one before once more.
+    """
     steps, sds = _steps(track)
     gaps = []
     for i in range(1, len(steps) - 1):
@@ -35,7 +38,7 @@ def missing_frames(track: Track) -> tuple[tuple[int, int], ...]:
         if not (_is_measurable(expected, sds[i]) and _is_equal(before, after)):
             continue
         ratio = _ratio(step, expected)
-        if ratio >= 2 and _is_equal(step / ratio, expected):
+        if (ratio >= 2 and _is_equal(step / ratio, expected)) or _is_equal(expected - step, expected):
             gaps.append((i + 1, ratio - 1))
     return tuple(gaps)
 
@@ -88,12 +91,27 @@ def detect(track: Track, evidence: Evidence) -> Findings:
 
 
 def sentences(track: Track, evidence: Evidence) -> list[str]:
-    """Before which frames images seem to be missing, and from which on only every second one is there."""
-    return [*_of_gaps(track), *_of_changes(track)]
+    """Where images seem to be missing or shown once more, and from which frame on only every second one is there."""
+    return [*_of_gaps(track), *_of_repeated(track), *_of_changes(track)]
+
+
+def _of_repeated(track: Track) -> list[str]:
+    frames = [track.first_frame + i for i, count in track.findings.missing_frames if count < 0]
+    if not frames:
+        return []
+    numbers = ", ".join(str(frame) for frame in frames[:MAX_NAMED_GAPS])
+    more = ", ..." if len(frames) > MAX_NAMED_GAPS else ""
+    return [
+        severe(
+            f"Images seem to show the one before once more, {len(frames)} in all (frames {numbers}{more}), as the ball "
+            "stands still there between steps of one length: the recording was stretched to another frame rate. Times, "
+            "velocities and forces are wrong; export it from the camera's own file again."
+        )
+    ]
 
 
 def _of_gaps(track: Track) -> list[str]:
-    gaps = track.findings.missing_frames
+    gaps = [(i, count) for i, count in track.findings.missing_frames if count > 0]
     if not gaps:
         return []
     numbers = ", ".join(f"{count} before frame {track.first_frame + i}" for i, count in gaps[:MAX_NAMED_GAPS])

@@ -89,7 +89,7 @@ class Findings:
     stretch : float
         Ratio of the sides of the pixels that the images were drawn from.
     missing_frames : tuple of (int, int)
-        Frames before which images seem to be missing, and how many.
+        Frames before which images seem to be missing, and how many; -1 for one that shows the last once more.
     pace_changes : tuple of (int, float)
         Frames from which every step is that many times as far as those before.
     shake : CameraShake or None
