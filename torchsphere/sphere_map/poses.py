@@ -38,6 +38,7 @@ from torchsphere.sphere_map.pose_errors import step_covariances, without_leverag
 from torchsphere.sphere_map.registration import Registration
 from torchsphere.sphere_map.settling import settle
 from torchsphere.sphere_map.state import State, drawn, fit_map, reweighted, unexplained
+from torchsphere.sphere_map.tone_curve import is_on_one_side
 from torchsphere.sphere_map.window import texture_variance
 
 Array = NDArray[np.float64]
@@ -167,7 +168,9 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
         # The first frame, with the outline that was given, is a keyframe.
         first_radius = float(adjustment.state.poses.radii(ball.radius)[0])
         off_outline = radius_error.by_outline(first_radius, turned, asked.circle)
-        by_blur = radius_error.by_blur(float(ball.edge_blur), blur.outline_px, circle)
+        # A tone curve that the images cannot tell may look like the blur of a lens.
+        outline_px = blur.outline_px if is_on_one_side(adjustment.state) else blur.optics_px
+        by_blur = radius_error.by_blur(float(ball.edge_blur), outline_px, circle)
         error_px = math.hypot(by_blur, off_outline)
         # The equations of the last step are the largest arrays, and are not needed any more.
         adjustment = replace(adjustment.with_radius_error(error_px), last=None)

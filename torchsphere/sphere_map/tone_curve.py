@@ -53,7 +53,7 @@ def find_tone_curve(adjustment: Adjustment, shared: RowRunner, *, is_blurred: bo
     """The adjustment with the bend of the edge, if the images show that the tone curve bends it."""
     assert adjustment.last is not None
     state = adjustment.state
-    if not _is_on_one_side(state):
+    if not is_on_one_side(state):
         return adjustment
     # By the equations of the last step, which hardly mattered.
     found = shared_unknown.measure(UNKNOWN, *adjustment.last, shared)
@@ -68,7 +68,7 @@ def find_tone_curve(adjustment: Adjustment, shared: RowRunner, *, is_blurred: bo
     return with_error_of_model(bent).with_radius_error(RADIUS_ERROR_PX * bend**2)
 
 
-def _is_on_one_side(state: State) -> bool:
+def is_on_one_side(state: State) -> bool:
     """Whether most of the ball is brighter than what lies behind it, or most of it darker.
 
     A tone curve moves the edges of bright spots outwards and of dark ones inwards, or the other way round: one bend for
