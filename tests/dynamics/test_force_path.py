@@ -234,3 +234,16 @@ def test_an_error_of_the_mass_reaches_force_stiffness_and_energy_but_not_the_dep
     assert laws[1].stiffness.sd == pytest.approx(
         np.hypot(laws[0].stiffness.sd, 0.02 * laws[0].stiffness.value), rel=0.1
     )
+
+
+def test_a_loading_branch_without_a_force_that_grows_has_no_law_and_says_so() -> None:
+    """As where one image of a contact is a copy of the one before."""
+    _, path = path_of(ELASTIC)
+    flat = dataclasses.replace(
+        path,
+        penetration=dataclasses.replace(path.penetration, value=0.0 * path.penetration.value),
+        drawn_penetration_m=0.0 * path.drawn_penetration_m,
+    )
+    law, missing = hertz_fit(flat)
+    assert law is None
+    assert "its force does not grow with the depth" in missing

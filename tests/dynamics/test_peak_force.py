@@ -85,3 +85,15 @@ def test_the_error_of_the_mass_enters_the_peak(motion: Kinematics) -> None:
     # 400 draws give a standard deviation to 3.5 %: three times that.
     assert float(force.sd) / float(force.value) == pytest.approx(0.05, rel=0.11)
     assert float(time.sd) < 0.1 / RATE
+
+
+def test_the_time_of_the_peak_is_known_to_the_spacing_of_its_values_at_best(motion: Kinematics) -> None:
+    """Where all drawn motions have their largest force at one time."""
+    draws = drawn(motion)
+    alike = dataclasses.replace(
+        draws,
+        acceleration_m_s2=np.broadcast_to(motion.acceleration_m_s2[draws.span], draws.acceleration_m_s2.shape),
+        between_m_s2=np.broadcast_to(draws.between_m_s2[:1], draws.between_m_s2.shape),
+    )
+    _, time = peak_force(motion, alike, BALL, peak_frame(motion, alike))
+    assert 0.005 / RATE < float(time.sd) < 0.5 / RATE

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from torchsphere.benchmark.folder import Suite
 from torchsphere.benchmark.prediction_table import POSITION, QUATERNION, ROTATION, SD, TRANSLATION, Table, columns_of
 from torchsphere.benchmark.prediction_table import read as read_table
+from torchsphere.geometry.orientation import rotation_vectors
 from torchsphere.motion.ledger import INCREMENTS
 
 Array = NDArray[np.float64]
@@ -104,16 +105,6 @@ def read(path: Path, suite: Suite) -> Prediction:
         ms_per_pair=float(ms[np.isfinite(ms)].mean()) if np.isfinite(ms).any() else math.nan,
         notes=_notes(path, table, suite),
     )
-
-
-def rotation_vectors(later: Array, earlier: Array) -> Array:
-    """Rotation vectors (m, 3) from ``earlier`` to ``later`` orientations (m, 3, 3), rad; NaN stays NaN."""
-    product = later @ earlier.swapaxes(1, 2)
-    vectors = np.full((len(product), 3), np.nan)
-    known = np.isfinite(product).all((1, 2))
-    if known.any():
-        vectors[known] = Rotation.from_matrix(product[known]).as_rotvec()
-    return vectors
 
 
 def _check_origin(path: Path, table: Table, suite: Suite) -> None:

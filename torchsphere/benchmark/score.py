@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from torchsphere.benchmark.folder import Truth
-from torchsphere.benchmark.predictions import Prediction, rotation_vectors
+from torchsphere.benchmark.predictions import Prediction
+from torchsphere.geometry.orientation import rotation_vectors
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -119,8 +119,12 @@ def hertz_fit(path: ForcePath) -> tuple[ContactLaw | None, str]:
             f"The loading branch has {count} frames, and a contact stiffness needs at least {MIN_LOADING_FRAMES}: "
             "raise the frame rate."
         )
-    stiffness, onset, residual = _fit(path.penetration.value[loading], path.force.value[loading])
-    drawn = _fit(path.drawn_penetration_m[:, loading], path.drawn_force_N[:, loading])
+    # A branch without a force that grows with the depth leaves nothing to divide by.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        stiffness, onset, residual = _fit(path.penetration.value[loading], path.force.value[loading])
+        drawn = _fit(path.drawn_penetration_m[:, loading], path.drawn_force_N[:, loading])
+    if not (np.isfinite(stiffness) and np.isfinite(drawn[0]).any()):
+        return None, "The law of Hertz cannot be fitted to the loading branch: its force does not grow with the depth."
     largest = float(path.force.value[loading].max())
     misfit = float(_rms(residual)) / largest
     by_errors = float(np.nanquantile(_rms(drawn[2] - residual), CONFIDENCE)) / largest

@@ -44,7 +44,9 @@ def peak_force(motion: Kinematics, draws: Draws, ball: Ball, at_peak: tuple[int,
     force = np.where(np.isfinite(force) & (~outside | outside.all()), force, -np.inf)
     at = int(force.argmax())
     latest = times[np.where(np.isfinite(force), drawn, -np.inf).argmax(1)]
-    sd, sd_time = float(np.std(drawn[:, at])), float(np.nanstd(latest / draws.inputs.faster))
+    # The largest of values at fixed times is known to their spacing, even where all drawn motions agree on one.
+    sd_spacing = float(np.median(np.diff(times))) / np.sqrt(12)
+    sd, sd_time = float(np.std(drawn[:, at])), float(np.hypot(np.nanstd(latest / draws.inputs.faster), sd_spacing))
     peak_time = Estimate(np.asarray(times[at]), np.asarray(sd_time), "s")
     return Estimate(np.asarray(force[at]), np.asarray(sd), "N"), peak_time
 

@@ -1,16 +1,20 @@
-"""Images missing between two frames: there the ball moves and turns a whole number of times as far as elsewhere."""
+"""Images that are missing, or shown once more: there the ball goes a whole number of times as far, or stands still."""
 
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.errors.evidence import Evidence
+from torchsphere.geometry.orientation import rotation_vectors
 from torchsphere.motion.findings import Findings
 from torchsphere.motion.track import Track
 from torchsphere.runtime.warning_levels import severe
+
+Array = NDArray[np.float64]
 
 #: Largest relative difference of steps that count as equal (docs/constants.toml).
 MAX_DIFFERENCE = 0.1
@@ -25,22 +29,79 @@ MAX_NAMED_GAPS = 5
 TRANSLATION, ROTATION = slice(0, 2), slice(2, 5)
 
 
+#: Steps on either side of one that say how far the ball goes from image to image (docs/constants.toml).
+REACH = 3
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Ways (m, 5) between m + 1 measured frames, px, whatever frames between them were lost."""
+
+    way: Array
+    times: Array  # (m,), in frame intervals
+    sd: Array  # (5,), of one step, px
+    later: NDArray[np.intp]  # (m,), the frames that they lead to
+
+    @property
+    def each(self) -> Array:
+        """Steps (m, 5) per frame interval."""
+        return self.way / self.times[:, None]
+
+
 def missing_frames(track: Track) -> tuple[tuple[int, int], ...]:
     """Frames before which images seem to be missing, and how many: ((frame, images), ...).
 
-    -1 for a frame in which the ball stands still between steps of one length: it shows the one before once more.
+    -1 for a frame in which the ball stands still on its way, as it shows the one before once more, and less for one of
+    an earlier time than that.
     """
-    steps, sds = _steps(track)
-    gaps = []
-    for i in range(1, len(steps) - 1):
-        before, step, after = steps[i - 1 : i + 2]
-        expected = 0.5 * (before + after)
-        if not (_is_measurable(expected, sds[i]) and _is_equal(before, after)):
+    steps = _steps(track)
+    found = _out_of_pace(steps)
+    # Where every image is shown twice, one that stands still is no copy in place of the next.
+    copies = [pair for pair in _copies(steps) if not pair & found]
+    return tuple(sorted(found.union(*copies)))
+
+
+def _out_of_pace(steps: Steps) -> set[tuple[int, int]]:
+    """Steps of a whole number of intervals, other than their own, of a ball that goes alike before and after."""
+    found, each = set(), steps.each
+    for i, (way, times) in enumerate(zip(steps.way, steps.times, strict=True)):
+        before, after = each[max(i - REACH, 0) : i], each[i + 1 : i + 1 + REACH]
+        expected = np.median(each[max(i - REACH, 0) : i + 1 + REACH], axis=0)
+        if not (
+            _is_measurable(expected, steps.sd)
+            and any(_is_equal(step, expected) for step in before)
+            and any(_is_equal(step, expected) for step in after)
+        ):
             continue
-        ratio = _ratio(step, expected)
-        if (ratio >= 2 and _is_equal(step / ratio, expected)) or _is_equal(expected - step, expected):
-            gaps.append((i + 1, ratio - 1))
-    return tuple(gaps)
+        ratio = _ratio(way, expected)
+        if ratio != round(times) and _is_equal(way - (ratio - 1) * expected, expected, of=max(abs(ratio), 1)):
+            first = steps.later[i] - round(times) + 1 if ratio < times else steps.later[i]
+            found.add((int(first), ratio - round(times)))
+    return found
+
+
+def _copies(steps: Steps) -> list[set[tuple[int, int]]]:
+    """Images that were replaced by the one before or after: the ball stands still, and then goes twice as far.
+
+    Also within a contact, where no two steps are alike: the way of both is that of a smooth motion, but one has it all.
+    """
+    found = []
+    for i in range(2, len(steps.way) - 3):
+        outer, pair = steps.each[[i - 2, i - 1, i + 2, i + 3]], steps.each[i : i + 2]
+        # A cubic through the outer four.
+        both = 1.5 * (outer[1] + outer[2]) - 0.5 * (outer[0] + outer[3])
+        bend = (outer[2] - outer[1]) / 3
+        expected = 0.5 * np.stack((both - bend, both + bend))
+        for still, moving in ((0, 1), (1, 0)):
+            if (
+                _is_equal(pair[moving], both)
+                and _is_measurable(expected[still], steps.sd)
+                and _is_equal(expected[still] - pair[still], expected[still])
+                # A ball that turns round stands still, too: its step is expected to be short.
+                and _ratio(both, expected[still]) in (1, 2, 3)
+            ):
+                found.append({(int(steps.later[i + still]), -1), (int(steps.later[i + moving]), 1)})
+    return found
 
 
 def pace_changes(track: Track) -> tuple[tuple[int, float], ...]:
@@ -48,39 +109,47 @@ def pace_changes(track: Track) -> tuple[tuple[int, float], ...]:
 
     A ball that is struck may go twice as fast, but it does not spin twice as fast about the same axis in the same step.
     """
-    steps, sds = _steps(track)
-    changes = []
-    for i in range(2, len(steps) - 1):
-        (first, before), (after, last) = steps[i - 2 : i], steps[i : i + 2]
+    steps, changes = _steps(track), []
+    for i in range(2, len(steps.way) - 1):
+        (first, before), (after, last) = steps.each[i - 2 : i], steps.each[i : i + 2]
         if not (_is_equal(first, before) and _is_equal(after, last)):
             continue
         short, long = sorted((0.5 * (first + before), 0.5 * (after + last)), key=lambda step: float(step @ step))
         ratio = _ratio(long, short)
         if ratio >= 2 and all(
-            _is_measurable(short[part], sds[i, part]) and _is_equal(long[part] / ratio, short[part])
+            _is_measurable(short[part], steps.sd[part]) and _is_equal(long[part] / ratio, short[part])
             for part in (TRANSLATION, ROTATION)
         ):
-            changes.append((i, float(ratio) if after @ after > before @ before else 1 / ratio))
+            changes.append((int(steps.later[i]) - 1, float(ratio) if after @ after > before @ before else 1 / ratio))
     return tuple(changes)
 
 
-def _steps(track: Track) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Steps (n, 5) with their standard deviations, px; those that were not measured are NaN, and equal nothing."""
+def _steps(track: Track) -> Steps:
+    """The steps between the frames whose pose is known."""
+    known = np.flatnonzero(np.isfinite(track.position).all(1) & np.isfinite(track.orientation).all((1, 2)))
+    turned = rotation_vectors(track.orientation[known[1:]], track.orientation[known[:-1]])
     to_px = np.array([1.0, 1.0, *3 * [track.circle.radius]])
-    # A gap that the images' own times state is not missing.
-    steps = track.increment * to_px / track.durations[:, None]
-    return steps, np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2)) * to_px
+    variance = np.diagonal(track.covariance, axis1=1, axis2=2)
+    measured = variance[np.isfinite(variance).all(1)]
+    return Steps(
+        way=np.concatenate((np.diff(track.position[known], axis=0), turned), 1) * to_px,
+        # A gap that the images' own times state is not missing.
+        times=np.diff(np.concatenate(([0.0], np.cumsum(track.durations)))[known]),
+        sd=to_px * (np.sqrt(np.median(measured, axis=0)) if len(measured) else np.full(5, np.nan)),
+        later=known[1:],
+    )
 
 
-def _is_measurable(step: NDArray[np.float64], sd: NDArray[np.float64]) -> bool:
+def _is_measurable(step: Array, sd: Array) -> bool:
     return bool(np.linalg.norm(step) > MIN_LENGTH_SD * np.linalg.norm(sd))
 
 
-def _is_equal(step: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
-    return bool(np.linalg.norm(step - other) < MAX_DIFFERENCE * np.linalg.norm(other))
+def _is_equal(step: Array, other: Array, of: float = 1.0) -> bool:
+    """Whether two steps differ by little, where ``of`` times the ``other`` one is what was measured."""
+    return bool(np.linalg.norm(step - other) < MAX_DIFFERENCE * of * np.linalg.norm(other))
 
 
-def _ratio(step: NDArray[np.float64], unit: NDArray[np.float64]) -> int:
+def _ratio(step: Array, unit: Array) -> int:
     """The whole number of times that a ``step`` goes as far as the ``unit``, along it."""
     return round(float(step @ unit) / float(unit @ unit))
 
@@ -103,9 +172,10 @@ def _of_repeated(track: Track) -> list[str]:
     more = ", ..." if len(frames) > MAX_NAMED_GAPS else ""
     return [
         severe(
-            f"Images seem to show the one before once more, {len(frames)} in all (frames {numbers}{more}), as the ball "
-            "stands still there between steps of one length: the recording was stretched to another frame rate. Times, "
-            "velocities and forces are wrong; export it from the camera's own file again."
+            f"Images seem to show an earlier one once more, {len(frames)} in all (frames {numbers}{more}), as the ball "
+            "stands still there, or goes back, amid its way: the recording was stretched to another frame rate, lost "
+            "images were replaced by others, or the images are not in order. Times, velocities and forces are wrong; "
+            "export it from the camera's own file again."
         )
     ]
 

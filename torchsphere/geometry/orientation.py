@@ -7,6 +7,7 @@ import torch
 from kornia.geometry.liegroup import So3
 from kornia.geometry.quaternion import Quaternion
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 
 def chain(rotation: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -49,3 +50,13 @@ def matrices(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
     if known.any():
         result[known] = So3(Quaternion(torch.from_numpy(quaternion[known]))).matrix().numpy()
     return result
+
+
+def rotation_vectors(later: NDArray[np.float64], earlier: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation vectors (m, 3) from ``earlier`` to ``later`` orientations (m, 3, 3), rad; NaN stays NaN."""
+    product = later @ earlier.swapaxes(1, 2)
+    vectors = np.full((len(product), 3), np.nan)
+    known = np.isfinite(product).all((1, 2))
+    if known.any():
+        vectors[known] = Rotation.from_matrix(product[known]).as_rotvec()
+    return vectors

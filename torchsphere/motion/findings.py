@@ -89,7 +89,8 @@ class Findings:
     stretch : float
         Ratio of the sides of the pixels that the images were drawn from.
     missing_frames : tuple of (int, int)
-        Frames before which images seem to be missing, and how many; -1 for one that shows the last once more.
+        Frames before which images seem to be missing, and how many; -1 for one that shows the last once more, and less
+        for one of an earlier time than that.
     pace_changes : tuple of (int, float)
         Frames from which every step is that many times as far as those before.
     shake : CameraShake or None
