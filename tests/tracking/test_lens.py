@@ -100,13 +100,37 @@ def test_a_camera_at_eight_radii_is_found_and_is_no_smear() -> None:
     camera, places = ts.Camera(8 * RADIUS), torch.from_numpy(straight_path()).float()
     given = ray_caster.speckle(4, radius_px=RADIUS), places, RADIUS, turns(), 90.0
     images = noisy(ray_caster.render(*given, shape=SHAPE, subsamples=4, camera=camera), 2.0, 3)
-    track = ts.track(images, (*straight_path()[0].tolist(), RADIUS), **GIVEN)
+    # The outline of a near ball is larger than the ball at its depth.
+    track = ts.track(images, (*straight_path()[0].tolist(), RADIUS), refine=True, **GIVEN)
     assert (track.status == "ok").all()
     assert made_map(track).open_share == 0
     assert made_map(track).radius_over_distance == pytest.approx(1 / 8, abs=0.004)
     motion = ts.kinematics(track, log=False)
     true = np.diff(straight_path(), axis=0).mean(0) * 1000 * 0.03 / (2 * RADIUS)
     np.testing.assert_allclose(np.nanmean(motion.velocity_m_s, 0), true, rtol=0.001)
+
+
+@pytest.mark.parametrize("distance", [10])
+def test_the_outlines_of_a_near_ball_that_seem_to_grow_are_those_of_a_near_camera(distance: int) -> None:
+    """They do so on the way out from the middle. A request hands on that no camera was given."""
+    places = torch.from_numpy(straight_path()).float()
+    background = (90 + 20 * torch.sin(0.2 * torch.arange(SHAPE[1]))).expand(SHAPE)
+    given = ray_caster.speckle(4, radius_px=RADIUS), places, RADIUS, turns(), background
+    images = noisy(ray_caster.render(*given, shape=SHAPE, subsamples=4, camera=ts.Camera(distance * RADIUS)), 2.0, 3)
+    track = ts.track(images, camera=None, **GIVEN)
+    assert (track.status == "ok").all()
+    found = made_map(track)
+    assert not track.findings.grows
+    assert found.radius_over_distance == pytest.approx(1 / distance, abs=0.004)
+    assert abs(found.radius_over_distance - 1 / distance) < 2 * found.sd_radius_over_distance
+    # The circle that was found is that of the outline, which is larger than the ball at its depth.
+    assert track.circle.radius == pytest.approx(RADIUS, rel=0.01)
+    assert track.circle.sd_radius < 0.012 * RADIUS
+    motion = ts.kinematics(track, log=False)
+    true = np.diff(straight_path(), axis=0).mean(0) * 1000 * 0.03 / (2 * RADIUS)
+    np.testing.assert_allclose(np.nanmean(motion.velocity_m_s, 0), true, rtol=0.001)
+    spin = (np.nanmean(motion.spin_rad_s, 0) - 1000 * TURN) / np.nanmedian(motion.sd_spin_rad_s, 0)
+    assert np.abs(spin).max() < 2
 
 
 def test_a_texture_at_the_outline_of_a_ball_that_hardly_turns_is_no_lens() -> None:

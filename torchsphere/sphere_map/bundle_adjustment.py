@@ -91,7 +91,7 @@ def adjust(
     last = Level(fine, LAST_SETTLED_PX, MAX_STEPS, is_last=True, is_blurred=optics_px > 0, unknowns=lens)
     last = last._replace(most_residual=MAX_MISFIT * noise_variance)
     # The noise as the steps between images saw it may hold more than noise, and so may a residual on coarse cells.
-    noise = min(noise_variance, float(adjustment.state.profile.variance[0]))
+    noise = min(noise_variance, adjustment.residual_variance)
     state = replace(adjustment.state, smoothness=map_fit.smoothness_for(noise, texture_variance(windows)))
     if last.is_blurred and not level.is_blurred:
         # Coarse cells, and a sharp footprint, blur the outline more than the optics do.

@@ -19,6 +19,10 @@ from torchsphere.sphere_map.state import State
 #: Most images in which a lens is looked for (docs/constants.toml).
 LENS_IMAGES = 6
 
+#: Residual that a lens leaves, over that without one, both as variances, below which it is a lens though the poses have
+#: not settled (docs/constants.toml).
+EXPLAINED = 0.5
+
 
 def found_in(view: View, start: State, adjustment: Adjustment, level: Level, shared: RowRunner) -> Adjustment | None:
     """The adjustment on coarse cells with what its images show of the ``view``; None if they show nothing.
@@ -30,12 +34,21 @@ def found_in(view: View, start: State, adjustment: Adjustment, level: Level, sha
         return None
     if view.unknowns != (nearness.UNKNOWN,):
         watched = adjust_level(view.of(start), level._replace(unknowns=view.all), shared)
-        if watched.settled and lens_of(watched, view.unknowns):
+        if _is_found(watched, adjustment) and lens_of(watched, view.unknowns):
             return with_lens_alone(watched, view.unknowns)
     if nearness.UNKNOWN not in view.unknowns:
         return None
     near = _near_camera(view.of(adjustment.state), level, shared)
-    return with_lens_alone(near, near.unknowns) if near.settled and is_seen(*_last_unknown(near)) else None
+    is_near = _is_found(near, adjustment) and is_seen(*_last_unknown(near))
+    return with_lens_alone(near, near.unknowns) if is_near else None
+
+
+def _is_found(seen: Adjustment, adjustment: Adjustment) -> bool:
+    """Whether an adjustment with a lens has settled, or explains so much more than the one without that it goes on.
+
+    In windows that are cut for a camera far away, poses before a near one may not settle.
+    """
+    return seen.settled or seen.residual_variance < EXPLAINED * adjustment.residual_variance
 
 
 def _near_camera(state: State, level: Level, shared: RowRunner) -> Adjustment:

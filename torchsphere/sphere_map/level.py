@@ -116,6 +116,11 @@ class Adjustment:
     move: float = 0.0  # by the last step, in moves that count as settled
     lens: SharedUnknowns = ()  # that the images show, and the windows were not cut for: nothing else has settled
 
+    @property
+    def residual_variance(self) -> float:
+        """Variance of the residual, grey levels squared."""
+        return float(self.state.profile.variance[0])
+
     def with_radius_error(self, error_px: float) -> Adjustment:
         """The adjustment with a further error of the radius, px, and the effect of this error on the poses."""
         covariance = self.covariance

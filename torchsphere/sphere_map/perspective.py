@@ -64,14 +64,22 @@ class Optics:
 
     def enlargement(self, centres: Tensor, radius: float) -> float:
         """Largest distance of an outline from the ``centres`` (n, 2) at which balls are seen, over their ``radius``."""
+        return float(self._outline(centres, radius).norm(dim=-1).max()) / radius
+
+    def outline_radius(self, centre: Tensor, radius: float) -> float:
+        """Radius, px, of the circle that fits the outline of a ball of that ``radius`` seen at the ``centre`` (2,)."""
+        outline = self._outline(centre.unsqueeze(0), radius)[0]
+        return float((outline - outline.mean(0)).norm(dim=-1).mean())
+
+    def _outline(self, centres: Tensor, radius: float) -> Tensor:
+        """Points (n, 8, 2) of the image on the outlines of balls seen at ``centres`` (n, 2), from where these are."""
         angles = torch.arange(8, dtype=centres.dtype, device=centres.device) * (math.pi / 4)
         far = torch.full((len(centres), len(angles)), radius, dtype=centres.dtype, device=centres.device)
         if bool(self.per_focal > 0):
             camera = Camera(float(1 / self.per_focal), tuple(self.principal.tolist()))
             far = outline_distance(torch.cat((centres, far[:, :1]), 1), angles, camera)
         around = far.unsqueeze(-1) * torch.stack((angles.cos(), angles.sin()), -1)
-        seen = self.bent(centres.unsqueeze(1) + around) - self.bent(centres).unsqueeze(1)
-        return float(seen.norm(dim=-1).max()) / radius
+        return self.bent(centres.unsqueeze(1) + around) - self.bent(centres).unsqueeze(1)
 
     def view(self, centre: Tensor) -> View:
         """The view of balls whose centres are seen at ``centre`` (n, 2)."""

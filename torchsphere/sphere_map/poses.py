@@ -166,7 +166,7 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
         adjustment = settled.adjustment
         ball, turned = adjustment.state.ball, adjustment.state.poses.orientation
         # The first frame, with the outline that was given, is a keyframe.
-        first_radius = float(adjustment.state.poses.radii(ball.radius)[0])
+        first_radius = _first_outline_radius(adjustment.state, is_camera_known=asked.camera is not None)
         off_outline = radius_error.by_outline(first_radius, turned, asked.circle)
         # A tone curve that the images cannot tell may look like the blur of a lens.
         outline_px = blur.outline_px if is_on_one_side(adjustment.state) else blur.optics_px
@@ -175,7 +175,7 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
         # The equations of the last step are the largest arrays, and are not needed any more.
         adjustment = replace(adjustment.with_radius_error(error_px), last=None)
         settled = replace(settled, adjustment=adjustment)
-        misfit = float(adjustment.state.profile.variance[0]) / noise
+        misfit = adjustment.residual_variance / noise
         shown = first_radius, asked.circle.radius, float(ball.edge_blur), blur.optics_px, misfit
         refused = refusal(*shown) or refused_as_unsettled(adjustment.settled)
         if refused:
@@ -185,6 +185,12 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
     assembled = _widened(replace(assembled, off_outline=off_outline, open_share=settled.open_share), widened)
     optics = settled.frames.optics
     return assembled if optics is None else _through_lens(replace(assembled, lens=settled.lens), optics)
+
+
+def _first_outline_radius(state: State, *, is_camera_known: bool) -> float:
+    """Radius, px, that the circle of the first keyframe has: that at the ball's depth where the camera was known."""
+    radius, optics = float(state.poses.radii(state.ball.radius)[0]), state.windows.optics
+    return radius if is_camera_known or optics is None else optics.outline_radius(state.poses.centre[0], radius)
 
 
 def _known_frames(asked: MapRequest) -> KnownFrames:

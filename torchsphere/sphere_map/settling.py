@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from torchsphere.runtime.threads import RowRunner
@@ -18,6 +19,10 @@ from torchsphere.sphere_map.nearness_decision import find_nearness
 from torchsphere.sphere_map.perspective import orthographic
 from torchsphere.sphere_map.shared_unknown import SharedUnknowns
 from torchsphere.sphere_map.tone_curve import find_tone_curve
+
+#: Residual without a growth, over that with one, both as variances, up to which the ball does not grow before a camera
+#: that was found near (docs/constants.toml).
+AS_WELL = 1.02
 
 
 @dataclass(frozen=True)
@@ -53,7 +58,7 @@ def settle(
     far = orthographic(tuple(frames.background.shape), frames.position.device)
 
     def adjusted(
-        seen: KnownFrames, start: Poses, radius: float, view: View | None, lens_seen: SharedUnknowns
+        seen: KnownFrames, start: Poses, radius: float, view: View | None, lens_seen: SharedUnknowns, *, grows: bool
     ) -> Adjustment:
         windows = seen.windows(keys, start, radius)
         return bundle_adjustment.adjust(
@@ -76,14 +81,22 @@ def settle(
     of_lens = () if is_lens_known or not _crosses(frames.position[keys], radius) else lens.unknowns(far)
     unknowns = of_lens if is_distance_known else (*of_lens, nearness.UNKNOWN)
     view = View(far, unknowns) if unknowns else None
-    adjustment = adjusted(frames, frames.poses(np.array(keys)), radius, view, ())
+    adjustment = adjusted(frames, frames.poses(np.array(keys)), radius, view, (), grows=grows)
     if adjustment.lens:
         state = adjustment.state
         frames = frames.seen_by(state.windows.optics)
         if not blur.is_share_known:
             # Outlines that a lens bends look smeared.
             frames, blur = replace(frames, moments=None), replace(blur, open_share=0.0)
-        adjustment = adjusted(frames, state.poses, float(state.ball.radius), None, adjustment.lens)
+        seen = float(state.ball.radius), None, adjustment.lens
+        adjustment = adjusted(frames, state.poses, *seen, grows=grows)
+        if grows:
+            # The outlines before a near camera grow as well, and radii of their own hide it.
+            steady = replace(frames, added_radius=torch.zeros_like(frames.added_radius))
+            poses = replace(state.poses, added_radius=torch.zeros_like(state.poses.added_radius))
+            without = adjusted(steady, poses, *seen, grows=False)
+            if without.settled and without.residual_variance < AS_WELL * adjustment.residual_variance:
+                frames, adjustment = steady, without
     open_share = blur.open_share
     if frames.moments is not None:
         longer = exposure_share.factor_between(frames.moments[keys], adjustment.state.windows.moments)

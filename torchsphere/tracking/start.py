@@ -81,4 +81,7 @@ def first_start(task: Task, settings: Options, given: dict[str, Any]) -> Start:
     image = task.source.images(circle.frame, circle.frame + 1)[0]
     contrast = background_contrast(image, circle, task.ignore)
     options = adapt_options(settings, given, circle.radius, contrast)
-    return Start(circle, image, contrast, options, frozenset(given))
+    # None is what was left out, as a request hands it on.
+    return Start(
+        circle, image, contrast, options, frozenset(name for name, value in given.items() if value is not None)
+    )
