@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 from shots import noisy, rotation_matrix
 from tracks import made_map
 
@@ -131,6 +132,20 @@ def test_the_outlines_of_a_near_ball_that_seem_to_grow_are_those_of_a_near_camer
     np.testing.assert_allclose(np.nanmean(motion.velocity_m_s, 0), true, rtol=0.001)
     spin = (np.nanmean(motion.spin_rad_s, 0) - 1000 * TURN) / np.nanmedian(motion.sd_spin_rad_s, 0)
     assert np.abs(spin).max() < 2
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_ball_before_blotches_is_found_with_a_camera_that_was_given(seed: int) -> None:
+    """Edges of the background are as strong as the ball's: the fit in perspective finds none of one polarity."""
+    blotches = gaussian_filter(np.random.default_rng(seed).normal(size=SHAPE), 3)
+    background = torch.from_numpy(90 + 25 * blotches / blotches.std()).float()
+    camera, places = ts.Camera(20 * RADIUS), torch.from_numpy(straight_path()[:8]).float()
+    given = ray_caster.speckle(seed, radius_px=RADIUS), places, RADIUS, turns()[:8], background
+    images = noisy(ray_caster.render(*given, shape=SHAPE, subsamples=4, camera=camera), 2.0, 3)
+    track = ts.track(images, camera=camera, **GIVEN)
+    assert (track.status == "ok").all()
+    assert track.circle.radius == pytest.approx(RADIUS, abs=0.05)
+    np.testing.assert_allclose(track.position, straight_path()[:8], atol=0.03)
 
 
 def test_a_texture_at_the_outline_of_a_ball_that_hardly_turns_is_no_lens() -> None:

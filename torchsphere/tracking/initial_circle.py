@@ -29,7 +29,7 @@ from torchsphere.recording.frame_range import spread
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import steps
 from torchsphere.settings.arrays import check_circle
-from torchsphere.settings.limits import SettingError, is_whole
+from torchsphere.settings.limits import is_whole
 from torchsphere.tracking.follow import Follower
 from torchsphere.tracking.record import Record
 
@@ -96,13 +96,9 @@ def _fit_in_perspective(source: Source, outline: Circle, sphere: Circle, camera:
     """The ``sphere`` of a found ``outline``, fitted to its image with the camera's perspective."""
     try:
         return detect.refine_circle(source.images(outline.frame, outline.frame + 1)[0], sphere, camera=camera)
-    except ValueError as error:
-        # The original sentence advises on a circle that was given.
-        raise SettingError(
-            f"the circle found, at ({outline.x:.1f}, {outline.y:.1f}) with a radius of {outline.radius:.1f} px, could "
-            "not be fitted to the image with the camera's perspective, so it may not be the ball's outline: give that "
-            "with `circle` as x, y, radius in px of the first frame to track"
-        ) from error
+    except ValueError:
+        # Edges of the background that are stronger than the ball's: the outline itself was found in spite of them.
+        return sphere
 
 
 def _sphere_from_outline(outline: Circle, source: Source, options: Options) -> tuple[Circle, Options]:
