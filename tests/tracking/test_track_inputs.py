@@ -76,12 +76,11 @@ def test_a_given_circle_is_kept_and_refined_on_request_only(short: Any) -> None:
     assert same == Circle(*off)
 
 
-def test_a_found_circle_that_does_not_fit_the_camera_is_not_called_a_given_circle() -> None:
-    # The blotches touch the ball: the circle is found, but one image in perspective does not confirm it.
+def test_a_circle_that_one_image_in_perspective_does_not_confirm_is_followed_if_it_was_found() -> None:
+    # The blotches touch the ball.
     made = shot(n=12, background=textured(1, 3.0, 30), step=(8.4, 0.2))
-    with pytest.raises(ValueError, match=r"the circle found, at \(81.0, 120.0\).*give that with circle") as caught:
-        track(made.images, model="pinhole", camera=Camera(distance_radii=20.0))
-    assert "given" not in str(caught.value)
+    found = track(made.images, model="pinhole", camera=Camera(distance_radii=20.0))
+    assert abs(found.circle.radius - made.radius) < 3 * found.circle.sd_radius
     with pytest.raises(ValueError, match="track with the circle as given"):
         track(made.images, (86.9, 120.5, 53.9), model="pinhole", camera=Camera(distance_radii=20.0), refine=True)
 
