@@ -19,27 +19,38 @@ widen = steady_error.widen
 def detect(track: Track, evidence: Evidence) -> Findings:
     """The standard deviation of the ball's radius over the camera's distance."""
     found = track.findings
-    if track.settings["telecentric"] or (evidence.options.camera is not None and not found.camera_assumed):
-        sd = 0.0
+    if isinstance(found.map, MadeMap):
+        sd = found.map.sd_radius_over_distance
     else:
-        sd = found.map.sd_radius_over_distance if isinstance(found.map, MadeMap) else UNKNOWN_SD
+        sd = 0.0 if _is_stated(track) else UNKNOWN_SD
     return dataclasses.replace(found, sd_radius_over_distance=sd)
 
 
 def sentences(track: Track, evidence: Evidence) -> list[str]:
-    """Whether turns are uncertain as the camera's distance is not known."""
-    settings, turns = track.settings, track.covariance[:, [2, 3], [2, 3]]
-    is_known = settings["camera"] is not None and not track.findings.camera_assumed
-    if settings["telecentric"] or is_known or not np.isfinite(turns).any():
+    """Whether turns are uncertain as the camera's distance is not known, or not the one that was stated."""
+    turns = track.covariance[:, [2, 3], [2, 3]]
+    if not np.isfinite(turns).any():
         return []
     sd = track.findings.sd_radius_over_distance
     apparent = float(np.degrees(steady_error.sd_of_apparent_turn(track.increment, track.circle.radius, sd).max()))
     if apparent < np.degrees(np.sqrt(np.nanmedian(turns))):
         return []
     nearness = track.findings.radius_over_distance
+    effect = (
+        "a near ball is seen from another side as it moves sideways, and shows its front larger: all turns may be off "
+        f"by the same {apparent:.2g} deg per frame, which their standard deviations include"
+    )
+    if _is_stated(track):
+        distance = f"at {1 / nearness:.0f} radii from the camera" if nearness else "before a telecentric lens"
+        return [f"The images do not show a ball {distance}, as was stated, and {effect}; check what was given."]
     known = f"was found from the images alone ({1 / nearness:.0f} radii)" if nearness else "is not known"
     return [
-        f"The camera's distance {known}, and a near ball is seen from another side as it moves sideways, and shows "
-        f"its front larger: all turns may be off by the same {apparent:.2g} deg per frame, which their standard "
-        "deviations include; give `distance_mm` with `diameter_mm`, or `focal_px`, or `telecentric` for such a lens."
+        f"The camera's distance {known}, and {effect}; give `distance_mm` with `diameter_mm`, or `focal_px`, or "
+        "`telecentric` for such a lens."
     ]
+
+
+def _is_stated(track: Track) -> bool:
+    """Whether somebody stated the camera's distance."""
+    settings = track.settings
+    return settings["telecentric"] or (settings["camera"] is not None and not track.findings.camera_assumed)

@@ -139,8 +139,8 @@ def detect(track: Track, evidence: Evidence) -> Findings:
     if isinstance(found.map, MadeMap) and found.map.has_lens:
         # The map holds what the outlines show.
         return found
-    sd_nearness = 0.0 if track.settings["telecentric"] else found.sd_radius_over_distance
-    allowed = Allowed.of(evidence.options.camera, radius, found.map, sd_nearness, stated=evidence.exposure)
+    near = found.sd_radius_over_distance
+    allowed = Allowed.of(evidence.options.camera, radius, found.map, near, stated=evidence.exposure)
     ratio = axis_ratio(evidence.source, track.position, radius, evidence.ignore, allowed)
     return dataclasses.replace(found, axis_ratio=ratio)
 

@@ -27,6 +27,26 @@ SUSPECTED_NEARNESS_SD = 1.3
 #: a near camera, or look like one (docs/constants.toml).
 MAX_FACTOR = 2.0
 
+#: Change of a stated nearness by one step, in its standard deviations, up to which the images agree with it, and error
+#: of what was stated over the change beyond that (docs/constants.toml).
+AGREED_SD, ERROR_PER_STEP = 2.0, 1.5
+
+
+def check_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) -> Adjustment:
+    """The adjustment before a camera whose distance was stated, with what its images say against that as its error.
+
+    ``optics`` are those of a camera infinitely far away.
+    """
+    assert adjustment.last is not None
+    before, model, joint = adjustment.last
+    state = replace(before, windows=before.windows.seen_by(before.windows.optics or optics))
+    try:
+        found = shared_unknown.measure(nearness.UNKNOWN, state, model, joint, shared)
+    except torch.linalg.LinAlgError:  # type: ignore[attr-defined]
+        return adjustment
+    sd = ERROR_PER_STEP * max(abs(float(found.change)) - AGREED_SD * float(found.sd), 0.0)
+    return replace(adjustment.with_radius_error(found.of_radius * sd), sd_nearness=sd)
+
 
 def find_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) -> Adjustment:
     """The adjustment with the camera's distance, if the images tell it from one infinitely far away.

@@ -117,6 +117,11 @@ class MapRequest:
         if self.progress is not None:
             self.progress(done, len(self.known))
 
+    @property
+    def is_distance_known(self) -> bool:
+        """Whether the camera's distance was stated."""
+        return self.camera is not None or self.telecentric
+
     @functools.cached_property
     def known(self) -> NDArray[np.int64]:
         """Numbers of the frames with a known pose."""
@@ -158,7 +163,7 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
             blur,
             shared,
             lambda share: asked.report(round(share * len(keys))),
-            is_distance_known=asked.camera is not None or asked.telecentric,
+            is_distance_known=asked.is_distance_known,
             is_lens_known=asked.camera is not None,
             grows=asked.grows,
             stays=asked.stays,
@@ -182,7 +187,8 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
             return refused
         numbers, found, widened = _on_map(settled.frames, keys, settled.initial, adjustment, shared, asked.report)
     assembled = _assemble(len(asked.position), numbers, found, keys, adjustment, circle, misfit)
-    assembled = _widened(replace(assembled, off_outline=off_outline, open_share=settled.open_share), widened)
+    assembled = replace(assembled, off_outline=off_outline, open_share=settled.open_share)
+    assembled = _widened(assembled, widened, is_distance_known=asked.is_distance_known)
     optics = settled.frames.optics
     return assembled if optics is None else _through_lens(replace(assembled, lens=settled.lens), optics)
 
@@ -233,7 +239,7 @@ def _motion(position: Array, orientation: Array, radius: Array, durations: Array
     return torch.from_numpy(np.where(measured, around, 0.0).sum(0) / measured.sum(0).clip(1))
 
 
-def _widened(found: MapPoses, factors: Array) -> MapPoses:
+def _widened(found: MapPoses, factors: Array, *, is_distance_known: bool) -> MapPoses:
     """The poses with errors that neighbouring pixels share, `residual_scatter.widening`, and what follows from them."""
     circle, excess = found.circle, min(float(factors.max()) - 1, MAX_EXCESS)
     by_model = (RADIUS_ERROR_SHARE + RADIUS_ERROR_SHARE_MORE * excess) * circle.radius
@@ -244,7 +250,7 @@ def _widened(found: MapPoses, factors: Array) -> MapPoses:
         sd_radius=float(np.hypot(circle.sd_radius, by_model)),
     )
     covariance, sd_nearness = found.step_covariance * np.outer(factors[:5], factors[:5]), found.sd_nearness
-    if sd_nearness:
+    if sd_nearness and not is_distance_known:
         sd_nearness = math.hypot(sd_nearness, SD_NEARNESS_MORE * excess)
         if not tells_nearness(float(factors.max())):
             sd_nearness = max(sd_nearness, UNKNOWN_SD)

@@ -15,7 +15,7 @@ from torchsphere.sphere_map.ball import Poses
 from torchsphere.sphere_map.known_frames import KnownFrames
 from torchsphere.sphere_map.lens import Lens, View
 from torchsphere.sphere_map.level import Adjustment
-from torchsphere.sphere_map.nearness_decision import find_nearness
+from torchsphere.sphere_map.nearness_decision import check_nearness, find_nearness
 from torchsphere.sphere_map.perspective import orthographic
 from torchsphere.sphere_map.shared_unknown import SharedUnknowns
 from torchsphere.sphere_map.tone_curve import find_tone_curve
@@ -103,8 +103,8 @@ def settle(
         frames, open_share = replace(frames, moments=longer * frames.moments), longer * open_share
     if adjustment.settled:
         adjustment = find_tone_curve(adjustment, shared, is_blurred=blur.optics_px > 0)
-    if not is_distance_known:
-        adjustment = find_nearness(adjustment, far, shared)
+    about_distance = check_nearness if is_distance_known else find_nearness
+    adjustment = about_distance(adjustment, far, shared)
     frames = frames.seen_by(adjustment.state.windows.optics)
     found = lens.found(of_lens, adjustment.state, adjustment.unknowns, adjustment.covariance)
     return Settled(adjustment, frames, frames.poses(np.array(keys)), open_share, found)
