@@ -42,6 +42,17 @@ def test_a_tone_curve_is_found_and_the_radius_is_without_it(exponent: float, bac
     assert any("not proportional to the light" in sentence for sentence in track.warnings)
 
 
+@pytest.mark.parametrize("background", [1.15, 1.35])
+def test_a_background_that_is_too_bright_for_the_camera_does_not_move_the_outline(background: float) -> None:
+    """Pixels that the ball covers by a fifth are as white as the background."""
+    track = track_of(1.0, background)
+    assert (track.status == "ok").all()
+    assert made_map(track).edge_bend < -0.2
+    assert track.circle.radius == pytest.approx(RADIUS, abs=0.1)
+    assert abs(track.circle.radius - RADIUS) < 3 * track.circle.sd_radius
+    assert any("too bright for the camera" in sentence for sentence in track.warnings)
+
+
 def test_levels_that_are_proportional_to_the_light_have_no_tone_curve() -> None:
     track = track_of(1.0, 0.08)
     assert made_map(track).edge_bend == 0

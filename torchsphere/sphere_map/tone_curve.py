@@ -27,8 +27,9 @@ BEND_SD, MAX_CHANGE, LAST_CHANGE = 0.5, 0.3, 0.001
 #: Bend that the images show: in its standard deviations, and at least (docs/constants.toml).
 SEEN_SD, LEAST_SEEN = 5.0, 0.03
 
-#: Largest bend of a curve that only rises.
-MOST_BEND = 1.0
+#: Largest bend: beyond 1, as of a background that is too bright for the camera, the edge begins within the ball
+#: (docs/constants.toml).
+MOST_BEND = 1.5
 
 #: Error of the radius by further terms of the tone curve, px per square of the bend (docs/constants.toml).
 RADIUS_ERROR_PX = 0.12
@@ -83,5 +84,4 @@ def is_on_one_side(state: State) -> bool:
 
 
 def _is_seen(bend: float, sd: float) -> bool:
-    # Beyond 1 a pixel would show more than the whole ball before it is covered.
     return MOST_BEND > abs(bend) > max(SEEN_SD * sd, LEAST_SEEN)
