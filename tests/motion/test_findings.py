@@ -13,7 +13,7 @@ from torchsphere.results.writer import plain
 from torchsphere.sphere_map.decision import MadeMap, NoMap, Why
 
 ALL = Findings(
-    map=MadeMap(9, 70, 0.4, 0.2, 0.3, 1.1, 1.2, 0.01, 0.05, 0.001, -0.08, 1e-4, 1.03, 2e-4, (319.5, 239.5)),
+    map=MadeMap(9, 70, 0.4, 0.2, 0.3, 0.1, 1.1, 1.2, 0.01, 0.05, 0.001, -0.08, 1e-4, 1.03, 2e-4, (319.5, 239.5)),
     sd_radius_over_distance=0.001,
     place=Place(True, (1.5, -0.5), 40.0, 12, True, 40.5, (0.01, 0.02, 0.03)),
     grows=True,

@@ -62,7 +62,7 @@ SOURCES = (
     ErrorSource("background over the edge", edge_leakage.detect, edge_leakage.widen, sentences=edge_leakage.sentences),
     ErrorSource("shake of the camera", camera_shake.detect, sentences=camera_shake.sentences),
     ErrorSource("motion model", sentences=motion_model.sentences),
-    ErrorSource("uneven light", uneven_light.detect, uneven_light.widen),
+    ErrorSource("uneven light", uneven_light.detect, uneven_light.widen, sentences=uneven_light.sentences),
     ErrorSource("pixels not square", stretched_pixels.detect, stretched_pixels.widen),
     ErrorSource("texture and view", steady_error.detect, steady_error.widen),
     ErrorSource("residual alike over pixels", without=residual_scatter.without, sentences=residual_scatter.sentences),

@@ -23,6 +23,7 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import crop, interpolation
 from torchsphere.motion.findings import Findings
 from torchsphere.motion.track import Track
+from torchsphere.sphere_map.decision import MadeMap
 
 #: Error of a step by d px over ``sin(2 pi d)``, times the radius, px^2 (docs/constants.toml).
 ALIASED_PX2 = 0.0005 * 50.0
@@ -67,6 +68,10 @@ ON_MAP_PX = 0.0002
 #: (docs/constants.toml).
 STRETCHED_PX = 0.005
 
+#: Error of a step of a ball that is darker in the image's corner, over the share by which it is, px
+#: (docs/constants.toml).
+FALLOFF_PX = 0.015
+
 #: Positions across the ball, radii, and the share of the ball's area at each.
 POSITIONS = (np.arange(32) + 0.5) / 16 - 1
 AREA_SHARES = np.sqrt(1 - POSITIONS**2) / np.sqrt(1 - POSITIONS**2).sum()
@@ -106,6 +111,7 @@ def sd_steady(
     leakage: float = 0.0,
     sd_nearness: float = 0.0,
     stretch: float = 1.0,
+    falloff: float = 0.0,
 ) -> Array:
     """Standard deviation (5,) of the error that all steps of a flight have in common, px and rad.
 
@@ -113,14 +119,15 @@ def sd_steady(
     ``uneven_light`` is the share of steps with uneven light, ``leakage`` a share of the front's motion. A map of the
     ball (``on_map``) holds footprints, outline and background, so that only uneven light counts there. ``sd_nearness``
     is the standard deviation of the ball's radius over the camera's distance: see `sd_of_apparent_turn`. ``stretch`` is
-    the ratio of the sides of the pixels that the images were drawn from.
+    the ratio of the sides of the pixels that the images were drawn from, and ``falloff`` the share by which the ball is
+    darker in the image's corner.
     """
     light = uneven_light * np.array([UNEVEN_LIGHT_PX, UNEVEN_LIGHT_PX, UNEVEN_LIGHT_Z_PX / radius]) ** 2
     if on_map:
         squares = light + np.array([ON_MAP_PX, ON_MAP_PX, ON_MAP_PX / radius]) ** 2
     else:
         squares = light + _pair_squares(increment, radius, fineness, leakage)
-    squares += (STRETCHED_PX * (stretch - 1) * np.array([1.0, 1.0, 0.0])) ** 2
+    squares += math.hypot(STRETCHED_PX * (stretch - 1), FALLOFF_PX * falloff) ** 2 * np.array([1.0, 1.0, 0.0])
     step, about_z = np.sqrt(squares[:2]), np.sqrt(squares[2:])
     turn = np.concatenate((ROTATION_PER_STEP / radius * step[::-1], about_z))
     return np.concatenate((step, np.hypot(turn, sd_of_apparent_turn(increment, radius, sd_nearness))))
@@ -206,6 +213,7 @@ def widen(track: Track, evidence: Evidence) -> Track:
             known.texture_fineness,
             on_map=known.is_on_map,
             uneven_light=known.uneven_light,
+            falloff=known.map.falloff if isinstance(known.map, MadeMap) else 0.0,
             leakage=known.leaked,
             sd_nearness=known.sd_radius_over_distance,
             stretch=known.stretch,

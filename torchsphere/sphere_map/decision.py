@@ -88,6 +88,7 @@ class MadeMap:
     edge_blur_px: float = 0.0  # blur of the outline by the optics
     edge_bend: float = 0.0  # of the outline by the tone curve: see `rays.bent`
     open_share: float = 0.0  # exposure over the time between frames
+    falloff: float = 0.0  # of the ball's brightness to the image's corner, a share; 0 where none is seen
     residual_over_noise: float = 1.0
     widened: float = 1.0  # largest factor in the steps' errors by what neighbouring pixels share
     radius_off_outline_px: float = 0.0  # error of the radius by what the outline tells

@@ -27,13 +27,14 @@ from torchsphere.sphere_map import exposure, radius_error, residual_scatter
 from torchsphere.sphere_map.ball import Poses
 from torchsphere.sphere_map.decision import NoMap, few_poses, refusal, refused_as_unsettled
 from torchsphere.sphere_map.elimination import COMMON, PER_IMAGE
+from torchsphere.sphere_map.falloff import falloff
 from torchsphere.sphere_map.keyframes import choose_keyframes, choose_map_frames
 from torchsphere.sphere_map.known_frames import KnownFrames, register_frames
 from torchsphere.sphere_map.lens import Lens
 from torchsphere.sphere_map.level import NEW_MAP_STEPS, Adjustment
 from torchsphere.sphere_map.nearness import UNKNOWN_SD, nearness_of
 from torchsphere.sphere_map.nearness_decision import tells_nearness
-from torchsphere.sphere_map.perspective import Optics
+from torchsphere.sphere_map.perspective import Optics, orthographic
 from torchsphere.sphere_map.pose_errors import step_covariances, without_leverage
 from torchsphere.sphere_map.registration import Registration
 from torchsphere.sphere_map.settling import settle
@@ -85,6 +86,7 @@ class MapPoses:
     sd_nearness: float = 0.0
     edge_bend: float = 0.0  # of the outline by the tone curve
     open_share: float = 0.0  # exposure over the time between frames
+    falloff: float = 0.0  # of the ball's brightness to the image's corner
     lens: Lens = NO_LENS
     off_outline: float = 0.0  # error of the radius by what the outline tells, px: `radius_error.by_outline`
     # (5,): factors in the steps' standard deviations by an error that neighbouring pixels share
@@ -187,7 +189,9 @@ def poses_on_map(asked: MapRequest) -> MapPoses | NoMap:
             return refused
         numbers, found, widened = _on_map(settled.frames, keys, settled.initial, adjustment, shared, asked.report)
     assembled = _assemble(len(asked.position), numbers, found, keys, adjustment, circle, misfit)
-    assembled = replace(assembled, off_outline=off_outline, open_share=settled.open_share)
+    middle = orthographic(settled.frames.background.shape, source.device).principal
+    darker = falloff(found.poses, float(ball.coefficients.mean()), middle)
+    assembled = replace(assembled, off_outline=off_outline, open_share=settled.open_share, falloff=darker)
     assembled = _widened(assembled, widened, is_distance_known=asked.is_distance_known)
     optics = settled.frames.optics
     return assembled if optics is None else _through_lens(replace(assembled, lens=settled.lens), optics)

@@ -152,6 +152,7 @@ def _merged(measured: Record, chained: Array, found: MapPoses) -> AbsoluteMotion
         edge_blur_px=found.edge_blur,
         edge_bend=found.edge_bend,
         open_share=found.open_share,
+        falloff=found.falloff,
         residual_over_noise=found.misfit**0.5,
         widened=float(found.widening.max()),
         radius_off_outline_px=found.off_outline,
