@@ -7,6 +7,7 @@ from ball_models import random, random_directions
 from numpy.typing import NDArray
 
 from torchsphere.kernels import cube_map as loops
+from torchsphere.kernels import sixteen
 from torchsphere.sphere_map import cube_map
 
 Array = NDArray[np.float64]
@@ -41,10 +42,11 @@ def looked_up(direction: Array) -> Array:
 def by_loops(direction: Array, dtype: type, coefficients: Array) -> tuple[float, Array]:
     """Value of the map in a direction, and the sixteen weights as a sum over the coefficients (m,)."""
     corner, _, _, u, v, _, _ = loops.place(*direction.astype(dtype), CELLS)
-    of_u, of_v, width = loops.weights(dtype(u)), loops.weights(dtype(v)), np.uint64(CELLS + 3)
-    total = np.zeros(COUNT, dtype)
-    loops.add_sixteen(dtype(1), np.uint64(corner), width, of_u, of_v, total)
-    return loops.sum_sixteen(coefficients.astype(dtype), np.uint64(corner), width, of_u, of_v), total
+    at, width = np.uint64(corner), np.uint64(CELLS + 3)
+    total, blocks = np.zeros(COUNT, dtype), np.zeros((COUNT, 16), dtype)
+    sixteen.add_sixteen(dtype(1), at, dtype(u), dtype(v), blocks)
+    sixteen.join_blocks(blocks, CELLS + 3, total)
+    return sixteen.sum_sixteen(coefficients.astype(dtype), at, width, dtype(u), dtype(v)), total
 
 
 @both
@@ -67,23 +69,28 @@ def test_torch_gives_the_values_of_the_splines_too() -> None:
 
 
 @both
-def test_slopes_are_the_derivatives_of_the_weights(dtype: type) -> None:
-    step = 1e-5
-    for t in (0.0, 0.2, 0.7, 1.0):
-        ahead, behind = (np.array(loops.weights(t + sign * step)) for sign in (1, -1))
-        # Truncation of the differences of a cubic.
-        tolerance = max(TOLERANCE[dtype], 1e-9)
-        np.testing.assert_allclose(loops.slopes(dtype(t)), (ahead - behind) / (2 * step), rtol=0, atol=tolerance)
-
-
-def test_value_and_slopes_in_one_pass_are_those_of_single_sums() -> None:
-    coefficients = random(COUNT).numpy()
+def test_value_and_slopes_of_the_map_are_those_of_the_splines(dtype: type) -> None:
+    coefficients, step = random(COUNT).numpy(), 1e-5
     at, width = np.uint64(3 * (CELLS + 3) + 2), np.uint64(CELLS + 3)
-    of_u, of_v, by_u, by_v = loops.weights(0.3), loops.weights(0.8), loops.slopes(0.3), loops.slopes(0.8)
-    found = loops.sum_with_slopes(coefficients, at, width, of_u, of_v, by_u, by_v)
-    pairs = ((of_u, of_v), (by_u, of_v), (of_u, by_v))
-    expected = [loops.sum_sixteen(coefficients, at, width, *pair) for pair in pairs]
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+    def value(u: float, v: float) -> float:
+        return float(sixteen.sum_sixteen(coefficients, at, width, u, v))
+
+    for u, v in ((0.0, 0.2), (0.3, 0.8), (1.0, 0.7)):
+        found = sixteen.sum_with_slopes(coefficients.astype(dtype), at, width, dtype(u), dtype(v))
+        along, across = value(u + step, v) - value(u - step, v), value(u, v + step) - value(u, v - step)
+        expected = value(u, v), along / (2 * step), across / (2 * step)
+        # Truncation of the differences of a cubic.
+        np.testing.assert_allclose(found, expected, rtol=0, atol=max(TOLERANCE[dtype], 1e-9))
+
+
+@both
+def test_multiples_of_sixteen_numbers_are_added_where_they_belong(dtype: type) -> None:
+    values, total = (random(5 * sixteen.LANES).numpy().astype(dtype) for _ in range(2))
+    expected = total.copy()
+    expected[7 : 7 + sixteen.LANES] += dtype(0.3) * values[20 : 20 + sixteen.LANES]
+    sixteen.add_multiple(dtype(0.3), values, np.uint64(20), total, np.uint64(7))
+    np.testing.assert_allclose(total, expected, rtol=0, atol=TOLERANCE[dtype])
 
 
 def test_the_loop_and_torch_choose_the_same_cells() -> None:

@@ -13,10 +13,11 @@ import torch
 from torch import Tensor
 
 from torchsphere.kernels import layout
-from torchsphere.kernels.cube_map import place, slopes, sum_with_slopes, weights
+from torchsphere.kernels.cube_map import place
 from torchsphere.kernels.jit import ONE, ZERO, Floats, Integers, arrays, compiled
 from torchsphere.kernels.layout import Images, Numbers, Rays, RowMemory, contiguous
 from torchsphere.kernels.rays import Rule, begin_of_limb, end_of_disc, footprint, row_of_rays, shares_of_rules
+from torchsphere.kernels.sixteen import sum_with_slopes
 
 _TINY = np.float32(1e-6)
 _FIVE, _THREE, _EIGHT = (np.float32(v) for v in (5, 3, 8))
@@ -181,9 +182,8 @@ def _meet(rays: Floats, corner: Numbers, axis: Numbers, count: int, turn: Floats
 def _look_up(coefficients: Floats, width: Any, corner: Numbers, rays: Floats, count: int) -> None:
     """Values of the map at the rays, and derivatives by the places in the cells."""
     for i in range(count):
-        u, v = rays[layout.CELL_U, i], rays[layout.CELL_V, i]
-        at = np.uint64(np.uint32(corner[i]))
-        value, by_u, by_v = sum_with_slopes(coefficients, at, width, weights(u), weights(v), slopes(u), slopes(v))
+        u, v, at = rays[layout.CELL_U, i], rays[layout.CELL_V, i], np.uint64(np.uint32(corner[i]))
+        value, by_u, by_v = sum_with_slopes(coefficients, at, width, u, v)
         rays[layout.VALUE, i], rays[layout.BY_U, i], rays[layout.BY_V, i] = value, by_u, by_v
 
 

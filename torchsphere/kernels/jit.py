@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numba
+import numba.extending
 import numpy as np
 import torch
 from numba.core.compiler import Compiler
@@ -31,7 +32,7 @@ R = TypeVar("R")
 ZERO, ONE, TWO = (np.float32(value) for value in (0, 1, 2))
 
 #: Sums in any order, which vectorises them. NaN and infinities stay exact: they must be seen, and never make an index.
-_FAST_MATH = {"reassoc", "contract", "arcp", "nsz"}
+FAST_MATH = {"reassoc", "contract", "arcp", "nsz"}
 
 
 def suits(*tensors: Tensor, dtype: torch.dtype = torch.float32) -> bool:
@@ -56,6 +57,11 @@ def in_loops(loops: Callable[..., R], dtype: torch.dtype = torch.float32) -> Cal
     return decorate
 
 
+def in_code(write: Callable[..., Any]) -> Any:
+    """Decorator: a function for loops that ``write`` gives in the compiler's intermediate code."""
+    return numba.extending.intrinsic(write)
+
+
 class _NoAliasCompiler(Compiler):
     """Promise that array arguments never overlap: without it, loops with look-ups are three times slower."""
 
@@ -74,7 +80,7 @@ def compiled(function: Callable[..., Any]) -> Any:
         "nogil": True,
         # A called function that was not inlined had its sums in another order in the process that compiled it.
         "forceinline": True,
-        "fastmath": _FAST_MATH,
+        "fastmath": FAST_MATH,
         "error_model": "numpy",
         "pipeline_class": _NoAliasCompiler,
     }

@@ -12,9 +12,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.kernels.cube_map import add_sixteen, sum_sixteen, weights
+from torchsphere.kernels.cube_map import weights
 from torchsphere.kernels.jit import ZERO, Floats, arrays, compiled
 from torchsphere.kernels.layout import Rays
+from torchsphere.kernels.sixteen import LANES, add_multiple, add_sixteen, join_blocks, sum_sixteen
 
 Array = NDArray[Any]
 
@@ -28,16 +29,19 @@ def map_levels(rays: Rays, coefficients: Tensor, cells: int, pixels: int) -> Ten
 
 def adjoint(rays: Rays, values: Tensor, cells: int, count: int) -> Tensor:
     """Sums (m,) of the pixels' ``values`` (n, p) over the ``count`` coefficients."""
-    found = values.new_zeros(count)
-    _adjoint(Rays(*arrays(*rays)), *arrays(values), cells + 3, found.numpy())
+    found, blocks = values.new_zeros(count), values.new_zeros(count, 16)
+    _adjoint(Rays(*arrays(*rays)), *arrays(values), blocks.numpy())
+    join_blocks(blocks.numpy(), cells + 3, found.numpy())
     return found
 
 
 def coupling(rays: Rays, values: Tensor, own: int, cells: int, count: int) -> Tensor:
     """Sums (m, n k + c) of columns of ``values`` (n, p, k + c): the ``own`` k of each image, and those of all."""
-    n, _, columns = values.shape
-    found = values.new_zeros(count, n * own + columns - own)
-    _coupling(Rays(*arrays(*rays)), *arrays(values), own, cells + 3, found.numpy())
+    n, pixels, columns = values.shape
+    found, lanes = values.new_zeros(count, n * own + columns - own), -(-columns // LANES) * LANES
+    # Of one image, whose sums are near each other in memory, as their places among those of all are not.
+    memory = values.new_zeros(pixels, lanes), values.new_empty(count, lanes)
+    _coupling(Rays(*arrays(*rays)), *arrays(values), own, cells + 3, *arrays(*memory), found.numpy())
     return found
 
 
@@ -85,55 +89,46 @@ def _map_levels(rays: Rays, coefficients: Floats, width: int, found: Floats) -> 
     for i in range(n):
         for k in range(count):
             at = np.uint64(np.uint32(corner[i, k]))
-            of_u, of_v = weights(offset[i, k, 0]), weights(offset[i, k, 1])
             shown = np.uint64(np.uint32(pixel[i, k]))
-            found[i, shown] += factor[i, k] * sum_sixteen(coefficients, at, step, of_u, of_v)
+            found[i, shown] += factor[i, k] * sum_sixteen(coefficients, at, step, offset[i, k, 0], offset[i, k, 1])
 
 
 @compiled
-def _adjoint(rays: Rays, values: Floats, width: int, found: Floats) -> None:
+def _adjoint(rays: Rays, values: Floats, blocks: Floats) -> None:
     corner, offset, factor, pixel = rays
     n, count = factor.shape
-    step = np.uint64(width)
     for i in range(n):
         for k in range(count):
             value = factor[i, k] * values[i, np.uint64(np.uint32(pixel[i, k]))]
-            if value == ZERO:
-                continue
-            at = np.uint64(np.uint32(corner[i, k]))
-            of_u, of_v = weights(offset[i, k, 0]), weights(offset[i, k, 1])
-            add_sixteen(value, at, step, of_u, of_v, found)
+            add_sixteen(value, np.uint64(np.uint32(corner[i, k])), offset[i, k, 0], offset[i, k, 1], blocks)
 
 
 @compiled
-def _coupling(rays: Rays, values: Floats, own: int, width: int, found: Floats) -> None:
-    n, _, columns = values.shape
-    # The sums of one image are near each other in memory, as their places among those of all are not.
-    sums = np.zeros((n, len(found), columns), np.float32)
+def _coupling(rays: Rays, values: Floats, own: int, width: int, padded: Floats, sums: Floats, found: Floats) -> None:
+    n, pixels, columns = values.shape
     for i in range(n):
-        _add_columns(rays, i, values[i], width, sums[i])
-    for place in range(len(found)):
-        for i in range(n):
+        for shown in range(pixels):
+            for c in range(columns):
+                padded[shown, c] = values[i, shown, c]
+        sums[:] = ZERO
+        _add_columns(rays, i, padded, width, sums)
+        for place in range(len(found)):
             for c in range(own):
-                found[place, i * own + c] = sums[i, place, c]
+                found[place, i * own + c] = sums[place, c]
             for c in range(own, columns):
-                found[place, (n - 1) * own + c] += sums[i, place, c]
+                found[place, (n - 1) * own + c] += sums[place, c]
 
 
 @compiled
 def _add_columns(rays: Rays, i: int, values: Floats, width: int, sums: Floats) -> None:
-    """Add the columns of ``values`` (p, k) of image ``i`` to the ``sums`` (m, k)."""
+    """Add the columns of ``values`` (p, k) of image ``i`` to the ``sums`` (m, k), `LANES` of them at a time."""
     corner, offset, factor, pixel = rays
-    columns = values.shape[1]
+    columns = np.uint64(values.shape[1])
     for k in range(factor.shape[1]):
-        share = factor[i, k]
-        if share == ZERO:
-            continue
         of_u, of_v = weights(offset[i, k, 0]), weights(offset[i, k, 1])
         first, shown = np.uint64(np.uint32(corner[i, k])), np.uint64(np.uint32(pixel[i, k]))
-        for down in range(4):
-            for along in range(4):
-                part = share * of_v[down] * of_u[along]
-                place = first + np.uint64(down * width + along)
-                for c in range(columns):
-                    sums[place, c] += part * values[shown, c]
+        for c in range(0, values.shape[1], LANES):
+            for down in range(4):
+                for along in range(4):
+                    share, place = factor[i, k] * of_v[down] * of_u[along], first + np.uint64(down * width + along)
+                    add_multiple(share, values, shown * columns + np.uint64(c), sums, place * columns + np.uint64(c))
