@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 
 import torch
@@ -68,6 +69,12 @@ class Design:
             .scatter_add(1, self.pixel.long(), levels)
             .reshape(self.fixed.shape)
         )
+
+    @functools.cached_property
+    def even(self) -> Tensor:
+        """The map's part (n, s, s) of the grey levels, were all coefficients 1: splines sum to one."""
+        sums = self.factor.new_zeros(len(self.factor), self._pixels).scatter_add(1, self.pixel.long(), self.factor)
+        return sums.reshape(self.fixed.shape)
 
     def levels(self, coefficients: Tensor) -> Tensor:
         """Grey levels (n, s, s) with the map's ``coefficients`` (m,)."""

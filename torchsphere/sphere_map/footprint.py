@@ -61,7 +61,7 @@ def _changed(state: State, shared: RowRunner) -> State:
     response, rest = equations.solve(coupling, MAP_STEPS)
     reduced = (weights * column.square()).sum() - coupling @ response - response @ rest
     residual = windows.levels - equations.design.levels(coefficients)
-    gradient = (weights * column * residual).sum() - response @ equations.gradient(coefficients, windows.levels)
+    gradient = (weights * column * residual).sum() - response @ equations.gradient(coefficients, residual)
     # A sharp footprint has fewer rays, so that the derivative would not be one there.
     wanted = float((variance + gradient / reduced.clamp_min(1e-12)).clamp(LEAST_VARIANCE_PX2, MAX_VARIANCE_PX2))
     state = _with_variance(state, wanted)

@@ -57,6 +57,8 @@ class Linearisation:
     @classmethod
     def joined(cls, parts: list[Linearisation]) -> Linearisation:
         """The images of all parts, one after the other."""
+        if len(parts) == 1:
+            return parts[0]
         return cls(torch.cat([part.levels for part in parts]), torch.cat([part.jacobian for part in parts]))
 
 

@@ -213,12 +213,13 @@ def joint_equations(
 def gradients(at: LastStep, unknowns: SharedUnknowns) -> tuple[Tensor, Tensor]:
     """Gradients by the map (m,) and by all other unknowns (u,)."""
     state, model, joint = at
-    weighted = (joint.map.weights * (state.windows.levels - model.levels)).flatten(1).unsqueeze(1)
+    residual = state.windows.levels - model.levels
+    weighted = (joint.map.weights * residual).flatten(1).unsqueeze(1)
     by_unknowns = elimination.spread_gradient(torch.bmm(weighted, model.jacobian)[:, 0].double())
     first = PER_IMAGE * len(state.poses)
     for number, unknown in enumerate(unknowns):
         by_unknowns[first + number] -= unknown.precision * unknown.value(state)
-    return joint.map.gradient(state.ball.coefficients, state.windows.levels), by_unknowns
+    return joint.map.gradient(state.ball.coefficients, residual), by_unknowns
 
 
 def _step(at: LastStep, unknowns: SharedUnknowns, settled: Tensor) -> tuple[Tensor, Tensor]:

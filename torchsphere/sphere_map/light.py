@@ -118,7 +118,7 @@ def _change(state: State, shared: RowRunner) -> tuple[Tensor, Tensor, Tensor]:
     # Never more is taken up by the map than the whole, though its equations are not quite solved.
     taken_up = torch.stack(coupling, 1).T @ response + response.T @ rest
     reduced = (columns.T @ weighted - taken_up).double() + torch.eye(len(units), device=rest.device) / TERM_SD**2
-    by_map = equations.gradient(ball.coefficients, windows.levels)
+    by_map = equations.gradient(ball.coefficients, residual)
     gradient = (weighted.T @ residual.flatten() - response.T @ by_map).double()
     change = torch.linalg.solve(reduced, gradient)
     squares, terms = (weights * residual.square()).sum().double(), ball.light[1:] + change

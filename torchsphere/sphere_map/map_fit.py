@@ -52,9 +52,8 @@ class MapEquations:
     @classmethod
     def of(cls, design: Design, weights: Tensor, shared: RowRunner, smoothness: float = SMOOTHNESS) -> MapEquations:
         """The equations of images with ``weights``."""
-        ones = weights.new_ones(cube_map.coefficient_count(design.cells))
-        # Splines sum to one: these are the sums of the matrix's rows.
-        rows = cls(design, weights, shared, ones, weights.max(), smoothness).times(ones)
+        # The prior has nothing against a map that is even: these are the sums of the matrix's rows.
+        rows = _summed(design, weights * design.even, shared)
         alone = cls(design, weights, shared, rows, weights.max(), smoothness)
         density = cube_map.joined_at_seams(rows.clamp_min(0) + alone.prior_density, design.cells)
         return replace(alone, density=density)
@@ -80,24 +79,13 @@ class MapEquations:
 
     def leverage(self) -> Tensor:
         """Share (n, s, s) of each pixel's noise that the map takes up, nearly."""
-        ones, of_node = torch.ones_like(self.density), NODE_SHARE / self.density
+        of_node = NODE_SHARE / self.density
+        drawn = self.shared(lambda a, b: self.design.rows(a, b).map_levels(of_node), len(self.weights))
+        return (self.weights * self.design.even * torch.cat(drawn)).clamp(0, MAX_LEVERAGE)
 
-        def part(a: int, b: int) -> Tensor:
-            design = self.design.rows(a, b)
-            drawn = design.map_levels(ones) * design.map_levels(of_node)
-            return (self.weights[a:b] * drawn).clamp(0, MAX_LEVERAGE)
-
-        return torch.cat(self.shared(part, len(self.weights)))
-
-    def gradient(self, coefficients: Tensor, levels: Tensor) -> Tensor:
-        """Descent direction (m,) of the squares at ``coefficients`` (m,), for images with grey ``levels`` (n, s, s)."""
-
-        def part(a: int, b: int) -> Tensor:
-            design = self.design.rows(a, b)
-            return design.adjoint(self.weights[a:b] * (levels[a:b] - design.levels(coefficients)))
-
-        sums = torch.stack(self.shared(part, len(levels))).sum(0)
-        return sums - self.prior(coefficients)
+    def gradient(self, coefficients: Tensor, residual: Tensor) -> Tensor:
+        """Descent direction (m,) of the squares at ``coefficients`` (m,), which leave a ``residual`` (n, s, s)."""
+        return _summed(self.design, self.weights * residual, self.shared) - self.prior(coefficients)
 
     def approximate_inverse(self, values: Tensor) -> Tensor:
         """The matrix's inverse times ``values`` (m, ...), as if the matrix were diagonal at the nodes.
@@ -126,6 +114,12 @@ class MapEquations:
             before, square = square, (residual * scaled).sum(0)
             direction = scaled + (square / before.clamp_min(1e-30)) * direction
         return solution, residual
+
+
+def _summed(design: Design, values: Tensor, shared: RowRunner) -> Tensor:
+    """`Design.adjoint` (m,) of ``values`` (n, s, s)."""
+    parts = shared(lambda a, b: design.rows(a, b).adjoint(values[a:b]), len(values))
+    return torch.stack(parts).sum(0)
 
 
 def smoothness_for(noise_variance: float, texture_variance: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -10,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchsphere.kernels.jit import Floats
 from torchsphere.kernels.rays import LEAST_HEIGHT, LEAST_SQUARE, MOST_SKEW, NO_TOP, REACH, Rule
 from torchsphere.sphere_map.ball import TexturedBall
 
@@ -51,12 +53,19 @@ def rule(ball: TexturedBall) -> Rule:
         at_limb, long_arc = BLURRED_RULE_POINTS, BLURRED_RULE_POINTS * per_point
         longest = math.ceil(math.sqrt(wider) * ball.rim_points / per_point)
     counts = at_limb, max(at_limb, longest)
+    points, shares = _gauss_rules(counts)
+    limb = np.float32(LIMB_FROM), np.float32(LEAST_LIMB_PX), np.float32(LIMB_RAMP_PX)
+    arcs = np.float32((1 - ARC_RAMP) * long_arc), np.float32(long_arc)
+    return Rule(*limb, np.float32(MAX_RAY_DISTANCE), *arcs, points, shares, np.array(counts))
+
+
+@functools.lru_cache(maxsize=8)
+def _gauss_rules(counts: tuple[int, int]) -> tuple[Floats, Floats]:
+    """Points (2, k) of both rules, and their weights."""
     rules = np.zeros((2, 2, counts[1]), np.float32)
     for number, count in enumerate(counts):
         rules[:, number, :count] = np.polynomial.legendre.leggauss(count)
-    limb = np.float32(LIMB_FROM), np.float32(LEAST_LIMB_PX), np.float32(LIMB_RAMP_PX)
-    arcs = np.float32((1 - ARC_RAMP) * long_arc), np.float32(long_arc)
-    return Rule(*limb, np.float32(MAX_RAY_DISTANCE), *arcs, rules[0], rules[1], np.array(counts))
+    return rules[0], rules[1]
 
 
 def footprint_variance(blur: float) -> float:

@@ -128,7 +128,7 @@ def measure(
     back = joint.times(of_map, of_rest)
     taken_up = 2 * _product(coupling, (of_map, of_rest)) - _product(back, (of_map, of_rest))
     own = (weights * column.square()).sum().double() + unknown.precision
-    gradients = equations.gradient(state.ball.coefficients, state.windows.levels), by_unknowns(residual)
+    gradients = equations.gradient(state.ball.coefficients, residual), by_unknowns(residual)
     gradient = (weights * column * residual).sum().double() - _product(gradients, (of_map, of_rest))
     gradient = gradient - value * unknown.precision
     # What is not known from the images is held by the prior; rounding must not take that away.

@@ -62,10 +62,10 @@ def fit_map(state: State, shared: RowRunner, steps: int, design: Design | None =
 
     A ``design`` that is known at these poses saves drawing it.
     """
-    weights = state.profile.weights(state.windows, state.poses)
-    equations = MapEquations.of(design or drawn(state, shared), weights, shared, state.smoothness)
+    weights, design = state.profile.weights(state.windows, state.poses), design or drawn(state, shared)
+    equations = MapEquations.of(design, weights, shared, state.smoothness)
     coefficients = state.ball.coefficients
-    change, _ = equations.solve(equations.gradient(coefficients, state.windows.levels), steps)
+    change, _ = equations.solve(equations.gradient(coefficients, unexplained(state, design, shared)), steps)
     return replace(state, ball=replace(state.ball, coefficients=coefficients + change)), equations
 
 
