@@ -170,10 +170,11 @@ def joint_equations(
     """
     design, n = equations.design, len(poses)
     shared = _shared_columns(model.jacobian.shape[-1])
+    order = torch.tensor([*OWN, *shared], device=model.jacobian.device)
 
     def part(a: int, b: int) -> tuple[Tensor, Tensor]:
-        jacobian, weights = model.jacobian[a:b], equations.weights[a:b]
-        weighted = weights.flatten(1).unsqueeze(-1) * jacobian[..., [*OWN, *shared]]
+        weights = equations.weights[a:b]
+        weighted = model.jacobian[a:b].index_select(-1, order).mul_(weights.flatten(1).unsqueeze(-1))
         return model.rows(a, b).normal(weights, weights)[0], design.rows(a, b).coupling(weighted, PER_IMAGE)
 
     blocks, columns = zip(*equations.shared(part, n), strict=True)
