@@ -43,9 +43,9 @@ def by_loops(direction: Array, dtype: type, coefficients: Array) -> tuple[float,
     """Value of the map in a direction, and the sixteen weights as a sum over the coefficients (m,)."""
     corner, _, _, u, v, _, _ = loops.place(*direction.astype(dtype), CELLS)
     at, width = np.uint64(corner), np.uint64(CELLS + 3)
-    total, blocks = np.zeros(COUNT, dtype), np.zeros((COUNT, 16), dtype)
-    sixteen.add_sixteen(dtype(1), at, dtype(u), dtype(v), blocks)
-    sixteen.join_blocks(blocks, CELLS + 3, total)
+    total, fours = np.zeros(COUNT, dtype), np.zeros((COUNT, 4), dtype)
+    sixteen.add_sixteen(dtype(1), at, width, dtype(u), dtype(v), fours)
+    sixteen.join_fours(fours, total)
     return sixteen.sum_sixteen(coefficients.astype(dtype), at, width, dtype(u), dtype(v)), total
 
 

@@ -15,7 +15,7 @@ from torch import Tensor
 from torchsphere.kernels.cube_map import weights
 from torchsphere.kernels.jit import ZERO, Floats, arrays, compiled
 from torchsphere.kernels.layout import Rays
-from torchsphere.kernels.sixteen import LANES, add_multiple, add_sixteen, join_blocks, sum_sixteen
+from torchsphere.kernels.sixteen import LANES, add_multiple, add_sixteen, join_fours, sum_sixteen
 
 Array = NDArray[Any]
 
@@ -29,9 +29,9 @@ def map_levels(rays: Rays, coefficients: Tensor, cells: int, pixels: int) -> Ten
 
 def adjoint(rays: Rays, values: Tensor, cells: int, count: int) -> Tensor:
     """Sums (m,) of the pixels' ``values`` (n, p) over the ``count`` coefficients."""
-    found, blocks = values.new_zeros(count), values.new_zeros(count, 16)
-    _adjoint(Rays(*arrays(*rays)), *arrays(values), blocks.numpy())
-    join_blocks(blocks.numpy(), cells + 3, found.numpy())
+    found, fours = values.new_zeros(count), values.new_zeros(count, 4)
+    _adjoint(Rays(*arrays(*rays)), *arrays(values), cells + 3, fours.numpy())
+    join_fours(fours.numpy(), found.numpy())
     return found
 
 
@@ -94,13 +94,14 @@ def _map_levels(rays: Rays, coefficients: Floats, width: int, found: Floats) -> 
 
 
 @compiled
-def _adjoint(rays: Rays, values: Floats, blocks: Floats) -> None:
+def _adjoint(rays: Rays, values: Floats, width: int, fours: Floats) -> None:
     corner, offset, factor, pixel = rays
     n, count = factor.shape
+    step = np.uint64(width)
     for i in range(n):
         for k in range(count):
             value = factor[i, k] * values[i, np.uint64(np.uint32(pixel[i, k]))]
-            add_sixteen(value, np.uint64(np.uint32(corner[i, k])), offset[i, k, 0], offset[i, k, 1], blocks)
+            add_sixteen(value, np.uint64(np.uint32(corner[i, k])), step, offset[i, k, 0], offset[i, k, 1], fours)
 
 
 @compiled

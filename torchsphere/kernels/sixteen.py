@@ -44,21 +44,21 @@ def sum_with_slopes(coefficients: Array, at: Any, width: Any, u: Any, v: Any) ->
 
 
 @compiled
-def add_sixteen(value: Any, at: Any, u: Any, v: Any, blocks: Array) -> None:
-    """Add ``value`` to the sixteen coefficients of a cell in the ``blocks`` (m, 16): the adjoint of `sum_sixteen`.
+def add_sixteen(value: Any, at: Any, width: Any, u: Any, v: Any, fours: Array) -> None:
+    """Add ``value`` to the sixteen coefficients from number ``at`` on: the adjoint of `sum_sixteen`.
 
-    Each cell has coefficients of its own: sums that overlap in part wait for each other.
+    Number k of the ``fours`` (m, 4) are the sums for the coefficients k to k + 3 of all cells that begin there: sums that
+    overlap in part wait for each other.
     """
-    _add_sixteen(value, at, u, v, blocks)
+    _add_sixteen(value, at, width, u, v, fours)
 
 
 @compiled
-def join_blocks(blocks: Array, width: int, total: Array) -> None:
-    """Add the ``blocks`` (m, 16) of `add_sixteen` to the coefficients (m,)."""
-    for first in range(len(total) - 3 * (width + 1)):
-        for across in range(4):
-            for along in range(4):
-                total[first + across * width + along] += blocks[first, 4 * across + along]
+def join_fours(fours: Array, total: Array) -> None:
+    """Add the ``fours`` (m, 4) of `add_sixteen` to the coefficients (m,)."""
+    for first in range(len(total) - 3):
+        for along in range(4):
+            total[first + along] += fours[first, along]
 
 
 @compiled
@@ -88,17 +88,21 @@ def _sum_with_slopes(_: Any, coefficients: Any, at: Any, width: Any, u: Any, v: 
 
 
 @in_code
-def _add_sixteen(_: Any, value: Any, at: Any, u: Any, v: Any, blocks: Any) -> tuple[Any, Callable[..., Any]]:
+def _add_sixteen(
+    _: Any, value: Any, at: Any, width: Any, u: Any, v: Any, fours: Any
+) -> tuple[Any, Callable[..., Any]]:
     def generate(context: Any, builder: ir.IRBuilder, signature: Any, given: Sequence[Any]) -> Any:
-        lanes = _Lanes(context, builder, blocks.dtype)
-        place = lanes.address(signature.args[4], given[4], builder.mul(given[1], given[1].type(16)))
-        along = lanes.product(lanes.polynomials(given[2], _SPLINES), lanes.repeated(given[0]))
-        across = lanes.polynomials(given[3], _SPLINES)
-        shares = lanes.spread(along, [*_ROW] * 4), lanes.spread(across, [k for k in _ROW for _ in _ROW])
-        lanes.store(lanes.sum(lanes.load(place, 16), lanes.product(*shares)), place)
+        lanes = _Lanes(context, builder, fours.dtype)
+        along = lanes.product(lanes.polynomials(given[3], _SPLINES), lanes.repeated(given[0]))
+        across = lanes.polynomials(given[4], _SPLINES)
+        for k in _ROW:
+            first = builder.add(given[1], builder.mul(given[2], given[2].type(k)))
+            four = lanes.address(signature.args[5], given[5], builder.mul(first, first.type(4)))
+            added = lanes.product(along, lanes.spread(across, [k] * 4))
+            lanes.store(lanes.sum(lanes.load(four, 4), added), four)
         return context.get_dummy_value()
 
-    return types.none(value, at, u, v, blocks), generate
+    return types.none(value, at, width, u, v, fours), generate
 
 
 @in_code
