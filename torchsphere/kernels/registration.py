@@ -16,6 +16,7 @@ from torchsphere.kernels.forward_model import Model, linearise_row, memory_for_r
 from torchsphere.kernels.jit import ONE, ZERO, Doubles, Floats, Integers, arrays, compiled
 from torchsphere.kernels.layout import Images, contiguous
 from torchsphere.kernels.region import window_sums
+from torchsphere.kernels.rings import put_ramps
 
 _HALF, _LEAST = np.float32(0.5), 1e-12
 
@@ -83,7 +84,12 @@ def _equations(
         scale = rings.radius / images.ball[i, layout.RADIUS]
         for row in range(side):
             linearise_row(model, images, i, row, memory, expected[row], jacobian[row])
-            _inverse_variance(memory.across, memory.down, scale, rings, weights[row])
+            for column in range(side):
+                x, y = scale * memory.across[column], scale * memory.down[column]
+                part[column] = x * x + y * y
+            put_ramps(part, rings.limits, rings.slopes, rings.variances, weights[row])
+            for column in range(side):
+                weights[row, column] = ONE / weights[row, column]
             for column in range(side):
                 residual[row, column] = levels[i, row, column] - expected[row, column]
         _misfits(expected, residual, visibility[i], weights, misfits, usable)
@@ -98,22 +104,6 @@ def _equations(
         for a in range(len(columns)):
             for b in range(a):
                 normal[i, a, b] = normal[i, b, a]
-
-
-@compiled
-def _inverse_variance(xs: Floats, ys: Floats, scale: Any, rings: Rings, found: Floats) -> None:
-    """One over `pixel_weights.ResidualProfile.at` the pixels of a row, whose distances are as many times longer."""
-    limits, slopes, variances, _ = rings
-    for column in range(len(found)):
-        found[column] = variances[0]
-    for k in range(len(limits)):
-        limit, slope, step = limits[k], slopes[k], variances[k + 1] - variances[k]
-        for column in range(len(found)):
-            x, y = scale * xs[column], scale * ys[column]
-            share = (x * x + y * y - limit) * slope + _HALF
-            found[column] += step * min(max(share, ZERO), ONE)
-    for column in range(len(found)):
-        found[column] = ONE / found[column]
 
 
 @compiled

@@ -47,7 +47,7 @@ def sum_with_slopes(coefficients: Array, at: Any, width: Any, u: Any, v: Any) ->
 def add_sixteen(value: Any, at: Any, width: Any, u: Any, v: Any, fours: Array) -> None:
     """Add ``value`` to the sixteen coefficients from number ``at`` on: the adjoint of `sum_sixteen`.
 
-    Number k of the ``fours`` (m, 4) are the sums for the coefficients k to k + 3 of all cells that begin there: sums that
+    Number k of the ``fours`` (m, 4) are sums for the coefficients k to k + 3 in rows that begin there: sums that
     overlap in part wait for each other.
     """
     _add_sixteen(value, at, width, u, v, fours)
@@ -88,9 +88,7 @@ def _sum_with_slopes(_: Any, coefficients: Any, at: Any, width: Any, u: Any, v: 
 
 
 @in_code
-def _add_sixteen(
-    _: Any, value: Any, at: Any, width: Any, u: Any, v: Any, fours: Any
-) -> tuple[Any, Callable[..., Any]]:
+def _add_sixteen(_: Any, value: Any, at: Any, width: Any, u: Any, v: Any, fours: Any) -> tuple[Any, Callable[..., Any]]:
     def generate(context: Any, builder: ir.IRBuilder, signature: Any, given: Sequence[Any]) -> Any:
         lanes = _Lanes(context, builder, fours.dtype)
         along = lanes.product(lanes.polynomials(given[3], _SPLINES), lanes.repeated(given[0]))

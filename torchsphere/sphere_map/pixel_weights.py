@@ -12,8 +12,8 @@ import torch
 import torch.nn.functional as F  # noqa: N812  (torch's own custom)
 from torch import Tensor
 
-from torchsphere.kernels import region
-from torchsphere.kernels.jit import suits
+from torchsphere.kernels import region, rings
+from torchsphere.kernels.jit import in_loops, suits
 from torchsphere.sphere_map.ball import Poses
 from torchsphere.sphere_map.window import Windows
 
@@ -55,12 +55,8 @@ class ResidualProfile:
         It goes over from one ring to the next along `RAMP_PX`: a pixel that rounding puts on the one or the other side
         of a limit has the same weight on both.
         """
-        square = _square_distances(windows, poses, self.radius)
-        (squares, slopes), variance = (part.to(square) for part in self.ramps()), self.variance.to(square)
-        found = variance[0].expand_as(square)
-        for limit, slope, step in zip(squares, slopes, variance.diff(), strict=True):
-            found = found + step * ((square - limit) * slope + 0.5).clamp(0, 1)
-        return found
+        squares = _square_distances(windows, poses, self.radius)
+        return _along_ramps(squares, *(part.to(squares) for part in (*self.ramps(), self.variance)))
 
     def ramps(self) -> tuple[Tensor, Tensor]:
         """Squares (m - 1,) of the rings' limits, px^2, and share of the next ring's variance per square, 1/px^2."""
@@ -70,6 +66,15 @@ class ResidualProfile:
     def weights(self, windows: Windows, poses: Poses) -> Tensor:
         """Weight (n, s, s) of each pixel: visibility over the variance of its ring."""
         return windows.visibility / self.at(windows, poses)
+
+
+@in_loops(rings.along_ramps)
+def _along_ramps(squares: Tensor, limits: Tensor, slopes: Tensor, variances: Tensor) -> Tensor:
+    """Variance (n, s, s) at distances with these ``squares``, by `ResidualProfile.ramps` and ``variances`` (m,)."""
+    found = variances[0].expand_as(squares)
+    for limit, slope, step in zip(limits, slopes, variances.diff(), strict=True):
+        found = found + step * ((squares - limit) * slope + 0.5).clamp(0, 1)
+    return found
 
 
 def _square_distances(windows: Windows, poses: Poses, radius: Tensor) -> Tensor:
@@ -96,12 +101,18 @@ def ring_sums(windows: Windows, poses: Poses, residual: Tensor, radius: Tensor, 
 
     A map that was fitted to the same pixels takes up a part of their noise, the ``leverage`` (n, s, s).
     """
-    limits, distances = _ring_limits(radius), _square_distances(windows, poses, radius)
     # Squares need no root.
-    ring = torch.bucketize(distances, limits.to(distances).clamp_min(0).square()).flatten()
-    squares, free = windows.visibility * residual.square(), windows.visibility * (1 - leverage)
-    none = torch.zeros(len(limits) + 1, dtype=torch.float64, device=radius.device)
-    return torch.stack([none.index_add(0, ring, part.flatten().double()) for part in (squares, free)])
+    squares = _square_distances(windows, poses, radius)
+    limits = _ring_limits(radius).to(squares).clamp_min(0).square()
+    return _sums(squares, limits, windows.visibility, residual, leverage)
+
+
+@in_loops(rings.sums)
+def _sums(squares: Tensor, limits: Tensor, visibility: Tensor, residual: Tensor, leverage: Tensor) -> Tensor:
+    """`ring_sums` of pixels at distances with these ``squares``, in rings with ``limits`` (m - 1,), squared."""
+    ring, none = torch.bucketize(squares, limits).flatten(), limits.new_zeros(len(limits) + 1, dtype=torch.float64)
+    parts = visibility * residual.square(), visibility * (1 - leverage)
+    return torch.stack([none.index_add(0, ring, part.flatten().double()) for part in parts])
 
 
 def profile_of(sums: Tensor, radius: Tensor, least: float = ROUNDING_VARIANCE) -> ResidualProfile:
