@@ -66,9 +66,10 @@ class LevelScale:
 
     def standard(self, images: Tensor, dtype: torch.dtype) -> Tensor:
         """Standard levels of recorded ``images``, in new memory."""
+        if not images.is_floating_point():
+            return self.standard_in_place(images.to(dtype))
         # Twice the digits, where the images have these, until a large offset is gone.
-        levels = images if images.is_floating_point() else images.to(dtype)
-        return (levels - self.black).to(dtype).mul_(1 / self.unit)
+        return (images - self.black).to(dtype).mul_(1 / self.unit)
 
     def standard_in_place(self, images: Tensor) -> Tensor:
         """Standard levels of recorded floating-point ``images``, in their own memory."""
