@@ -37,8 +37,8 @@ class Model(NamedTuple):
 
 def linearise(model: Model, images: Images) -> tuple[Tensor, Tensor]:
     """Levels (n, s, s) and jacobian (n, s * s, 9)."""
-    levels = torch.zeros_like(images.visibility)
-    jacobian = levels.new_zeros(len(levels), levels[0].numel(), layout.COLUMNS)
+    levels = torch.empty_like(images.visibility)
+    jacobian = levels.new_empty(len(levels), levels[0].numel(), layout.COLUMNS)
     _linearise(model.of_arrays(), contiguous(images), levels.numpy(), jacobian.numpy())
     return levels, jacobian
 

@@ -38,9 +38,9 @@ def adjoint(rays: Rays, values: Tensor, cells: int, count: int) -> Tensor:
 def coupling(rays: Rays, values: Tensor, own: int, cells: int, count: int) -> Tensor:
     """Sums (m, n k + c) of columns of ``values`` (n, p, k + c): the ``own`` k of each image, and those of all."""
     n, pixels, columns = values.shape
-    found, lanes = values.new_zeros(count, n * own + columns - own), -(-columns // LANES) * LANES
+    found, lanes = values.new_empty(count, n * own + columns - own), -(-columns // LANES) * LANES
     # Of one image, whose sums are near each other in memory, as their places among those of all are not.
-    memory = values.new_zeros(pixels, lanes), values.new_empty(count, lanes)
+    memory = values.new_zeros(pixels, lanes), values.new_zeros(count, lanes)
     _coupling(Rays(*arrays(*rays)), *arrays(values), own, cells + 3, *arrays(*memory), found.numpy())
     return found
 
@@ -111,13 +111,15 @@ def _coupling(rays: Rays, values: Floats, own: int, width: int, padded: Floats, 
         for shown in range(pixels):
             for c in range(columns):
                 padded[shown, c] = values[i, shown, c]
-        sums[:] = ZERO
         _add_columns(rays, i, padded, width, sums)
         for place in range(len(found)):
             for c in range(own):
                 found[place, i * own + c] = sums[place, c]
-            for c in range(own, columns):
-                found[place, (n - 1) * own + c] += sums[place, c]
+                sums[place, c] = ZERO
+    # Those of all images have been summed up.
+    for place in range(len(found)):
+        for c in range(own, columns):
+            found[place, (n - 1) * own + c] = sums[place, c]
 
 
 @compiled
