@@ -101,6 +101,8 @@ def _adjoint(rays: Rays, values: Floats, width: int, fours: Floats) -> None:
     for i in range(n):
         for k in range(count):
             value = factor[i, k] * values[i, np.uint64(np.uint32(pixel[i, k]))]
+            if value == ZERO:
+                continue
             add_sixteen(value, np.uint64(np.uint32(corner[i, k])), step, offset[i, k, 0], offset[i, k, 1], fours)
 
 
@@ -128,6 +130,8 @@ def _add_columns(rays: Rays, i: int, values: Floats, width: int, sums: Floats) -
     corner, offset, factor, pixel = rays
     columns = np.uint64(values.shape[1])
     for k in range(factor.shape[1]):
+        if factor[i, k] == ZERO:
+            continue
         of_u, of_v = weights(offset[i, k, 0]), weights(offset[i, k, 1])
         first, shown = np.uint64(np.uint32(corner[i, k])), np.uint64(np.uint32(pixel[i, k]))
         for c in range(0, values.shape[1], LANES):
