@@ -17,7 +17,7 @@ from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import elimination
 from torchsphere.sphere_map.elimination import COMMON, GEOMETRY, PER_IMAGE, JointEquations
 from torchsphere.sphere_map.forward_model import MIN_BLUR_PX, Linearisation
-from torchsphere.sphere_map.state import State, linearised
+from torchsphere.sphere_map.state import State, levels_of
 
 #: Most conjugate gradients for the response of map and poses (docs/constants.toml).
 SOLVER_STEPS = 60
@@ -46,10 +46,10 @@ class SharedUnknown:
     def column(self, state: State, model: Linearisation, shared: RowRunner) -> Tensor:
         """Change of the drawn grey levels (n, s, s) per change of the unknown, at the ``model`` of the ``state``."""
         step = torch.full_like(state.ball.radius, self.step)
-        more = linearised(self.changed(state, step), shared).levels
+        more = levels_of(self.changed(state, step), shared)
         if self.is_linear:
             return (more - model.levels) / self.step
-        return (more - linearised(self.changed(state, -step), shared).levels) / (2 * self.step)
+        return (more - levels_of(self.changed(state, -step), shared)) / (2 * self.step)
 
 
 #: Unknowns in the order of their columns.
