@@ -262,6 +262,13 @@ def test_products_with_the_map_and_their_adjoints_belong_together() -> None:
     assert float((fast.adjoint(values.float()) - total).abs().max()) < 1e-4 * float(total.abs().max())
 
 
+def test_an_even_map_is_drawn_without_a_look_up() -> None:
+    _, exact, fast = designs(rough_ball(), poses())
+    ones = torch.ones(cube_map.coefficient_count(exact.cells), dtype=torch.float64)
+    torch.testing.assert_close(exact.even, exact.map_levels(ones), atol=1e-12, rtol=0)
+    torch.testing.assert_close(fast.even, fast.map_levels(ones.float()), atol=1e-5, rtol=0)
+
+
 def test_the_coupling_is_the_adjoint_of_each_column() -> None:
     seen, exact, fast = designs(rough_ball(), poses())
     shown = (seen.visibility > 0).double()
