@@ -19,9 +19,6 @@ from torchsphere.settings.limits import (
     SettingError,
     require_channel_class,
     require_finite,
-    require_one_of,
-    require_percent,
-    require_positive,
     require_window,
     within,
 )
@@ -36,8 +33,13 @@ from torchsphere.settings.setting import (
     Setting,
     check_ranges,
     choice,
+    finite,
     numbers,
+    one_of,
+    percent,
+    positive,
     settings_of,
+    switch,
 )
 
 if TYPE_CHECKING:
@@ -70,35 +72,26 @@ class Request:
         tuple[float, float, float] | None,
         Setting(numbers("X,Y,R"), RECORDING, "X,Y,R", "outline in the first frame, px (found)", require_finite),
     ] = None
-    refine: Annotated[bool, Setting(SWITCH, RECORDING, "", "fit the given circle to the image first")] = False
+    refine: Annotated[bool, switch(RECORDING, "fit the given circle to the image first")] = False
     frames: Annotated[
         tuple[int | None, int | None], Setting(FRAMES, RECORDING, "A:B", "frames A to B - 1 only (all)")
     ] = (None, None)
     fps: Annotated[
         float | None, Setting(NUMBER, RECORDING, "F", "frame rate, 1/s (the file's)", within(FRAME_RATES))
     ] = None
-    shutter_us: Annotated[
-        float | None,
-        Setting(NUMBER, RECORDING, "T", "exposure, us (the file's, or by the smear)", require_positive),
-    ] = None
+    shutter_us: Annotated[float | None, positive(RECORDING, "T", "exposure, us (the file's, or by the smear)")] = None
     ignore: Annotated[
         Sequence[str],
         Setting(
-            REGION,
-            RECORDING,
-            "FILE.png|POLYGON",
+            *(REGION, RECORDING, "FILE.png|POLYGON"),
             "region not to be used, as mask or 'x,y x,y x,y'; may be repeated",
             repeats=True,
         ),
     ] = ()
     axes: Annotated[
         str | None,
-        Setting(
-            choice(AXES),
-            RECORDING,
-            "",
-            "order of the axes of an array: number n, height h, width w (nhw, and hwn in a MAT file)",
-            require_one_of(AXES),
+        one_of(
+            AXES, RECORDING, "order of the axes of an array: number n, height h, width w (nhw, and hwn in a MAT file)"
         ),
     ] = None
     pixel_aspect: Annotated[
@@ -109,43 +102,34 @@ class Request:
     ] = None
     bayer: Annotated[
         str | None,
-        Setting(
-            choice(BAYER),
-            RECORDING,
-            "",
+        one_of(
+            *(BAYER, RECORDING),
             "raw colour mosaic, by its first two rows: its green pixels are measured (the file's, or none)",
-            require_one_of(BAYER),
         ),
     ] = None
-    in_place: Annotated[bool, Setting(SWITCH, RECORDING, "", "the ball turns without leaving its place")] = False
-    model: Annotated[str, Setting(choice(MODELS), METHOD, "", "motion model", require_one_of(MODELS))] = "rigid"
+    in_place: Annotated[bool, switch(RECORDING, "the ball turns without leaving its place")] = False
+
+    model: Annotated[str, one_of(MODELS, METHOD, "motion model")] = "rigid"
     map: Annotated[
         str,
-        Setting(
-            choice(tuple(MAPS)),
-            METHOD,
-            "",
+        one_of(
+            *(tuple(MAPS), METHOD),
             "map of the ball's texture: no drift, twice the precision; auto makes it where it can, off keeps to pairs",
-            require_one_of(tuple(MAPS)),
         ),
     ] = "auto"
     roi: Annotated[
         float | None,
         Setting(
-            NUMBER,
-            METHOD,
-            "FRACTION",
+            *(NUMBER, METHOD, "FRACTION"),
             "region of interest, share of the radius (0.95, less for a small ball unlike its background)",
             within(ROI),
         ),
     ] = None
     device: Annotated[str, Setting(choice(DEVICES), METHOD, "", "where to compute")] = "cpu"
-    focal_px: Annotated[
-        float | None, Setting(NUMBER, CAMERA, "F", "focal length over the size of a pixel", require_positive)
-    ] = None
+
+    focal_px: Annotated[float | None, positive(CAMERA, "F", "focal length over the size of a pixel")] = None
     distance_mm: Annotated[
-        float | None,
-        Setting(NUMBER, CAMERA, "Z", "or distance of the ball's centre, mm, with --diameter-mm", require_positive),
+        float | None, positive(CAMERA, "Z", "or distance of the ball's centre, mm, with --diameter-mm")
     ] = None
     principal_px: Annotated[
         tuple[float, float] | None,
@@ -155,64 +139,43 @@ class Request:
         tuple[float, float, float],
         Setting(numbers("K1,K2,K3"), CAMERA, "K1,K2,K3", "radial, OpenCV's convention (none)", require_finite),
     ] = (0.0, 0.0, 0.0)
-    telecentric: Annotated[
-        bool, Setting(SWITCH, CAMERA, "", "the lens sees the ball from the same side wherever it is")
-    ] = False
-    diameter_mm: Annotated[
-        float | None, Setting(NUMBER, KINEMATICS, "D", "diameter of the ball, mm, for the scale", require_positive)
-    ] = None
-    mm_per_px: Annotated[float | None, Setting(NUMBER, KINEMATICS, "S", "or size of a pixel, mm", require_positive)] = (
-        None
-    )
-    scale_sd_percent: Annotated[
-        float, Setting(NUMBER, KINEMATICS, "P", "standard deviation of that diameter or size, %", require_percent)
-    ] = 0.0
-    mass_g: Annotated[
-        float | None, Setting(NUMBER, KINEMATICS, "M", "mass of the ball, g, for the force", require_positive)
-    ] = None
-    mass_sd_percent: Annotated[
-        float, Setting(NUMBER, KINEMATICS, "P", "standard deviation of that mass, %", require_percent)
-    ] = 0.0
-    fps_sd_percent: Annotated[
-        float, Setting(NUMBER, KINEMATICS, "P", "standard deviation of the frame rate, %", require_percent)
-    ] = 0.0
-    method: Annotated[
-        str, Setting(choice(METHODS), KINEMATICS, "", "how to differentiate", require_one_of(METHODS))
-    ] = "smoother"
+    telecentric: Annotated[bool, switch(CAMERA, "the lens sees the ball from the same side wherever it is")] = False
+
+    diameter_mm: Annotated[float | None, positive(KINEMATICS, "D", "diameter of the ball, mm, for the scale")] = None
+    mm_per_px: Annotated[float | None, positive(KINEMATICS, "S", "or size of a pixel, mm")] = None
+    scale_sd_percent: Annotated[float, percent(KINEMATICS, "P", "standard deviation of that diameter or size, %")] = 0.0
+    mass_g: Annotated[float | None, positive(KINEMATICS, "M", "mass of the ball, g, for the force")] = None
+    mass_sd_percent: Annotated[float, percent(KINEMATICS, "P", "standard deviation of that mass, %")] = 0.0
+    fps_sd_percent: Annotated[float, percent(KINEMATICS, "P", "standard deviation of the frame rate, %")] = 0.0
+    method: Annotated[str, one_of(METHODS, KINEMATICS, "how to differentiate")] = "smoother"
     cfc: Annotated[
         int | None,
         Setting(
-            WHOLE,
-            KINEMATICS,
-            "N",
+            *(WHOLE, KINEMATICS, "N"),
             "also filter raw differences by a class of ISO 6487 and SAE J211: 60, 180, 600 or 1000",
             require_channel_class,
         ),
     ] = None
-    lab_frame: Annotated[bool, Setting(SWITCH, KINEMATICS, "", "kinematics with y up and z to the camera")] = False
+    lab_frame: Annotated[bool, switch(KINEMATICS, "kinematics with y up and z to the camera")] = False
+
     window: Annotated[int, Setting(WHOLE, POLYNOMIALS, "N", "frames around each frame, odd")] = WINDOW
     order: Annotated[int, Setting(WHOLE, POLYNOMIALS, "N", "order of the polynomials")] = ORDER
-    shell_mm: Annotated[
-        float | None, Setting(NUMBER, IMPACT, "T", "thickness of a hollow ball, mm (solid)", require_positive)
-    ] = None
-    inertia_kg_m2: Annotated[
-        float | None, Setting(NUMBER, IMPACT, "I", "or moment of inertia, kg m2", require_positive)
-    ] = None
+
+    shell_mm: Annotated[float | None, positive(IMPACT, "T", "thickness of a hollow ball, mm (solid)")] = None
+    inertia_kg_m2: Annotated[float | None, positive(IMPACT, "I", "or moment of inertia, kg m2")] = None
     normal_deg: Annotated[
-        float | None,
-        Setting(NUMBER, IMPACT, "A", "normal from target to ball, deg from x towards y (found)", require_finite),
+        float | None, finite(IMPACT, "A", "normal from target to ball, deg from x towards y (found)")
     ] = None
+
     report: Annotated[
         bool, Setting(SWITCH, OUTPUT, "", "no figures, no report, no images in the result", flag="--no-report")
     ] = True
-    overlay: Annotated[bool, Setting(SWITCH, OUTPUT, "", "make overlay.mp4, too (extra 'video')")] = False
-    paraview: Annotated[bool, Setting(SWITCH, OUTPUT, "", "make a series for ParaView, too")] = False
+    overlay: Annotated[bool, switch(OUTPUT, "make overlay.mp4, too (extra 'video')")] = False
+    paraview: Annotated[bool, switch(OUTPUT, "make a series for ParaView, too")] = False
     export: Annotated[
         Sequence[str],
         Setting(
-            choice(tuple(EXPORTS)),
-            OUTPUT,
-            "",
+            *(choice(tuple(EXPORTS)), OUTPUT, ""),
             "also all tables in one file, result.h5 (extra 'export') or result.mat; may be repeated",
             repeats=True,
         ),

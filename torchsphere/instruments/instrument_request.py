@@ -7,18 +7,20 @@ from pathlib import Path
 from typing import Annotated
 
 from torchsphere.instruments.units import ACCELERATION, STRAIN, TIME, Quantity
-from torchsphere.settings.limits import SettingError, require_finite, require_one_of, require_percent
+from torchsphere.settings.limits import SettingError, require_finite
 from torchsphere.settings.setting import (
     NUMBER,
     PATH,
-    SWITCH,
     Group,
     Kind,
     Setting,
     check_ranges,
-    choice,
+    finite,
+    one_of,
+    percent,
     positive,
     settings_of,
+    switch,
 )
 
 FILE = Group("the instrument, one of three, and its file")
@@ -38,10 +40,6 @@ def _magnitude(group: Group, metavar: str, text: str) -> Setting:
     return Setting(NUMBER, group, metavar, text, _require_magnitude)
 
 
-def _number(group: Group, metavar: str, text: str) -> Setting:
-    return Setting(NUMBER, group, metavar, text, require_finite)
-
-
 @dataclass(frozen=True, kw_only=True)
 class InstrumentRequest:
     """What to compare a track with; each field is a setting that its `Setting` describes.
@@ -58,18 +56,14 @@ class InstrumentRequest:
     columns: Annotated[
         str | None,
         Setting(
-            TEXT,
-            FILE,
-            "NAME[,NAME]",
+            *(TEXT, FILE, "NAME[,NAME]"),
             "columns of the signals (the first after the times); of several strain gauges the mean is taken",
         ),
     ] = None
     unit: Annotated[
         str | None,
         Setting(
-            TEXT,
-            FILE,
-            "UNIT",
+            *(TEXT, FILE, "UNIT"),
             f"of the signal: {', '.join(ACCELERATION.factors)}; {', '.join(STRAIN.factors)}; or its size in m/s^2 or "
             "in strain (as the file states, or else m/s^2 or strain)",
         ),
@@ -79,22 +73,15 @@ class InstrumentRequest:
     ] = None
     time_unit: Annotated[
         str | None,
-        Setting(
-            choice(tuple(TIME.factors)),
-            FILE,
-            "",
-            "unit of the times (as the file states, or else s)",
-            require_one_of(tuple(TIME.factors)),
-        ),
+        one_of(tuple(TIME.factors), FILE, "unit of the times (as the file states, or else s)"),
     ] = None
     sampling_hz: Annotated[float | None, positive(FILE, "F", "samples per second, in place of the file's times")] = None
     spacing_mm: Annotated[float | None, positive(COMPARISON, "L", "distance of the barriers; --gate needs it")] = None
     sd_spacing_mm: Annotated[float, _magnitude(COMPARISON, "SD", "its standard deviation")] = 0.0
     direction_deg: Annotated[
         float | None,
-        _number(
-            COMPARISON,
-            "A",
+        finite(
+            *(COMPARISON, "A"),
             "direction in which the accelerometer measures (0), across the gate from its first barrier (along the "
             "ball's path), or from the bar to the ball (the impact's normal), from x towards y of the result's frame",
         ),
@@ -111,27 +98,18 @@ class InstrumentRequest:
     bar_length_mm: Annotated[
         float | None,
         positive(
-            BAR,
-            "L",
+            *(BAR, "L"),
             "from the struck end to the far end, mm: the force ends where the reflection arrives (no reflection)",
         ),
     ] = None
     sd_bar_percent: Annotated[
         float,
-        Setting(
-            NUMBER,
-            BAR,
-            "SD",
-            "standard deviation of modulus times cross-section times the gauge's sensitivity, %",
-            require_percent,
-        ),
+        percent(BAR, "SD", "standard deviation of modulus times cross-section times the gauge's sensitivity, %"),
     ] = 0.0
-    compression_positive: Annotated[
-        bool, Setting(SWITCH, BAR, "", "the record shows compression as positive (negative)")
-    ] = False
+    compression_positive: Annotated[bool, switch(BAR, "the record shows compression as positive (negative)")] = False
     delay_ms: Annotated[
         float | None,
-        _number(BAR, "T", "time of the record's clock at time 0 of the track, ms (where both forces agree best)"),
+        finite(BAR, "T", "time of the record's clock at time 0 of the track, ms (where both forces agree best)"),
     ] = None
     sd_delay_ms: Annotated[float, _magnitude(BAR, "SD", "its standard deviation")] = 0.0
 

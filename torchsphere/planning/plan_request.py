@@ -8,19 +8,20 @@ from pathlib import Path
 from typing import Annotated
 
 from torchsphere.settings.choices import MAPS
-from torchsphere.settings.limits import SettingError, require_finite, require_one_of, require_positive, within
+from torchsphere.settings.limits import SettingError, require_positive, within
 from torchsphere.settings.setting import (
     NUMBER,
     PATH,
-    SWITCH,
     WHOLE,
     Group,
     Setting,
     check_ranges,
-    choice,
+    finite,
     numbers,
+    one_of,
     positive,
     settings_of,
+    switch,
 )
 
 TEST = Group("the test")
@@ -48,9 +49,7 @@ class PlanRequest:
     """
 
     speed: Annotated[float | None, positive(TEST, "V", "of the ball, m/s")] = None
-    direction_deg: Annotated[
-        float, Setting(NUMBER, TEST, "A", "of its flight, deg from right towards down", require_finite)
-    ] = 0.0
+    direction_deg: Annotated[float, finite(TEST, "A", "of its flight, deg from right towards down")] = 0.0
     spin_rev_s: Annotated[Vector, Setting(numbers("X,Y,Z"), TEST, "X,Y,Z", "its spin, rev/s (0,0,0)")] = (0.0, 0.0, 0.0)
     diameter_mm: Annotated[float | None, positive(TEST, "D", "diameter of the ball, mm")] = None
     mass_g: Annotated[float | None, positive(TEST, "M", "mass of the ball, g")] = None
@@ -70,12 +69,9 @@ class PlanRequest:
     )
     map: Annotated[
         str,
-        Setting(
-            choice(tuple(MAPS)),
-            CAMERA,
-            "",
+        one_of(
+            *(tuple(MAPS), CAMERA),
             "as in 'track': the impact is measured on a map of the ball, or (off) by steps from pairs",
-            require_one_of(tuple(MAPS)),
         ),
     ] = "auto"
     image: Annotated[
@@ -85,7 +81,7 @@ class PlanRequest:
         Sequence[Vector],
         Setting(numbers("X,Y,R"), LOOK, "X,Y,R", "outline in it, px (in the flight: found)", repeats=True),
     ] = ()
-    blurred: Annotated[bool, Setting(SWITCH, LOOK, "", "the images show the test's motion blur")] = False
+    blurred: Annotated[bool, switch(LOOK, "the images show the test's motion blur")] = False
     speckle_px: Annotated[float | None, positive(LOOK, "S", "size of the rendered spots, px (4)")] = None
     grey: Annotated[
         tuple[float, float] | None, Setting(numbers("LOW,HIGH"), LOOK, "LOW,HIGH", "their grey levels (30,220)")

@@ -16,7 +16,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from torchsphere.settings.limits import SettingError, require_positive, shown_value
+from torchsphere.settings.limits import (
+    SettingError,
+    require_finite,
+    require_one_of,
+    require_percent,
+    require_positive,
+    shown_value,
+)
 
 _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -160,6 +167,26 @@ class Setting:
 def positive(group: Group, metavar: str, text: str) -> Setting:
     """A setting that is a finite, positive number."""
     return Setting(NUMBER, group, metavar, text, require_positive)
+
+
+def finite(group: Group, metavar: str, text: str) -> Setting:
+    """A setting that is a finite number."""
+    return Setting(NUMBER, group, metavar, text, require_finite)
+
+
+def percent(group: Group, metavar: str, text: str) -> Setting:
+    """A setting that is a percentage, from 0 to below 100."""
+    return Setting(NUMBER, group, metavar, text, require_percent)
+
+
+def switch(group: Group, text: str) -> Setting:
+    """A setting that is on or off."""
+    return Setting(SWITCH, group, "", text)
+
+
+def one_of(names: Sequence[str], group: Group, text: str) -> Setting:
+    """A setting that is one of some ``names``."""
+    return Setting(choice(names), group, "", text, require_one_of(names))
 
 
 def settings_of(described: type) -> dict[str, Setting]:
