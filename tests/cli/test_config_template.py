@@ -5,8 +5,8 @@ import tomllib
 
 import pytest
 
-from torchsphere.cli.config_template import EXAMPLES, template
 from torchsphere.cli.main import main
+from torchsphere.cli.options import EXAMPLES, template
 from torchsphere.request import PER_RECORDING, SETTINGS
 from torchsphere.settings.configuration import from_table
 

@@ -3,7 +3,7 @@
 import dataclasses
 
 from torchsphere.dynamics.budget import RESULTS, SOURCES
-from torchsphere.report import budget_table, pages
+from torchsphere.report import pages, summary_tables
 from torchsphere.results.reader import ResultFolder
 
 
@@ -14,15 +14,15 @@ def with_budget(result: ResultFolder, budget: dict[str, dict[str, float]]) -> Re
 
 def test_a_row_per_result_has_the_shares_of_all_sources_with_an_effect(result: ResultFolder) -> None:
     shares = {"noise": 0.623, "radius": 0.374, "scale": 0.0, "centre": 0.003, "mass": 0.0}
-    table = budget_table.budget_table(with_budget(result, {"peak_force": shares, "duration": {"noise": 1.0}}))
+    table = summary_tables.budget_table(with_budget(result, {"peak_force": shares, "duration": {"noise": 1.0}}))
     assert table is not None
     assert table.columns == ("noise of the images", "radius of the outline", "centre of the outline")
     assert table.rows == (("Largest force", "62", "37", "< 1"), ("Contact lasts", "100", "-", "-"))
 
 
 def test_every_source_and_result_of_a_budget_has_a_name(result: ResultFolder) -> None:
-    assert set(budget_table.SOURCES) == set(SOURCES)
-    table = budget_table.budget_table(with_budget(result, {name: {"noise": 1.0} for name in RESULTS}))
+    assert set(summary_tables.SOURCES) == set(SOURCES)
+    table = summary_tables.budget_table(with_budget(result, {name: {"noise": 1.0} for name in RESULTS}))
     assert table is not None
     assert not [row[0] for row in table.rows if "_" in row[0]]
 
@@ -30,13 +30,13 @@ def test_every_source_and_result_of_a_budget_has_a_name(result: ResultFolder) ->
 def test_a_result_of_an_earlier_version_has_no_table(result: ResultFolder) -> None:
     earlier = {name: value for name, value in result.summary["impact"].items() if name != "budget"}
     old = dataclasses.replace(result, summary=result.summary | {"impact": earlier})
-    assert budget_table.budget_table(old) is None
+    assert summary_tables.budget_table(old) is None
     assert "Where the uncertainty of the impact comes from" not in pages.report_html(old)
-    assert budget_table.budget_table(dataclasses.replace(result, summary=result.summary | {"impact": None})) is None
+    assert summary_tables.budget_table(dataclasses.replace(result, summary=result.summary | {"impact": None})) is None
 
 
 def test_the_measured_impact_has_a_table_whose_rows_add_up(result: ResultFolder) -> None:
-    table = budget_table.budget_table(result)
+    table = summary_tables.budget_table(result)
     assert table is not None
     assert "mass" not in table.columns
     for _, *shares in table.rows:

@@ -3,8 +3,8 @@
 import dataclasses
 
 from torchsphere.motion.ledger import Entry
-from torchsphere.report.ledger_table import COLUMNS, ledger_table
 from torchsphere.report.pages import report_html
+from torchsphere.report.summary_tables import LEDGER_COLUMNS, ledger_table
 from torchsphere.results.reader import ResultFolder
 
 NOISE = Entry("noise", step=(0.01, 0.02, 0.0, 0.017453292519943295, 0.0), circle=(0.0, 0.0, 0.05), scale=0.001)
@@ -19,7 +19,7 @@ def with_ledger(result: ResultFolder, *entries: Entry) -> ResultFolder:
 def test_rotations_are_in_degrees_and_the_scale_in_per_cent(result: ResultFolder) -> None:
     table = ledger_table(with_ledger(result, VIEW, NOISE))
     assert table is not None
-    assert table.columns == COLUMNS
+    assert table.columns == LEDGER_COLUMNS
     assert table.rows == (
         ("noise", "0.01", "0.02", "-", "1", "-", "-", "-", "0.05", "0.1"),
         ("view: all steps alike", "-", "-", "-", "-", "0.1", "-", "-", "-", "-"),

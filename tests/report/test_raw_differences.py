@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from result_folders import in_px
 
-from torchsphere.report.raw_differences import raw_differences
-from torchsphere.report.time_series import time_series
+from torchsphere.report.time_series import raw_differences, time_series
 from torchsphere.results.reader import ResultFolder
 
 

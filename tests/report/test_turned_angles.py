@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from torchsphere.motion.ledger import INCREMENTS
-from torchsphere.report.time_series import time_series
-from torchsphere.report.turned_angles import sd_turned_rad
+from torchsphere.report.time_series import sd_turned_rad, time_series
 from torchsphere.results.reader import ResultFolder
 
 

@@ -11,8 +11,7 @@ from torchsphere.recording.arrays import open_npy, open_npz
 from torchsphere.recording.display import as_shown
 from torchsphere.recording.folder import KINDS, open_folder
 from torchsphere.recording.phantom import open_phantom
-from torchsphere.recording.photron import open_photron
-from torchsphere.recording.photron_export import with_header_beside
+from torchsphere.recording.photron import open_photron, with_header_beside
 from torchsphere.recording.recording import Recording
 from torchsphere.recording.refusal import HDF5, ISO_VIDEO, MATLAB, MATROSKA, NPZ, ZIP, look_of
 from torchsphere.recording.tiff import open_tiff

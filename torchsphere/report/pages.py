@@ -25,12 +25,10 @@ from numpy.typing import NDArray
 from torchsphere.motion.track import why_unusable
 from torchsphere.report import explanations, summary_tables
 from torchsphere.report.answer import answer
-from torchsphere.report.budget_table import budget_table
 from torchsphere.report.figure_style import STATUS_COLOURS
 from torchsphere.report.file_links import file_links
 from torchsphere.report.force_figure import force_unit, law_curve
 from torchsphere.report.image_figures import residual_limit
-from torchsphere.report.ledger_table import ledger_table
 from torchsphere.report.time_series import TimeSeries, abscissa, time_series
 from torchsphere.results.atomic_output import atomic_file
 from torchsphere.results.reader import ResultFolder
@@ -105,8 +103,8 @@ def report_html(result: ResultFolder) -> str:
         cautions=explanations.warnings(result, CAUTION),
         remarks=explanations.warnings(result, NOTE),
         sections=summary_tables.sections(result),
-        budget=budget_table(result),
-        ledger=ledger_table(result),
+        budget=summary_tables.budget_table(result),
+        ledger=summary_tables.ledger_table(result),
         energy=summary_tables.energy_table(result),
         has_force_path=result.force_path is not None,
         files=file_links(result),

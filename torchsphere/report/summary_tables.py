@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from torchsphere.estimation.force_forms import HERTZ_POWER
+from torchsphere.motion.ledger import INCREMENTS
+from torchsphere.motion.ledger import read as read_ledger
 from torchsphere.results.reader import NO_IMPACT, ResultFolder
 
 NOT_MEASURED = "not measured"
@@ -47,6 +49,28 @@ STIFFNESS_FACTOR = 1e-6
 #: Kinds of energy and columns of the energy balance: key in the summary and name.
 ENERGIES = (("translation", "Translation"), ("spin", "Spin"), ("total", "Together"))
 ENERGY_COLUMNS = (("before", "before"), ("after", "after"), ("lost", "given to the target or lost"))
+
+#: Names of the sources of `dynamics.budget` in the report.
+SOURCES = {
+    "noise": "noise of the images",
+    "radius": "radius of the outline",
+    "scale": "diameter or size of a pixel",
+    "centre": "centre of the outline",
+    "steady_error": "steady error",
+    "frame_rate": "frame rate",
+    "mass": "mass",
+}
+
+#: Names of results that no other table has.
+_BUDGET_NAMES = {name: text for name, text, _, _ in IMPACT} | {
+    "energy_before": "Energy of translation before",
+    "energy_after": "Energy of translation after",
+    "spin_energy_before": "Energy of rotation before",
+    "spin_energy_after": "Energy of rotation after",
+}
+
+#: Heads of the columns of the ledger.
+LEDGER_COLUMNS = ("dx, px", "dy, px", "wx, deg", "wy, deg", "wz, deg", "x, px", "y, px", "radius, px", "scale, %")
 
 Row = tuple[str, str]
 
@@ -202,3 +226,47 @@ def _rounded(value: float, sd: float) -> tuple[str, str]:
         return f"{value:.5g}", ""
     places = min(max(1 - math.floor(math.log10(sd)), 0), 9)
     return f"{value:.{places}f}", f"{sd:.{places}f}"
+
+
+def budget_table(result: ResultFolder) -> Table | None:
+    """The budget of the strongest impact: the share of each source in the variance of each result, in per cent.
+
+    None without an impact, or for a result of an earlier version.
+    """
+    budget = (result.summary.get("impact") or {}).get("budget")
+    if not budget:
+        return None
+    # A source without an effect on any result, as the mass where it was given as exact, has no column.
+    sources = [name for name in SOURCES if any(shares.get(name) for shares in budget.values())]
+    rows = tuple(
+        (_BUDGET_NAMES.get(name, name), *(_per_cent(shares.get(source, 0.0)) for source in sources))
+        for name, shares in budget.items()
+    )
+    return Table("Result", tuple(SOURCES[name] for name in sources), rows)
+
+
+def _per_cent(share: float) -> str:
+    """A share as whole per cent; "< 1" for less, "-" for none."""
+    if share == 0:
+        return "-"
+    return "< 1" if share < 0.005 else f"{100 * share:.0f}"
+
+
+def ledger_table(result: ResultFolder) -> Table | None:
+    """The standard deviation that each source of error added to motion and outline; None for an earlier version."""
+    entries = read_ledger(result.summary.get("ledger") or ())
+    of_steps = [(entry.source, (*_in_deg(entry.step), *entry.circle, 100 * entry.scale)) for entry in entries]
+    shared = [(f"{entry.source}: all steps alike", (*_in_deg(entry.steady), *4 * (0.0,))) for entry in entries]
+    # Two digits; "-" for what a source does not add to.
+    rows = tuple(
+        (name, *(f"{value:.2g}" if value else "-" for value in values))
+        for name, values in (*of_steps, *shared)
+        if any(values)
+    )
+    return Table("Source", LEDGER_COLUMNS, rows) if rows else None
+
+
+def _in_deg(motion: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(
+        math.degrees(value) if name.endswith("_rad") else value for name, value in zip(INCREMENTS, motion, strict=True)
+    )

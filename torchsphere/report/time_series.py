@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.report.raw_differences import Raw, raw_differences
-from torchsphere.report.turned_angles import sd_turned_rad
+from torchsphere.dynamics.scale import LAB_AXES
+from torchsphere.motion.findings import Findings
+from torchsphere.motion.ledger import INCREMENTS
 from torchsphere.results.reader import ResultFolder, SIMotion
+from torchsphere.sphere_map.decision import MadeMap
 
 Array = NDArray[np.float64]
 
@@ -126,3 +128,84 @@ def _prefixed(key: str, unit: str, values: Array, sd: Array) -> TimeSeries:
     if largest < 1000:
         return TimeSeries(key, key, unit, XYZ[: values.shape[1]], values, sd)
     return TimeSeries(key, key, f"k{unit}", XYZ[: values.shape[1]], 1e-3 * values, 1e-3 * sd)
+
+
+def sd_turned_rad(result: ResultFolder) -> Array | None:
+    """Standard deviations (n, 3) of `ResultFolder.turned_rad`; None for results of versions that lack what is needed.
+
+    In a sum of successive increments the errors of the poses between the first and the last cancel. Those of the two
+    remain, the share of each increment's error that stays, the error that all increments share, and the radius's.
+    """
+    steady, share = result.summary.get("sd_steady"), result.summary.get("drift_share")
+    if not isinstance(steady, dict) or share is None or not result.known.any():
+        return None
+    start = int(result.known.argmax())
+    variance = _pose_variance(result.sd_increment[start:, 2:])
+    count = np.arange(len(variance))[:, None]
+    stays = np.zeros_like(variance)
+    stays[1:] = share * np.cumsum(np.nan_to_num(variance[1:] + variance[:-1]), axis=0)
+    shared = count * np.array([float(steady.get(name) or 0.0) for name in INCREMENTS[2:]])
+    relative = float((result.summary.get("radius_effect") or {}).get("relative_sd_rotation") or 0.0)
+    by_radius = relative * result.turned_rad[start:]
+    sd = np.full((len(result.frame), 3), np.nan)
+    sd[start:] = np.sqrt(variance[0] + variance + stays + shared**2 + by_radius**2)
+    # The first angle is 0 by definition.
+    sd[start] = np.where(np.isfinite(sd[start]), 0.0, np.nan)
+    return np.where(np.isfinite(result.turned_rad), sd, np.nan)
+
+
+def _pose_variance(sd_increment: Array) -> Array:
+    """Variance (n, 3) of each pose: half the mean of the increments' to and from it."""
+    half = np.full((2, len(sd_increment), 3), np.nan)
+    half[0, 1:] = sd_increment[1:] ** 2 / 2
+    half[1, :-1] = sd_increment[1:] ** 2 / 2
+    known = np.isfinite(half)
+    return np.where(known.any(0), np.where(known, half, 0.0).sum(0) / np.maximum(known.sum(0), 1), np.nan)
+
+
+@dataclass(frozen=True)
+class Raw:
+    """Values (r, k) at times (r,), s; NaN where a frame was not measured."""
+
+    time_s: Array
+    values: Array
+
+
+def raw_differences(result: ResultFolder) -> dict[str, Raw]:
+    """Raw velocity (m/s), acceleration (m/s^2), force (N) and spin (rad/s) by their names; empty without SI units.
+
+    Velocity and spin are differences of successive positions and the rotations between successive frames, at the middle
+    of the interval. Accelerations are second differences of positions, at the middle frame.
+    """
+    scale, motion = result.summary.get("scale"), result.motion
+    if motion is None or not scale or len(motion.time_s) < 3:
+        return {}
+    time, signs = motion.time_s, np.diag(LAB_AXES) if result.lab_frame else np.ones(3)
+    position = _position(result) * scale["m_per_px"] * signs[:2]
+    interval = np.diff(time)[:, None]
+    velocity = np.diff(position, axis=0) / interval
+    middle = 0.5 * (time[1:] + time[:-1])
+    acceleration = np.diff(velocity, axis=0) / np.diff(middle)[:, None]
+    found = {
+        "velocity": Raw(middle, velocity),
+        "acceleration": Raw(time[1:-1], acceleration),
+        "spin": Raw(middle, result.increment[1:, 2:] / interval * signs),
+    }
+    mass = result.summary["settings"].get("mass_g")
+    if mass is not None:
+        found["force"] = Raw(time[1:-1], 1e-3 * mass * acceleration)
+    return found
+
+
+def _position(result: ResultFolder) -> Array:
+    """Positions (n, 2), px; with a camera or a lens in the plane of the first depth, as those of the motion."""
+    settings = result.summary["settings"]
+    made = Findings.read(settings).map
+    # Torch takes 1.2 s to import, and figures of an orthographic view do not need it.
+    if settings.get("camera") is None and not (isinstance(made, MadeMap) and made.has_lens):
+        return result.position
+    from torchsphere.dynamics.depth_plane import PlaneView
+
+    view = PlaneView.of(settings, made)
+    magnification = result.radius / result.summary["circle"]["radius"]
+    return result.position if view is None else view.position(result.position, magnification)
