@@ -20,7 +20,7 @@ from torchsphere.recording.pillow_images import BMP, JPEG, WEBP, exif_orientatio
 from torchsphere.recording.recording import Reader, Recording
 from torchsphere.recording.refusal import PNG_SIGNATURE, library_failures, look_of, what_lies_in
 from torchsphere.recording.tiff import PLACES, Page, count_pages, describe, page_facts, page_image, page_notes
-from torchsphere.recording.tiff_display import pixel_aspect_of
+from torchsphere.recording.tiff_metadata import pixel_aspect_of
 from torchsphere.runtime import steps
 from torchsphere.runtime.warning_levels import severe
 

@@ -18,9 +18,7 @@ from torchsphere.recording import orientation
 from torchsphere.recording.levels import ALPHA_NOTE, GREY_NOTE, to_grey
 from torchsphere.recording.recording import MAX_IMAGE_BYTES, MAX_PIXELS, Reader, Recording
 from torchsphere.recording.refusal import TIFF_SIGNATURES, library_failures, look_of
-from torchsphere.recording.tiff_axes import stated_axes
-from torchsphere.recording.tiff_clock import clock_of
-from torchsphere.recording.tiff_display import MOSAIC, bayer_of, orientation_of, pixel_aspect_of
+from torchsphere.recording.tiff_metadata import MOSAIC, bayer_of, clock_of, orientation_of, pixel_aspect_of, stated_axes
 
 _GREY, _RGB, _YCBCR = (0, 1), 2, 6  # PhotometricInterpretation
 # Deflate compresses 1032 to 1 at most; a header that needs more than this ratio states missing images.
