@@ -77,6 +77,13 @@ class Facts:
         return cls(path=Path(), kind="array", shape=(n, height, width))
 
 
+def stated(facts: Mapping[str, tuple[Any, str]]) -> dict[str, Any]:
+    """Fields of `Facts`, from values with their sources by name; what is None was not stated and is left out."""
+    known = {name: pair for name, pair in facts.items() if pair[0] is not None}
+    origins = {name: origin for name, (_, origin) in known.items()}
+    return {name: value for name, (value, _) in known.items()} | {"origins": origins}
+
+
 def doubt_notes(doubt: str) -> tuple[str, ...]:
     """The sentence of `Facts.notes` on a doubt; none without a doubt."""
     return (f"{doubt[0].upper()}{doubt[1:]}.",) if doubt else ()

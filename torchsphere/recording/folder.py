@@ -13,6 +13,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from torchsphere.recording.facts import stated
 from torchsphere.recording.image_header import ImageHeader, ImageKind, require_size
 from torchsphere.recording.orientation import turned
 from torchsphere.recording.pgm import PGM
@@ -47,14 +48,13 @@ def open_folder(path: Path) -> Recording:
                 "move those of the recording to a folder of their own"
             )
     page = first.page
-    facts = page_facts(page) | ({} if first.pixel_aspect is None else {"pixel_aspect": first.pixel_aspect})
+    facts = page_facts(page) | {"pixel_aspect": first.pixel_aspect}
     notes = (LOSSY_NOTE.format(kind.name),) * first.has_losses + notes
     return Recording(
         path=path,
         kind=f"folder of {kind.name} images, {page.bits} bit{', colour' if page.samples >= 3 else ''}",
         shape=(len(files), page.height, page.width),
-        **facts,
-        origins={name: kind.places[name] for name in facts},
+        **stated({name: (value, kind.places.get(name, "")) for name, value in facts.items()}),
         notes=(f"{kind.name} images carry no frame rate.", *page_notes(page), *notes),
         files=files,
         _reader=_reader(files, first, kind),

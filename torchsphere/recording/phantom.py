@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.recording import image_times
+from torchsphere.recording.facts import stated
 from torchsphere.recording.image_times import Clock
 from torchsphere.recording.levels import GREY_NOTE, TABLE_NOTE, linear_12_bit, to_grey, unpack_10, unpack_12
 from torchsphere.recording.orientation import after_another
@@ -93,19 +94,16 @@ def open_phantom(path: Path) -> Recording:
         images = _layout(path, n, bitmap, table_at, "<u8" if version == 1 else "<u4")
         _require_whole(images, file, size)
     pattern = _pattern(path, setup(_MOSAIC) & 0xFFFFFF) if compression == _UNINTERPOLATED else None
-    depth, depth_origin = _depth(images, setup(_REAL_BITS))
     rate, exposure, exposure_origin = _rate_and_exposure(setup)
     own = read_times(path, setup_at + setup(_LENGTH), table_at, n, rate)
-    rate, rate_origin = own.frame_rate(rate)
-    exposure, exposure_origin = own.exposure(exposure, exposure_origin)
     across, down = bitmap[-2:]
     aspect = down / across if across > 0 and down > 0 else None
     code = _orientation(setup)
     known = {
-        "bit_depth": (depth, depth_origin),
+        "bit_depth": _depth(images, setup(_REAL_BITS)),
         "trigger_offset_frames": (first, "CINE FirstImageNo"),
-        "frame_rate": (rate, rate_origin),
-        "exposure_s": (exposure, exposure_origin),
+        "frame_rate": own.frame_rate(rate),
+        "exposure_s": own.exposure(exposure, exposure_origin),
         "pixel_aspect": (aspect, "CINE biXPelsPerMeter and biYPelsPerMeter"),
         "bayer": (pattern, "CINE SETUP CFA"),
         "orientation": (None if code == 1 else code, "CINE SETUP bFlipH, bFlipV and Rotate"),
@@ -115,15 +113,8 @@ def open_phantom(path: Path) -> Recording:
         path=path,
         kind=f"Phantom CINE, {images.bits} bit{packed}{colour}",
         shape=images.shape,
-        bit_depth=depth,
-        frame_rate=rate,
-        exposure_s=exposure,
-        trigger_offset_frames=first,
-        pixel_aspect=aspect,
-        orientation=code,
-        bayer=pattern,
+        **stated(known),
         times=None if own.clock is None else own.clock.times,
-        origins={name: origin for name, (value, origin) in known.items() if value is not None},
         notes=_notes(images, setup, has_times=own.clock is not None) + own.notes,
         files=(path,),
         _reader=_reader(images),

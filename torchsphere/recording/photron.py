@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.recording.facts import stated
 from torchsphere.recording.levels import unpack_12
 from torchsphere.recording.photron_header import HEADER_SUFFIXES, Header, facts_of, read_header
 from torchsphere.recording.recording import Reader, Recording
@@ -35,14 +36,12 @@ def open_photron(path: Path) -> Recording:
         )
     shift = bits - depth if header.values.get("side", "").lower() == "higher" else 0
     _require_size(raw_path, header_path, shape, bits)
-    facts, origins, notes = facts_of(header)
+    facts, notes = facts_of(header)
     return Recording(
         path=path,
         kind=f"Photron MRAW, {bits} bit{' packed' if bits == 12 else ''}",
         shape=shape,
-        bit_depth=depth,
-        **facts,
-        origins={"bit_depth": header.names["depth"]} | origins,
+        **stated({"bit_depth": (depth, header.names["depth"])} | facts),
         notes=depth_notes + notes,
         files=(header_path, raw_path),
         _reader=_reader(raw_path, shape, bits, shift),
@@ -183,10 +182,10 @@ def _with_facts(recording: Recording, header: Header) -> Recording:
             f"The Photron header {header.path.name} states {count:g} images, and {len(recording)} are here: if single "
             "images are missing, motion across a gap comes out too fast."
         )
-    facts, origins, header_notes = facts_of(header)
+    facts, header_notes = facts_of(header)
+    found = stated({name: (value, f"{field}, {header.path.name}") for name, (value, field) in facts.items()})
     return recording.changed(
-        **facts,
-        origins=dict(recording.origins) | {name: f"{field}, {header.path.name}" for name, field in origins.items()},
+        **found | {"origins": dict(recording.origins) | found["origins"]},
         notes=(*notes, *header_notes),
         files=(*recording.files, header.path),
     )

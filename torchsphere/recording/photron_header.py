@@ -106,17 +106,15 @@ def _read_xml(path: Path, data: bytes) -> Header:
     return Header(path, {key: text for key, text in texts.items() if text}, names)
 
 
-def facts_of(header: Header) -> tuple[dict[str, Any], dict[str, str], tuple[str, ...]]:
-    """Frame rate, exposure and trigger as far as the header states them, the names of their fields, and notes."""
-    exposure, exposure_origin = _exposure(header)
+def facts_of(header: Header) -> tuple[dict[str, tuple[Any, str]], tuple[str, ...]]:
+    """Frame rate, exposure and trigger, each with the name of its field, None where not stated, and notes."""
     offset, notes = _trigger_offset(header)
     facts = {
         "frame_rate": (header.number("rate"), header.names["rate"]),
-        "exposure_s": (exposure, exposure_origin),
+        "exposure_s": _exposure(header),
         "trigger_offset_frames": (offset, header.names["start"]),
     }
-    known = {name: value for name, (value, _) in facts.items() if value is not None}
-    return known, {name: facts[name][1] for name in known}, notes + _step_notes(header)
+    return facts, notes + _step_notes(header)
 
 
 def _exposure(header: Header) -> tuple[float | None, str]:

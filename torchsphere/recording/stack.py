@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.recording.facts import doubt_notes
+from torchsphere.recording.facts import doubt_notes, stated
 from torchsphere.recording.levels import ALPHA_NOTE, GREY_NOTE, to_grey
 from torchsphere.recording.member import joined, split
 from torchsphere.recording.recording import MAX_IMAGE_BYTES, Reader, Recording
@@ -52,22 +52,19 @@ def open_stack(
     axes = _axes(path, stored, convention, given)
     n, height, width = (axes.size(letter, stored.type.shape) for letter in "nhw")
     known, names, number_notes = _known(path, numbers)
-    origins = {fact: f"{convention.short} {name}" for fact, name in names.items()}
+    facts = {fact: (known[fact], f"{convention.short} {name}") for fact, name in names.items()}
     notes = stored.notes + number_notes
     if "frame_rate" not in known:
         notes += ("The file states no frame rate.",)
     if axes.channels:
         notes += (GREY_NOTE,) + ((ALPHA_NOTE,) if axes.size("c", stored.type.shape) == 4 else ())
     doubt = "" if given else _doubt(stored, axes)
-    depth = 8 if stored.type.dtype == np.uint8 else None
+    depth: tuple[int | None, str] = 8 if stored.type.dtype == np.uint8 else None, convention.depth_from
     recording = Recording(
         path=path,
         kind=convention.kind,
         shape=(n, height, width),
-        bit_depth=depth,
-        frame_rate=known.get("frame_rate"),
-        exposure_s=known.get("exposure_s"),
-        origins=origins | ({"bit_depth": convention.depth_from} if depth else {}),
+        **stated({**facts, "bit_depth": depth}),
         notes=notes + doubt_notes(doubt),
         files=(split(path)[0],),
         doubt=doubt,

@@ -15,6 +15,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from torchsphere.recording import orientation
+from torchsphere.recording.facts import stated
 from torchsphere.recording.levels import ALPHA_NOTE, GREY_NOTE, to_grey
 from torchsphere.recording.recording import MAX_IMAGE_BYTES, MAX_PIXELS, Reader, Recording
 from torchsphere.recording.refusal import TIFF_SIGNATURES, library_failures, look_of
@@ -87,21 +88,14 @@ def open_tiff(path: Path) -> Recording:
         raise
     clock = clock_of(imagej, ome, n)
     notes = clock.notes + axes.notes() + _unused_bytes(n, size, used)
-    facts = page_facts(page)
-    origins = {name: PLACES[name] for name in facts}
-    if clock.frame_rate:
-        origins["frame_rate"] = clock.origin
-    if aspect is not None:
-        origins["pixel_aspect"] = aspect_origin
+    facts = {name: (value, PLACES[name]) for name, value in page_facts(page).items()}
+    facts |= {"frame_rate": (clock.frame_rate, clock.origin), "pixel_aspect": (aspect, aspect_origin)}
     return Recording(
         path=path,
         kind=f"multi-page TIFF, {page.bits} bit{', colour' if page.samples >= 3 else ''}",
         shape=(n, page.height, page.width),
-        frame_rate=clock.frame_rate,
-        pixel_aspect=aspect,
         times=clock.times,
-        **facts,
-        origins=origins,
+        **stated(facts),
         notes=notes + page_notes(page),
         files=(path,),
         _reader=read,

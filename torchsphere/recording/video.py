@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.recording.facts import stated
 from torchsphere.recording.levels import GREY_NOTE, to_grey
 from torchsphere.recording.luma import Luma
 from torchsphere.recording.matroska import Contents, contents
@@ -66,14 +67,13 @@ def open_video(path: Path) -> Recording:
         path=path,
         kind=f"video, {cursor.codec}, {frame.format.name}",
         shape=(n, height, width),
-        bit_depth=depth,
-        pixel_aspect=cursor.pixel_aspect,
-        orientation=code,
-        origins={
-            "bit_depth": f"pixel format {frame.format.name}",
-            **({} if cursor.pixel_aspect is None else {"pixel_aspect": "sample aspect ratio"}),
-            **({} if code == 1 else {"orientation": "display matrix"}),
-        },
+        **stated(
+            {
+                "bit_depth": (depth, f"pixel format {frame.format.name}"),
+                "pixel_aspect": (cursor.pixel_aspect, "sample aspect ratio"),
+                "orientation": (None if code == 1 else code, "display matrix"),
+            }
+        ),
         notes=notes,
         files=(path,),
         _reader=cursor.read,
