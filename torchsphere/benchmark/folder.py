@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.orientation import matrices
 from torchsphere.runtime import steps
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 #: The file that describes a benchmark, and the version of its layout and of the suites.
 INDEX, NAME, VERSION = "suites.json", "torchsphere", 1

@@ -10,12 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.motion.ledger import INCREMENTS
 from torchsphere.results.atomic_output import atomic_file
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 POSITION = ("x_px", "y_px")
 QUATERNION = ("qw", "qx", "qy", "qz")

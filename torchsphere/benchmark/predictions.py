@@ -20,8 +20,7 @@ from torchsphere.benchmark.prediction_table import POSITION, QUATERNION, ROTATIO
 from torchsphere.benchmark.prediction_table import read as read_table
 from torchsphere.geometry.orientation import rotation_vectors
 from torchsphere.motion.ledger import INCREMENTS
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 #: Values of the column ``status`` with a valid position, and with a valid rotation.
 VALID_POSITION, VALID_ROTATION = ("", "ok", "weak_texture"), ("", "ok")

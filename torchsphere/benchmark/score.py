@@ -19,8 +19,8 @@ from scipy.spatial.transform import Rotation
 from torchsphere.benchmark.folder import Truth
 from torchsphere.benchmark.predictions import Prediction
 from torchsphere.geometry.orientation import rotation_vectors
+from torchsphere.runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 #: Largest error of a right position, px, and of a right orientation, deg (docs/constants.toml).

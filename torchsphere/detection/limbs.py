@@ -11,6 +11,7 @@ from torch import Tensor
 
 from torchsphere.detection import blurred_limb, limb_fit
 from torchsphere.geometry.camera import Camera
+from torchsphere.runtime.arrays import Array
 
 #: Most frames whose limbs are fitted (docs/constants.toml).
 MAX_FRAMES = 16
@@ -25,7 +26,6 @@ STAY_SD = 3.0
 #: Deviation of a path or of a radius from the limbs that is significant, standard deviations (docs/constants.toml).
 SIGNIFICANT_SD = 4.0
 
-Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 #: Tukey's constant for 95 % efficiency under Gaussian errors.
 TUKEY = 4.685

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.dynamics.kinematics import Kinematics
+from torchsphere.runtime.arrays import Array
 from torchsphere.runtime.warning_levels import severe
 
 #: Difference of positions and the integral of the velocity, in standard deviations of the velocity, that contradicts
@@ -14,8 +14,6 @@ CONTRADICTION_SD = 5.0
 
 #: Difference of positions and the integral of the velocity that is none, px (docs/constants.toml).
 NEGLIGIBLE_PX = 0.25
-
-Array = NDArray[np.float64]
 
 
 def contradictions(motion: Kinematics | None) -> tuple[str, ...]:

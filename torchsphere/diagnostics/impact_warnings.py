@@ -30,7 +30,6 @@ CLEARANCE_FRAMES = 2
 #: Share of the largest acceleration that a channel frequency class may take without a warning (docs/constants.toml).
 MAX_FILTERED_SHARE = 0.05
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 

@@ -6,15 +6,13 @@ import logging
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from torchsphere.runtime.arrays import Array
 from torchsphere.settings.calibration import implausible_units, with_option_names
 from torchsphere.settings.limits import as_positive, as_share
 
 #: Kind of a ball whose moment of inertia was given: the errors of mass and diameter are not in its inertia.
 OF_GIVEN_INERTIA = "of given inertia"
-
-Array = NDArray[np.float64]
 
 #: Where a doubt about the units goes.
 _LOG = logging.getLogger("torchsphere")

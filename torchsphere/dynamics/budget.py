@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.dynamics.draws import Draws
 from torchsphere.dynamics.shared_errors import SHARED
 from torchsphere.estimation.spread import sd_of_errors
+from torchsphere.runtime.arrays import Array
 
 #: Source of the errors that the frames do not share.
 NOISE = "noise"
@@ -44,8 +44,6 @@ RESULTS = (
     "spin_energy_after",
     "energy_given",
 )
-
-Array = NDArray[np.float64]
 
 
 def budget(

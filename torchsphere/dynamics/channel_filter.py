@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from torchsphere.runtime.arrays import Array
 from torchsphere.settings.limits import SettingError, as_positive, require_channel_class
-
-Array = NDArray[np.float64]
 
 #: Frequency at which one pass loses 3 dB, Hz per unit of the class: SAE J211-1 (docs/constants.toml).
 DESIGN_PER_CLASS = 2.0775

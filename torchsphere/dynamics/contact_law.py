@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.dynamics.estimate import Array, Estimate, estimated
+from torchsphere.dynamics.estimate import Estimate, estimated
 from torchsphere.dynamics.force_path import ForcePath, force_path
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.estimation.force_forms import HERTZ_POWER
+from torchsphere.runtime.arrays import Array
 
 #: Fewest frames of the loading branch: the law has two unknowns (docs/constants.toml).
 MIN_LOADING_FRAMES = 3

@@ -10,15 +10,13 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.dynamics.depth import Depth
 from torchsphere.dynamics.units import Units, force, interpolated
 from torchsphere.estimation.measurements import FREEDOMS
 from torchsphere.estimation.rates import Motion
 from torchsphere.motion.track import Track
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 #: Depth, and what the smoother takes it for: the second of its coordinates along the image.
 ALONG, DEPTH = 0, 1

@@ -14,13 +14,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from torchsphere.geometry.camera import Camera, undistorted, view_of
 from torchsphere.motion.track import Track
+from torchsphere.runtime.arrays import Array
 from torchsphere.sphere_map.decision import MadeMap, NoMap
-
-Array = NDArray[np.float64]
 
 #: Half the distance of the points of the central differences that give the local scale, px (docs/constants.toml).
 DIFFERENCE_PX = 0.5

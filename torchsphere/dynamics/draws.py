@@ -9,13 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.dynamics.shared_errors import InputErrors, SharedErrors
 from torchsphere.dynamics.units import Units
 from torchsphere.estimation.rates import Motion, MotionContact
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 
 @dataclass(frozen=True)

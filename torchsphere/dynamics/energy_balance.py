@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from torchsphere.dynamics.ball import Ball, DrawnBall
-from torchsphere.dynamics.estimate import Array, Estimate, estimated
+from torchsphere.dynamics.estimate import Estimate, estimated
 from torchsphere.dynamics.rebound import Rebound
+from torchsphere.runtime.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.estimation.spread import sd_of_errors
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.dynamics.channel_filter import channel_filter, channel_filter_sd
 from torchsphere.dynamics.depth_plane import in_depth_plane
@@ -14,8 +13,7 @@ from torchsphere.dynamics.shared_errors import SharedErrors
 from torchsphere.dynamics.units import force
 from torchsphere.estimation.measurements import poses
 from torchsphere.motion.track import Track
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 #: Second difference of positions, and its error by the steps between them.
 SECOND_DIFFERENCE, DIFFERENCE = (1.0, -2.0, 1.0), (-1.0, 1.0)

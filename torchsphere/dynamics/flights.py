@@ -16,6 +16,7 @@ from torchsphere.dynamics.draws import Draws
 from torchsphere.dynamics.estimate import Estimate, estimated
 from torchsphere.dynamics.kinematics import FoundContact, Kinematics
 from torchsphere.estimation.process_model import FLIGHT_STATES
+from torchsphere.runtime.arrays import Array
 
 #: Distance of a flight from the contact's edge, and of its accelerations from a limit, standard deviations
 #: (docs/constants.toml).
@@ -29,8 +30,6 @@ FEW_FRAMES = 12
 
 #: Fewest measured frames on either side that surely tell flight from contact (docs/constants.toml).
 MIN_SURE_FRAMES = 6
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

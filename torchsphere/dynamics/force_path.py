@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from torchsphere.dynamics.estimate import Array, Estimate, estimated
+from torchsphere.dynamics.estimate import Estimate, estimated
 from torchsphere.dynamics.flights import flight_frames, in_contact
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import FoundContact, Kinematics
 from torchsphere.dynamics.rebound import dot, rebound
+from torchsphere.runtime.arrays import Array
 
 #: Fewest frames in the contact whose forces make a path (docs/constants.toml).
 MIN_FRAMES = 3

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from torchsphere.dynamics.estimate import Array, Estimate, estimated
+from torchsphere.dynamics.estimate import Estimate, estimated
 from torchsphere.dynamics.rebound import Rebound, dot, slip, tangential
+from torchsphere.runtime.arrays import Array
 
 #: Least slip, or ratio of the impulses, that differs from 0, in standard deviations (docs/constants.toml).
 MIN_SLIP_SD = 2.0

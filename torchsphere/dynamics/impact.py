@@ -14,7 +14,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.dynamics.ball import Ball, DrawnBall, drawn_ball
 from torchsphere.dynamics.ball_of_motion import ball_of_motion
@@ -29,9 +28,9 @@ from torchsphere.dynamics.peak_force import peak_force, peak_frame
 from torchsphere.dynamics.rebound import Rebound, direction, dot, norm, rebound, slip, surface_angle, tangential
 from torchsphere.dynamics.refusals import Meeting, why_no_contact, why_no_impact
 from torchsphere.estimation.spread import sd_of_errors
+from torchsphere.runtime.arrays import Array
 from torchsphere.settings.limits import as_float
 
-Array = NDArray[np.float64]
 Quantity = Callable[[Rebound], Array]
 
 #: Least duration of a contact whose force is resolved, frames (docs/constants.toml).

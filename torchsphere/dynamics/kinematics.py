@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.dynamics.depth_motion import depth, is_known
 from torchsphere.dynamics.depth_plane import in_depth_plane
@@ -26,14 +25,13 @@ from torchsphere.estimation.measurements import measured_increments, poses
 from torchsphere.estimation.rates import Motion, polynomials
 from torchsphere.estimation.sections import smoothed
 from torchsphere.motion.track import Track
+from torchsphere.runtime.arrays import Array
 from torchsphere.settings.calibration import Calibration, implausible_units, with_option_names
 from torchsphere.settings.choices import METHODS, ORDER, WINDOW
 from torchsphere.settings.limits import as_float
 from torchsphere.sphere_map.decision import MadeMap
 
 __all__ = ["Draws", "FoundContact", "Kinematics", "kinematics", "kinematics_of_many", "mean_motion"]
-
-Array = NDArray[np.float64]
 
 #: Where the warnings of a motion go.
 _LOG = logging.getLogger("torchsphere")

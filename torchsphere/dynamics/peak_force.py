@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.dynamics.ball import Ball, drawn_ball
 from torchsphere.dynamics.draws import Draws
@@ -11,8 +10,7 @@ from torchsphere.dynamics.flights import in_contact
 from torchsphere.dynamics.impact_estimate import Estimate
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.dynamics.rebound import norm
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 
 def peak_frame(motion: Kinematics, draws: Draws) -> tuple[int, Array]:

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.dynamics.scale import Scale
 from torchsphere.motion.track import Track
+from torchsphere.runtime.arrays import Array
 
 #: Error of a step, px, per px of error of the radius and rad of rotation: by pairs, and on a map (docs/constants.toml).
 STEP_PER_RADIUS, STEP_PER_RADIUS_ON_MAP = 3.0, 1.3
@@ -27,8 +27,6 @@ STEADY_CHANGE = 1.4
 
 #: Sources of the errors that all frames share, by their names in a budget.
 SHARED = ("radius", "scale", "centre", "steady_error", "frame_rate", "mass")
-
-Array = NDArray[np.float64]
 
 
 def per_radius(track: Track) -> tuple[float, float]:

@@ -21,12 +21,11 @@ from torchsphere.dynamics.shared_errors import SharedErrors
 from torchsphere.dynamics.units import Units, force, interpolated
 from torchsphere.estimation.rates import Motion, MotionContact
 from torchsphere.motion.track import Track
+from torchsphere.runtime.arrays import Array
 from torchsphere.runtime.presentation import Tabulated, present
 
 if TYPE_CHECKING:
     import os
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

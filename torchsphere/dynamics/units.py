@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.dynamics.scale import LAB_AXES, Scale
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 
 @dataclass(frozen=True)

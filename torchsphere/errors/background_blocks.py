@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.recording.frame_range import spread
 from torchsphere.recording.frame_source import Source
+from torchsphere.runtime.arrays import Array
 
 #: Images apart whose noise has nothing in common, and groups of images that are looked at (docs/constants.toml).
 FAR_APART, LOOKS = 8, 6
@@ -20,8 +20,6 @@ CLEAR_RADII, BLOCK_PX = 1.4, 8
 
 #: Fewest blocks that say something, and number that is enough (docs/constants.toml).
 MIN_BLOCKS, ENOUGH_BLOCKS = 12, 1000
-
-Array = NDArray[np.float64]
 
 
 def background_blocks(source: Source, position: Array, radius: float, ignore: Tensor | None) -> list[Tensor]:

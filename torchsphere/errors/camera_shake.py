@@ -19,6 +19,7 @@ from torchsphere.motion.findings import CameraShake, Findings
 from torchsphere.motion.track import Track
 from torchsphere.recording.frame_range import spread
 from torchsphere.recording.frame_source import Source
+from torchsphere.runtime.arrays import Array
 from torchsphere.runtime.warning_levels import severe
 
 #: Side of a subset, px; the most subsets that are compared, and the fewest that show a shake (docs/constants.toml).
@@ -41,8 +42,6 @@ MIN_SHAKE_PX = 0.1
 
 #: Least ratio of the median to its standard deviation, and to the spread of the subsets (docs/constants.toml).
 MIN_OVER_MEDIAN_SD, MIN_OVER_SPREAD = 6.0, 2.0
-
-Array = NDArray[np.float64]
 
 
 def camera_shake(source: Source, track: Track) -> CameraShake | None:

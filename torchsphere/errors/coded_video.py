@@ -19,6 +19,7 @@ from torchsphere.errors.evidence import Evidence
 from torchsphere.motion.findings import Findings
 from torchsphere.motion.track import Track
 from torchsphere.recording.level_scale import SAME, alike
+from torchsphere.runtime.arrays import Array
 
 #: Share of the background's blocks with a texture that are copies, from which the video is a codec's
 #: (docs/constants.toml).
@@ -27,8 +28,6 @@ MIN_COPIES = 0.03
 #: Error of the steps on a map of such images over the stated one, and size of a codec's steps, px
 #: (docs/constants.toml).
 WIDENING, VECTOR_PX = 2.0, 0.25
-
-Array = NDArray[np.float64]
 
 
 def is_coded(looks: Sequence[Tensor]) -> bool:

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.errors.background_blocks import MIN_BLOCKS
@@ -21,6 +20,7 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.motion.findings import Findings
 from torchsphere.motion.track import Track
 from torchsphere.recording.level_scale import SAME
+from torchsphere.runtime.arrays import Array
 
 #: Smallest memory that is more than chance (docs/constants.toml).
 MIN_MEMORY = 0.15
@@ -30,8 +30,6 @@ MAX_LAG = 1.0
 
 #: Error of the steps of such images over the stated one: the ball is drawn twice in them (docs/constants.toml).
 WIDENING = 1.5
-
-Array = NDArray[np.float64]
 
 
 def noise_memory(looks: Sequence[Tensor]) -> float:

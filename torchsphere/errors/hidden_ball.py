@@ -15,6 +15,7 @@ from torchsphere.correlation.frame_status import OUT_OF_FRAME, TRANSLATION_KNOWN
 from torchsphere.errors.evidence import Evidence
 from torchsphere.motion.findings import Findings
 from torchsphere.motion.track import Track
+from torchsphere.runtime.arrays import Array
 
 #: Share of unmeasured frames, of those with the whole ball in view, from which the others count as beside an object
 #: in front of the ball (docs/constants.toml).
@@ -25,8 +26,6 @@ WIDENING = 2.0
 
 #: Steps that tell where the ball came from.
 FIRST_STEPS = 5
-
-Array = NDArray[np.float64]
 
 
 def is_hidden_often(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.errors import (
     ball_in_place,
@@ -36,9 +35,8 @@ from torchsphere.errors.evidence import Evidence
 from torchsphere.errors.source import ErrorSource
 from torchsphere.motion.ledger import Entry
 from torchsphere.motion.track import Track
+from torchsphere.runtime.arrays import Array
 from torchsphere.runtime.warning_levels import by_level
-
-Array = NDArray[np.float64]
 
 #: All sources of error, in the order in which a reader is told of them. They are applied from the last to the first:
 #: from the pixels of one image to what concerns the whole recording. Missing images are told by the noise of single

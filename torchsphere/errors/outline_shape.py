@@ -24,6 +24,7 @@ from torchsphere.motion.findings import Findings
 from torchsphere.motion.track import Track
 from torchsphere.recording.frame_range import spread
 from torchsphere.recording.frame_source import Source
+from torchsphere.runtime.arrays import Array
 from torchsphere.runtime.warning_levels import severe
 from torchsphere.sphere_map.decision import MadeMap, NoMap
 
@@ -45,8 +46,6 @@ NEAREST = 0.2
 
 #: Room that a fit needs around the ball, radii.
 ROOM = 1.3
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import crop, interpolation
 from torchsphere.motion.findings import Findings
 from torchsphere.motion.track import Track
+from torchsphere.runtime.arrays import Array
 from torchsphere.sphere_map.decision import MadeMap
 
 #: Error of a step by d px over ``sin(2 pi d)``, times the radius, px^2 (docs/constants.toml).
@@ -81,8 +82,6 @@ INNER = 0.8
 
 #: Fineness of speckle of 4 px, and of noise, which no texture exceeds (docs/constants.toml).
 TYPICAL_FINENESS, MAX_FINENESS = 0.41, 1.0
-
-Array = NDArray[np.float64]
 
 
 def texture_fineness(image: Tensor, circle: Circle, ignore: Tensor | None = None) -> float:

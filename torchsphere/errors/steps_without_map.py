@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.errors.evidence import Evidence
 from torchsphere.motion.track import Track
+from torchsphere.runtime.arrays import Array
 from torchsphere.sphere_map.decision import NoMap
 
 #: Least median turn of a ball that turns in place, deg per frame (docs/constants.toml).
@@ -14,8 +14,6 @@ MIN_TURN_DEG = 1.0
 
 #: Least way of the ball's surface over the extent of its path, for a ball that turns in place (docs/constants.toml).
 MIN_SURFACE_WAY = 3.0
-
-Array = NDArray[np.float64]
 
 
 def sentences(track: Track, evidence: Evidence) -> list[str]:

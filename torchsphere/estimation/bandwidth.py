@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.estimation.process_model import FLIGHT_STATES, PRIOR_VARIANCE, STATES, transitions
 from torchsphere.estimation.process_noise import added_covariance
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 #: Amplitude at the cutoff frequency: half of the power, -3 dB.
 HALF_POWER = 0.5**0.5

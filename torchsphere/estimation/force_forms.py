@@ -17,9 +17,8 @@ import functools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 #: Places of the numbers in a form, and their names in a summary.
 ONSET, DECAY, RISEN, FALLING, ROUGHNESS, HERTZ = range(6)

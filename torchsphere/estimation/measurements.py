@@ -24,8 +24,7 @@ from torch import Tensor
 from torchsphere.estimation.likelihood import Series
 from torchsphere.estimation.process_model import PRIOR_VARIANCE
 from torchsphere.motion.track import Track
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 #: Degrees of freedom: x, y, wx, wy, wz.
 FREEDOMS = 5

@@ -15,15 +15,9 @@ from torch import Tensor
 from torchsphere.estimation import force_forms
 from torchsphere.estimation.contact_search import Contact
 from torchsphere.estimation.measurements import FREEDOMS, Poses
-from torchsphere.estimation.process_model import (
-    FLIGHT_STATES,
-    STATES,
-    Array,
-    flight_matrix,
-    overlaps,
-    transitions,
-)
+from torchsphere.estimation.process_model import FLIGHT_STATES, STATES, flight_matrix, overlaps, transitions
 from torchsphere.estimation.process_noise import contact_intensities, flight_noise, with_idle
+from torchsphere.runtime.arrays import Array
 
 #: Size of the state in flight, and of the part of each state that is reported.
 FLIGHT_SIZE = FLIGHT_STATES * FREEDOMS

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from torchsphere.estimation import force_forms
 from torchsphere.kernels import contact_steps as loops
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 #: States of flight (pose, rate, acceleration), of the rough process (jerk) and of a form (height and its rate).
 FLIGHT_STATES, ROUGH_STATES, STATES = 3, 4, 5

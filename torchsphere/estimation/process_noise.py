@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torchsphere.estimation.process_model import FLIGHT_STATES, Array, Transitions, white_noise
+from torchsphere.estimation.process_model import FLIGHT_STATES, Transitions, white_noise
+from torchsphere.runtime.arrays import Array
 
 #: Range of the intensity in flight, powers of ten of the noise variance per frame^5 (docs/constants.toml).
 FLIGHT_RANGE = (-12.0, 8.0)

@@ -19,8 +19,7 @@ from torchsphere.estimation.process_model import PRIOR_VARIANCE, STATES
 from torchsphere.estimation.rts import Smoothed
 from torchsphere.estimation.spread import sd_of_errors
 from torchsphere.motion.track import Track
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 #: Motions drawn from the posterior, for quantities that depend on many frames at once (docs/constants.toml).
 SAMPLES = 400

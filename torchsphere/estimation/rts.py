@@ -27,12 +27,8 @@ from torch import Tensor
 from torchsphere.estimation.contact_search import Contact
 from torchsphere.estimation.measurements import FREEDOMS, Poses
 from torchsphere.estimation.motion_model import FLIGHT_SIZE, IN_PLANE, MotionModel
-from torchsphere.estimation.process_model import (
-    FLIGHT_STATES,
-    PRIOR_VARIANCE,
-    STATES,
-    Array,
-)
+from torchsphere.estimation.process_model import FLIGHT_STATES, PRIOR_VARIANCE, STATES
+from torchsphere.runtime.arrays import Array
 
 #: Least eigenvalue of a scaled covariance that is not taken for rounding, share of the largest (docs/constants.toml).
 MIN_EIGENVALUE = 1e-10

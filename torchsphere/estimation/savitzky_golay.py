@@ -14,9 +14,8 @@ from kornia.geometry.liegroup import So3
 from numpy.typing import NDArray
 
 from torchsphere.geometry.orientation import chain
+from torchsphere.runtime.arrays import Array
 from torchsphere.settings.limits import require_window
-
-Array = NDArray[np.float64]
 
 #: Frames whose windows are fitted at once (docs/constants.toml).
 FRAMES_AT_ONCE = 2000

@@ -19,6 +19,7 @@ from torchsphere.estimation.contact_search import Contact
 from torchsphere.estimation.measurements import FREEDOMS, Poses, poses
 from torchsphere.estimation.rates import Motion, MotionContact, motion_of_states, smoothed_whole
 from torchsphere.motion.track import Track
+from torchsphere.runtime.arrays import Array
 
 #: Longest recording that is smoothed as a whole, frames (docs/constants.toml).
 MAX_UNDIVIDED_FRAMES = 512
@@ -38,7 +39,6 @@ MIN_FLIGHT = 2 * OWN_MARGIN
 #: Least share of a motion in the frames that it covers (docs/constants.toml).
 MIN_SHARE = 1e-6
 
-Array = NDArray[np.float64]
 Span = tuple[int, int]
 
 #: Steps on either side of a frame whose slopes are compared (docs/constants.toml).

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 #: Shares of a normal distribution within one and two standard deviations.
 ONE_SD, TWO_SD = 0.6827, 0.9545

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.instruments.delay import MIN_SAMPLES
+from torchsphere.runtime.arrays import Array
 from torchsphere.runtime.warning_levels import severe
-
-Array = NDArray[np.float64]
 
 #: Fewest samples at the value at which a signal is clipped (docs/constants.toml).
 MIN_CLIPPED = 3

@@ -12,13 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from torchsphere.runtime import steps
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 #: Fewest samples of a signal (docs/constants.toml).
 MIN_SAMPLES = 8

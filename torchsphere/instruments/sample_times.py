@@ -6,12 +6,10 @@ import re
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.instruments.delay import MIN_SAMPLES
 from torchsphere.instruments.units import TIME
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 #: Largest relative difference of the intervals of even times.
 MAX_UNEVENNESS = 0.01

@@ -22,10 +22,9 @@ from torchsphere.instruments.sample_times import (
 )
 from torchsphere.instruments.signal_text import Column, Table, is_number, read_table
 from torchsphere.instruments.units import TIME, converted
+from torchsphere.runtime.arrays import Array
 from torchsphere.runtime.warning_levels import severe
 from torchsphere.settings.limits import SettingError, require_one_of, require_positive
-
-Array = NDArray[np.float64]
 
 #: Names of a column of times.
 _TIME_NAMES = re.compile(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
@@ -23,10 +23,8 @@ from torchsphere.instruments.delay import (
 )
 from torchsphere.instruments.sample_times import even_interval
 from torchsphere.instruments.units import STANDARD_GRAVITY_M_S2
+from torchsphere.runtime.arrays import Array
 from torchsphere.runtime.warning_levels import severe
-
-Array = NDArray[np.float64]
-
 
 #: Largest ratio, up or down, of two measurements of one acceleration (docs/constants.toml).
 MAX_RATIO = 2.0

@@ -25,9 +25,8 @@ from torchsphere.instruments.clipping import clipping_warnings
 from torchsphere.instruments.delay import MIN_CORRELATION, MIN_SAMPLES, DelayFit, fit_delay, whole_sample_delay
 from torchsphere.instruments.sample_times import even_interval
 from torchsphere.instruments.signals import Motion, along, checked
+from torchsphere.runtime.arrays import Array
 from torchsphere.settings.limits import SettingError, as_positive
-
-Array = NDArray[np.float64]
 
 #: Largest strain of an elastic bar (docs/constants.toml).
 MAX_STRAIN = 0.05

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.report.figure_style import CONTACT, STATUS_COLOURS, new_figure
+from torchsphere.runtime.arrays import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
 
 #: Blue, vermilion and green as in the figures of the report, in tones for a white and for a black ground.
 COLOURS = ("#1f8fd6", "#e0692a", "#12a67c")

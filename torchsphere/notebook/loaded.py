@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
 from torchsphere.dynamics.ball import Ball
 from torchsphere.dynamics.energy_balance import EnergyBalance, EnergyRow
@@ -29,13 +28,12 @@ from torchsphere.motion.track import Track
 from torchsphere.notebook.figures import drawn
 from torchsphere.recording.facts import Facts
 from torchsphere.results.reader import ResultFolder, SIMotion, read
+from torchsphere.runtime.arrays import Array
 from torchsphere.runtime.presentation import Presented
 from torchsphere.settings.calibration import Calibration
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from torchsphere.pick.refusal import sentence_of
 from torchsphere.report import explanations
 from torchsphere.request import Request
 from torchsphere.results.reader import read
+from torchsphere.runtime.arrays import Array
 from torchsphere.runtime.warning_levels import CAUTION, SEVERE
 from torchsphere.tracking.record import Record
 
@@ -32,8 +33,6 @@ FINDING, FOLLOWING, ON_MAP, FINISHING = (
     "Measuring all frames on the map of the ball",
     "Finishing, and writing the result",
 )
-
-Array = NDArray[np.float64]
 
 
 class _Stopped(Exception):  # noqa: N818  (no error)

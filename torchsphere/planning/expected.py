@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.correlation import occlusion, znssd
@@ -22,6 +21,7 @@ from torchsphere.correlation.reference import Filtered, Reference, build_referen
 from torchsphere.geometry import motion_models
 from torchsphere.imaging import crop
 from torchsphere.planning.example_image import Example, blurred, rescaled, white_noise
+from torchsphere.runtime.arrays import Array
 from torchsphere.settings.limits import SettingError
 
 #: Largest motion blur, px: section 3.3 of the paper.
@@ -38,8 +38,6 @@ MIN_EIGENVALUE = 1e-3
 
 #: Least standard deviation of a step, px, and of a turn times the radius (docs/constants.toml).
 MIN_STEP_SD_PX = 1e-6
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

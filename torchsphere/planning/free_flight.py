@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from torchsphere.motion.track import Track
 from torchsphere.planning.expected import Setup
+from torchsphere.runtime.arrays import Array
 from torchsphere.settings.limits import SettingError
 
 #: Deviation of an interval from the usual one, as a share of it, from which it is a gap.
@@ -35,8 +36,6 @@ MIN_SUDDEN_SHARE = 0.1
 
 #: Deviation from a straight line over time of a sudden change, as a share of the change (docs/constants.toml).
 MIN_NONLINEARITY = 0.1
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.planning.example_image import Example, blurred, rescaled
 from torchsphere.planning.expected import Differences, Setup, differences, increment_covariance, require_noise
 from torchsphere.planning.free_flight import Flight
 from torchsphere.planning.rehearsal import Rehearsal, Target, rehearse
 from torchsphere.runtime import steps
+from torchsphere.runtime.arrays import Array
 
 #: Fewest images during the contact that resolve its force (docs/constants.toml).
 MIN_CONTACT_FRAMES = 5.0
@@ -38,7 +38,6 @@ MODE_COLUMNS = ("width_px", "height_px", "fps_max")
 #: Gives examples of the ball at a radius in px.
 ExampleSource = Callable[[float], Sequence[Example]]
 Progress = Callable[[int, int], None]
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ from torchsphere.geometry.orientation import chain
 from torchsphere.motion.findings import Findings
 from torchsphere.motion.track import Track
 from torchsphere.planning.expected import Setup, require_noise
+from torchsphere.runtime.arrays import Array
 from torchsphere.sphere_map.decision import MadeMap
 
 #: Frames of flight before and after the contact, and the most frames in contact.
@@ -44,8 +45,6 @@ PHASE = 0.37
 
 #: Frames next to the contact that belong neither to flight nor to contact.
 GUARD_FRAMES = 2
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

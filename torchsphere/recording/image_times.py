@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from torchsphere.runtime.arrays import Array
 from torchsphere.settings.limits import FRAME_RATES
 
 #: Longest time between two images of one recording, s; more is a damaged time (docs/constants.toml).
@@ -31,8 +31,6 @@ STAMPS_S, ENOUGH_INTERVALS = (1e-6, 1e-3), 8
 
 #: Times that differ by less are the same, s: a clock of 32 bits per second, of which two serve as flags, rounds so.
 TICK_S = 2.0**-29
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from torchsphere.report.summary_tables import IMPACT, NOT_MEASURED, with_sd
 from torchsphere.results.atomic_output import atomic_file
 from torchsphere.results.reader import ResultFolder, read
 from torchsphere.runtime import steps
+from torchsphere.runtime.arrays import Array
 from torchsphere.runtime.warning_levels import SEVERE, levels_of
 
 #: Name of the page where none is given.
@@ -38,8 +39,6 @@ _COMPONENTS = (
     ("force", "force_N", "xy", "kN", 1e-3),
     ("spin", "spin_rad_s", "xyz", "rev/s", 0.5 / np.pi),
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

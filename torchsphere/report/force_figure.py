@@ -5,18 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.estimation.force_forms import HERTZ_POWER
 from torchsphere.report.figure_style import COLOURS, DPI, LEGEND, new_figure
 from torchsphere.report.summary_tables import STIFFNESS_FACTOR, with_sd
 from torchsphere.results.reader import ForcePathTable, ResultFolder
+from torchsphere.runtime.arrays import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
 
 #: Points of the curve of the law.
 LAW_POINTS = 100

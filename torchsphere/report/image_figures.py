@@ -12,6 +12,7 @@ from torchsphere.recording.frame_range import spread
 from torchsphere.report.figure_style import COLOURS, CONTACT, DPI, LEGEND, new_figure
 from torchsphere.results.reader import ResultFolder
 from torchsphere.results.sampled_frames import Sampled, encode_webp
+from torchsphere.runtime.arrays import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,7 +43,6 @@ COLOURS_END = 5.0
 #: Longest side of a thumbnail, px.
 THUMBNAIL_PX = 160
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 

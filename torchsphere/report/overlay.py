@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.correlation.frame_status import ALL_KNOWN, TRANSLATION_KNOWN
 from torchsphere.geometry.orientation import matrices
@@ -17,6 +16,7 @@ from torchsphere.report.image_figures import kept_images
 from torchsphere.results.atomic_output import atomic_path
 from torchsphere.results.reader import ResultFolder
 from torchsphere.results.sampled_frames import Sampled
+from torchsphere.runtime.arrays import Array
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -29,8 +29,6 @@ CIRCLE, PATH, AXES = "#E69F00", "#56B4E9", ("#D55E00", "#009E73", "#CC79A7")
 
 #: Length of the axes, radii, and height of a line of text, px.
 AXIS_LENGTH, LINE_PX = 0.9, 28
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 from torchsphere.geometry.orientation import matrices
 from torchsphere.results.atomic_output import atomic_folder
 from torchsphere.results.reader import ResultFolder
+from torchsphere.runtime.arrays import Array
 
 #: Parallels and meridians of the ball's mesh. The last meridian repeats the first, whose texture coordinate is 0 and 1.
 PARALLELS, MERIDIANS = 19, 37
 
 #: VTK's name and the byte layout of an array, by NumPy's kind of its values.
 TYPES = {"f": ("Float32", "<f4"), "i": ("Int32", "<i4")}
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

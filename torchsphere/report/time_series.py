@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torchsphere.dynamics.scale import LAB_AXES
 from torchsphere.motion.findings import Findings
 from torchsphere.motion.ledger import INCREMENTS
 from torchsphere.results.reader import ResultFolder, SIMotion
+from torchsphere.runtime.arrays import Array
 from torchsphere.sphere_map.decision import MadeMap
-
-Array = NDArray[np.float64]
 
 XY, XYZ = ("x", "y"), ("x", "y", "z")
 

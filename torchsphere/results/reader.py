@@ -18,8 +18,7 @@ from torchsphere.dynamics.depth import Depth
 from torchsphere.dynamics.scale import LAB_AXES
 from torchsphere.motion.ledger import INCREMENTS
 from torchsphere.results.sampled_frames import Sampled, load
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 #: Columns of ``track.csv``: the motion from the frame before, px and rad, and all columns.
 TRACK_COLUMNS = (

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.runtime.arrays import Array
+
 if TYPE_CHECKING:
     from PIL.Image import Image
 
@@ -18,8 +20,6 @@ MAX_FRAMES = 300
 
 #: Value of a pixel without a residual.
 NO_RESIDUAL = -128
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,10 @@ values by ``(1 - cos(pi s)) / 2``: position, velocity, spin and their rates are 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from torchsphere.geometry.orientation import chain
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 #: Radius of the ball, px, and its moment of inertia over mass times the square of the radius: a solid ball.
 RADIUS_PX, INERTIA_SHARE = 40.0, 0.4

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from torchsphere.dynamics.impact_estimate import Impact
 from torchsphere.dynamics.kinematics import Kinematics
 from torchsphere.motion.track import Track
+from torchsphere.runtime.arrays import Array
 from torchsphere.synthetic import demo_motion, ray_caster
 from torchsphere.synthetic.demo_motion import CONTACT_LENGTH, CONTACT_START, FRAMES, RADIUS_PX
-
-Array = NDArray[np.float64]
 
 #: Name of the temporary input in the results.
 NAME = "synthetic example shot"

@@ -16,6 +16,7 @@ from torchsphere.geometry.camera import Camera
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging.interpolation import noise_gains
 from torchsphere.runtime import steps
+from torchsphere.runtime.arrays import Array
 from torchsphere.sphere_map.decision import (
     GROWING_MODELS,
     NO_SOLUTION,
@@ -29,8 +30,6 @@ from torchsphere.sphere_map.poses import MapPoses, MapRequest, poses_on_map
 from torchsphere.tracking.blur_estimate import estimate_blur
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.task import Task
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

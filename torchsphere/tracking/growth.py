@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from torchsphere.detection.limbs import Limbs
 from torchsphere.geometry.camera import Camera
+from torchsphere.runtime.arrays import Array
 from torchsphere.sphere_map.decision import MadeMap, NoMap
 from torchsphere.tracking.first_pass import failed_trial, follow
 from torchsphere.tracking.record import Record
@@ -45,8 +46,6 @@ RIGID_MODELS = ("rigid", "finite", "pinhole")
 
 #: Distance of a camera without perspective, radii (docs/constants.toml).
 FAR_RADII = 1000.0
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from torchsphere.errors.steps_without_map import extent_beside_surface
 from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_range import spread
 from torchsphere.runtime import steps
+from torchsphere.runtime.arrays import Array
 from torchsphere.sphere_map.decision import MadeMap
 from torchsphere.tracking.absolute_motion import AbsoluteMotion
 from torchsphere.tracking.start import Start
@@ -37,8 +38,6 @@ MAX_SD_PX = 1.0
 
 #: Share of the measured frames that a ball held in its place must keep (docs/constants.toml).
 MIN_KEPT_SHARE = 0.8
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.correlation.frame_status import OUT_OF_FRAME
+from torchsphere.runtime.arrays import Array
 from torchsphere.tracking.prediction import BallState
 from torchsphere.tracking.record import Record
 
@@ -19,8 +19,6 @@ POSITIONS = (3, 16)
 
 #: Errors of a predicted position that are allowed for, standard deviations (docs/constants.toml).
 MARGIN_SD = 3.0
-
-Array = NDArray[np.float64]
 
 
 def has_left(record: Record, state: BallState, at: int) -> bool:

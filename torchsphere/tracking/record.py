@@ -15,8 +15,7 @@ from torchsphere.correlation import frame_status
 from torchsphere.correlation.result import Correlation
 from torchsphere.geometry import orientation
 from torchsphere.geometry.circle import Circle
-
-Array = NDArray[np.float64]
+from torchsphere.runtime.arrays import Array
 
 
 @dataclass(frozen=True)

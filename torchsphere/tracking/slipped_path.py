@@ -18,6 +18,7 @@ from torchsphere.correlation.result import Correlation
 from torchsphere.detection.limbs import MAX_FRAMES, Limbs, fit_along_path
 from torchsphere.recording.frame_range import spread
 from torchsphere.runtime import steps
+from torchsphere.runtime.arrays import Array
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.start import Start
 from torchsphere.tracking.task import Task
@@ -37,8 +38,6 @@ BESIDE_PX = 1.0
 
 #: Share of the limbs of successive frames beside the path from which these frames were measured beside the ball.
 MOSTLY = 0.5
-
-Array = NDArray[np.float64]
 
 
 def limbs_along(task: Task, start: Start, measured: Record) -> Limbs:

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from torchsphere.benchmark.baselines.baseline import Baseline, Progress, load
-from torchsphere.benchmark.baselines.frame_loop import Array, Pair, failure, follow, opened, result
+from torchsphere.benchmark.baselines.frame_loop import Pair, failure, follow, opened, result
+from torchsphere.runtime.arrays import Array
 
 #: Radius of the region of interest as a share of the ball's (docs/constants.toml).
 ROI = 1.0

@@ -13,7 +13,6 @@ from torch import Tensor
 from torchsphere.benchmark.baselines.baseline import Baseline, Progress
 from torchsphere.benchmark.baselines.frame_loop import (
     NO_ROTATION,
-    Array,
     Measure,
     Motion,
     Pair,
@@ -28,6 +27,7 @@ from torchsphere.detection.outline_fit import OutlineFit
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import background as still
 from torchsphere.recording.frame_source import Source
+from torchsphere.runtime.arrays import Array
 
 #: Largest distance of the edge from its expected place, as a share of the radius, and its least value, px
 #: (docs/constants.toml).

@@ -17,9 +17,9 @@ from torchsphere.correlation import frame_status
 from torchsphere.geometry.circle import Circle
 from torchsphere.imaging import crop, template_matching
 from torchsphere.recording.frame_source import Source
+from torchsphere.runtime.arrays import Array
 from torchsphere.settings.arrays import check_circle
 
-Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 #: Smallest share of the disc in the image; `torchsphere.track` uses the same (docs/constants.toml).

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from torchsphere.benchmark.baselines.baseline import Baseline, Progress, eight_bit, eight_bit_gain, load
 from torchsphere.benchmark.baselines.edge_fit import still_background, subtract_background
-from torchsphere.benchmark.baselines.frame_loop import NO_ROTATION, Array, Pair, failure, follow, opened, result
+from torchsphere.benchmark.baselines.frame_loop import NO_ROTATION, Pair, failure, follow, opened, result
 from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source
+from torchsphere.runtime.arrays import Array
 
 #: Accumulator cells per radius, by enlargement of the crops (docs/constants.toml).
 CELLS_PER_RADIUS = 300.0

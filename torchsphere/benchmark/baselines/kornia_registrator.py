@@ -14,7 +14,8 @@ from kornia.geometry.transform import ImageRegistrator
 
 from torchsphere.benchmark.baselines.baseline import Baseline, Progress
 from torchsphere.benchmark.baselines.ecc import rotation_angle
-from torchsphere.benchmark.baselines.frame_loop import Array, Pair, failure, follow, opened, result
+from torchsphere.benchmark.baselines.frame_loop import Pair, failure, follow, opened, result
+from torchsphere.runtime.arrays import Array
 
 #: Half the side of the crops as a share of the ball's radius (docs/constants.toml).
 ROI = 0.95

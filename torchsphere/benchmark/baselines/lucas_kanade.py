@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchsphere.benchmark.baselines.baseline import Baseline, Progress, eight_bit, eight_bit_gain, load
-from torchsphere.benchmark.baselines.frame_loop import Array, Image, Pair, failure, follow, opened, result
+from torchsphere.benchmark.baselines.frame_loop import Image, Pair, failure, follow, opened, result
+from torchsphere.runtime.arrays import Array
 
 #: Radius of the disc of points as a share of the ball's, and the distance of the points, px (docs/constants.toml).
 ROI, SPACING_PX = 0.95, 4.0

@@ -12,16 +12,8 @@ from typing import Any
 import numpy as np
 
 from torchsphere.benchmark.baselines.baseline import Baseline, Progress, load
-from torchsphere.benchmark.baselines.frame_loop import (
-    NO_ROTATION,
-    Array,
-    Image,
-    Pair,
-    failure,
-    follow,
-    opened,
-    result,
-)
+from torchsphere.benchmark.baselines.frame_loop import NO_ROTATION, Image, Pair, failure, follow, opened, result
+from torchsphere.runtime.arrays import Array
 
 #: Normalization of the cross-correlation: None, a plain correlation, or "phase" (docs/constants.toml).
 NORMALIZATION = None
