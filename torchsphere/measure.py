@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import logging
 import shutil
 import time
 from collections.abc import Mapping
@@ -39,14 +38,13 @@ from torchsphere.results.reader import NO_IMPACT, read
 from torchsphere.results.writer import Measurement, versions
 from torchsphere.runtime import steps, threads
 from torchsphere.runtime.file_hash import hash_files
+from torchsphere.runtime.steps import LOG
 from torchsphere.runtime.warning_levels import by_level, note, severe
 from torchsphere.settings.calibration import Calibration, exposure_share
 from torchsphere.settings.choices import MAPS
 from torchsphere.settings.limits import SettingError
 from torchsphere.tracking.follow import Progress, Watch
 from torchsphere.tracking.track import Track, track
-
-_LOG = logging.getLogger("torchsphere")
 
 __all__ = ["Measurement", "Request", "measure", "versions"]
 
@@ -86,14 +84,14 @@ def measure(
             hashed = draw.begin(pool, hash_files, recording.files)
             chosen = restrict(recording, start, stop)
             ignore = read_ignore(request.ignore, recording.shape[1:]) if request.ignore else None
-            _LOG.info("opened %s: %s, frames %d to %d", recording.path, recording.kind, start, stop - 1)
+            LOG.info("opened %s: %s, frames %d to %d", recording.path, recording.kind, start, stop - 1)
             tracked = _track(request, known, chosen, ignore, start, progress=progress, watch=watch)
             tracked = dataclasses.replace(tracked, facts=Facts.of(recording, recording.shape))
-            _LOG.info("tracked: %s", ", ".join(f"{n} {name}" for name, n in status_counts(tracked).items()))
+            LOG.info("tracked: %s", ", ".join(f"{n} {name}" for name, n in status_counts(tracked).items()))
             motion = _kinematics(request, tracked)
             found, every, impact_notes = _impacts(request, tracked, motion)
             filtered = _filtered(request, tracked, motion)
-            _LOG.info("kinematics: %s; impacts: %d", "none" if motion is None else motion.about["method"], len(every))
+            LOG.info("kinematics: %s; impacts: %d", "none" if motion is None else motion.about["method"], len(every))
             circle = tracked.circle
             warnings = by_level(
                 (
@@ -120,7 +118,7 @@ def measure(
             drawing = ", with figures and report" if request.report else ""
             steps.tell("writing the result to %s%s", request.out, drawing)
             _write(request, done, frame_rate, chosen, ignore, pool)
-            _LOG.info("written")
+            LOG.info("written")
     return done
 
 

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 
 import numpy as np
 
+from torchsphere.runtime import warning_levels
 from torchsphere.runtime.arrays import Array
 from torchsphere.settings.calibration import implausible_units, with_option_names
 from torchsphere.settings.limits import as_positive, as_share
 
 #: Kind of a ball whose moment of inertia was given: the errors of mass and diameter are not in its inertia.
 OF_GIVEN_INERTIA = "of given inertia"
-
-#: Where a doubt about the units goes.
-_LOG = logging.getLogger("torchsphere")
 
 
 @dataclass(frozen=True)
@@ -87,8 +84,8 @@ def ball(
     mass_kg, diameter_m, shell_m, relative_sd_mass = values.values()
     inertia, kind = _inertia(mass_kg, diameter_m, shell_m, inertia_kg_m2)
     sd_mass = as_share("relative_sd_mass", relative_sd_mass)
-    for sentence in implausible_units(float(diameter_m), float(mass_kg)) if log else ():
-        _LOG.warning("%s", sentence)
+    if log:
+        warning_levels.log(implausible_units(float(diameter_m), float(mass_kg)))
     sd_diameter = as_share("relative_sd_diameter", relative_sd_diameter)
     return Ball(mass_kg, diameter_m / 2, inertia, kind, sd_mass, sd_diameter)
 

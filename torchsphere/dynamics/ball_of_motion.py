@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping
 from typing import Any
 
 from torchsphere.dynamics.ball import Ball, ball
 from torchsphere.dynamics.kinematics import Kinematics
+from torchsphere.runtime import warning_levels
 from torchsphere.settings.calibration import with_option_names
 
 #: Largest relative difference of a ball's mass from that of the motion that is no contradiction (docs/constants.toml).
@@ -15,9 +15,6 @@ SAME_MASS = 1e-6
 
 #: The same of its diameter, which the motion may have from an outline (docs/constants.toml).
 SAME_DIAMETER = 0.05
-
-#: Where the warnings go.
-_LOG = logging.getLogger("torchsphere")
 
 
 def ball_of_motion(
@@ -41,8 +38,8 @@ def ball_of_motion(
         if has_form:
             raise ValueError("impact: a ball was given and a shell or an inertia, too; give these to torchsphere.ball")
         notes = _contradictions(motion, given)
-        for sentence in notes if log else ():
-            _LOG.warning("%s", sentence)
+        if log:
+            warning_levels.log(notes)
         return given, notes
     if motion.mass_kg is None or motion.diameter_m is None:
         if has_form:

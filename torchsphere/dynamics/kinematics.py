@@ -5,7 +5,6 @@ The source is a smoother (`estimation.rts`) by default, or local polynomials; `s
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,6 +24,7 @@ from torchsphere.estimation.measurements import measured_increments, poses
 from torchsphere.estimation.rates import Motion, polynomials
 from torchsphere.estimation.sections import smoothed
 from torchsphere.motion.track import Track
+from torchsphere.runtime import warning_levels
 from torchsphere.runtime.arrays import Array
 from torchsphere.settings.calibration import Calibration, implausible_units, with_option_names
 from torchsphere.settings.choices import METHODS, ORDER, WINDOW
@@ -32,9 +32,6 @@ from torchsphere.settings.limits import as_float
 from torchsphere.sphere_map.decision import MadeMap
 
 __all__ = ["Draws", "FoundContact", "Kinematics", "kinematics", "kinematics_of_many", "mean_motion"]
-
-#: Where the warnings of a motion go.
-_LOG = logging.getLogger("torchsphere")
 
 
 def kinematics(
@@ -229,9 +226,7 @@ def _result(
     if is_known(track):
         found = replace(found, depth=depth(plane, motion, times, units, *mass, differentiate))
     if log:
-        for sentence in known.warnings:
-            if sentence not in track.warnings:
-                _LOG.warning("%s", sentence)
+        warning_levels.log(sentence for sentence in known.warnings if sentence not in track.warnings)
     return replace(found, track=replace(track, calibration=known.calibration), warnings=known.warnings)
 
 

@@ -6,7 +6,8 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
-_LOG = logging.getLogger("torchsphere")
+#: Where steps and warnings go.
+LOG = logging.getLogger("torchsphere")
 
 #: Size of files from which reading them takes about three seconds, bytes: 50 MB/s of a slow network drive.
 LARGE_BYTES = 150_000_000
@@ -17,7 +18,7 @@ COMPILATION_TIME = "about a minute"
 
 def tell(step: str, *values: object) -> None:
     """Say that a step begins; ``values`` are those of the format ``step``, as in `logging`."""
-    _LOG.info(step, *values, extra={"takes_long": True})
+    LOG.info(step, *values, extra={"takes_long": True})
 
 
 def tell_if_large(files: Sequence[Path], step: str, *values: object) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from torchsphere.runtime.steps import LOG
+
 #: SEVERE: numbers are wrong, or belong to something else than the ball. CAUTION: numbers hold as stated, and a reader
 #: must know how. NOTE: where numbers come from, and what was given or left out.
 SEVERE, CAUTION, NOTE = "severe", "caution", "note"
@@ -31,6 +33,12 @@ def severe(sentence: str) -> str:
 def note(sentence: str) -> str:
     """A remark on where numbers come from."""
     return Warned(sentence, NOTE)
+
+
+def log(sentences: Iterable[str]) -> None:
+    """Hand the sentences to the logger ``torchsphere``, at the level WARNING."""
+    for sentence in sentences:
+        LOG.warning("%s", sentence)
 
 
 def level_of(sentence: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import logging
 from typing import Any
 
 import numpy as np
@@ -11,12 +10,11 @@ import numpy as np
 from torchsphere.correlation.frame_status import ALL_KNOWN, TRANSLATION_KNOWN
 from torchsphere.detection.ball_or_not import needs_proof, shows_outline
 from torchsphere.runtime import steps
+from torchsphere.runtime.steps import LOG
 from torchsphere.tracking.follow import Follower
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.start import Start
 from torchsphere.tracking.task import Task
-
-_LOG = logging.getLogger("torchsphere")
 
 #: Pairs by which a circle in doubt is tested, and share of these that must be measured (docs/constants.toml).
 TRIAL_PAIRS, TRIAL_SHARE = 12, 0.25
@@ -34,7 +32,7 @@ def follow(task: Task, start: Start) -> Record:
         steps.tell("testing the circle %s px, which its image leaves in doubt", first.text())
         record = failed_trial(task, start)
     if record is None:
-        _LOG.info("following the circle %s px of frame %d with the model %s", first.text(), first.frame, options.model)
+        LOG.info("following the circle %s px of frame %d with the model %s", first.text(), first.frame, options.model)
         calls: dict[str, Any] = {"progress": task.progress, "watch": task.watch}
         follower = Follower(task.source, first, task.ignore, options, in_place=task.in_place, **calls)
         record = follower.run(task.source.count)

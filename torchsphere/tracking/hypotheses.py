@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from torchsphere.detection.limbs import Limbs
 from torchsphere.errors.steady_error import texture_fineness
+from torchsphere.runtime.steps import LOG
 from torchsphere.sphere_map.decision import MadeMap
 from torchsphere.tracking import growth, in_place, slipped_path
 from torchsphere.tracking.absolute_motion import AbsoluteMotion, absolute_motion
@@ -28,8 +28,6 @@ from torchsphere.tracking.in_place import MIN_KEPT_SHARE, CommonLimb
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.start import Start
 from torchsphere.tracking.task import Task
-
-_LOG = logging.getLogger("torchsphere")
 
 #: Maps that a recording may take: two hypotheses besides the first (docs/constants.toml).
 MAX_MAPS = 3
@@ -217,7 +215,7 @@ def _followed(hypothesis: Hypothesis) -> Followed:
 def _placed(hypothesis: Hypothesis, followed: Followed) -> Outcome:
     """The outcome of a hypothesis, with the poses on a map of the ball where one is made."""
     task, (start, record, limbs) = hypothesis.task, followed
-    _LOG.info("followed: %d of %d frames are ok", int(record.is_ok.sum()), len(record.status))
+    LOG.info("followed: %d of %d frames are ok", int(record.is_ok.sum()), len(record.status))
     fineness = texture_fineness(start.image, start.circle, task.ignore)
     motion = absolute_motion(task, record, start.circle, start.options, fineness, start.known_camera)
     if hypothesis.is_along_limbs and isinstance(motion.map, MadeMap):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import logging
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,7 +14,7 @@ from torchsphere.errors import ledger
 from torchsphere.motion.track import Track
 from torchsphere.recording.facts import Facts
 from torchsphere.recording.frame_source import Source
-from torchsphere.runtime import steps, threads
+from torchsphere.runtime import steps, threads, warning_levels
 from torchsphere.settings.arrays import as_mask
 from torchsphere.settings.limits import require_switch
 from torchsphere.tracking import arguments, phases
@@ -23,9 +22,6 @@ from torchsphere.tracking.follow import Progress, Watch
 from torchsphere.tracking.task import Task
 
 __all__ = ["Track", "track", "track_many"]
-
-#: Where the warnings of a track go.
-_LOG = logging.getLogger("torchsphere")
 
 
 @threads.single_threaded_torch()
@@ -165,8 +161,7 @@ def track(
             _require_ball(found)
     found = dataclasses.replace(found, warnings=(*ledger.sentences(found, evidence), *notes))
     if log:
-        for sentence in found.warnings:
-            _LOG.warning("%s", sentence)
+        warning_levels.log(found.warnings)
     return found
 
 
