@@ -6,7 +6,7 @@ import torch
 from shots import noisy, shot
 
 from torchsphere.geometry.circle import Circle
-from torchsphere.tracking.leaving import has_left
+from torchsphere.tracking.follow import has_left
 from torchsphere.tracking.prediction import BallState
 from torchsphere.tracking.record import Record
 from torchsphere.tracking.track import track

@@ -18,15 +18,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchsphere.correlation.explained import is_same_part
-from torchsphere.correlation.frame_status import OK, WEAK_TEXTURE, of_frame, without_rotation
+from torchsphere.correlation.frame_status import OK, OUT_OF_FRAME, WEAK_TEXTURE, of_frame, without_rotation
 from torchsphere.correlation.options import Options
 from torchsphere.correlation.result import Correlation
 from torchsphere.detection import outline_fit
 from torchsphere.geometry.circle import Circle
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
+from torchsphere.runtime.arrays import Array
 from torchsphere.tracking import recovery
-from torchsphere.tracking.leaving import has_left
 from torchsphere.tracking.prediction import BallState, circle_path, linear_trend, repeats_previous
 from torchsphere.tracking.prefetch import Prefetcher
 from torchsphere.tracking.record import Record
@@ -61,6 +61,15 @@ Progress = Callable[[int, int], None]
 
 #: Called as ``watch(record, done)``: the record, of which the first ``done`` frames are filled and may only be read.
 Watch = Callable[[Record, int], None]
+
+#: Share of the disc in the image below which the ball has left the image (docs/constants.toml).
+MIN_IN_FRAME = 0.5
+
+#: Numbers of last positions that tell the flight: few after a contact, many of a slow ball (docs/constants.toml).
+POSITIONS = (3, 16)
+
+#: Errors of a predicted position that are allowed for, standard deviations (docs/constants.toml).
+MARGIN_SD = 3.0
 
 
 class Follower:
@@ -289,3 +298,49 @@ class Follower:
         """Store the ball's place in a frame in which it is found again."""
         self.record.place(at, centre.numpy(), self._state.radius)
         self._failed_searches = []
+
+
+def has_left(record: Record, state: BallState, at: int) -> bool:
+    """Whether the ball, last seen in the frame of the ``state``, has left the image in the later frame ``at``.
+
+    A ball that has left is out of the image until it is found again.
+    """
+    if record.status[at - 1] == OUT_OF_FRAME:
+        return True
+    return any(_flies_out(record, state, at, count) for count in POSITIONS)
+
+
+def _flies_out(record: Record, state: BallState, at: int, count: int) -> bool:
+    """Whether the free flight through the last ``count`` measured positions leads out of the image by frame ``at``.
+
+    Without as many positions, and steps between them, that were measured, nothing is known, nor more frames ahead than
+    were measured. A ball that this flight shows wholly in the image, but that was not found there, flies otherwise.
+    """
+    first, later = state.frame + 1 - count, at - state.frame
+    steps = slice(first, state.frame)
+    if first < 0 or later > count or not np.isfinite(record.increment[steps, :2]).all():
+        return False
+    positions = record.position[first : state.frame + 1]
+    # A step has the errors of two positions.
+    variance = 0.5 * np.diagonal(record.covariance[steps, :2, :2], axis1=1, axis2=2).max(0)
+    centres, errors = _continued(positions, variance, later)
+    whole = np.array([state.share_in_image(centre) == 1 for centre in centres])
+    # An exposure shows the ball on its way to its next place at most.
+    if (whole[:-1] & whole[1:]).any():
+        return False
+    height, width = state.image.shape[-2:]
+    inwards = torch.tensor([width / 2, height / 2]).to(centres) - centres[-1]
+    return state.share_in_image(centres[-1] + inwards.clamp(-errors, errors)) < MIN_IN_FRAME
+
+
+def _continued(positions: Array, variance: Array, later: int) -> tuple[Tensor, Tensor]:
+    """Centres (later, 2) in the next frames, on a parabola through ``positions`` (m, 2), and the last one's error (2,).
+
+    A position has the ``variance`` (2,), or that by which the positions leave the parabola, if it is larger.
+    """
+    known = np.vander(np.arange(1.0 - len(positions), 1.0), 3)
+    ahead = np.vander(np.arange(1.0, later + 1.0), 3) @ np.linalg.pinv(known)
+    off = positions - known @ np.linalg.pinv(known) @ positions
+    scatter = (off**2).sum(0) / max(len(positions) - 3, 1)
+    error = MARGIN_SD * np.linalg.norm(ahead[-1]) * np.sqrt(np.maximum(variance, scatter))
+    return torch.from_numpy(ahead @ positions), torch.from_numpy(error)
