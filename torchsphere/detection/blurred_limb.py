@@ -52,8 +52,8 @@ OWN_MEAN = 1.1
 #: Reach inwards and start of the background in units of the blur, and length of the background's places, px.
 INWARDS, INWARDS_MORE_PX, CLEAR, BACKGROUND_PX = 1.6, 3.0, 2.1, 4.5
 
-#: Rays of one exposure: the points of a Gauss rule over the smear, px, and number of smears in the table.
-SMEAR_POINTS, SMEARS = 3, 9
+#: Number of smears, px, in the table.
+SMEARS = 9
 
 #: Standard deviation of the pattern's correlation on the ball, px (docs/constants.toml).
 PATTERN_PX = 2.4
@@ -130,7 +130,7 @@ class _Limb:
 
 
 def _gauss_rule() -> tuple[Tensor, Tensor]:
-    """Points from -1 to 1 and weights, of the sum 1, of a Gauss rule of `SMEAR_POINTS`."""
+    """Points from -1 to 1 and weights, of the sum 1, of a Gauss rule of three points."""
     half, other = math.sqrt(0.6), 5 / 18
     return torch.tensor([-half, 0.0, half], dtype=torch.float64), torch.tensor([other, 8 / 18, other]).double()
 
