@@ -95,11 +95,6 @@ def _draw_again(folder: Path, options: dict[str, Any]) -> int:
     return 0
 
 
-def _draw(folder: Path, options: dict[str, Any]) -> None:
-    with _damage_named(folder):
-        _draw_all(folder, options)
-
-
 @contextlib.contextmanager
 def _damage_named(*folders: Path) -> Iterator[None]:
     """Turn the errors of damaged numbers of results within the block into one sentence."""
@@ -122,17 +117,18 @@ def _damage_named(*folders: Path) -> Iterator[None]:
         raise ValueError(f"{where}: the result is damaged ({why}); track the recording again") from error
 
 
-def _draw_all(folder: Path, options: dict[str, Any]) -> None:
+def _draw(folder: Path, options: dict[str, Any]) -> None:
     from torchsphere.report.draw import draw
     from torchsphere.results.reader import read
 
-    # The report links to overlay and series, which are made first. These take torch, which loads in 1.5 s.
-    if options["overlay"]:
-        from torchsphere.report import overlay
+    with _damage_named(folder):
+        # The report links to overlay and series, which are made first. These take torch, which loads in 1.5 s.
+        if options["overlay"]:
+            from torchsphere.report import overlay
 
-        overlay.write_overlay(read(folder))
-    if options["paraview"]:
-        from torchsphere.report import paraview
+            overlay.write_overlay(read(folder))
+        if options["paraview"]:
+            from torchsphere.report import paraview
 
-        paraview.write_paraview(read(folder))
-    draw(folder)
+            paraview.write_paraview(read(folder))
+        draw(folder)

@@ -87,10 +87,6 @@ def _frame(session: Session, query: Mapping[str, str], sent: Mapping[str, Any]) 
     return Answer(session.footage.png(frame, black, white), "image/png")
 
 
-def _edge(session: Session, query: Mapping[str, str], sent: Mapping[str, Any]) -> Answer:
-    return as_json(session.edge(circle_of(query)))
-
-
 def _progress(session: Session, query: Mapping[str, str], sent: Mapping[str, Any]) -> Answer:
     if session.job is None:
         return as_json({"state": "none"})
@@ -101,14 +97,6 @@ def _progress(session: Session, query: Mapping[str, str], sent: Mapping[str, Any
     return as_json(session.job.snapshot(version, max(since, 0)))
 
 
-def _find(session: Session, query: Mapping[str, str], sent: Mapping[str, Any]) -> Answer:
-    return as_json(session.find(_choice(session, sent)))
-
-
-def _fit(session: Session, query: Mapping[str, str], sent: Mapping[str, Any]) -> Answer:
-    return as_json(session.fit(circle_of(sent)))
-
-
 def _check(session: Session, query: Mapping[str, str], sent: Mapping[str, Any]) -> Answer:
     session.sent = sent
     try:
@@ -116,10 +104,6 @@ def _check(session: Session, query: Mapping[str, str], sent: Mapping[str, Any]) 
     except (ValueError, OSError) as error:
         # Half a number is no error of a request: a page checks while it is written.
         return as_json({"error": sentence_of(error), "fields": fields_of(error)})
-
-
-def _save(session: Session, query: Mapping[str, str], sent: Mapping[str, Any]) -> Answer:
-    return as_json({"path": str(session.save(_choice(session, sent), sent.get("replace") is True))})
 
 
 def _track(session: Session, query: Mapping[str, str], sent: Mapping[str, Any]) -> Answer:
@@ -144,13 +128,20 @@ def _choice(session: Session, sent: Mapping[str, Any]) -> Choice:
 
 Route = Callable[[Session, Mapping[str, str], Mapping[str, Any]], Answer]
 
-GET: dict[str, Route] = {"": _page, "frame": _frame, "edge": _edge, "progress": _progress}
+GET: dict[str, Route] = {
+    "": _page,
+    "frame": _frame,
+    "edge": lambda session, query, _: as_json(session.edge(circle_of(query))),
+    "progress": _progress,
+}
 POST: dict[str, Route] = {
-    "find": _find,
+    "find": lambda session, _, sent: as_json(session.find(_choice(session, sent))),
     "give-up": _give_up,
-    "fit": _fit,
+    "fit": lambda session, _, sent: as_json(session.fit(circle_of(sent))),
     "check": _check,
-    "save": _save,
+    "save": lambda session, _, sent: as_json(
+        {"path": str(session.save(_choice(session, sent), sent.get("replace") is True))}
+    ),
     "track": _track,
     "stop": _stop,
 }
