@@ -64,7 +64,7 @@ BUSY = {
     "tracking.blur_estimate": ("exposure blur of 3 px",),
     "tracking.growth": ("grows by 1 % per frame",),
     "tracking.initial_circle": ("still blotches behind",),
-    "tracking.leaving": ("leaves",),
+    "tracking.follow": ("leaves",),
     "tracking.recovery": ("plate in front",),
     "tracking.rotation_search": ("turn of 25 deg",),
     "tracking.slipped_path": ("plate in front",),
