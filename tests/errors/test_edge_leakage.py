@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from shots import Shot, noisy, shot
+from shots import Shot, noisy, pair, shot
 
 import torchsphere as ts
 from torchsphere import track
@@ -96,3 +96,18 @@ def test_leakage_errs_along_the_motion_of_the_front_and_less_across_and_about_z(
     np.testing.assert_allclose([y, wx, wy, wz], [0.3 * x, 1.2 * 0.3 * x / 20, 1.2 * x / 20, 0.08 * x / 20], rtol=1e-6)
     on_map = (steady_error.sd_steady(steps, 20.0, 0.0, on_map=True, leakage=share) for share in (0.05, 0.0))
     np.testing.assert_array_equal(*on_map)
+
+
+def test_leakage_errs_across_the_motion_of_the_front_and_about_z_by_about_the_stated_shares() -> None:
+    step, turn_deg, radius = (1.4, 0.2), 3.0, 25.0
+    true = np.array([*step, 0.0, np.radians(turn_deg), 0.0])
+
+    def error(seed: int, background: float) -> np.ndarray:
+        f, g, circle = pair((*step, 0.0, turn_deg, 0.0), seed=seed, radius=radius, background=background)
+        return ts.correlate(f, g, circle, start=true, roi=0.95).q[0].numpy() - true
+
+    # The same pattern before a background as bright as the ball is free of leakage.
+    errors = np.array([error(seed, 235.0) - error(seed, 125.0) for seed in range(6)])
+    x, y, _, _, wz = np.sqrt((errors**2).mean(0))
+    assert 0.5 < y / x / steady_error.LEAKAGE_ACROSS < 2
+    assert 0.5 < wz * radius / x / steady_error.LEAKAGE_ABOUT_Z < 2

@@ -5,12 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
-from shots import clean, noisy, pair, speckle
+from shots import clean, noisy, pair, rotation_matrix, speckle, turned
 
 import torchsphere as ts
 from torchsphere import track
 from torchsphere.dynamics import shared_errors
 from torchsphere.errors import steady_error
+from torchsphere.synthetic import ray_caster
 
 
 def steps(*step: float) -> np.ndarray:
@@ -77,6 +78,30 @@ def test_the_common_error_of_fast_turns_is_no_larger_than_stated(degrees: float,
     assert (np.abs(error) < 3 * measured.sd_steady).all(), error / measured.sd_steady
 
 
+def test_the_common_error_of_steps_on_a_map_is_no_larger_than_stated() -> None:
+    made = clean(seed=51, n=100, step=(1.4, 0.2), turn_deg=2.0, radius=40.0)
+    measured = track(noisy(made.images, 1.0, 1), made.circle, sphere_map=True, telecentric=True)
+    assert measured.findings.is_on_map
+    error = (measured.increment - made.increments.numpy()).mean(0)
+    assert (np.abs(error) < measured.sd_steady).all(), error / measured.sd_steady
+
+
+def test_the_common_error_in_images_from_wide_pixels_is_no_larger_than_stated() -> None:
+    # Pixels of 5 x 4 of a fine image, which are shown as squares with sides of four of its pixels.
+    n, radius, step, turn = 50, 40.0, (1.4, 0.2), torch.deg2rad(torch.tensor(turned(2.0), dtype=torch.float64))
+    centres = torch.tensor((60.2, 55.4)) + torch.arange(n)[:, None] * torch.tensor(step)
+    poses = 4 * (centres + 0.5) - 0.5, torch.stack([rotation_matrix(turn * i) for i in range(n)]).float()
+    fine = ray_caster.render(speckle(61, radius), poses[0], 4 * radius, poses[1], 90.0, shape=(480, 800), subsamples=1)
+    stored = fine.reshape(n, 120, 4, 160, 5).mean((2, 4))
+    circle = (*centres[0].tolist(), radius)
+    measured = track(noisy(stored, 1.0, 61), circle, sphere_map=True, telecentric=True, pixel_aspect=1.25)
+    assert measured.findings.is_on_map
+    error = (measured.increment - np.concatenate((step, turn))).mean(0)
+    # With square pixels the stated error would be 0.0002 px.
+    assert (np.abs(error) < measured.sd_steady).all(), error / measured.sd_steady
+    assert np.abs(error[:2]).max() > 0.0002
+
+
 def test_steps_that_were_not_measured_are_left_out() -> None:
     some = steps(0.25, 0.1, 0.001, 0.002, 0.0)
     gaps = np.concatenate((some, np.full((7, 5), np.nan)))
@@ -133,25 +158,36 @@ def test_a_ball_without_a_turn_about_z_errs_about_z_by_its_single_spots_alone() 
         assert np.degrees(stated) == pytest.approx(0.37 / radius**2, rel=1e-9)
 
 
-def mean_error(step: tuple[float, float], wz_deg: float, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Mean error (5,) of four patterns at four sub-pixel positions each, and the stated error of one pattern."""
-    true = np.array([*step, 0, 0, np.radians(wz_deg)])
-    errors = []
+def errors_of_patterns(
+    step: tuple[float, float], turn_deg: tuple[float, float, float], radius: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors (4, 5) of four patterns, means over four sub-pixel positions each, and the stated error of a pattern."""
+    true = np.array([*step, *np.radians(turn_deg)])
+    errors = np.empty((4, 4, 5))
     for seed in range(4):
-        for place in (0.0, 0.25, 0.5, 0.75):
+        for k, place in enumerate((0.0, 0.25, 0.5, 0.75)):
             # The pattern of a larger ball has spots of 3.2 px on this ball.
             pattern = speckle(seed, 1.25 * radius)
             centre = (63.1 + place, 64.3 + place)
-            f, g, circle = pair((*step, 0.0, 0.0, wz_deg), radius=radius, pattern=pattern, centre=centre)
-            errors.append(ts.correlate(f, g, circle, start=true).q[0].numpy() - true)
+            f, g, circle = pair((*step, *turn_deg), radius=radius, pattern=pattern, centre=centre)
+            errors[seed, k] = ts.correlate(f, g, circle, start=true).q[0].numpy() - true
     fine = steady_error.texture_fineness(f, ts.Circle(*circle))
-    return np.mean(errors, 0), steady_error.sd_steady(true[None], radius, fine, on_map=False)
+    return errors.mean(1), steady_error.sd_steady(true[None], radius, fine, on_map=False)
+
+
+@pytest.mark.parametrize("turn_deg", [(0.0, 0.4, 0.0), (0.4, 0.0, 0.0)])
+def test_slow_turns_err_along_the_front_across_it_and_about_z_by_about_as_much_as_stated(
+    turn_deg: tuple[float, float, float],
+) -> None:
+    errors, stated = errors_of_patterns((0.0, 0.0), turn_deg, 50.0)
+    ratio = np.sqrt((errors**2).mean(0)) / stated
+    assert ((ratio > 0.5) & (ratio < 2)).all(), ratio
 
 
 @pytest.mark.parametrize("step", [(0.25, 0.4), (0.7, 0.15)])
 def test_steps_with_the_same_sub_pixel_part_err_alike_and_no_more_than_stated(step: tuple[float, float]) -> None:
-    error, stated = mean_error(step, 0.0, 50.0)
-    assert (np.abs(error) < 3 * stated).all()
+    errors, stated = errors_of_patterns(step, (0.0, 0.0, 0.0), 50.0)
+    assert (np.abs(errors.mean(0)) < 3 * stated).all()
 
 
 def test_a_ball_seen_from_the_side_at_an_unknown_distance_has_an_axis_that_seems_tilted() -> None:
@@ -178,10 +214,10 @@ def test_uneven_light_counts_by_its_share_of_the_steps_on_a_map_too() -> None:
 
 @pytest.mark.parametrize("wz_deg", [0.1, 0.3, 0.6])
 def test_a_turn_about_the_line_of_sight_errs_by_no_more_than_stated(wz_deg: float) -> None:
-    error, stated = mean_error((0.0, 0.0), wz_deg, 40.0)
+    errors, stated = errors_of_patterns((0.0, 0.0), (0.0, 0.0, wz_deg), 40.0)
     # With the B-spline as kernel the error is 0.0010 deg at 0.3 deg.
     assert np.degrees(stated[4]) < 0.0005
-    assert abs(error[4]) < 2 * stated[4]
+    assert abs(errors.mean(0)[4]) < 2 * stated[4]
 
 
 def test_an_error_of_the_centre_enters_velocity_and_acceleration_by_the_spin_about_z() -> None:
