@@ -7,7 +7,6 @@ import torch
 from kornia.geometry.liegroup import So3
 from kornia.geometry.quaternion import Quaternion
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 
 def chain(rotation: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -54,6 +53,9 @@ def matrices(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def rotation_vectors(later: NDArray[np.float64], earlier: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rotation vectors (m, 3) from ``earlier`` to ``later`` orientations (m, 3, 3), rad; NaN stays NaN."""
+    # SciPy's rotations load its sparse matrices, which most tracks do not need.
+    from scipy.spatial.transform import Rotation
+
     product = later @ earlier.swapaxes(1, 2)
     vectors = np.full((len(product), 3), np.nan)
     known = np.isfinite(product).all((1, 2))
