@@ -12,9 +12,8 @@ from torchsphere.errors.evidence import Evidence
 from torchsphere.geometry.orientation import rotation_vectors
 from torchsphere.motion.findings import Findings
 from torchsphere.motion.track import Track
+from torchsphere.runtime.arrays import Array
 from torchsphere.runtime.warning_levels import severe
-
-Array = NDArray[np.float64]
 
 #: Largest relative difference of steps that count as equal (docs/constants.toml).
 MAX_DIFFERENCE = 0.1
@@ -22,15 +21,14 @@ MAX_DIFFERENCE = 0.1
 #: Least length of the neighbouring steps, in standard deviations (docs/constants.toml).
 MIN_LENGTH_SD = 20.0
 
+#: Steps on either side of one that say how far the ball goes from image to image (docs/constants.toml).
+REACH = 3
+
 #: Most gaps that a sentence names.
 MAX_NAMED_GAPS = 5
 
 #: The parts of a step: px sideways, and px that the surface turns by.
 TRANSLATION, ROTATION = slice(0, 2), slice(2, 5)
-
-
-#: Steps on either side of one that say how far the ball goes from image to image (docs/constants.toml).
-REACH = 3
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from torchsphere.runtime.arrays import Array
+
 if TYPE_CHECKING:  # a report reads what was decided, without the library that measures
     from torch import Tensor
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
 #: Smallest number of frames for a map.

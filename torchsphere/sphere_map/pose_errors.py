@@ -7,11 +7,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from torchsphere.runtime.arrays import Array
 from torchsphere.sphere_map.elimination import GEOMETRY, PER_IMAGE
 from torchsphere.sphere_map.level import Adjustment
 from torchsphere.sphere_map.registration import Registration
-
-Array = NDArray[np.float64]
 
 
 def without_leverage(misfit: Tensor, numbers: NDArray[np.int64], of_map: NDArray[np.int64], leverage: Tensor) -> Tensor:

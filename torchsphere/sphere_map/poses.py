@@ -22,6 +22,7 @@ from torchsphere.geometry.circle import Circle
 from torchsphere.imaging.background import background
 from torchsphere.recording.frame_source import Source
 from torchsphere.runtime import threads
+from torchsphere.runtime.arrays import Array
 from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import exposure, radius_error, residual_scatter
 from torchsphere.sphere_map.ball import Poses
@@ -41,8 +42,6 @@ from torchsphere.sphere_map.settling import settle
 from torchsphere.sphere_map.state import State, drawn, fit_map, reweighted, unexplained
 from torchsphere.sphere_map.tone_curve import is_on_one_side
 from torchsphere.sphere_map.window import texture_variance
-
-Array = NDArray[np.float64]
 
 #: Pixels of the images that make the map, all in all (docs/constants.toml).
 MAP_PIXELS = 700_000
