@@ -83,7 +83,9 @@ class Request:
     ignore: Annotated[
         Sequence[str],
         Setting(
-            *(REGION, RECORDING, "FILE.png|POLYGON"),
+            REGION,
+            RECORDING,
+            "FILE.png|POLYGON",
             "region not to be used, as mask or 'x,y x,y x,y'; may be repeated",
             repeats=True,
         ),
@@ -103,7 +105,8 @@ class Request:
     bayer: Annotated[
         str | None,
         one_of(
-            *(BAYER, RECORDING),
+            BAYER,
+            RECORDING,
             "raw colour mosaic, by its first two rows: its green pixels are measured (the file's, or none)",
         ),
     ] = None
@@ -113,14 +116,17 @@ class Request:
     map: Annotated[
         str,
         one_of(
-            *(tuple(MAPS), METHOD),
+            tuple(MAPS),
+            METHOD,
             "map of the ball's texture: no drift, twice the precision; auto makes it where it can, off keeps to pairs",
         ),
     ] = "auto"
     roi: Annotated[
         float | None,
         Setting(
-            *(NUMBER, METHOD, "FRACTION"),
+            NUMBER,
+            METHOD,
+            "FRACTION",
             "region of interest, share of the radius (0.95, less for a small ball unlike its background)",
             within(ROI),
         ),
@@ -151,7 +157,9 @@ class Request:
     cfc: Annotated[
         int | None,
         Setting(
-            *(WHOLE, KINEMATICS, "N"),
+            WHOLE,
+            KINEMATICS,
+            "N",
             "also filter raw differences by a class of ISO 6487 and SAE J211: 60, 180, 600 or 1000",
             require_channel_class,
         ),

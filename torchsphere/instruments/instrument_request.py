@@ -56,14 +56,18 @@ class InstrumentRequest:
     columns: Annotated[
         str | None,
         Setting(
-            *(TEXT, FILE, "NAME[,NAME]"),
+            TEXT,
+            FILE,
+            "NAME[,NAME]",
             "columns of the signals (the first after the times); of several strain gauges the mean is taken",
         ),
     ] = None
     unit: Annotated[
         str | None,
         Setting(
-            *(TEXT, FILE, "UNIT"),
+            TEXT,
+            FILE,
+            "UNIT",
             f"of the signal: {', '.join(ACCELERATION.factors)}; {', '.join(STRAIN.factors)}; or its size in m/s^2 or "
             "in strain (as the file states, or else m/s^2 or strain)",
         ),
@@ -81,7 +85,8 @@ class InstrumentRequest:
     direction_deg: Annotated[
         float | None,
         finite(
-            *(COMPARISON, "A"),
+            COMPARISON,
+            "A",
             "direction in which the accelerometer measures (0), across the gate from its first barrier (along the "
             "ball's path), or from the bar to the ball (the impact's normal), from x towards y of the result's frame",
         ),
@@ -98,7 +103,8 @@ class InstrumentRequest:
     bar_length_mm: Annotated[
         float | None,
         positive(
-            *(BAR, "L"),
+            BAR,
+            "L",
             "from the struck end to the far end, mm: the force ends where the reflection arrives (no reflection)",
         ),
     ] = None

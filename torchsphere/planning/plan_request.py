@@ -31,8 +31,17 @@ LOOK = Group("what the ball looks like: images of it, a rendered pattern, or a f
 #: Settings that a plan needs where no flight is given, and settings that a flight replaces.
 NEEDED = ("speed", "fps", "shutter_us", "px_per_mm", "diameter_mm", "mass_g", "noise")
 REPLACED_BY_FLIGHT = (
-    *("speed", "px_per_mm", "noise", "image", "speckle_px", "grey", "modes", "field_mm", "blurred"),
-    *("direction_deg", "spin_rev_s"),
+    "speed",
+    "px_per_mm",
+    "noise",
+    "image",
+    "speckle_px",
+    "grey",
+    "modes",
+    "field_mm",
+    "blurred",
+    "direction_deg",
+    "spin_rev_s",
 )
 
 Vector = tuple[float, float, float]
@@ -70,7 +79,8 @@ class PlanRequest:
     map: Annotated[
         str,
         one_of(
-            *(tuple(MAPS), CAMERA),
+            tuple(MAPS),
+            CAMERA,
             "as in 'track': the impact is measured on a map of the ball, or (off) by steps from pairs",
         ),
     ] = "auto"

@@ -10,7 +10,7 @@ from torch import Tensor
 from torchsphere.sphere_map.ball import Poses
 
 #: Fall of brightness that is no chance: in its standard deviations, and at least (docs/constants.toml).
-SEEN_SD, LEAST_SEEN = 5.0, 0.05
+SEEN_SD, LEAST_SEEN = 5.0, 0.12
 
 #: Fewest images that tell a fall from brightness that changes at will.
 MIN_IMAGES = 6
