@@ -37,6 +37,17 @@ def test_flicker_and_images_without_noise_have_no_memory() -> None:
     assert memory_of(torch.full((24, 96, 120), 80.0)) == 0
 
 
+def test_flicker_before_a_background_with_texture_has_no_memory_and_hides_none() -> None:
+    """Successive images of a slow flicker are alike, and those far apart are not."""
+    texture = 40 * torch.rand(96, 120, generator=torch.Generator().manual_seed(1)) - 20
+    gain = 1 + 0.2 * torch.sin(0.4 * torch.arange(24.0))[:, None, None]
+    seen = (noise() + texture) * gain
+    assert memory_of(seen) == 0
+    blended = seen.clone()
+    blended[:-1] = (seen[:-1] + seen[1:]) / 2
+    assert memory_of(blended) == pytest.approx(0.5, abs=0.08)
+
+
 def test_a_lag_widens_steps_where_the_motion_changes() -> None:
     # 2 px per frame, and -2 px after an impact. The camera's first and last images hold no motion before and after.
     increment = np.zeros((10, 5))

@@ -25,6 +25,9 @@ from torchsphere.runtime.arrays import Array
 #: Smallest memory that is more than chance (docs/constants.toml).
 MIN_MEMORY = 0.15
 
+#: Variance of the texture over that of the noise from which it shows a gain (docs/constants.toml).
+SHOWN = 4.0
+
 #: Largest lag of the ball behind the images, frames: half of an image is another one (docs/constants.toml).
 MAX_LAG = 1.0
 
@@ -39,12 +42,24 @@ def noise_memory(looks: Sequence[Tensor]) -> float:
     """
     if sum(blocks.shape[1] for blocks in looks) < MIN_BLOCKS:
         return 0.0
-    # Flicker changes a block as a whole.
-    near, far = (torch.cat([blocks[k] - blocks[0] for blocks in looks]).var(1) for k in (1, 2))
+    near = torch.cat([_changes(*blocks) for blocks in looks]).var(1)
+    far = torch.cat([_changes(*blocks[[0, 2, 1]]) for blocks in looks]).var(1)
     if float(far.median()) < SAME**2:
         return 0.0
     memory = 1 - float(near.median() / far.median())
     return memory if memory > MIN_MEMORY else 0.0
+
+
+def _changes(first: Tensor, later: Tensor, other: Tensor) -> Tensor:
+    """Changes (k, p) of the grey levels of blocks, but for their means, without those by a flicker of the light.
+
+    Its gain is told by what both images have in common with an ``other`` one, which is no noise, where that is enough.
+    """
+    first, later, other = (blocks - blocks.mean(1, keepdim=True) for blocks in (first, later, other))
+    change, texture = later - first, (first * other).mean()
+    if texture < SHOWN * change.square().mean() / 2:
+        return change
+    return later - (later * other).mean() / texture * first
 
 
 def lag_of(memory: float) -> float:
