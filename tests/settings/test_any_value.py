@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from torchsphere.cli.main import main
@@ -34,6 +34,7 @@ QUICK = settings(max_examples=40, deadline=None, database=None, suppress_health_
 @pytest.mark.parametrize(("request_type", "setting"), ALL, ids=lambda each: getattr(each, "name", ""))
 @QUICK
 @given(value=VALUES)
+@example(value="-" + "9" * 5000)
 def test_a_value_of_toml_or_of_a_cell_is_taken_or_refused(request_type: type, setting: Setting, value: Any) -> None:
     read = setting.from_text if isinstance(value, str) else setting.from_toml
     try:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from torchsphere.instruments.units import ACCELERATION, STRAIN, TIME, Quantity
-from torchsphere.settings.limits import SettingError, require_finite
+from torchsphere.settings.limits import SettingError, require_finite, shown_value
 from torchsphere.settings.setting import (
     NUMBER,
     PATH,
@@ -155,8 +155,8 @@ class InstrumentRequest:
         except ValueError:
             units = ", ".join(quantity.factors)
             raise SettingError(
-                f"`unit` = {self.unit!r}: expected a unit of {quantity.name} ({units}), or the number of {quantity.si} "
-                "in the file's unit"
+                f"`unit` = {shown_value(self.unit)}: expected a unit of {quantity.name} ({units}), or the "
+                f"number of {quantity.si} in the file's unit"
             ) from None
 
     def _require_no_bar(self) -> None:

@@ -100,7 +100,7 @@ def require_channel_class(name: str, value: Any) -> None:
 def require_switch(name: str, value: Any, allowed: str = "True or False") -> None:
     """Raise SettingError for a text in place of a switch, as even the text "off" is true."""
     if isinstance(value, str):
-        raise SettingError(f"`{name}` = {value!r}: expected {allowed}")
+        raise SettingError(f"`{name}` = {shown_value(value)}: expected {allowed}")
 
 
 def as_float(value: Any) -> float:
@@ -148,8 +148,8 @@ def require_window(window: int, order: int) -> None:
     """Raise SettingError unless local polynomials of this order fit a window of frames."""
     if not (is_whole(window) and is_whole(order)) or window % 2 == 0 or order < 2 or window <= order:
         raise SettingError(
-            f"`window` = {window!r} with `order` = {order!r}: expected an order of 2 or more and an odd window longer "
-            "than that"
+            f"`window` = {shown_value(window)} with `order` = {shown_value(order)}: expected an order of 2 or more and "
+            "an odd window longer than that"
         )
 
 
