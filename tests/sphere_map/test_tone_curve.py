@@ -39,6 +39,10 @@ def test_a_tone_curve_is_found_and_the_radius_is_without_it(exponent: float, bac
     assert (made_map(track).edge_bend > 0) == (exponent < 1)
     assert abs(track.circle.radius - RADIUS) < 3 * track.circle.sd_radius
     assert track.circle.sd_radius < 0.06
+    # The common error of all turns, beside that of the radius, which `kinematics` adds.
+    off = np.abs(np.nanmean(track.increment[:, 2:], 0) - TURN.numpy())
+    by_radius = track.circle.sd_radius / RADIUS * np.abs(TURN.numpy()).max()
+    assert (off < 3 * np.hypot(track.sd_steady[2:], by_radius)).all()
     assert any("not proportional to the light" in sentence for sentence in track.warnings)
 
 

@@ -73,6 +73,9 @@ STRETCHED_PX = 0.005
 #: (docs/constants.toml).
 FALLOFF_PX = 0.015
 
+#: Error of a step where a tone curve bends the outline, over the bend, px (docs/constants.toml).
+BENT_PX = 0.005
+
 #: Positions across the ball, radii, and the share of the ball's area at each.
 POSITIONS = (np.arange(32) + 0.5) / 16 - 1
 AREA_SHARES = np.sqrt(1 - POSITIONS**2) / np.sqrt(1 - POSITIONS**2).sum()
@@ -111,6 +114,7 @@ def sd_steady(
     sd_nearness: float = 0.0,
     stretch: float = 1.0,
     falloff: float = 0.0,
+    bend: float = 0.0,
 ) -> Array:
     """Standard deviation (5,) of the error that all steps of a flight have in common, px and rad.
 
@@ -119,14 +123,16 @@ def sd_steady(
     ball (``on_map``) holds footprints, outline and background, so that only uneven light counts there. ``sd_nearness``
     is the standard deviation of the ball's radius over the camera's distance: see `sd_of_apparent_turn`. ``stretch`` is
     the ratio of the sides of the pixels that the images were drawn from, and ``falloff`` the share by which the ball is
-    darker in the image's corner.
+    darker in the image's corner; ``bend`` that of the outline by a tone curve.
     """
     light = uneven_light * np.array([UNEVEN_LIGHT_PX, UNEVEN_LIGHT_PX, UNEVEN_LIGHT_Z_PX / radius]) ** 2
     if on_map:
         squares = light + np.array([ON_MAP_PX, ON_MAP_PX, ON_MAP_PX / radius]) ** 2
     else:
         squares = light + _pair_squares(increment, radius, fineness, leakage)
-    squares += math.hypot(STRETCHED_PX * (stretch - 1), FALLOFF_PX * falloff) ** 2 * np.array([1.0, 1.0, 0.0])
+    squares += math.hypot(STRETCHED_PX * (stretch - 1), FALLOFF_PX * falloff, BENT_PX * bend) ** 2 * np.array(
+        [1.0, 1.0, 0.0]
+    )
     step, about_z = np.sqrt(squares[:2]), np.sqrt(squares[2:])
     turn = np.concatenate((ROTATION_PER_STEP / radius * step[::-1], about_z))
     return np.concatenate((step, np.hypot(turn, sd_of_apparent_turn(increment, radius, sd_nearness))))
@@ -204,6 +210,7 @@ def detect(track: Track, evidence: Evidence) -> Findings:
 def widen(track: Track, evidence: Evidence) -> Track:
     """The error that all steps have in common, by all that was found out so far."""
     known = track.findings
+    made = known.map if isinstance(known.map, MadeMap) else MadeMap()
     return dataclasses.replace(
         track,
         sd_steady=sd_steady(
@@ -212,7 +219,8 @@ def widen(track: Track, evidence: Evidence) -> Track:
             known.texture_fineness,
             on_map=known.is_on_map,
             uneven_light=known.uneven_light,
-            falloff=known.map.falloff if isinstance(known.map, MadeMap) else 0.0,
+            falloff=made.falloff,
+            bend=made.edge_bend,
             leakage=known.leaked,
             sd_nearness=known.sd_radius_over_distance,
             stretch=known.stretch,
