@@ -13,6 +13,7 @@ from shots import noisy, rotation_matrix
 from tracks import made_map
 
 import torchsphere as ts
+from torchsphere.imaging.interpolation import blur
 from torchsphere.sphere_map import forward_model, rays
 from torchsphere.synthetic import ray_caster
 
@@ -20,13 +21,14 @@ RADIUS, FRAMES, WHITE = 24.0, 16, 255.0
 TURN = torch.tensor(np.radians([0.8, 1.6, 2.4]))
 
 
-def track_of(exponent: float, background: float) -> ts.Track:
+def track_of(exponent: float, background: float, blur_px: float = 0.0) -> ts.Track:
     """Track of a ball in images whose levels are the light to the power of the ``exponent``."""
     start = torch.tensor([40.3, 38.2])
     places = start + torch.arange(FRAMES)[:, None] * torch.tensor([4.2, 0.7])
     turns = torch.stack([rotation_matrix(number * TURN) for number in range(FRAMES)]).float()
     given = ray_caster.speckle(8, radius_px=RADIUS), places, RADIUS, turns, WHITE * background
     light = ray_caster.render(*given, shape=(90, 145), subsamples=5) / WHITE
+    light = blur(light, blur_px) if blur_px else light
     images = noisy(WHITE * light.clamp(0, 1) ** exponent, 2.0, 4)
     return ts.track(images, (*start.tolist(), RADIUS), log=False)
 
@@ -55,6 +57,15 @@ def test_a_background_that_is_too_bright_for_the_camera_does_not_move_the_outlin
     assert track.circle.radius == pytest.approx(RADIUS, abs=0.1)
     assert abs(track.circle.radius - RADIUS) < 3 * track.circle.sd_radius
     assert any("too bright for the camera" in sentence for sentence in track.warnings)
+
+
+@pytest.mark.parametrize("exponent", [0.45, 1.0])
+def test_a_ball_that_is_darker_and_brighter_than_its_background_has_an_uncertain_radius(exponent: float) -> None:
+    """The tone curve moves the edges of its bright parts outwards, and those of its dark parts inwards."""
+    track = track_of(exponent, 0.4, blur_px=1.0)
+    assert (track.status == "ok").all()
+    assert abs(track.circle.radius - RADIUS) < 2.5 * track.circle.sd_radius
+    assert (track.circle.sd_radius > 0.07) == (exponent < 1)
 
 
 def test_levels_that_are_proportional_to_the_light_have_no_tone_curve() -> None:

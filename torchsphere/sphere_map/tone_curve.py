@@ -12,11 +12,14 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from torchsphere.recording.level_scale import WHITE
 from torchsphere.runtime.threads import RowRunner
 from torchsphere.sphere_map import shared_unknown
 from torchsphere.sphere_map.bundle_adjustment import with_error_of_model
 from torchsphere.sphere_map.elimination import COMMON
+from torchsphere.sphere_map.forward_model import Linearisation
 from torchsphere.sphere_map.level import LAST_SETTLED_PX, MAX_STEPS, Adjustment, Level, adjust_level
+from torchsphere.sphere_map.rays import coverage
 from torchsphere.sphere_map.shared_unknown import SharedUnknown
 from torchsphere.sphere_map.state import State
 
@@ -33,6 +36,13 @@ MOST_BEND = 1.5
 
 #: Error of the radius by further terms of the tone curve, px per square of the bend (docs/constants.toml).
 RADIUS_ERROR_PX = 0.12
+
+#: Least curvature of the tone curve that is none of the blur, and error of the radius over its change with the
+#: curvature by one step (docs/constants.toml).
+LEAST_CURVED, ERROR_PER_STEP = 0.3, 2.0
+
+#: Least share of a pixel that tells the ball's grey level there.
+LEAST_SHARE = 0.05
 
 #: Change over which the model's derivative is taken.
 STEP = 0.1
@@ -55,7 +65,7 @@ def find_tone_curve(adjustment: Adjustment, shared: RowRunner, *, is_blurred: bo
     assert adjustment.last is not None
     state = adjustment.state
     if not is_on_one_side(state):
-        return adjustment
+        return _with_unknown_curve(adjustment, shared)
     # By the equations of the last step, which hardly mattered.
     found = shared_unknown.measure(UNKNOWN, *adjustment.last, shared)
     if not _is_seen(float(found.change), float(found.sd)):
@@ -67,6 +77,39 @@ def find_tone_curve(adjustment: Adjustment, shared: RowRunner, *, is_blurred: bo
     if not (bent.settled and _is_seen(bend, sd)):
         return adjustment
     return with_error_of_model(bent).with_radius_error(RADIUS_ERROR_PX * bend**2)
+
+
+class _Curvature(SharedUnknown):
+    """The second term of the tone curve: a pixel of the edge is brighter by the square of the contrast there.
+
+    Whichever of ball and background is the brighter one.
+    """
+
+    def column(self, state: State, model: Linearisation, shared: RowRunner) -> Tensor:
+        """Change of the drawn grey levels (n, s, s) per curvature, of the range of grey levels."""
+        windows, poses = state.windows, state.poses
+        x, y = windows.offsets(poses.centre)
+        radius = poses.radii(state.ball.radius).to(x).reshape(-1, 1, 1)
+        share, _, _ = coverage(x, y, radius, state.ball.edge_blur.to(x))
+        of_ball = (model.levels - windows.background) / share.clamp_min(LEAST_SHARE)
+        contrast = torch.where(share > LEAST_SHARE, of_ball, 0.0)
+        return share * (1 - share) * contrast.square() / WHITE
+
+
+#: Looked at, and never part of a state.
+_CURVATURE = _Curvature(
+    lambda state: torch.zeros_like(state.ball.radius), lambda state, _: state, STEP, BEND_SD, 1.0, 0
+)
+
+
+def _with_unknown_curve(adjustment: Adjustment, shared: RowRunner) -> Adjustment:
+    """The ``adjustment`` with the error of the radius by a tone curve that one bend of the edge does not describe."""
+    assert adjustment.last is not None
+    found = shared_unknown.measure(_CURVATURE, *adjustment.last, shared)
+    curvature = float(found.change)
+    if abs(curvature) < max(SEEN_SD * float(found.sd), LEAST_CURVED):
+        return adjustment
+    return adjustment.with_radius_error(ERROR_PER_STEP * curvature * found.of_radius)
 
 
 def is_on_one_side(state: State) -> bool:
