@@ -35,7 +35,8 @@ def test_the_example_is_that_of_the_tutorial() -> None:
     radius_sd = float(re.search(r"radius ± ([\d.]+) px", printed)[1])
     radius = float(re.search(r"circle [\d.]+,[\d.]+,([\d.]+) px", printed)[1])
     relative = radius_sd / radius
-    assert f"the radius is known to {100 * relative:.2f} %" in WORDS
+    share = f"{100 * relative:.2f} %"
+    assert f"the radius is known to {share}" in WORDS
     value, _, sd, _ = speed.split()
-    assert f"0.06 % of {float(value):.0f} m/s is {relative * float(value):.2f} m/s, most of the ±" in WORDS
+    assert f"{share} of {float(value):.0f} m/s is {relative * float(value):.2f} m/s, most of the ±" in WORDS
     assert relative * float(value) > 0.5**0.5 * float(sd)
