@@ -43,7 +43,7 @@ def guess(away: float) -> Tensor:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_radius_and_the_blur_of_a_defocused_ball_are_found(optics_px: float, seed: int) -> None:
     given = image(seed, optics_px=optics_px)
-    found = blurred_limb.fit_if_blurred(given[None], guess(0.8 * optics_px)[None])
+    found = blurred_limb.fit_as_needed(given[None], guess(0.8 * optics_px)[None], only_blurred=True)
     assert found is not None
     (circle,), (covariance,), seen = found
     off = abs(float(circle[2]) - TRUE[2])
@@ -56,7 +56,9 @@ def test_the_radius_and_the_blur_of_a_defocused_ball_are_found(optics_px: float,
 @pytest.mark.parametrize("smear_px", [3.0, 5.0])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_motion_during_the_exposure_is_found_along_the_motion(smear_px: float, seed: int) -> None:
-    found = blurred_limb.fit_if_blurred(image(seed, smear_px=smear_px)[None], guess(0.5)[None], motion=MOTION[None])
+    found = blurred_limb.fit_as_needed(
+        image(seed, smear_px=smear_px)[None], guess(0.5)[None], motion=MOTION[None], only_blurred=True
+    )
     assert found is not None
     (circle,), (covariance,), seen = found
     # The limb of an image without smear is found up to 0.9 px outside.
@@ -70,7 +72,7 @@ def test_a_motion_during_the_exposure_is_found_along_the_motion(smear_px: float,
 def test_a_sharp_ball_is_left_to_the_sharp_limb(background: float, optics_px: float) -> None:
     given = image(0, optics_px=optics_px, background=background)
     start, _ = limb_fit.fit(given[None], guess(0.3)[None])
-    assert blurred_limb.fit_if_blurred(given[None], start, motion=MOTION[None]) is None
+    assert blurred_limb.fit_as_needed(given[None], start, motion=MOTION[None], only_blurred=True) is None
 
 
 def test_an_outline_that_is_longer_than_wide_is_not_smeared() -> None:
@@ -95,13 +97,13 @@ def test_a_circle_beside_the_image_is_nan_and_no_blur_is_found_there() -> None:
     empty = torch.full((60, 60), 100.0)
     beside = torch.tensor([30.0, 30.0, 200.0], dtype=torch.float64)
     assert blurred_limb.fit(empty[None], beside[None])[0].isnan().all()
-    assert blurred_limb.fit_if_blurred(empty[None], beside[None]) is None
+    assert blurred_limb.fit_as_needed(empty[None], beside[None], only_blurred=True) is None
 
 
 def test_a_circle_beside_the_image_leaves_the_blur_to_the_others() -> None:
     images = torch.stack([image(0, optics_px=2.0), image(1, optics_px=2.0), torch.full((130, 130), 40.0)])
     guesses = torch.stack([guess(0.5), guess(0.5), torch.tensor([65.0, 65.0, 200.0], dtype=torch.float64)])
-    found = blurred_limb.fit_if_blurred(images, guesses)
+    found = blurred_limb.fit_as_needed(images, guesses, only_blurred=True)
     assert found is not None
     assert found[0].isfinite().all(1).tolist() == [True, True, False]
     assert ((found[0][:2, 2] - TRUE[2]).abs() < 0.3).all()

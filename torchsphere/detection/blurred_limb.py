@@ -135,19 +135,6 @@ def _gauss_rule() -> tuple[Tensor, Tensor]:
     return torch.tensor([-half, 0.0, half], dtype=torch.float64), torch.tensor([other, 8 / 18, other]).double()
 
 
-def fit_if_blurred(
-    images: Tensor,
-    circles: Tensor,
-    *,
-    motion: Tensor | None = None,
-    ignore: Tensor | None = None,
-    camera: Camera | None = None,
-) -> tuple[Tensor, Tensor, LimbBlur] | None:
-    """`fit` from the ``circles`` (n, 3) of sharp limbs; None where the images (n, h, w) are sharp or show no limb."""
-    found = fit_as_needed(images, circles, motion=motion, ignore=ignore, camera=camera)
-    return None if found is None or found[2].is_sharp else found
-
-
 def fit_as_needed(
     images: Tensor,
     circles: Tensor,
@@ -156,10 +143,12 @@ def fit_as_needed(
     ignore: Tensor | None = None,
     camera: Camera | None = None,
     is_elliptic: bool = False,
+    only_blurred: bool = False,
 ) -> tuple[Tensor, Tensor, LimbBlur] | None:
     """`fit` from the ``circles`` (n, 3) of sharp limbs, with a few rounds for sharp images; None without a limb.
 
-    ``motion`` (n, 2), px per frame, is not used where the ball hardly moves. See `fit` for outlines that are elliptic.
+    None for sharp images, too, if ``only_blurred`` ones count. ``motion`` (n, 2), px per frame, is not used where the
+    ball hardly moves. See `fit` for outlines that are elliptic.
     """
     if motion is not None and float(motion.norm(dim=1).max()) < LEAST_MOTION_PX:
         motion = None
@@ -172,7 +161,8 @@ def fit_as_needed(
             found = given(torch.where(near.isfinite(), near, circles))
     except torch.linalg.LinAlgError:  # type: ignore[attr-defined]
         return None
-    return found if bool(found[0].isfinite().all(1).any()) else None
+    is_left_out = only_blurred and found[2].is_sharp
+    return found if bool(found[0].isfinite().all(1).any()) and not is_left_out else None
 
 
 def fit(

@@ -77,7 +77,9 @@ def unblurred(
         return circle, None
     guess = torch.tensor([[circle.x, circle.y, circle.radius]], dtype=torch.float64)
     moves = None if motion is None else motion[None]
-    found = blurred_limb.fit_if_blurred(image[None], guess, motion=moves, ignore=ignore, camera=camera)
+    found = blurred_limb.fit_as_needed(
+        image[None], guess, motion=moves, ignore=ignore, camera=camera, only_blurred=True
+    )
     if found is None:
         return circle, None
     fitted, covariance, blur = found

@@ -56,7 +56,9 @@ def fit_along_path(images: Tensor, frames: Numbers, path: Array, ignore: Tensor 
     circles, sd = _fit(images, path, ignore, camera)
     if not (np.abs(circles - path) < IN_SIGHT_PX).all():
         # The limb of a blurred image seems to lie outside.
-        blurred = blurred_limb.fit_if_blurred(images, torch.from_numpy(path), ignore=ignore, camera=camera)
+        blurred = blurred_limb.fit_as_needed(
+            images, torch.from_numpy(path), ignore=ignore, camera=camera, only_blurred=True
+        )
         circles, sd = _as_arrays(*blurred[:2]) if blurred else _one_by_one(images, path, ignore, camera)
     return Limbs(frames, circles, sd, path).found
 
